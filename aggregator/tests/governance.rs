@@ -135,7 +135,11 @@ async fn a_vote_changes_the_next_round() -> Test {
             .into_inner();
         assert_eq!(info.invited, invited);
     }
-    second.upload(&network, 1, &weights(3)).await?;
+    refused(
+        second.upload(&network, 1, &weights(3)).await,
+        Code::PermissionDenied,
+        "not among those",
+    );
     refused(
         second.commit(&network, 1, &weights(3)).await,
         Code::PermissionDenied,

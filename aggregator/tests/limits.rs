@@ -6,13 +6,16 @@ use harness::*;
 use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
-use tonic::Code;
+use tonic::{Code, Status};
+use zk0_aggregator::round::recording::registrations::PERIOD_MS;
 use zk0_aggregator::{Config, Limits};
+use zk0_circuits::vm::merkle;
 use zk0_circuits::Digest;
-use zk0_protocol::entries::signed::{Episode, Signed, UploadRequest};
+use zk0_protocol::entries::signed::{Episode, KeyRotation, KeyTakeover, Signed, UploadRequest};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rules::apply::MAX_EPISODES;
+use zk0_protocol::Body;
 use zk0_verifier::blob_digest;
 
 type Test = Result<(), Box<dyn std::error::Error>>;
@@ -196,6 +199,67 @@ async fn the_longest_list_of_episodes_is_registered() -> Test {
     registration.leaves = blob_digest(&list(&registration, &node.leaves()));
     let signed = Signed::new(registration, &node.key);
     node.register_as(&network, &signed, &node.leaves()).await?;
+    Ok(())
+}
+
+/// Registers the node's samples under another salt.
+async fn register_again(network: &Network, node: &Node, salt: u8) -> Result<(), Status> {
+    let leaves: Vec<_> = (0..10)
+        .map(|at| {
+            let mut leaf = [salt; 32];
+            leaf[0] = at;
+            Digest(leaf)
+        })
+        .collect();
+    let mut registration = node.registration(&network.genesis.network_id()).statement;
+    registration.dataset.root = merkle::root(&leaves);
+    registration.leaves = blob_digest(&list(&registration, &leaves));
+    let signed = Signed::new(registration, &node.key);
+    node.register_as(network, &signed, &leaves).await.map(drop)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_node_registers_four_times_until_a_round_has_closed() -> Test {
+    let (first, second, next) = (Node::new(1), Node::new(2), Node::new(7));
+    let config = Config {
+        rounds: Some(1),
+        min_nodes: 2,
+    };
+    let mut network = Network::start(&[&first, &second], config).await;
+    for salt in 1..=4 {
+        register_again(&network, &first, salt).await?;
+    }
+    let (code, often) = (Code::ResourceExhausted, "has registered 4 datasets");
+    refused(register_again(&network, &first, 5).await, code, often);
+    // Whoever has lost the answer asks again.
+    register_again(&network, &first, 4).await?;
+    network.restart().await;
+    refused(register_again(&network, &first, 5).await, code, often);
+    // Under another key it is the same node.
+    let rotation = KeyRotation {
+        network: network.genesis.network_id(),
+        node: first.id(),
+        with: next.id(),
+    };
+    let rotated = Body::KeyRotated {
+        rotation: Signed::new(rotation, &first.key),
+        takeover: Signed::new(KeyTakeover { rotation }, &next.key),
+    };
+    let request = network.recording(&rotated);
+    network.client().await.record(request).await?;
+    refused(register_again(&network, &next, 5).await, code, often);
+
+    network.clock.advance(PERIOD_MS);
+    for salt in 5..=8 {
+        register_again(&network, &next, salt).await?;
+    }
+    refused(register_again(&network, &next, 9).await, code, often);
+    second.register(&network).await?;
+    network.settle().await;
+    network.clock.advance(SUBMIT_MS + COMMIT_MS);
+    network.settle().await;
+    assert!(network.round(Some(0)).await.closed.is_some());
+    register_again(&network, &next, 9).await?;
     Ok(())
 }
 

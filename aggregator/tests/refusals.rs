@@ -222,7 +222,11 @@ async fn a_second_commitment_is_refused_the_same_one_is_answered_again() -> Test
     );
     assert_eq!(once, again);
     let other = weights(2);
-    first.upload(&network, 0, &other).await?;
+    refused(
+        first.upload(&network, 0, &other).await,
+        Code::AlreadyExists,
+        "already committed",
+    );
     refused(
         first.commit(&network, 0, &other).await,
         Code::AlreadyExists,

@@ -279,6 +279,21 @@ fn a_copy_that_is_lost_costs_one_more_transfer() {
     assert_eq!(kept.unverified(), 0);
 }
 
+/// A store that copies slowly says that a copy is made while it still has another one under that name.
+#[test]
+fn a_copy_of_an_earlier_run_is_not_taken_for_a_new_one() {
+    let Some(kept) = Kept::new() else { return };
+    assert_eq!(send("PUT", &kept.address(MINUTE), b"before"), 200);
+    kept.take(b"before").unwrap();
+    let kept = kept.again();
+    assert_eq!(send("PUT", &kept.address(MINUTE), b"update"), 200);
+    let later = Fault::Claimed(Some(Duration::from_millis(500)));
+    let to_copies = "PUT /blobs/net/uploads/0/copy-";
+    kept.s3.network.fail_next(to_copies, later, 1);
+    kept.take(b"update").unwrap();
+    assert!(kept.s3.network.has_failed());
+}
+
 #[test]
 fn what_ended_rounds_leave_is_removed() {
     let Some(kept) = Kept::new() else { return };

@@ -10,6 +10,9 @@ use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
 use zk0_aggregator::publish::http::{self, Limits, Router};
 
+/// How long work that cannot be told to end may take after the connections of a server have ended. Whatever was acknowledged is on disk.
+pub const ENDING: Duration = Duration::from_secs(2);
+
 /// Runs a command that uses the network.
 pub fn online<T>(work: impl Future<Output = Result<T>>) -> Result<T> {
     let runtime = Runtime::new().context("starting the runtime")?;
@@ -46,7 +49,7 @@ pub fn serve_http(
 ) -> Result<()> {
     let certificate = certificate.load()?;
     let certificate = certificate.as_ref();
-    online(async {
+    online_until(ENDING, async {
         let stop = interrupted();
         let (listener, address) = listening(listen).await?;
         keep_current(certificate, what, address);

@@ -4,11 +4,11 @@
 //! the new one, never a part of it, whenever the process is killed. A process that is killed can leave the temporary file behind;
 //! its name ends with [`UNFINISHED`].
 
+use crate::random_number::random_number;
 use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The end of a temporary file's name.
 pub const UNFINISHED: &str = ".unfinished";
@@ -106,13 +106,11 @@ pub fn folder_of(path: &Path) -> &Path {
 
 /// A name beside `path` that no other writer uses.
 fn temporary(path: &Path) -> io::Result<PathBuf> {
-    static NUMBER: AtomicU64 = AtomicU64::new(0);
     let name = path.file_name().ok_or_else(|| {
         io::Error::new(io::ErrorKind::InvalidInput, "the path does not name a file")
     })?;
-    let number = NUMBER.fetch_add(1, Ordering::Relaxed);
     let mut temporary = OsString::from(name);
-    temporary.push(format!(".{}-{number}{UNFINISHED}", std::process::id()));
+    temporary.push(format!(".{:016x}{UNFINISHED}", random_number()?));
     Ok(path.with_file_name(temporary))
 }
 
@@ -160,6 +158,20 @@ mod tests {
         let nowhere = dir.path().join("none/some.file");
         assert!(write(&nowhere, Durability::OnDisk, |_| Ok(())).is_err());
         assert!(write(Path::new("/"), Durability::OnDisk, |_| Ok(())).is_err());
+    }
+
+    /// In a container, the process that is started again has the id of the one that was killed.
+    #[test]
+    fn what_a_killed_process_of_the_same_id_left_is_in_nobodys_way() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("some.file");
+        for number in 0..1000 {
+            let left = format!("some.file.{}-{number}{UNFINISHED}", std::process::id());
+            fs::write(dir.path().join(left), "left").unwrap();
+        }
+        replace(&path, b"new").unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "new");
+        assert_eq!(names(dir.path()).len(), 1001);
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! - [`store`]: a store outside the folder, in which blobs are kept; [`kept`]: blobs of such a store; [`cache`]: the folder as a bounded cache
 //!   of it; [`usage`]: what the store was asked for; [`take`]: how it hands over bytes.
 //! - [`sent`]: files that others put into the store by themselves, which are [`unverified`] objects there.
+//! - `unfinished`: files of which blobs are made.
 
 pub mod cache;
 pub mod error;
@@ -13,6 +14,7 @@ pub mod partial;
 pub mod sent;
 pub mod store;
 pub mod take;
+mod unfinished;
 pub mod unverified;
 pub mod usage;
 
@@ -24,7 +26,6 @@ use std::fs::{self, File};
 use std::io::{self, Read, Write};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
 use std::time::SystemTime;
 use zk0_circuits::Digest;
@@ -153,25 +154,28 @@ impl Blobs {
     }
 
     fn begin(&self) -> Result<UnfinishedBlob, BlobError> {
-        static UNFINISHED: AtomicU64 = AtomicU64::new(0);
-        let number = UNFINISHED.fetch_add(1, Ordering::Relaxed);
-        let path = self
-            .unfinished()
-            .join(format!("{}-{number}", std::process::id()));
-        self.make_folders(&path)?;
-        let file = File::create(&path).map_err(io_error(&path))?;
-        let blobs = self.clone();
+        self.unfinished(unfinished::create)
+    }
+
+    /// What `make` makes in the folder of unfinished files.
+    fn unfinished(
+        &self,
+        make: impl FnOnce(&Path) -> Result<(PathBuf, File), BlobError>,
+    ) -> Result<UnfinishedBlob, BlobError> {
+        let folder = self.unfinished_folder();
+        self.make_folders(&folder)?;
+        let (path, file) = make(&folder)?;
         Ok(UnfinishedBlob {
-            blobs,
+            blobs: self.clone(),
             path,
             file,
             kept: false,
         })
     }
 
-    /// Makes the folders of a file that is to become a blob, and of the blob.
-    fn make_folders(&self, file: &Path) -> Result<(), BlobError> {
-        for folder in [folder_of(file), &self.folder()] {
+    /// Makes a folder of files that are to become blobs, and the one of the blobs.
+    fn make_folders(&self, of_files: &Path) -> Result<(), BlobError> {
+        for folder in [of_files, &self.folder()] {
             fs::create_dir_all(folder).map_err(io_error(folder))?;
         }
         Ok(())
@@ -207,18 +211,9 @@ impl Blobs {
             return Ok(());
         }
         other.check(digest)?;
-        let (from, mut unfinished) = (other.path(digest), self.begin()?);
-        // The name has to be free for a link.
-        fs::remove_file(&unfinished.path).map_err(io_error(&unfinished.path))?;
-        match fs::hard_link(&from, &unfinished.path) {
-            Ok(()) => unfinished.file = File::open(&from).map_err(io_error(&from))?,
-            Err(_) => {
-                unfinished.file = File::create(&unfinished.path).map_err(io_error(&from))?;
-                let mut file = File::open(&from).map_err(io_error(&from))?;
-                io::copy(&mut file, &mut unfinished.file).map_err(io_error(&from))?;
-            }
-        }
-        unfinished.finish(digest)
+        let from = other.path(digest);
+        let linked = self.unfinished(|folder| unfinished::link(folder, &from))?;
+        linked.finish(digest)
     }
 
     /// Reads a blob of at most `limit` bytes and verifies its digest.
@@ -265,14 +260,10 @@ impl Blobs {
 
     /// Removes unfinished blobs that killed processes left behind. Only the ledger's writer may call this.
     pub(crate) fn remove_unfinished(&self) -> Result<(), BlobError> {
-        let folder = self.unfinished();
-        match fs::remove_dir_all(&folder) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(io_error(&folder)(error)),
-            _ => Ok(()),
-        }
+        unfinished::remove(&self.unfinished_folder())
     }
 
-    fn unfinished(&self) -> PathBuf {
+    fn unfinished_folder(&self) -> PathBuf {
         self.dir.join("unfinished")
     }
 }

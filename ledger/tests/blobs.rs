@@ -2,9 +2,10 @@
 
 mod network;
 
-use network::digest;
+use network::{digest, genesis, log_key, T0};
 use std::fs;
-use zk0_ledger::{BlobError, Blobs};
+use zk0_ledger::{BlobError, Blobs, Ledger};
+use zk0_protocol::blob::blob_digest;
 
 #[test]
 fn a_blob_comes_back_as_it_went_in() {
@@ -86,6 +87,44 @@ fn other_bytes_than_announced_are_refused_and_leave_nothing() {
             .count(),
         0
     );
+}
+
+/// Two containers have processes of one id, and one volume.
+#[test]
+fn files_of_another_process_of_the_same_id_are_not_touched() {
+    let (dir, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let (blobs, uploads) = (Blobs::at(dir.path()), Blobs::at(elsewhere.path()));
+    let folder = dir.path().join("blobs/unfinished");
+    fs::create_dir_all(&folder).unwrap();
+    let name = |number: usize| format!("{}-{number}", std::process::id());
+    let others: Vec<_> = (0..1000).map(|number| folder.join(name(number))).collect();
+    for other in &others {
+        fs::write(other, "half of a blob").unwrap();
+    }
+    let update = uploads.put(b"update").unwrap();
+    blobs.link(&uploads, &update).unwrap();
+    let weights = blobs.put(b"weights").unwrap();
+    for other in &others {
+        assert_eq!(fs::read(other).unwrap(), b"half of a blob");
+    }
+    assert_eq!(blobs.get(&update, 100).unwrap(), b"update");
+    assert_eq!(blobs.get(&weights, 100).unwrap(), b"weights");
+}
+
+#[test]
+fn a_writer_that_starts_removes_what_was_left_and_nothing_that_is_being_written() {
+    let dir = tempfile::tempdir().unwrap();
+    drop(Ledger::create(dir.path(), genesis(), log_key(), T0).unwrap());
+    let reader = Blobs::at(dir.path());
+    let mut reading = reader.writer(100).unwrap();
+    reading.write(b"weights").unwrap();
+    let left = dir.path().join("blobs/unfinished/left");
+    fs::write(&left, b"half of a blob").unwrap();
+    drop(Ledger::open(dir.path(), None, log_key()).unwrap());
+    assert!(!left.exists());
+    let weights = blob_digest(b"weights");
+    reading.finish(&weights).unwrap();
+    assert_eq!(reader.get(&weights, 100).unwrap(), b"weights");
 }
 
 #[test]

@@ -4,7 +4,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
-use tokio::sync::Semaphore;
+use tokio::sync::{oneshot, Semaphore};
+use tokio::task::JoinHandle;
+use tokio::time::{sleep, timeout};
+use tokio_stream::{Stream, StreamExt};
+use tonic::transport::Endpoint;
 use zk0_circuits::claim::private_input::InputError;
 use zk0_circuits::claim::statement_error::StatementError;
 use zk0_circuits::Mode;
@@ -14,7 +18,7 @@ use zk0_prover::rpc::progress::Phase;
 use zk0_prover::rpc::prove_part::Part;
 use zk0_prover::rpc::prover_client::ProverClient;
 use zk0_prover::rpc::{prove_request, Progress, ProvePart, ProveRequest};
-use zk0_prover::service::upload::{self, Announced, MAX_INPUT_BYTES};
+use zk0_prover::service::upload::{self, Announced, Patience, MAX_INPUT_BYTES};
 use zk0_prover::service::{
     Backend, ClientError, JobError, Pace, ProvingClient, ProvingService, Waiting,
 };
@@ -83,9 +87,15 @@ struct Service {
     /// One permit lets one proof end.
     allowed: Arc<Semaphore>,
     most_at_once: Arc<AtomicUsize>,
+    stop: oneshot::Sender<()>,
+    served: JoinHandle<()>,
 }
 
 async fn service(queue: usize, permits: usize) -> Service {
+    patient_service(queue, permits, Patience::default()).await
+}
+
+async fn patient_service(queue: usize, permits: usize, patience: Patience) -> Service {
     let allowed = Arc::new(Semaphore::new(permits));
     let most_at_once = Arc::new(AtomicUsize::new(0));
     let backend = Fake {
@@ -95,12 +105,18 @@ async fn service(queue: usize, permits: usize) -> Service {
     };
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = format!("http://{}", listener.local_addr().unwrap());
-    let service = ProvingService::start(backend, queue, Pace::of_cores(2));
-    tokio::spawn(service.serve(listener, std::future::pending()));
+    let service = ProvingService::start(backend, queue, Pace::of_cores(2)).with_patience(patience);
+    let (stop, stopped) = oneshot::channel();
+    let served = tokio::spawn(async move {
+        let stopped = async { drop(stopped.await) };
+        service.serve(listener, stopped).await.unwrap();
+    });
     Service {
         address,
         allowed,
         most_at_once,
+        stop,
+        served,
     }
 }
 
@@ -188,7 +204,7 @@ async fn a_full_queue_refuses_and_accepts_again_when_a_proof_is_done() {
             tokio::spawn(async move { service.prove(claim).await })
         })
         .collect();
-    tokio::time::sleep(Duration::from_millis(500)).await;
+    sleep(Duration::from_millis(500)).await;
     let (code, reason) = refusal(service.prove("third").await);
     assert_eq!(code, tonic::Code::ResourceExhausted);
     assert!(reason.contains("queue is full"), "{reason}");
@@ -212,7 +228,7 @@ async fn clients_in_the_queue_are_told_their_place_and_time() {
         let service = service.clone();
         tokio::spawn(async move { service.prove("first").await })
     };
-    tokio::time::sleep(Duration::from_millis(300)).await;
+    sleep(Duration::from_millis(300)).await;
     let mut heard = Vec::new();
     let allowed = service.allowed.clone();
     service
@@ -252,13 +268,13 @@ async fn a_client_that_goes_away_gives_up_its_place() {
         tokio::spawn(async move { service.prove(claim).await })
     };
     let first = spawn("first");
-    tokio::time::sleep(Duration::from_millis(300)).await;
+    sleep(Duration::from_millis(300)).await;
     let second = spawn("second");
-    tokio::time::sleep(Duration::from_millis(300)).await;
+    sleep(Duration::from_millis(300)).await;
     second.abort();
-    tokio::time::sleep(Duration::from_millis(300)).await;
+    sleep(Duration::from_millis(300)).await;
     let third = spawn("third");
-    tokio::time::sleep(Duration::from_millis(300)).await;
+    sleep(Duration::from_millis(300)).await;
     service.allowed.add_permits(2);
     first.await.unwrap().unwrap();
     third
@@ -348,32 +364,102 @@ async fn a_large_private_input_arrives_whole() {
     }
 }
 
+/// Announces a private input of so many bytes, and sends what follows. Returns why there is no proof.
+async fn announcing(
+    address: String,
+    bytes: u64,
+    more: impl Stream<Item = Part> + Send + 'static,
+) -> tonic::Status {
+    let mut client = ProverClient::connect(address).await.unwrap();
+    let first = tokio_stream::once(announce(prove_request::Mode::Direct, vec![bytes]));
+    let parts = first.chain(more);
+    let parts = parts.map(|part| ProvePart { part: Some(part) });
+    client.prove(parts).await.map(drop).unwrap_err()
+}
+
+#[tokio::test]
+async fn who_sends_nothing_or_too_slowly_gives_up_its_place() {
+    let patience = Patience {
+        silence: Duration::from_millis(400),
+        whole: Duration::from_millis(1500),
+    };
+    let service = patient_service(1, 1, patience).await;
+    let silent = announcing(service.address.clone(), 9, tokio_stream::pending());
+    let slow = tokio_stream::iter(std::iter::repeat(Part::Data(vec![1])));
+    let slow = slow.throttle(Duration::from_millis(50));
+    let slow = announcing(service.address.clone(), MAX_INPUT_BYTES, slow);
+    // The second one comes when the first one has no place any more.
+    for (status, why) in [
+        (
+            timeout(Duration::from_secs(20), silent).await,
+            "nothing of the private input came for",
+        ),
+        (
+            timeout(Duration::from_secs(20), slow).await,
+            "the private input took",
+        ),
+    ] {
+        let status = status.expect("the service waits on");
+        assert_eq!(status.code(), tonic::Code::DeadlineExceeded, "{status}");
+        assert!(status.message().contains(why), "{status}");
+    }
+    service.prove("claim").await.unwrap();
+}
+
+#[tokio::test]
+async fn a_service_that_stops_waits_for_no_private_input() {
+    let service = service(4, 0).await;
+    let silent = announcing(
+        service.address.clone(),
+        MAX_INPUT_BYTES,
+        tokio_stream::pending(),
+    );
+    let silent = tokio::spawn(silent);
+    sleep(Duration::from_millis(500)).await;
+    service.stop.send(()).unwrap();
+    let ended = timeout(Duration::from_secs(4), service.served).await;
+    ended.expect("it stops").unwrap();
+    let told = silent.await.unwrap();
+    assert_eq!(told.code(), tonic::Code::Unavailable, "{told}");
+    assert!(told.message().contains("is stopping"), "{told}");
+}
+
+#[tokio::test]
+async fn a_service_that_stops_does_not_wait_until_a_proof_is_taken() {
+    let service = service(4, 1).await;
+    let window = 1u32 << 16;
+    let endpoint = Endpoint::from_shared(service.address).unwrap();
+    let endpoint = endpoint.initial_stream_window_size(window);
+    let mut client = ProverClient::new(endpoint.connect().await.unwrap());
+    let parts = upload::parts(input(vec![vec![7; 1 << 20]]));
+    let _not_read = client.prove(tokio_stream::iter(parts)).await.unwrap();
+    sleep(Duration::from_millis(1500)).await;
+    service.stop.send(()).unwrap();
+    let ended = timeout(Duration::from_secs(15), service.served).await;
+    ended.expect("it stops").unwrap();
+}
+
 #[tokio::test]
 async fn private_inputs_that_fill_the_memory_are_refused_until_a_proof_is_done() {
     let service = Arc::new(service(16, 0).await);
     let all_waiting: Vec<_> = (0..4)
         .map(|_| {
             // The client announces the input and never sends it. The service reserves the memory all the same.
-            let address = service.address.clone();
-            tokio::spawn(async move {
-                let mut client = ProverClient::connect(address).await.unwrap();
-                let announced = announce(prove_request::Mode::Direct, vec![MAX_INPUT_BYTES]);
-                let first = tokio_stream::once(ProvePart {
-                    part: Some(announced),
-                });
-                let parts = tokio_stream::StreamExt::chain(first, tokio_stream::pending());
-                client.prove(parts).await.map(|_| ())
-            })
+            tokio::spawn(announcing(
+                service.address.clone(),
+                MAX_INPUT_BYTES,
+                tokio_stream::pending(),
+            ))
         })
         .collect();
-    tokio::time::sleep(Duration::from_millis(500)).await;
+    sleep(Duration::from_millis(500)).await;
     let (code, reason) = refusal(service.prove("claim").await);
     assert_eq!(code, tonic::Code::ResourceExhausted);
     assert!(reason.contains("fill its memory"), "{reason}");
     for waiting in all_waiting {
         waiting.abort();
     }
-    tokio::time::sleep(Duration::from_millis(500)).await;
+    sleep(Duration::from_millis(500)).await;
     service.allowed.add_permits(1);
     service.prove("claim").await.unwrap();
 }

@@ -2,6 +2,7 @@
 //! restarted aggregator reads both from the ledger again.
 
 use crate::round::accepted::{verify_all, Accepted};
+use crate::round::recording::registrations::Registrations;
 use crate::round::request::RequestError;
 use std::collections::BTreeMap;
 use zk0_circuits::vm::digest::tagged_sha256;
@@ -21,6 +22,8 @@ use zk0_verifier::VerifiedContribution;
 pub struct LedgerIndex {
     /// Which blobs may be read.
     pub disclosed: DisclosedBlobs,
+    /// Who has registered datasets lately.
+    pub registrations: Registrations,
     /// The entries about each round.
     rounds: Vec<RoundEntries>,
     /// The entries that recorded proposals, by number.
@@ -59,6 +62,7 @@ impl LedgerIndex {
     /// Notes entry `index`.
     pub fn observe(&mut self, index: u64, body: &Body) {
         self.disclosed.observe(body);
+        self.registrations.observe(index, body);
         match body {
             Body::RoundOpened(opened) => {
                 self.rounds.push(RoundEntries {

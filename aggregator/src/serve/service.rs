@@ -4,7 +4,9 @@
 //! |---|---|
 //! | one message | the rules' largest proof, or 4 MiB for lists of leaves, and 64 KiB |
 //! | one upload | what its signed request says, at most the rules' largest update; streamed to disk, never in memory; also from the blob store |
+//! | who uploads | nodes that may commit in the open round ([`crate::round::recording::statements`]) |
 //! | uploads | one at a time and [`crate::round::recording::staging::MAX_UPLOADS`] per node and round, with those that were cut |
+//! | datasets that a node registers | [`crate::round::recording::registrations::MAX_REGISTRATIONS`] within a day, until a round has closed |
 //! | how long a peer may be silent in the middle of a stream | [`Limits::silence`] |
 //! | how long an upload and a download may take in all | [`Limits::upload`], [`Limits::download`] |
 //! | how long a message may take | [`Limits::message`] |

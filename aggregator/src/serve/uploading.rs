@@ -2,6 +2,7 @@
 
 use crate::connections::transfers::Transfer;
 use crate::round::recording::staging::Staging;
+use crate::round::recording::statements::Begun;
 use crate::round::request::RequestError;
 use crate::serve::limits::Limits;
 use crate::serve::senders::heads::{Head, Message};
@@ -73,7 +74,9 @@ impl Service {
         let now_ms = self.arrivals.now_ms().map_err(RequestError::from)?;
         let sender = self.sender(head, message, now_ms).await?;
         let _place = self.transfer(true)?;
-        let staging = self.staging(upload.clone()).await?;
+        let Begun::New(staging) = self.begun(upload.clone()).await? else {
+            return Ok(sender);
+        };
         let newest = self.uploads.begin(upload.node);
         match stored {
             false => {
@@ -105,7 +108,12 @@ impl Service {
     pub(super) async fn held(&self, request: Vec<u8>) -> Result<UploadInfo, RequestError> {
         let (signed, _) = read_hashed::<UploadRequest>("upload request", request).await?;
         let upload = signed.statement;
-        let staging = self.staging(upload.clone()).await?;
+        let Begun::New(staging) = self.begun(upload.clone()).await? else {
+            return Ok(UploadInfo {
+                held: upload.size,
+                address: String::new(),
+            });
+        };
         let request = upload.clone();
         let (held, begins) =
             blocking(move || Ok((staging.held(&request)?, staging.begins(&request)?))).await?;
@@ -119,8 +127,8 @@ impl Service {
         })
     }
 
-    /// Where an upload waits, if the ledger allows it.
-    async fn staging(&self, request: UploadRequest) -> Result<Staging, RequestError> {
+    /// Begins an upload, if the ledger allows it.
+    async fn begun(&self, request: UploadRequest) -> Result<Begun<Staging, ()>, RequestError> {
         self.with(move |aggregator| aggregator.begin_upload(&request))
             .await
     }
@@ -129,7 +137,7 @@ impl Service {
     pub(super) async fn not_allowed(&self, upload: &UploadRequest) -> RequestError {
         let mut stage = self.stage.subscribe();
         loop {
-            if let Err(refused) = self.staging(upload.clone()).await {
+            if let Err(refused) = self.begun(upload.clone()).await {
                 return refused;
             }
             if stage.changed().await.is_err() {
@@ -140,7 +148,7 @@ impl Service {
 
     /// Why an upload has failed. When its round ends, its files are removed; then the node learns that, and not that a file is gone.
     pub(super) async fn why(&self, upload: &UploadRequest, error: RequestError) -> RequestError {
-        self.staging(upload.clone()).await.err().unwrap_or(error)
+        self.begun(upload.clone()).await.err().unwrap_or(error)
     }
 
     async fn receive_data(

@@ -48,8 +48,10 @@ impl AtOnce for Aggregator {
 
     fn upload(&self, request: &[u8]) -> Result<Option<PartialBlob>, RequestError> {
         let signed: Signed<UploadRequest> = read_signed("upload request", request)?;
-        let staging = self.begin_upload(&signed.statement)?;
-        Ok(staging.go_on(&signed.statement, 0)?)
+        match self.begin_upload(&signed.statement)? {
+            Begun::Recorded(()) => Ok(None),
+            Begun::New(staging) => Ok(staging.go_on(&signed.statement, 0)?),
+        }
     }
 
     fn commit(&mut self, commitment: &[u8]) -> Result<Receipt, RequestError> {

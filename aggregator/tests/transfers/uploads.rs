@@ -11,7 +11,7 @@ use zk0_protocol::entries::signed::{Signed, UploadRequest};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 
-fn signed(network: &Network, node: &Node, update: &[u8]) -> Signed<UploadRequest> {
+pub fn signed(network: &Network, node: &Node, update: &[u8]) -> Signed<UploadRequest> {
     let request = node.upload_request(&network.genesis.network_id(), 0, update);
     Signed::new(request, &node.key)
 }

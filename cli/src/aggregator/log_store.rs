@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tokio::sync::oneshot;
 use tokio::task::spawn_blocking;
-use tokio::time::{sleep, timeout};
+use tokio::time::sleep;
 use zk0_bucket::public_log::PublicLog;
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::published::export::export_to;
@@ -19,9 +19,6 @@ const TICK: Duration = Duration::from_secs(1);
 
 /// How long to wait after the log could not be written.
 const RETRY: Duration = Duration::from_secs(10);
-
-/// How long the last files may take when the aggregator ends.
-const ENDING: Duration = Duration::from_secs(5);
 
 /// Where the published log is written.
 #[derive(Debug, clap::Args)]
@@ -71,7 +68,7 @@ impl LogStoreOptions {
 }
 
 impl LogStore {
-    /// Writes what is published, until `stopped` is ready, and then what is left.
+    /// Writes what is published, until `stopped` is ready, and then what is left. How long that takes depends on the store.
     pub async fn follow(mut self, mut stopped: oneshot::Receiver<()>) -> Result<()> {
         let (mut wait, mut said) = (TICK, None);
         loop {
@@ -83,17 +80,7 @@ impl LogStore {
                 let written = self.write();
                 (self, written)
             });
-            let written = match ended {
-                false => writing.await,
-                true => match timeout(ENDING, writing).await {
-                    Ok(written) => written,
-                    Err(_) => {
-                        tracing::warn!("the newest entries are not in the store of the log: it took too long to end");
-                        return Ok(());
-                    }
-                },
-            };
-            let (this, written) = written?;
+            let (this, written) = writing.await?;
             self = this;
             wait = match written {
                 Ok(()) => {

@@ -9,7 +9,7 @@ use crate::blob_store::BlobStoreOptions;
 use crate::certificate::{keep_current, scheme};
 use crate::keys;
 use crate::otlp::OtlpOptions;
-use crate::serve::{interrupted, listening, online_until};
+use crate::serve::{interrupted, listening, online_until, ENDING};
 use anyhow::{bail, Context, Result};
 use std::future;
 use std::net::SocketAddr;
@@ -18,6 +18,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
+use tokio::time::timeout;
 use zk0_aggregator::publish::beacon::BeaconServers;
 use zk0_aggregator::publish::chosen_witnesses::chosen_witnesses;
 use zk0_aggregator::publish::cosigning::Witnesses;
@@ -100,8 +101,9 @@ pub struct Serve {
     edge: NetworkEdge,
 }
 
-/// How long work that cannot be told to end may take after the connections have ended. Whatever was acknowledged is on disk.
-const ENDING: Duration = Duration::from_secs(2);
+/// How long it may take at the end to write the last files of the log's store and the last policy folder. What the store lacks then it gets
+/// after the next start.
+const LAST_FILES: Duration = Duration::from_secs(10);
 
 /// Runs the command.
 pub fn serve(options: &Serve) -> Result<()> {
@@ -166,11 +168,20 @@ pub fn serve(options: &Serve) -> Result<()> {
         let uploads = uploads.map(|uploads| tokio::spawn(uploads.follow(service.clone())));
         let served = service.serve(listener, stop).await;
         drop((ended, log_ended));
-        if let Some(folders) = folders {
-            folders.await?;
-        }
-        if let Some(log_store) = log_store {
-            log_store.await??;
+        let last_files = async {
+            if let Some(folders) = folders {
+                folders.await?;
+            }
+            if let Some(log_store) = log_store {
+                log_store.await??;
+            }
+            anyhow::Ok(())
+        };
+        match timeout(LAST_FILES, last_files).await {
+            Ok(written) => written?,
+            Err(_) => tracing::warn!(
+                "the last files are not written: it took too long to end. The store of the log lacks the newest entries, or a policy folder is missing"
+            ),
         }
         for server in [log, metrics, uploads].into_iter().flatten() {
             server.abort();

@@ -6,6 +6,7 @@ mod harness;
 mod s3;
 
 mod any_store;
+mod ended;
 mod large_updates;
 mod observed;
 mod presigned;

@@ -6,6 +6,7 @@ use std::fs::{self, File};
 use std::io;
 use std::path::PathBuf;
 use zk0_circuits::Digest;
+use zk0_files::atomic_file::folder_of;
 
 /// A blob of which a part is here. The part stays when this is dropped, and whoever opens the blob again goes on after it.
 ///
@@ -35,7 +36,7 @@ impl Blobs {
     /// Goes on with a blob of `size` bytes, from the part of it that is here. Reads that part.
     pub fn partial(&self, digest: &Digest, size: u64) -> Result<PartialBlob, BlobError> {
         let path = self.partial_path(digest);
-        self.make_folders(&path)?;
+        self.make_folders(folder_of(&path))?;
         let mut options = File::options();
         options.read(true).append(true).create(true);
         let mut file = options.open(&path).map_err(io_error(&path))?;

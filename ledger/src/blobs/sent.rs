@@ -4,15 +4,17 @@
 //! a name for which nobody has an address, and only the copy is read and verified. When the file becomes a blob, the copy is copied again,
 //! inside the store, to the blob's name.
 
-use super::error::BlobError;
+use super::error::{io_error, BlobError};
 use super::partial::PartialBlob;
 use super::store::Kept;
 use super::unverified::{removed, SentStore, Unverified};
 use super::usage::Operation;
 use super::Blobs;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use zk0_circuits::{Digest, NodeId};
+use zk0_files::random_number::random_number;
 
 impl Blobs {
     fn sent(&self) -> Option<(&Kept, &dyn SentStore)> {
@@ -120,9 +122,11 @@ impl Kept {
             }
             Some(_) => {}
         }
+        // A store that copies slowly may still have a copy of an earlier run. It is not taken for this one, because it has another number.
+        let number = random_number().map_err(io_error(Path::new(self.address())))?;
         let copy = Unverified::Copied {
             round: sent.round(),
-            number: self.copies.number(),
+            number,
         };
         store.copy(&sent, &copy, size)?;
         removed(store, &sent);

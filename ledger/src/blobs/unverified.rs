@@ -5,7 +5,6 @@ use super::take::Take;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::str::FromStr;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use zk0_circuits::{Digest, NodeId};
@@ -94,19 +93,12 @@ pub trait SentStore: Send + Sync {
 #[derive(Debug, Default)]
 pub(super) struct VerifiedCopies {
     verified: Mutex<BTreeMap<Digest, Unverified>>,
-    /// The number of the next copy.
-    next: AtomicU64,
 }
 
 impl VerifiedCopies {
     fn verified(&self) -> MutexGuard<'_, BTreeMap<Digest, Unverified>> {
         // A panic elsewhere does not spoil the map: it is never half changed.
         self.verified.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// The number of the next copy.
-    pub fn number(&self) -> u64 {
-        self.next.fetch_add(1, Ordering::Relaxed)
     }
 
     /// Remembers the verified copy of a blob, and removes the one before.

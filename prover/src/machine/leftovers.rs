@@ -3,7 +3,7 @@
 //! SP1's executor keeps a program's memory in files of `/dev/shm`. Where the process is killed, nobody removes them, and they take
 //! gigabytes until the machine starts again. The next prover would be refused for want of memory.
 
-use std::fs;
+use std::fs::{self, DirEntry};
 use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
@@ -41,10 +41,29 @@ pub fn remove(folder: &Path) {
 /// The names of such files, and how many bytes of memory each holds.
 fn find(folder: &Path, now: SystemTime) -> io::Result<Vec<(String, u64)>> {
     let mine = fs::metadata("/proc/self")?.uid();
+    let mut found = old_files(fs::read_dir(folder)?, mine, now)?;
+    if !found.is_empty() {
+        let used = mapped(mine)?;
+        found.retain(|(name, _)| {
+            !used.contains(&format!("/{name}\n")) && !used.contains(&format!("/{name} "))
+        });
+    }
+    Ok(found)
+}
+
+/// The same, whether or not a process has them mapped.
+fn old_files(
+    entries: impl Iterator<Item = io::Result<DirEntry>>,
+    mine: u32,
+    now: SystemTime,
+) -> io::Result<Vec<(String, u64)>> {
     let mut found = vec![];
-    for entry in fs::read_dir(folder)? {
+    for entry in entries {
         let entry = entry?;
-        let metadata = entry.metadata()?;
+        // Other processes remove their files meanwhile.
+        let Ok(metadata) = entry.metadata() else {
+            continue;
+        };
         let name = entry.file_name();
         let Some(name) = name.to_str() else { continue };
         let old = now
@@ -57,12 +76,6 @@ fn find(folder: &Path, now: SystemTime) -> io::Result<Vec<(String, u64)>> {
         if of_sp1 && old && metadata.is_file() && metadata.uid() == mine {
             found.push((name.to_owned(), metadata.blocks() * 512));
         }
-    }
-    if !found.is_empty() {
-        let used = mapped(mine)?;
-        found.retain(|(name, _)| {
-            !used.contains(&format!("/{name}\n")) && !used.contains(&format!("/{name} "))
-        });
     }
     Ok(found)
 }
@@ -113,6 +126,21 @@ mod tests {
         let names: Vec<&str> = found.iter().map(|(name, _)| &name[..]).collect();
         assert_eq!(names, ["sem.sp1_a_t_empty", "sp1_a_m"]);
         assert!(found[1].1 >= 5000, "{found:?}");
+    }
+
+    #[test]
+    fn a_file_that_goes_meanwhile_does_not_keep_the_others() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["sp1_a_m", "sp1_b_m"] {
+            fs::write(folder.path().join(name), [1; 5000]).unwrap();
+        }
+        let entries: Vec<_> = fs::read_dir(folder.path()).unwrap().collect();
+        fs::remove_file(folder.path().join("sp1_a_m")).unwrap();
+        let mine = fs::metadata(folder.path()).unwrap().uid();
+        let later = SystemTime::now() + 2 * OLD;
+        let found = old_files(entries.into_iter(), mine, later).unwrap();
+        let names: Vec<&str> = found.iter().map(|(name, _)| &name[..]).collect();
+        assert_eq!(names, ["sp1_b_m"]);
     }
 
     /// A program that runs is a file that is mapped.

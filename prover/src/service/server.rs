@@ -2,18 +2,20 @@
 
 use super::backend::{Backend, JobError};
 use super::schedule::{Pace, Place, Schedule, Work};
-use super::upload::{self, Announced};
-use super::waiting::Waiting;
+use super::upload::{self, Announced, Patience};
+use super::waiting::{GivenUp, Waiting};
 use crate::program::GuestInput;
 use crate::rpc::progress::Phase;
 use crate::rpc::{self, prover_server};
 use std::future::Future;
 use std::io;
+use std::pin::pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch, OwnedSemaphorePermit, Semaphore};
+use tokio::time::{sleep, timeout};
 use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
 use tokio_stream::Stream;
 use tonic::transport::server::Connected;
@@ -29,10 +31,13 @@ const MEMORY_MIB: u32 = 4 << 10;
 const REQUESTS_PER_CONNECTION: usize = 16;
 /// Time between two progress events.
 const TICK: Duration = Duration::from_secs(1);
+/// How long the last answers may take when the service ends. A client that takes nothing would hold it for ever.
+const ENDING: Duration = Duration::from_secs(5);
 
 /// The service. Clones share one queue.
 pub struct ProvingService<B> {
     shared: Arc<Shared<B>>,
+    patience: Patience,
 }
 
 struct Shared<B> {
@@ -85,11 +90,20 @@ impl<B: Backend> ProvingService<B> {
                 }
             }
         });
-        Self { shared }
+        Self {
+            shared,
+            patience: Patience::default(),
+        }
+    }
+
+    /// From now on, clients have this time for their private inputs.
+    pub fn with_patience(mut self, patience: Patience) -> Self {
+        self.patience = patience;
+        self
     }
 
     /// Serves requests on `listener` until `shutdown` is ready. Then the backend hears that nobody waits any more, and the service ends
-    /// with the last request.
+    /// with the last request. Connections that are left after a few seconds are cut.
     pub async fn serve(
         self,
         listener: TcpListener,
@@ -123,14 +137,23 @@ impl<B: Backend> ProvingService<B> {
             shutdown.await;
             shared.stopping.send_replace(true);
         };
+        let mut stopping = shared.stopping.subscribe();
+        let overdue = async {
+            // An error says that the service itself is gone.
+            let _ = stopping.wait_for(|stopping| *stopping).await;
+            sleep(ENDING).await;
+        };
         let service = prover_server::ProverServer::new(self)
             .max_decoding_message_size(upload::MAX_MESSAGE_BYTES)
             .max_encoding_message_size(upload::MAX_EVENT_BYTES);
-        transport::Server::builder()
+        let serving = transport::Server::builder()
             .concurrency_limit_per_connection(REQUESTS_PER_CONNECTION)
             .add_service(service)
-            .serve_with_incoming_shutdown(connections, shutdown)
-            .await?;
+            .serve_with_incoming_shutdown(connections, shutdown);
+        tokio::select! {
+            served = serving => served?,
+            () = overdue => tracing::warn!("some clients have not taken their answers; their connections are cut"),
+        }
         // Work whose client has gone may still hold the turn, because it is being withdrawn elsewhere.
         let _ = shared.proving.acquire().await;
         Ok(())
@@ -166,10 +189,24 @@ impl<B: Backend> prover_server::Prover for ProvingService<B> {
 }
 
 impl<B> ProvingService<B> {
-    /// Receives a request, if there is room for it.
+    /// Receives a request in time, if there is room for it and the service does not end.
     async fn taken(
         &self,
-        mut parts: Streaming<rpc::ProvePart>,
+        parts: Streaming<rpc::ProvePart>,
+        events: mpsc::Sender<Result<rpc::ProveEvent, Status>>,
+    ) -> Result<Job<B>, Status> {
+        let mut stopping = self.shared.stopping.subscribe();
+        let parts = pin!(upload::in_time(parts, self.patience.silence));
+        let received = timeout(self.patience.whole, self.received(parts, events));
+        tokio::select! {
+            received = received => received.unwrap_or_else(|_| Err(upload::too_long("the private input took", self.patience.whole))),
+            _ = stopping.wait_for(|stopping| *stopping) => Err(Status::unavailable(GivenUp::Stopping.to_string())),
+        }
+    }
+
+    async fn received(
+        &self,
+        mut parts: impl Stream<Item = Result<rpc::ProvePart, Status>> + Unpin,
         events: mpsc::Sender<Result<rpc::ProveEvent, Status>>,
     ) -> Result<Job<B>, Status> {
         // Whoever announces nothing takes nothing.

@@ -3,6 +3,7 @@
 use crate::program::GuestInput;
 use crate::rpc::prove_part::Part;
 use crate::rpc::{prove_request, ProvePart, ProveRequest};
+use std::time::Duration;
 use tokio_stream::{Stream, StreamExt};
 use tonic::Status;
 use zk0_circuits::Mode;
@@ -17,6 +18,24 @@ pub const MAX_EVENT_BYTES: usize = 8 << 20;
 const MAX_BUFFERS: usize = 16;
 /// Largest input. A claim at the published size takes one to three megabytes in mode `succinct`. In mode `direct` the weights and samples have to fit.
 pub const MAX_INPUT_BYTES: u64 = 1 << 30;
+
+/// How long a client may take to send its private input. Meanwhile it holds a place in the queue, and memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Patience {
+    /// How long it may send nothing.
+    pub silence: Duration,
+    /// How long all of it may take.
+    pub whole: Duration,
+}
+
+impl Default for Patience {
+    fn default() -> Self {
+        Self {
+            silence: Duration::from_secs(60),
+            whole: Duration::from_secs(900),
+        }
+    }
+}
 
 /// What a request says first: its mode, and the sizes of its buffers.
 pub struct Announced {
@@ -110,6 +129,21 @@ impl Announced {
             buffers,
         })
     }
+}
+
+/// The same messages. It is an error if none comes for this long.
+pub(super) fn in_time(
+    parts: impl Stream<Item = Result<ProvePart, Status>>,
+    silence: Duration,
+) -> impl Stream<Item = Result<ProvePart, Status>> {
+    let part = move |part: Result<_, _>| {
+        part.unwrap_or_else(|_| Err(too_long("nothing of the private input came for", silence)))
+    };
+    parts.timeout(silence).map(part)
+}
+
+pub(super) fn too_long(what: &str, limit: Duration) -> Status {
+    Status::deadline_exceeded(format!("{what} more than {} ms", limit.as_millis()))
 }
 
 async fn next(

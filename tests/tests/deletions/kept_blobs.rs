@@ -51,7 +51,35 @@ const fn put_there(
     }
 }
 
+const fn unfinished(
+    check: &'static str,
+    replacements: &'static [(&'static str, &'static str)],
+    test: &'static str,
+) -> Removal {
+    Removal {
+        check,
+        file: "ledger/src/blobs/unfinished.rs",
+        replacements,
+        package: "zk0-ledger",
+        target: "blobs",
+        test,
+    }
+}
+
 pub const REMOVALS: &[Removal] = &[
+    unfinished(
+        "no two processes write files of one name",
+        &[(
+            "    Ok(folder.join(format!(\"{number:016x}\")))\n",
+            "    static NEXT: std::sync::atomic::AtomicU64 = std::sync::atomic::AtomicU64::new(0);\n    let number = number.min(NEXT.fetch_add(1, std::sync::atomic::Ordering::Relaxed));\n    Ok(folder.join(format!(\"{}-{number}\", std::process::id())))\n",
+        )],
+        "files_of_another_process_of_the_same_id_are_not_touched",
+    ),
+    unfinished(
+        "a writer that starts removes no file that somebody writes",
+        &[("        let _ = file.lock();\n", "")],
+        "a_writer_that_starts_removes_what_was_left_and_nothing_that_is_being_written",
+    ),
     in_bucket(
         "sent",
         "what a node has put into the bucket is read from a copy that it cannot change",
@@ -85,6 +113,13 @@ pub const REMOVALS: &[Removal] = &[
         "bucket/src/sent.rs",
         &[("if found == Some(size) {", "if found.is_none_or(|found| found > 0) {")],
         "a_copy_that_is_only_said_to_be_made_is_none",
+    ),
+    in_bucket(
+        "sent",
+        "a copy has a name that no earlier run has used",
+        "ledger/src/blobs/sent.rs",
+        &[("            number,\n", "            number: number.min(0),\n")],
+        "a_copy_of_an_earlier_run_is_not_taken_for_a_new_one",
     ),
     in_bucket(
         "sent",

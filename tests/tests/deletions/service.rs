@@ -1,4 +1,4 @@
-//! Checks of the service: what arrived in time counts, nobody is held up by others, nobody fills its memory, and the head of a request counts for
+//! Checks of the services: what arrived in time counts, nobody is held up by others, nobody fills memory or disk, and the head of a request counts for
 //! that request alone.
 
 use crate::Removal;
@@ -39,6 +39,19 @@ const fn transfer(
 ) -> Removal {
     Removal {
         target: "transfers",
+        ..in_time(check, file, replacements, test)
+    }
+}
+
+const fn proving(
+    check: &'static str,
+    file: &'static str,
+    replacements: &'static [(&'static str, &'static str)],
+    test: &'static str,
+) -> Removal {
+    Removal {
+        package: "zk0-prover",
+        target: "service",
         ..in_time(check, file, replacements, test)
     }
 }
@@ -325,5 +338,65 @@ pub const REMOVALS: &[Removal] = &[
             "        let signed: zk0_protocol::Signed<UploadRequest> = crate::round::recording::statements::decode(\"upload request\", &request)?;\n",
         )],
         "only_the_node_learns_how_much_has_come",
+    ),
+    transfer(
+        "who may not commit may not upload",
+        "aggregator/src/round/recording/statements.rs",
+        &[("        state.check_may_commit(network, *round, node)?;\n", "")],
+        "a_revoked_node_uploads_nothing",
+    ),
+    transfer(
+        "a node that has committed may ask for its upload again",
+        "aggregator/src/round/recording/statements.rs",
+        &[("if is_here && network == state.network() {", "if is_here && network != state.network() {")],
+        "a_node_that_has_committed_is_told_that_its_update_is_here_and_uploads_no_other",
+    ),
+    Removal {
+        target: "limits",
+        ..in_time(
+            "a node does not register as often as it likes",
+            "aggregator/src/round/recording/statements.rs",
+            &[("        self.check_registrations(&signed.statement.node, arrived_ms)?;\n", "")],
+            "a_node_registers_four_times_until_a_round_has_closed",
+        )
+    },
+    Removal {
+        target: "limits",
+        ..in_time(
+            "a node does not register more often under another key",
+            "aggregator/src/round/recording/registrations.rs",
+            &[("                    self.0.insert(with, last);\n", "                    let _ = (with, last);\n")],
+            "a_node_registers_four_times_until_a_round_has_closed",
+        )
+    },
+    proving(
+        "a client of the proving service that is silent gives up its place",
+        "prover/src/service/upload.rs",
+        &[("parts.timeout(silence)", "parts.timeout(silence.max(Duration::from_secs(3600)))")],
+        "who_sends_nothing_or_too_slowly_gives_up_its_place",
+    ),
+    proving(
+        "a client of the proving service that is slow gives up its place",
+        "prover/src/service/server.rs",
+        &[(
+            "timeout(self.patience.whole, self.received",
+            "timeout(self.patience.whole.max(Duration::from_secs(3600)), self.received",
+        )],
+        "who_sends_nothing_or_too_slowly_gives_up_its_place",
+    ),
+    proving(
+        "a proving service that stops waits for no private input",
+        "prover/src/service/server.rs",
+        &[(
+            "            _ = stopping.wait_for(|stopping| *stopping) => Err(Status",
+            "            () = std::future::pending() => Err(Status",
+        )],
+        "a_service_that_stops_waits_for_no_private_input",
+    ),
+    proving(
+        "a proving service that stops waits for no client that takes nothing",
+        "prover/src/service/server.rs",
+        &[("            sleep(ENDING).await;\n", "            std::future::pending::<()>().await;\n")],
+        "a_service_that_stops_does_not_wait_until_a_proof_is_taken",
     ),
 ];

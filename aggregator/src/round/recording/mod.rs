@@ -2,6 +2,7 @@
 
 pub mod arrivals;
 pub mod group;
+pub mod registrations;
 pub mod staging;
 pub mod statements;
 pub mod submission;

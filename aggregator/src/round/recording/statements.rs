@@ -6,6 +6,7 @@
 
 use crate::round::aggregator::Aggregator;
 use crate::round::public_samples::check_public_samples;
+use crate::round::recording::registrations::{MAX_REGISTRATIONS, PERIOD_MS};
 use crate::round::recording::staging::Staging;
 use crate::round::request::RequestError;
 use borsh::BorshDeserialize;
@@ -183,6 +184,9 @@ impl Aggregator {
     }
 
     /// Begins to record a dataset commitment.
+    ///
+    /// # Errors
+    /// The rules do not allow it, or the node has registered too often ([`crate::round::recording::registrations`]).
     pub fn begin_registration(
         &self,
         signed: &Signed<DatasetRegistration>,
@@ -196,10 +200,26 @@ impl Aggregator {
             }
         }
         self.check(arrived_ms, body)?;
+        self.check_registrations(&signed.statement.node, arrived_ms)?;
         Ok(Begun::New(AllowedRegistration {
             signed: signed.clone(),
             blobs: self.ledger.blobs().clone(),
         }))
+    }
+
+    /// Refuses a node that has registered as often as it may.
+    fn check_registrations(&self, node: &NodeId, arrived_ms: u64) -> Result<(), RequestError> {
+        let Some(first) = self.index.registrations.first(node) else {
+            return Ok(());
+        };
+        let again_ms = (self.ledger.entry(first)?.time_ms).saturating_add(PERIOD_MS);
+        match again_ms.saturating_sub(self.ledger.time_ms(arrived_ms)) {
+            0 => Ok(()),
+            left_ms => Err(RequestError::Busy(format!(
+                "node {node} has registered {MAX_REGISTRATIONS} datasets within a day, and no round has closed since: it may register again when a round has closed, or in {} minutes",
+                left_ms.div_ceil(60_000)
+            ))),
+        }
     }
 
     /// Begins to enrol a node.
@@ -240,35 +260,39 @@ impl Aggregator {
         Ok(Begun::New(body))
     }
 
-    /// Says where an upload waits, if the ledger allows it. The caller reads and writes there, away from the aggregator.
-    pub fn begin_upload(&self, request: &UploadRequest) -> Result<Staging, RequestError> {
-        let state = self.state();
-        let limit = BlobKind::Update.max_bytes(state.rules());
-        let refusal = if request.network != *state.network() {
-            Some(Refusal::WrongNetwork {
-                claimed: request.network,
-                ours: *state.network(),
-            })
-        } else if state.node(&request.node).is_none() {
-            Some(Refusal::NotEnrolled(request.node))
-        } else if state.round().map(|round| round.number()) != Some(request.round) {
-            Some(Refusal::WrongRound {
-                claimed: request.round,
-                open: state.round().map(|round| round.number()),
-            })
-        } else if request.size > limit {
-            Some(Refusal::TooLarge {
-                what: "the upload".into(),
-                size: request.size,
-                limit,
-            })
-        } else {
-            None
-        };
-        if let Some(refusal) = refusal {
-            return Err(refusal.into());
+    /// Begins an upload. Whoever may not commit may not upload. If it is new, this says where it waits. The caller reads and writes there, away
+    /// from the aggregator. If the node has committed to this very update, all of it is here: a node that was started again asks for that.
+    pub fn begin_upload(
+        &self,
+        request: &UploadRequest,
+    ) -> Result<Begun<Staging, ()>, RequestError> {
+        let (state, limit) = (
+            self.state(),
+            BlobKind::Update.max_bytes(self.state().rules()),
+        );
+        let UploadRequest {
+            network,
+            round,
+            node,
+            blob,
+            size,
+        } = request;
+        let open = state.round().filter(|open| open.number() == *round);
+        let committed = open.and_then(|open| open.commits.get(node));
+        let is_here = committed.is_some_and(|commit| commit.update.blob == *blob);
+        if is_here && network == state.network() {
+            return Ok(Begun::Recorded(()));
         }
-        Ok(self.staging.clone())
+        state.check_may_commit(network, *round, node)?;
+        if *size > limit {
+            return Err(Refusal::TooLarge {
+                what: "the upload".into(),
+                size: *size,
+                limit,
+            }
+            .into());
+        }
+        Ok(Begun::New(self.staging.clone()))
     }
 
     /// Begins to record a commitment to an uploaded update.

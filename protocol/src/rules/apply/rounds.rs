@@ -7,7 +7,7 @@ use crate::entries::signed::{Evidence, UpdateCommitment};
 use crate::rules::bindings::{already_submitted, drawn, in_time, same};
 use crate::rules::closing::credits::improvement_bps;
 use crate::rules::network_rules::Participation;
-use crate::rules::state::{Commit, Contribution, Decision, OpenDispute, Round, State};
+use crate::rules::state::{Commit, Contribution, Dataset, Decision, OpenDispute, Round, State};
 use crate::rules::upper_bounds::MAX_COMMITS;
 use crate::rules::violation::RuleViolation;
 use std::collections::{BTreeMap, BTreeSet};
@@ -78,13 +78,19 @@ impl State {
         })
     }
 
-    pub(super) fn check_update(
+    /// Whether a node may commit in the open round, which has this number, as long as its commitment is in time. Returns the round and the
+    /// node's dataset.
+    ///
+    /// # Errors
+    /// The refusal that its commitment would get.
+    pub fn check_may_commit(
         &self,
-        commitment: &UpdateCommitment,
-        time_ms: u64,
-    ) -> Result<(), Refusal> {
-        let node = commitment.node;
-        let round = self.check_addressed(&commitment.network, commitment.round, &node)?;
+        network: &Digest,
+        round: u64,
+        node: &NodeId,
+    ) -> Result<(&Round, Dataset), Refusal> {
+        let node = *node;
+        let round = self.check_addressed(network, round, &node)?;
         if round.commits.contains_key(&node) {
             return Err(Refusal::Duplicate {
                 node,
@@ -97,12 +103,6 @@ impl State {
                 round: round.number(),
             });
         }
-        in_time(
-            "the commitment",
-            round,
-            time_ms,
-            round.opened.commit_deadline_ms,
-        )?;
         if !round.invites(&node, &self.rules) {
             return Err(Refusal::NotInvited {
                 node,
@@ -136,6 +136,23 @@ impl State {
                 round.number()
             )));
         }
+        Ok((round, dataset))
+    }
+
+    pub(super) fn check_update(
+        &self,
+        commitment: &UpdateCommitment,
+        time_ms: u64,
+    ) -> Result<(), Refusal> {
+        let node = commitment.node;
+        let (round, dataset) =
+            self.check_may_commit(&commitment.network, commitment.round, &node)?;
+        in_time(
+            "the commitment",
+            round,
+            time_ms,
+            round.opened.commit_deadline_ms,
+        )?;
         same(
             "dataset_root",
             commitment.dataset_root,
