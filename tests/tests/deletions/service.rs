@@ -206,6 +206,7 @@ pub const REMOVALS: &[Removal] = &[
         )
     },
     Removal {
+        package: "zk0-tests",
         target: "open_files",
         ..head(
             "the files that are sent at once are bounded",

@@ -1,6 +1,7 @@
 //! An aggregator that may open few files. Downloads that nobody reads do not use them up. This process has a limit of its own, so there is one
 //! test here.
 
+#[path = "../../aggregator/tests/harness/mod.rs"]
 mod harness;
 
 use harness::*;
