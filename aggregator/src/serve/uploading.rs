@@ -11,6 +11,7 @@ use crate::serve::service::{blocking, Service};
 use crate::serve::uploads::Newest;
 use std::time::Duration;
 use tokio::sync::OwnedMutexGuard;
+use tokio::task::JoinSet;
 use tokio::time::{timeout_at, Instant};
 use tonic::{Status, Streaming};
 use tracing::Instrument;
@@ -167,8 +168,11 @@ impl Service {
         };
         let mut writing = Writing { blob, _turn: turn };
         let mut ended = false;
-        let not_allowed = self.not_allowed(&upload);
-        tokio::pin!(not_allowed);
+        // This is a task of its own. As a future that nobody polls while a batch is written, it could have the aggregator, and nobody else
+        // would get it.
+        let mut watching = JoinSet::new();
+        let (service, watched) = (self.clone(), upload.clone());
+        watching.spawn(async move { service.not_allowed(&watched).await });
         while !ended {
             let mut batch = vec![];
             let mut failed = None;
@@ -176,7 +180,7 @@ impl Service {
                 let next = tokio::select! {
                     next = incoming.next() => next,
                     ended = newest.ended() => Err(ended.into()),
-                    refused = &mut not_allowed => Err(refused.into()),
+                    Some(Ok(refused)) = watching.join_next() => Err(refused.into()),
                 };
                 match next {
                     Ok(Some((_, Part::Data(data)))) => batch.extend(data),

@@ -7,6 +7,7 @@ use tokio::sync::mpsc;
 use tokio::time::timeout;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Code, Status};
+use zk0_aggregator::Aggregator;
 use zk0_protocol::entries::signed::{Signed, UploadRequest};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
@@ -127,6 +128,31 @@ async fn a_part_that_is_damaged_is_removed() -> Test {
     );
     assert_eq!(first.held(&network, &request).await?, 0);
     first.upload_as(&network, &request, &update).await?;
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_upload_that_fails_does_not_keep_the_aggregator() -> Test {
+    let (network, first, _) = open_round().await;
+    // The aggregator is always busy, so whoever wants it waits for it.
+    let service = network.service().clone();
+    let busy = tokio::spawn(async move {
+        let work = |_: &mut Aggregator| {
+            std::thread::sleep(Duration::from_millis(2));
+            Ok(())
+        };
+        while service.with(work).await.is_ok() {}
+    });
+    let update = weights(1);
+    let request = signed(&network, &first, &update);
+    let mut damaged = update.clone();
+    damaged[7] ^= 1;
+    for _ in 0..20 {
+        let failed = first.upload_as(&network, &request, &damaged);
+        let failed = timeout(Duration::from_secs(10), failed).await?;
+        refused(failed, Code::InvalidArgument, "SHA-256");
+    }
+    busy.abort();
     Ok(())
 }
 

@@ -332,6 +332,21 @@ pub const REMOVALS: &[Removal] = &[
         "a_part_that_is_damaged_is_removed",
     ),
     transfer(
+        "an upload that watches its round does not hold the aggregator while it writes",
+        "aggregator/src/serve/uploading.rs",
+        &[
+            (
+                "        let mut watching = JoinSet::new();\n        let (service, watched) = (self.clone(), upload.clone());\n        watching.spawn(async move { service.not_allowed(&watched).await });\n",
+                "        let _ = JoinSet::<()>::new();\n        let not_allowed = self.not_allowed(&upload);\n        tokio::pin!(not_allowed);\n",
+            ),
+            (
+                "Some(Ok(refused)) = watching.join_next() => Err(refused.into()),",
+                "refused = &mut not_allowed => Err(refused.into()),",
+            ),
+        ],
+        "an_upload_that_fails_does_not_keep_the_aggregator",
+    ),
+    transfer(
         "how much has come is for the node that signed the upload",
         "aggregator/src/serve/uploading.rs",
         &[(
