@@ -48,7 +48,11 @@ async fn started_with(
     limits: Limits,
     seconds: u64,
 ) -> Network {
-    let mut network = Network::start_as(nodes, CONFIG, limits, genesis, None, None).await;
+    let config = Config {
+        min_nodes: nodes.len(),
+        ..CONFIG
+    };
+    let mut network = Network::start_as(nodes, config, limits, genesis, None, None).await;
     network.stop().await;
     let (address, variables) = (s3.address("net"), s3.variables());
     network.keep_blobs(move |dir| {

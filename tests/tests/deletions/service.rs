@@ -70,7 +70,7 @@ pub const REMOVALS: &[Removal] = &[
         "a node whose upload outlives its round is told so",
         "aggregator/src/serve/uploading.rs",
         &[(
-            "                    refused = &mut not_allowed => Err(refused.into()),\n",
+            "                    Some(Ok(refused)) = watching.join_next() => Err(refused.into()),\n",
             "",
         )],
         "an_upload_whose_round_ends_is_told_so",
@@ -119,8 +119,8 @@ pub const REMOVALS: &[Removal] = &[
         "a node's requests are done one after the other",
         "aggregator/src/serve/submitting.rs",
         &[(
-            "        let _turn = self.turns.take(signed.statement.claim.terms.node).await;\n",
-            "",
+            "        let _turn = self.turn_of(node, arrival).await?;\n",
+            "        let _ = node;\n",
         )],
         "a_submission_that_comes_several_times_at_once_is_decided_once",
     ),
