@@ -43,10 +43,14 @@ fn proposal(network: &Network, by: &Node, number: u64, action: Action) -> Body {
     Body::Proposed(Signed::new(proposal, &by.key))
 }
 
-fn vote(network: &Network, by: &Node, ballot: Ballot) -> Body {
+fn vote(network: &Network, by: &Node, on: &Body, ballot: Ballot) -> Body {
+    let Body::Proposed(proposed) = on else {
+        panic!("not a proposal: {on:?}");
+    };
     let vote = Vote {
         network: network.genesis.network_id(),
-        proposal: 0,
+        proposal: proposed.statement.number,
+        of: proposed.statement.digest(),
         voter: by.id(),
         ballot,
     };
@@ -84,7 +88,7 @@ async fn a_vote_changes_the_next_round() -> Test {
         Code::FailedPrecondition,
         "may not vote here",
     );
-    record(&network, &vote(&network, &governor, Ballot::For)).await?;
+    record(&network, &vote(&network, &governor, &proposed, Ballot::For)).await?;
     let info = network
         .client()
         .await

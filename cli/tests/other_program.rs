@@ -77,6 +77,7 @@ fn vote_for(ledger: &mut Ledger, governor: &SigningKey, program: &Program) {
     let vote = Vote {
         network,
         proposal: number,
+        of: proposal.digest(),
         voter: identity,
         ballot: Ballot::For,
     };
@@ -169,6 +170,12 @@ fn a_program_is_proposed_and_shown() {
             format!("prove with the guest program {own} of SP1 six from the next round on"),
         ] {
             assert!(status.contains(&words), "{words}: {status}");
+        }
+        // The vote is for the proposal that the command prints.
+        let vote = [&["governance", "vote"][..], &signed, &["0", "for"]].concat();
+        let vote = prints(&vote);
+        for words in ["proposal 0: next", "of SP1 six", "the vote is entry 3"] {
+            assert!(vote.contains(words), "{words}: {vote}");
         }
     });
     let shown = prints(&["audit", "show", &network.path("ledger")]);

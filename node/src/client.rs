@@ -23,7 +23,7 @@ use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::signed::{
-    DatasetRegistration, Enrolment, Proposal, Signed, Submission, UpdateCommitment,
+    DatasetRegistration, Enrolment, Proposal, SignatureError, Signed, Submission, UpdateCommitment,
 };
 use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation as rpc;
@@ -346,19 +346,26 @@ impl Node {
         Ok(self.recorded(receipt, body)?.index)
     }
 
-    /// The rules in force and the open proposals. The proposals come with receipts. The rest is only what the aggregator says; to be
-    /// sure of it, replay the ledger.
+    /// The rules in force and the open proposals. The proposals come with receipts and with their proposers' signatures. The rest is only
+    /// what the aggregator says; to be sure of it, replay the ledger.
     pub async fn governance(&mut self) -> Result<GovernanceInfo, NodeError> {
         let request = rpc::GetGovernanceRequest {};
         let info = patiently!(self.client.get_governance(request))?.into_inner();
         let rules: Rules = borsh::from_slice(&info.rules)
             .map_err(|error| unexpected("rules", format!("something else ({error})")))?;
+        let unsigned = |error: SignatureError| {
+            let found = format!("a proposal without its proposer's signature ({error})");
+            unexpected("the open proposals", found)
+        };
         let mut proposals = Vec::new();
         for open in info.proposals {
             let receipt = open.receipt.clone();
             let receipt = receipt.ok_or_else(|| unexpected("a receipt of a proposal", "none"))?;
             match self.entry(receipt)?.1.body {
-                Body::Proposed(signed) => proposals.push((signed.statement, open)),
+                Body::Proposed(signed) => {
+                    signed.verify().map_err(unsigned)?;
+                    proposals.push((signed.statement, open));
+                }
                 _ => return Err(unexpected("a proposal", "another entry")),
             }
         }

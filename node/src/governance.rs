@@ -56,11 +56,13 @@ impl Node {
         Ok(Proposed { number, entry })
     }
 
-    /// Votes on a proposal. Returns the index of the vote's entry.
-    pub async fn vote(&mut self, proposal: u64, ballot: Ballot) -> Result<u64, NodeError> {
+    /// Votes on a proposal of [`Node::governance`]. The vote counts for just this one, whatever the ledger has under its number. Returns
+    /// the index of the vote's entry.
+    pub async fn vote(&mut self, proposal: &Proposal, ballot: Ballot) -> Result<u64, NodeError> {
         let vote = Vote {
             network: *self.network(),
-            proposal,
+            proposal: proposal.number,
+            of: proposal.digest(),
             voter: self.id(),
             ballot,
         };

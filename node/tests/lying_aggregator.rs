@@ -1,5 +1,5 @@
-//! A node believes nothing that an aggregator says of a round's randomness. The aggregator of these tests holds the log's key, and shows
-//! the node whatever a test makes up.
+//! A node believes nothing that an aggregator says of a round's randomness or of a proposal. The aggregator of these tests holds the log's
+//! key, and shows the node whatever a test makes up.
 
 #[path = "../../protocol/tests/network/mod.rs"]
 mod network;
@@ -23,9 +23,10 @@ use zk0_protocol::challenge::drawing::{DrawError, Drawing};
 use zk0_protocol::challenge::source::RandomnessSource;
 use zk0_protocol::challenge::vrf::VrfProof;
 use zk0_protocol::entries::entry::{RandomnessDrawn, RoundOpened};
+use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::rpc::federation as rpc;
 use zk0_protocol::rpc::federation::federation_server::{Federation, FederationServer};
-use zk0_protocol::{Body, Receipt};
+use zk0_protocol::{Body, Entry, Receipt, Signed};
 
 /// A ledger in memory, with one round in it.
 struct Told {
@@ -87,6 +88,25 @@ impl Told {
         }
     }
 
+    /// The governance with every recorded proposal, as if all were open.
+    fn governance(&self) -> rpc::GovernanceInfo {
+        let all = self.leaves.len() as u64;
+        let proposed = |index: &u64| {
+            let entry = Entry::decode(&self.leaves[*index as usize]).unwrap();
+            matches!(entry.body, Body::Proposed(_))
+        };
+        let open = |index| rpc::OpenProposal {
+            receipt: self.receipt(index, all),
+            ..rpc::OpenProposal::default()
+        };
+        rpc::GovernanceInfo {
+            rules: borsh::to_vec(self.chain.state.rules()).unwrap(),
+            program: borsh::to_vec(self.chain.state.program()).unwrap(),
+            proposals: (0..all).filter(proposed).map(open).collect(),
+            ..rpc::GovernanceInfo::default()
+        }
+    }
+
     /// Node 0, connected to an aggregator that shows it this round, and the aggregator.
     async fn connected(&self, round: rpc::RoundInfo) -> (Node, JoinHandle<()>) {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
@@ -97,6 +117,7 @@ impl Told {
             genesis: self.leaves[0].clone(),
             checkpoint: String::from_utf8(checkpoint).unwrap(),
             round,
+            governance: self.governance(),
         };
         let serving = Server::builder()
             .add_service(FederationServer::new(lying))
@@ -126,6 +147,7 @@ struct Lying {
     genesis: Vec<u8>,
     checkpoint: String,
     round: rpc::RoundInfo,
+    governance: rpc::GovernanceInfo,
 }
 
 type Answer<T> = Result<Response<T>, Status>;
@@ -204,7 +226,7 @@ impl Federation for Lying {
         &self,
         _: Request<rpc::GetGovernanceRequest>,
     ) -> Answer<rpc::GovernanceInfo> {
-        not_asked()
+        Ok(Response::new(self.governance.clone()))
     }
 }
 
@@ -360,4 +382,32 @@ async fn the_contribution_of_somebody_else_is_not_the_node_s_own() {
         matches!(update, Err(NodeError::Unexpected { .. })),
         "{update:?}"
     );
+}
+
+/// A vote is for what its proposer has signed. The aggregator alone cannot make that up.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_proposal_that_its_proposer_has_not_signed_is_not_voted_on() {
+    for (signer, signed) in [(0, true), (1, false)] {
+        let mut told = Told::new();
+        let proposal = votes::proposal(&told.chain.state, 0, Action::Suspend(id(1)));
+        let by = governor_key(signer);
+        told.record(Body::Proposed(Signed::new(proposal.clone(), &by)));
+        let (mut node, server) = told.connected(rpc::RoundInfo::default()).await;
+        let info = node.governance().await;
+        match signed {
+            true => {
+                let info = info.unwrap();
+                let (shown, _) = &info.proposals[0];
+                assert_eq!(*shown, proposal);
+                // The node votes on it, and asks this aggregator to record the vote.
+                let asked = node.vote(shown, Ballot::For).await;
+                assert!(matches!(asked, Err(NodeError::Refused(_))), "{asked:?}");
+            }
+            false => assert!(
+                matches!(info, Err(NodeError::Unexpected { .. })),
+                "{info:?}"
+            ),
+        }
+        server.abort();
+    }
 }

@@ -9,8 +9,8 @@ use std::fs;
 use std::path::PathBuf;
 use zk0_protocol::entries::entry::MomentsComputed;
 use zk0_protocol::entries::program::Program;
-use zk0_protocol::entries::proposal::Action;
-use zk0_protocol::entries::signed::{Enrolment, Leaving, Proposal, Statement, UploadRequest};
+use zk0_protocol::entries::proposal::{Action, Ballot};
+use zk0_protocol::entries::signed::{Enrolment, Leaving, Proposal, Statement, UploadRequest, Vote};
 use zk0_protocol::pruning::Pruning;
 use zk0_protocol::request_head::{Method, RequestHead};
 use zk0_protocol::rules::network_rules::{Scaffold, Strategy};
@@ -123,6 +123,16 @@ fn statements() {
         },
     );
     check_signed(
+        "signed/vote",
+        Vote {
+            network: *state.network(),
+            proposal: 258,
+            of: digest(0x10),
+            voter: id(0),
+            ballot: Ballot::Abstain,
+        },
+    );
+    check_signed(
         "signed/leaving",
         Leaving {
             network: *state.network(),
@@ -190,6 +200,11 @@ fn digests() {
     let state = chain().state;
     check("network-id", &state.network().0);
     check("state-digest", &state.digest().0);
+    let proposal = Proposal {
+        proposer: id(0),
+        ..votes::proposal(&state, 0, Action::RestoreWeights { round: 258 })
+    };
+    check("proposal-digest", &proposal.digest().0);
 }
 
 #[test]

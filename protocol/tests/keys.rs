@@ -40,6 +40,7 @@ fn vote(voter: [u8; 32], network: u8) -> Vote {
     Vote {
         network: Digest([network; 32]),
         proposal: 0,
+        of: Digest([2; 32]),
         voter: NodeId(voter),
         ballot: Ballot::For,
     }

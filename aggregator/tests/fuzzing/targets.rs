@@ -144,6 +144,7 @@ fn record() -> Target {
     let vote = Vote {
         network: id,
         proposal: 0,
+        of: proposal.digest(),
         voter: governor.id(),
         ballot: Ballot::For,
     };

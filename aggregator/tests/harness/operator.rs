@@ -41,9 +41,11 @@ pub fn proposed(state: &State, action: Action) -> Body {
 /// The one governor's vote on the newest proposal.
 pub fn voted(state: &State, ballot: Ballot) -> Body {
     let governor = Node::new(GOVERNOR);
+    let proposal = state.next_proposal() - 1;
     let vote = Vote {
         network: *state.network(),
-        proposal: state.next_proposal() - 1,
+        proposal,
+        of: state.proposals()[&proposal].digest,
         voter: governor.id(),
         ballot,
     };

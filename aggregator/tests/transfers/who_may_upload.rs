@@ -41,6 +41,7 @@ async fn a_revoked_node_uploads_nothing() -> Test {
         text: String::new(),
         action: Action::Revoke(second.id()),
     };
+    let of = proposal.digest();
     record(
         &network,
         &Body::Proposed(Signed::new(proposal, &governor.key)),
@@ -49,6 +50,7 @@ async fn a_revoked_node_uploads_nothing() -> Test {
     let vote = Vote {
         network: network.genesis.network_id(),
         proposal: 0,
+        of,
         voter: governor.id(),
         ballot: Ballot::For,
     };

@@ -336,13 +336,14 @@ pub fn details(body: &Body) -> Vec<(&'static str, String)> {
         }
         Body::KeyRotated { .. }
         | Body::NodeLeft(_)
-        | Body::Voted(_)
         | Body::ProposalSettled(_)
         | Body::DisputeResolved(_) => Vec::new(),
         Body::Proposed(signed) => vec![
             ("title", signed.statement.title.clone()),
             ("text", signed.statement.text.clone()),
+            ("digest", signed.statement.digest().to_string()),
         ],
+        Body::Voted(signed) => vec![("proposal", signed.statement.of.to_string())],
         Body::Disputed(signed) => vec![(
             "evidence",
             match signed.statement.evidence {

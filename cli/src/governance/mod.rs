@@ -46,7 +46,7 @@ pub enum Command {
         #[command(subcommand)]
         change: Change,
     },
-    /// Vote on a proposal. You cannot change a vote.
+    /// Vote on a proposal. The command prints the proposal that the vote is for. You cannot change a vote.
     Vote {
         #[command(flatten)]
         signer: Signer,
@@ -134,11 +134,14 @@ async fn answer(command: &Command) -> Result<()> {
             proposal,
             ballot,
         } => {
-            let entry = signer
-                .connect()
-                .await?
-                .vote(*proposal, (*ballot).into())
-                .await?;
+            let mut node = signer.connect().await?;
+            let info = node.governance().await?;
+            let mut open = info.proposals.iter();
+            let (proposal, votes) = open
+                .find(|(open, _)| open.number == *proposal)
+                .with_context(|| format!("proposal {proposal} is not open"))?;
+            print!("{}", status::proposal(proposal, votes, info.now_ms)?);
+            let entry = node.vote(proposal, (*ballot).into()).await?;
             println!("the vote is entry {entry}");
         }
         Command::Dispute {

@@ -4,6 +4,8 @@ use anyhow::Result;
 use zk0_audit::report::describe;
 use zk0_node::client::GovernanceInfo;
 use zk0_protocol::entries::proposal::Action;
+use zk0_protocol::entries::signed::Proposal;
+use zk0_protocol::rpc::federation::OpenProposal;
 
 /// The rules and the guest program in force, and the open proposals, for people.
 pub fn status(info: &GovernanceInfo) -> Result<String> {
@@ -12,33 +14,40 @@ pub fn status(info: &GovernanceInfo) -> Result<String> {
     if info.proposals.is_empty() {
         text.push_str("no proposal is open\n");
     }
-    for (proposal, open) in &info.proposals {
-        let left = |until: u64| format!("{} s", until.saturating_sub(info.now_ms).div_ceil(1000));
-        let phase = match info.now_ms {
-            now if now <= open.voting_ends_ms => {
-                format!("votes are taken for another {}", left(open.voting_ends_ms))
-            }
-            now if now <= open.veto_ends_ms => {
-                format!("vetoes are taken for another {}", left(open.veto_ends_ms))
-            }
-            _ => "it is settled before the next round opens".into(),
-        };
-        text.push_str(&format!(
-            "proposal {}: {}\n  {}\n  by {}; {phase}\n  for {}, against {}, abstained {}, vetoes {}, of {}\n",
-            proposal.number,
-            proposal.title,
-            would(&proposal.action)?,
-            proposal.proposer,
-            open.for_it,
-            open.against,
-            open.abstained,
-            open.vetoes,
-            open.electorate,
-        ));
-        if !proposal.text.is_empty() {
-            let shown = proposal.text.escape_debug().to_string();
-            text.push_str(&format!("  {shown}\n"));
+    for (open, votes) in &info.proposals {
+        text.push_str(&proposal(open, votes, info.now_ms)?);
+    }
+    Ok(text)
+}
+
+/// An open proposal and how its votes stand, for people.
+pub fn proposal(proposal: &Proposal, open: &OpenProposal, now_ms: u64) -> Result<String> {
+    let left = |until: u64| format!("{} s", until.saturating_sub(now_ms).div_ceil(1000));
+    let phase = match now_ms {
+        now if now <= open.voting_ends_ms => {
+            format!("votes are taken for another {}", left(open.voting_ends_ms))
         }
+        now if now <= open.veto_ends_ms => {
+            format!("vetoes are taken for another {}", left(open.veto_ends_ms))
+        }
+        _ => "it is settled before the next round opens".into(),
+    };
+    let mut text = format!(
+        "proposal {}: {}\n  {}\n  digest {}\n  by {}; {phase}\n  for {}, against {}, abstained {}, vetoes {}, of {}\n",
+        proposal.number,
+        describe::printable(&proposal.title),
+        describe::printable(&would(&proposal.action)?),
+        proposal.digest(),
+        proposal.proposer,
+        open.for_it,
+        open.against,
+        open.abstained,
+        open.vetoes,
+        open.electorate,
+    );
+    if !proposal.text.is_empty() {
+        let shown = proposal.text.escape_debug().to_string();
+        text.push_str(&format!("  {shown}\n"));
     }
     Ok(text)
 }

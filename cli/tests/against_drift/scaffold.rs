@@ -119,6 +119,7 @@ fn decide(network: &LocalNetwork, action: Action) {
     let vote = Vote {
         network: of,
         proposal: number,
+        of: proposal.digest(),
         voter: governor,
         ballot: Ballot::For,
     };

@@ -4,6 +4,7 @@ use crate::entries::proposal::{Action, Ballot};
 use crate::public_key::public_key;
 use borsh::{BorshDeserialize, BorshSerialize};
 use ed25519_dalek::{Signature, Signer, SigningKey, VerifyingKey};
+use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::{Claim, DatasetCommitment, Digest, NodeId, WeightsDigest};
 
 /// A statement that names its signer.
@@ -174,6 +175,15 @@ pub struct Proposal {
     pub action: Action,
 }
 
+impl Proposal {
+    /// The digest by which votes name the proposal: [`tagged_sha256`] of its borsh encoding under `zk0/proposal/v1`. It covers what the
+    /// proposer stated, and not the signature.
+    pub fn digest(&self) -> Digest {
+        let bytes = borsh::to_vec(self).expect("writing to a Vec cannot fail");
+        tagged_sha256("zk0/proposal/v1", &[&bytes])
+    }
+}
+
 /// Somebody's vote on a proposal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Vote {
@@ -181,6 +191,9 @@ pub struct Vote {
     pub network: Digest,
     /// The proposal's number.
     pub proposal: u64,
+    /// The proposal's digest ([`Proposal::digest`]). Because of it, an aggregator that shows voters another proposal than the ledger has
+    /// under this number cannot record their votes.
+    pub of: Digest,
     /// Who votes.
     pub voter: NodeId,
     /// How they vote.
@@ -256,7 +269,7 @@ statement!(Submission, "zk0:submission:v1", claim.terms.node);
 statement!(UploadRequest, "zk0:upload-request:v1", node);
 statement!(Enrolment, "zk0:enrolment:v1", operator);
 statement!(Proposal, "zk0:proposal:v1", proposer);
-statement!(Vote, "zk0:vote:v1", voter);
+statement!(Vote, "zk0:vote:v2", voter);
 statement!(KeyRotation, "zk0:key-rotation:v1", node);
 statement!(KeyTakeover, "zk0:key-takeover:v1", rotation.with);
 statement!(Dispute, "zk0:dispute:v1", disputer);

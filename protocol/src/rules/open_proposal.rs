@@ -4,11 +4,15 @@ use crate::entries::proposal::{Action, Ballot, Outcome};
 use crate::rules::basis_points::BPS;
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::collections::{BTreeMap, BTreeSet};
-use zk0_circuits::NodeId;
+use zk0_circuits::{Digest, NodeId};
 
 /// A proposal that is not settled yet.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct OpenProposal {
+    /// The digest of the proposal as it was signed ([`Proposal::digest`]). Votes name it.
+    ///
+    /// [`Proposal::digest`]: crate::entries::signed::Proposal::digest
+    pub digest: Digest,
     /// Who proposed it.
     pub proposer: NodeId,
     /// A short title.

@@ -367,10 +367,10 @@ impl State {
         *self.retired.get(id).unwrap_or(id)
     }
 
-    /// The digest of the state: [`tagged_sha256`] of its borsh encoding under `zk0/state/v5`. Equal histories give equal digests.
+    /// The digest of the state: [`tagged_sha256`] of its borsh encoding under `zk0/state/v6`. Equal histories give equal digests.
     pub fn digest(&self) -> Digest {
         let bytes = borsh::to_vec(self).expect("writing to a Vec cannot fail");
-        tagged_sha256("zk0/state/v5", &[&bytes])
+        tagged_sha256("zk0/state/v6", &[&bytes])
     }
 }
 

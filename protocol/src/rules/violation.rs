@@ -4,7 +4,7 @@ use crate::challenge::drawing::DrawError;
 use crate::entries::codec::EntryError;
 use crate::entries::refusal::Refusal;
 use crate::rules::state::Standing;
-use zk0_circuits::NodeId;
+use zk0_circuits::{Digest, NodeId};
 
 /// Why an entry cannot follow the history so far.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -113,6 +113,13 @@ pub enum RuleViolation {
     /// There is no such open proposal.
     #[error("proposal {0} is not open")]
     ProposalNotOpen(u64),
+    /// The voter has signed a vote on something else than the proposal with this number.
+    #[error("the vote is on the proposal with digest {found}, but proposal {number} has digest {expected}: it is another one")]
+    OtherProposal {
+        number: u64,
+        found: Digest,
+        expected: Digest,
+    },
     /// The vote or veto comes too late.
     #[error("a {what} on proposal {number} comes {late_ms} ms too late")]
     VoteClosed {

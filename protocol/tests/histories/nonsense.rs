@@ -189,14 +189,15 @@ fn any_vote() -> impl Strategy<Value = Vote> {
         Just(Ballot::Abstain),
         Just(Ballot::Veto)
     ];
-    (any_network(), any_u64(), any_node(), ballot).prop_map(|(network, proposal, voter, ballot)| {
-        Vote {
+    (any_network(), any_u64(), any_digest(), any_node(), ballot).prop_map(
+        |(network, proposal, of, voter, ballot)| Vote {
             network,
             proposal,
+            of,
             voter,
             ballot,
-        }
-    })
+        },
+    )
 }
 
 fn any_outcome() -> impl Strategy<Value = Outcome> {

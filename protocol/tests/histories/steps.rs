@@ -311,6 +311,7 @@ fn vote(step: &Step, state: &State, now: u64) -> Option<Body> {
             Body::Voted(sign(Vote {
                 network: *state.network(),
                 proposal,
+                of: votes::digest_of(state, proposal),
                 voter: pick(*by, electorate),
                 ballot: *ballot,
             }))

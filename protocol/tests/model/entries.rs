@@ -84,6 +84,7 @@ pub fn body(event: &Event, state: &State, model: &Model, now: u64) -> Option<Bod
             let vote = Vote {
                 network,
                 proposal: *number as u64,
+                of: digest_of(state, *number as u64),
                 voter,
                 ballot: *ballot,
             };

@@ -27,10 +27,17 @@ pub fn proposed(state: &State, by: u8, action: Action) -> Body {
     Body::Proposed(Signed::new(proposal(state, by, action), &governor_key(by)))
 }
 
+/// The digest of an open proposal. If there is none with this number, any digest will do.
+pub fn digest_of(state: &State, proposal: u64) -> Digest {
+    let open = state.proposals().get(&proposal);
+    open.map(|open| open.digest).unwrap_or_default()
+}
+
 pub fn voted(state: &State, by: u8, proposal: u64, ballot: Ballot) -> Body {
     let vote = Vote {
         network: *state.network(),
         proposal,
+        of: digest_of(state, proposal),
         voter: governor(by),
         ballot,
     };

@@ -201,6 +201,7 @@ fn votes_and_places_in_a_sample_go_with_the_key() {
         let vote = Vote {
             network: *chain.state.network(),
             proposal: 0,
+            of: digest_of(&chain.state, 0),
             voter: id(voter),
             ballot: Ballot::For,
         };

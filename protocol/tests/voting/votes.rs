@@ -224,6 +224,60 @@ fn votes_and_proposals_are_for_one_network_and_one_number() {
     assert_eq!(chain.state.next_proposal(), 2);
 }
 
+/// An aggregator shows voters another proposal than the ledger has under this number, and records their votes.
+#[test]
+fn a_vote_is_for_the_proposal_that_its_voter_has_seen() {
+    let mut chain = Chain::new();
+    let real = proposal(&chain.state, 0, change());
+    let others = [
+        Proposal {
+            number: 1,
+            ..real.clone()
+        },
+        Proposal {
+            proposer: governor(1),
+            ..real.clone()
+        },
+        Proposal {
+            title: "a worse network".into(),
+            ..real.clone()
+        },
+        Proposal {
+            text: "why not".into(),
+            ..real.clone()
+        },
+        Proposal {
+            action: Action::Suspend(id(0)),
+            ..real.clone()
+        },
+    ];
+    chain.apply(proposed(&chain.state, 0, change()));
+    let vote = |chain: &Chain, of, ballot| {
+        let vote = Vote {
+            network: *chain.state.network(),
+            proposal: 0,
+            of,
+            voter: governor(1),
+            ballot,
+        };
+        Body::Voted(Signed::new(vote, &governor_key(1)))
+    };
+    for ballot in [Ballot::For, Ballot::Veto] {
+        for other in &others {
+            let refused = RuleViolation::OtherProposal {
+                number: 0,
+                found: other.digest(),
+                expected: real.digest(),
+            };
+            let vote = vote(&chain, other.digest(), ballot);
+            assert_eq!(chain.refusal(vote), refused);
+        }
+        let vote = vote(&chain, real.digest(), ballot);
+        chain.apply(vote);
+        chain.wait(VOTING);
+    }
+}
+
 #[test]
 fn who_signs_is_who_votes() {
     let mut chain = Chain::new();
@@ -242,6 +296,7 @@ fn who_signs_is_who_votes() {
     let vote = |voter| Vote {
         network: *chain.state.network(),
         proposal: 0,
+        of: digest_of(&chain.state, 0),
         voter,
         ballot: Ballot::For,
     };
@@ -281,6 +336,7 @@ fn credits_vote_as_they_stood_when_it_was_proposed() {
         let vote = Vote {
             network: *chain.state.network(),
             proposal: 0,
+            of: digest_of(&chain.state, 0),
             voter: id(voter),
             ballot,
         };
@@ -313,6 +369,7 @@ fn what_a_node_has_lost_votes_no_more() {
         let vote = Vote {
             network: *chain.state.network(),
             proposal: 0,
+            of: digest_of(&chain.state, 0),
             voter: id(1),
             ballot,
         };
@@ -344,6 +401,7 @@ fn what_a_node_has_lost_votes_no_more() {
         let vote = Vote {
             network: *chain.state.network(),
             proposal: 0,
+            of: digest_of(&chain.state, 0),
             voter: id(1),
             ballot,
         };

@@ -1,4 +1,4 @@
-//! Checks of what rules may say, of the number of nodes that rounds wait for, and of nodes that leave.
+//! Checks of what rules may say, of the number of nodes that rounds wait for, of nodes that leave, and of votes.
 
 use crate::ledger_rules::rule;
 use crate::Removal;
@@ -85,4 +85,13 @@ pub const REMOVALS: &[Removal] = &[
         )],
         "nobody_escapes_a_judgement_by_leaving",
     ),
+    Removal {
+        target: "voting",
+        ..rule(
+            "a vote is for the proposal that its voter has seen",
+            "protocol/src/rules/apply/votes.rs",
+            &[("if open.digest != vote.of {", "if false {")],
+            "a_vote_is_for_the_proposal_that_its_voter_has_seen",
+        )
+    },
 ];

@@ -90,6 +90,7 @@ impl State {
         let governance = &self.rules.governance;
         let (voting_ends_ms, veto_ends_ms) = self.vote_ends(now).unwrap_or((u64::MAX, u64::MAX));
         let open = OpenProposal {
+            digest: proposal.digest(),
             proposer: proposal.proposer,
             title: proposal.title.clone(),
             action: proposal.action.clone(),
@@ -110,6 +111,13 @@ impl State {
         self.check_network(&vote.network)?;
         let (number, voter) = (vote.proposal, vote.voter);
         let open = self.open_proposal(number)?;
+        if open.digest != vote.of {
+            return Err(RuleViolation::OtherProposal {
+                number,
+                found: vote.of,
+                expected: open.digest,
+            });
+        }
         if !open.electorate.contains_key(&voter) {
             return Err(RuleViolation::NoVote(voter));
         }
