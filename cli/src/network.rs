@@ -5,8 +5,10 @@ use crate::keys;
 use crate::policy::CacheOptions;
 use anyhow::{Context, Result};
 use ed25519_dalek::SigningKey;
-use std::fs;
-use std::path::PathBuf;
+use std::fs::{self, DirBuilder};
+use std::io;
+use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
+use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
 use zk0_node::client::Node;
 use zk0_node::participant::Participant;
@@ -77,7 +79,7 @@ impl Membership {
     /// Who takes part, and the connection to the network.
     pub async fn begin(&self) -> Result<(Participant, Node)> {
         let state = &self.state;
-        fs::create_dir_all(state).with_context(|| format!("creating {}", state.display()))?;
+        make_state(state).with_context(|| format!("creating {}", state.display()))?;
         let participant = Participant {
             dataset: self.dataset.locate()?,
             state: state.clone(),
@@ -86,5 +88,39 @@ impl Membership {
             variants: None,
         };
         Ok((participant, self.signer.connect().await?))
+    }
+}
+
+/// Makes the folder of a node, whose salt and samples are for its owner alone. This warns if others can look into a folder that is there
+/// already.
+pub fn make_state(folder: &Path) -> io::Result<()> {
+    let mut builder = DirBuilder::new();
+    builder.recursive(true).mode(0o700).create(folder)?;
+    let mode = fs::metadata(folder)?.permissions().mode();
+    if mode & 0o077 != 0 {
+        let folder = folder.display();
+        tracing::warn!(
+            "other users of this machine can look into {folder}, which holds the salt and samples of the recording: run `chmod 700 {folder}`"
+        );
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_folder_of_a_node_is_for_its_owner_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        let state = dir.path().join("nodes/state");
+        make_state(&state).unwrap();
+        let mode = fs::metadata(&state).unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o700);
+        // What the operator has chosen for a folder of their own stays.
+        fs::set_permissions(&state, fs::Permissions::from_mode(0o750)).unwrap();
+        make_state(&state).unwrap();
+        let mode = fs::metadata(&state).unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o750);
     }
 }

@@ -30,8 +30,8 @@ pub enum Command {
         #[command(flatten)]
         certificate: CertificateOptions,
         /// Let this many claims wait.
-        #[arg(long, default_value_t = 16)]
-        queue: usize,
+        #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u64).range(1..=65_536))]
+        queue: u64,
         /// Prove on this device: cpu, cuda for an NVIDIA GPU (only builds by `make cuda`), or network for Succinct's prover network or an
         /// SP1 cluster (only builds by `make network`, and only claims of mode succinct). The network wants the private key of an account
         /// in NETWORK_PRIVATE_KEY, and costs money. NETWORK_RPC_URL is its address, if it is not Succinct's.
@@ -79,7 +79,7 @@ pub fn run(command: &Command) -> Result<()> {
             network,
             otlp: _,
         } => {
-            let serving = serve(*listen, certificate, *queue, *device, network);
+            let serving = serve(*listen, certificate, *queue as usize, *device, network);
             online_until(ENDING, serving)
         }
         Command::Cycles => online(cycles()),

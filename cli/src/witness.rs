@@ -5,7 +5,7 @@ use crate::keys;
 use crate::otlp::OtlpOptions;
 use crate::serve::serve_http;
 use anstream::println;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use zk0_aggregator::publish::witness_server::WitnessServer;
 use zk0_aggregator::round::clock::SystemClock;
 use zk0_ledger::witness_store::WitnessStore;
 use zk0_protocol::tlog::cosigner::Cosigner;
-use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
+use zk0_protocol::tlog::verifier_key::{KeyError, Role, VerifierKey};
 use zk0_traces::export::Traces;
 
 /// What to do.
@@ -24,7 +24,7 @@ pub enum Command {
         /// Write the key to this file. An existing file is kept.
         file: PathBuf,
         /// The name of the witness. An address without its scheme is best, such as witness.example/w1. Use the key for no other name.
-        #[arg(long)]
+        #[arg(long, value_parser = witness_name)]
         name: String,
     },
     /// Cosign the checkpoints of logs. A checkpoint is cosigned only if it continues the one before it.
@@ -36,11 +36,11 @@ pub enum Command {
         #[arg(long)]
         key: PathBuf,
         /// The name of the witness, as it was given to `zk0 witness keygen`.
-        #[arg(long)]
+        #[arg(long, value_parser = witness_name)]
         name: String,
         /// Cosign the log with this verifier key, as `zk0 ledger vkey` prints it. Repeat the option for more logs.
-        #[arg(long = "log-key", value_name = "KEY", required = true)]
-        logs: Vec<String>,
+        #[arg(long = "log-key", value_name = "KEY", required = true, value_parser = log_key)]
+        logs: Vec<VerifierKey>,
         /// Listen on this address; port 0 takes a free port. Traffic is encrypted only with --tls-certificate.
         #[arg(long, default_value = "127.0.0.1:7074")]
         listen: SocketAddr,
@@ -65,8 +65,6 @@ impl Command {
 pub fn run(command: &Command) -> Result<()> {
     match command {
         Command::Keygen { file, name } => {
-            // The name is checked first, because a key with an impossible name is of no use.
-            VerifierKey::new(Role::Witness, name, &BASE_POINT).context("naming the witness")?;
             keys::generate(file)?;
             println!("{}", Cosigner::new(name, keys::read(file)?)?.key());
             Ok(())
@@ -81,17 +79,24 @@ pub fn run(command: &Command) -> Result<()> {
             otlp: _,
         } => {
             let cosigner = Cosigner::new(name, keys::read(key)?)?;
-            let logs = logs
-                .iter()
-                .map(|log| Ok(VerifierKey::of_role(Role::Log, log)?))
-                .collect::<Result<_>>()?;
-            let witness = WitnessStore::open(dir, cosigner, logs)?;
+            let witness = WitnessStore::open(dir, cosigner, logs.clone())?;
             tracing::info!("the verifier key of this witness is {}", witness.key());
             let server = WitnessServer::new(witness, Arc::new(SystemClock));
             let limits = WitnessServer::limits();
             serve_http("witness", *listen, certificate, server.router(), limits)
         }
     }
+}
+
+/// Reads the name of a witness.
+fn witness_name(text: &str) -> Result<String, KeyError> {
+    VerifierKey::new(Role::Witness, text, &BASE_POINT)?;
+    Ok(text.to_owned())
+}
+
+/// Reads the verifier key of a log.
+fn log_key(text: &str) -> Result<VerifierKey, KeyError> {
+    VerifierKey::of_role(Role::Log, text)
 }
 
 /// A public key that serves to check a name: ed25519's base point.

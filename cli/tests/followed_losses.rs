@@ -147,18 +147,18 @@ fn nothing_is_measured_unless_it_is_wanted_and_mistakes_are_named() {
     let expected = trained(&network, &network.policy(), 0, MU, LEARNING_RATE);
     assert!(update(&network, 0) == expected);
 
-    let refused = |more: &[&str]| {
+    let refused = |code, more: &[&str]| {
         let output = network.join(1, more);
-        assert_eq!(output.status.code(), Some(1));
+        assert_eq!(output.status.code(), Some(code));
         String::from_utf8_lossy(&output.stderr).into_owned()
     };
-    let boost = refused(&["--lr-boost", "0.5"]);
+    let boost = refused(2, &["--lr-boost", "0.5"]);
     assert!(
-        boost.contains("--lr-boost: ") && boost.contains("0.5; it must be in 1..=10"),
+        boost.contains("--lr-boost <FACTOR>") && boost.contains("0.5; it must be in 1..=10"),
         "{boost}"
     );
     fs::write(network.path("state/base-losses.json"), "{").unwrap();
-    let broken = refused(&["--follow-losses"]);
+    let broken = refused(1, &["--follow-losses"]);
     assert!(
         broken.contains("base-losses.json is not what this node wrote there"),
         "{broken}"

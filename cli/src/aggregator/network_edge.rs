@@ -9,6 +9,9 @@ use zk0_aggregator::publish::http;
 use zk0_aggregator::{ConnectionLimits, Limits};
 use zk0_tls::server_certificate::ServerCertificate;
 
+/// The longest time that a connection may be idle, in seconds: a year. The end of a much longer time is beyond what a clock can show.
+const LONGEST_IDLE: u64 = 31_536_000;
+
 /// The edge to the network.
 #[derive(Debug, clap::Args)]
 pub struct NetworkEdge {
@@ -23,10 +26,10 @@ pub struct NetworkEdge {
     #[arg(long, value_name = "N", default_value_t = ConnectionLimits::default().per_address as u32, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     max_connections_per_address: u32,
     /// Close the connection of a node that has made no request for so long.
-    #[arg(long, value_name = "SECONDS", default_value_t = ConnectionLimits::default().node_idle.as_secs())]
+    #[arg(long, value_name = "SECONDS", default_value_t = ConnectionLimits::default().node_idle.as_secs(), value_parser = clap::value_parser!(u64).range(1..=LONGEST_IDLE))]
     node_idle_seconds: u64,
     /// Close any other connection on which there was no request for so long.
-    #[arg(long, value_name = "SECONDS", default_value_t = ConnectionLimits::default().stranger_idle.as_secs())]
+    #[arg(long, value_name = "SECONDS", default_value_t = ConnectionLimits::default().stranger_idle.as_secs(), value_parser = clap::value_parser!(u64).range(1..=LONGEST_IDLE))]
     stranger_idle_seconds: u64,
     /// Use at most this much memory for messages over 32 KiB that are received and answered. Half of it is for nodes.
     #[arg(long, value_name = "MIB", default_value_t = Limits::default().message_memory >> 20, value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
@@ -36,7 +39,7 @@ pub struct NetworkEdge {
     #[arg(long, value_name = "SECONDS", default_value_t = Limits::default().skew.as_secs(), value_parser = clap::value_parser!(u64).range(1..=3600))]
     clock_skew_seconds: u64,
     /// At the end, take at most so long to answer the requests that are in progress.
-    #[arg(long, value_name = "SECONDS", default_value_t = ConnectionLimits::default().drain.as_secs())]
+    #[arg(long, value_name = "SECONDS", default_value_t = ConnectionLimits::default().drain.as_secs(), value_parser = clap::value_parser!(u64).range(..=86_400))]
     drain_seconds: u64,
 }
 

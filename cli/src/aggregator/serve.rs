@@ -40,7 +40,7 @@ pub struct Serve {
     /// Listen on this address; port 0 takes a free port. Traffic is encrypted only with --tls-certificate.
     #[arg(long, default_value = "127.0.0.1:7071")]
     listen: SocketAddr,
-    /// Open this many rounds, and then no more [default: no limit]
+    /// Open rounds until the network has had this many in all, since its founding; then no more [default: no limit]
     #[arg(long, default_value_t = u64::MAX, hide_default_value = true)]
     rounds: u64,
     /// Open a round only when this many nodes have committed to a dataset.
@@ -55,14 +55,14 @@ pub struct Serve {
     #[arg(long, value_name = "FILE")]
     witness_ca: Option<PathBuf>,
     /// Wait this many seconds for a witness to answer.
-    #[arg(long, value_name = "SECONDS", default_value_t = 5)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=3600))]
     witness_seconds: u64,
     /// Fetch drand's beacons from the server at this address, if the rules name a beacon. Repeat the option for more servers; the next one
     /// is asked where one fails [default: the public servers of drand's "quicknet"]
     #[arg(long = "beacon", value_name = "URL")]
     beacons: Vec<String>,
     /// Wait this many seconds for a server of beacons to answer.
-    #[arg(long, value_name = "SECONDS", default_value_t = 10)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=3600))]
     beacon_seconds: u64,
     /// Also serve the log's files over HTTP, on this address (C2SP tlog-tiles). With --tls-certificate it is HTTPS.
     #[arg(long, value_name = "ADDRESS")]

@@ -23,7 +23,7 @@ pub struct Options {
     /// A ledger's folder, an export of one, or the address of a served log.
     ledger: String,
     /// Check the log every this many seconds.
-    #[arg(long, value_name = "SECONDS", default_value_t = 60)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..=31_536_000))]
     interval: u64,
     /// Check the log this many times, and end [default: no limit]
     #[arg(long, value_name = "TIMES")]

@@ -8,6 +8,7 @@ mod process;
 mod results;
 
 use crate::keys;
+use crate::network::make_state;
 use anyhow::{bail, Context, Result};
 use global_losses::Evaluated;
 use process::{Console, Process};
@@ -102,7 +103,7 @@ pub async fn run(options: &Options) -> Result<()> {
     let mut enrol = Vec::new();
     for name in &names {
         let dir = nodes.join(name);
-        fs::create_dir_all(&dir)?;
+        make_state(&dir)?;
         enrol.push(format!("{name}={}", keys::generate(&dir.join("node.key"))?));
     }
     let log_key = out.join("log.key");

@@ -3,13 +3,14 @@
 use crate::network::Membership;
 use crate::otlp::OtlpOptions;
 use crate::policy::TransformOptions;
-use anyhow::{Context, Result};
+use anyhow::{ensure, Context, Result};
 use std::path::PathBuf;
 use std::sync::Arc;
 use zk0_node::participant::Participant;
 use zk0_node::turn::Training;
 use zk0_prover::service::ProvingClient;
-use zk0_smolvla::policy::device::device;
+use zk0_smolvla::error::PolicyError;
+use zk0_smolvla::policy::device::{check_name, device};
 use zk0_smolvla::train::adaptive::{Adaptation, Boost};
 use zk0_smolvla::train::optimizer::check_alpha;
 use zk0_tensorboard::EventFile;
@@ -27,32 +28,32 @@ pub struct Join {
     prover_ca: Option<PathBuf>,
     /// Train on this device: cpu, cuda or cuda:N (only builds by `make cuda`). Samples are prepared, committed to and evaluated on the CPU all
     /// the same.
-    #[arg(long, default_value = "cpu")]
+    #[arg(long, default_value = "cpu", value_parser = device_name)]
     device: String,
     /// Train for this many optimiser steps in each round. Where the network's rules ask for SCAFFOLD, they say the steps and the learning
     /// rate, and --fedprox-mu, --fedcm-alpha, --follow-losses and --lr-boost have to be off.
-    #[arg(long, default_value_t = 600)]
-    steps: usize,
+    #[arg(long, default_value_t = 600, value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
+    steps: u64,
     /// Use this many samples in each step.
-    #[arg(long, default_value_t = 32)]
-    batch_size: usize,
+    #[arg(long, default_value_t = 32, value_parser = clap::value_parser!(u64).range(1..=65_536))]
+    batch_size: u64,
     /// Train at this learning rate.
-    #[arg(long, default_value_t = 2e-3)]
+    #[arg(long, default_value_t = 2e-3, value_parser = rate)]
     learning_rate: f64,
     /// Pull the weights towards the round's base weights with this strength (FedProx).
-    #[arg(long, default_value_t = 0.0, value_name = "MU")]
+    #[arg(long, default_value_t = 0.0, value_name = "MU", value_parser = mu)]
     fedprox_mu: f64,
     /// Take this part of each step from the node's own gradients, above 0 and at most 1, and the rest from the last global step (FedCM).
     /// With 1, FedCM is off.
-    #[arg(long, default_value_t = 1.0, value_name = "ALPHA")]
+    #[arg(long, default_value_t = 1.0, value_name = "ALPHA", value_parser = alpha)]
     fedcm_alpha: f64,
     /// Adapt the learning rate and the strength of FedProx to the loss of the rounds' base weights on this recording. If the loss stalls
     /// over three rounds, both are multiplied by 0.8. If it grows by 5 %, both are multiplied by 1.1.
     #[arg(long)]
     follow_losses: bool,
     /// Multiply the learning rate by this factor, 1 to 10, in rounds that begin at more than twice the average loss so far.
-    #[arg(long, value_name = "FACTOR")]
-    lr_boost: Option<f64>,
+    #[arg(long, value_name = "FACTOR", value_parser = boost)]
+    lr_boost: Option<Boost>,
     /// Write the curves of training and of claims into this folder, as TensorBoard event files. Their steps are the optimiser steps that the
     /// node has made in all rounds, by the training histories in its state folder.
     #[arg(long, value_name = "FOLDER")]
@@ -65,26 +66,18 @@ pub struct Join {
 
 /// Runs the command.
 pub async fn run(options: &Join) -> Result<()> {
-    let boost = options.lr_boost.map(|factor| Boost {
-        factor,
-        ..Boost::default()
-    });
-    if let Some(boost) = boost {
-        boost.check().context("--lr-boost")?;
-    }
-    check_alpha(options.fedcm_alpha).context("--fedcm-alpha")?;
     let curves = options.tensorboard.as_deref().map(EventFile::go_on);
     let curves = curves.transpose().context("--tensorboard")?;
     let training = Training {
         device: device(&options.device).context("--device")?,
-        steps: options.steps,
-        batch_size: options.batch_size,
+        steps: options.steps as usize,
+        batch_size: options.batch_size as usize,
         learning_rate: options.learning_rate,
         fedprox_mu: options.fedprox_mu,
         fedcm_alpha: options.fedcm_alpha,
         adaptation: Adaptation {
             follow: options.follow_losses,
-            boost,
+            boost: options.lr_boost,
         },
         curves: curves.map(Arc::new),
     };
@@ -100,4 +93,47 @@ pub async fn run(options: &Join) -> Result<()> {
     Ok(participant
         .run(&mut node, &mut prover, &training, options.member.rounds)
         .await?)
+}
+
+/// Reads the name of a device. Whether this machine can use the device may change, so that is seen when the node begins.
+fn device_name(text: &str) -> Result<String, PolicyError> {
+    check_name(text)?;
+    Ok(text.to_owned())
+}
+
+/// Reads a learning rate.
+fn rate(text: &str) -> Result<f64> {
+    let rate: f64 = text.parse()?;
+    ensure!(
+        rate > 0.0 && rate.is_finite(),
+        "it has to be a number above 0"
+    );
+    Ok(rate)
+}
+
+/// Reads the strength of FedProx.
+fn mu(text: &str) -> Result<f64> {
+    let mu: f64 = text.parse()?;
+    ensure!(
+        mu >= 0.0 && mu.is_finite(),
+        "it has to be a number, 0 or above"
+    );
+    Ok(mu)
+}
+
+/// Reads the α of FedCM.
+fn alpha(text: &str) -> Result<f64> {
+    let alpha: f64 = text.parse()?;
+    check_alpha(alpha)?;
+    Ok(alpha)
+}
+
+/// Reads the factor of a boost of the learning rate.
+fn boost(text: &str) -> Result<Boost> {
+    let boost = Boost {
+        factor: text.parse()?,
+        ..Boost::default()
+    };
+    boost.check()?;
+    Ok(boost)
 }

@@ -1,6 +1,6 @@
 //! The options that say where prepared samples are kept.
 
-use anyhow::{bail, Context, Result};
+use anyhow::{bail, ensure, Context, Result};
 use std::env;
 use std::path::{Path, PathBuf};
 use zk0_smolvla::frames::prefix_cache::{CacheError, DiskCache};
@@ -19,7 +19,7 @@ pub struct CacheOptions {
     cache: Option<PathBuf>,
     /// Use at most this many gigabytes for the prefix cache. A frame takes 7.3 MB at the published size. What does not fit is computed
     /// whenever it is needed [default: 20; for a node, 2]
-    #[arg(long, value_name = "GB")]
+    #[arg(long, value_name = "GB", value_parser = gigabytes)]
     cache_budget: Option<f64>,
     /// Use no prefix cache. All samples are kept in memory; a node computes each sample whenever it needs it.
     #[arg(long)]
@@ -46,9 +46,6 @@ impl CacheOptions {
             return Ok(None);
         }
         let budget = self.cache_budget.unwrap_or(budget);
-        if !(budget >= 0.0 && budget.is_finite()) {
-            bail!("--cache-budget is {budget}; it must be a number of gigabytes, 0 or more");
-        }
         let folder = match &self.cache {
             Some(folder) => folder.clone(),
             None => default()?,
@@ -58,6 +55,16 @@ impl CacheOptions {
             .context("the prefix cache cannot be opened; --cache DIR chooses another folder, and --no-cache uses none")
             .map(Some)
     }
+}
+
+/// Reads a budget.
+fn gigabytes(text: &str) -> Result<f64> {
+    let budget: f64 = text.parse()?;
+    ensure!(
+        budget >= 0.0 && budget.is_finite(),
+        "it has to be a number of gigabytes, 0 or more"
+    );
+    Ok(budget)
 }
 
 fn default_folder() -> Result<PathBuf> {

@@ -44,7 +44,7 @@ pub fn parse<T: CommandFactory + FromArgMatches>() -> T {
 pub fn parse_from<T: CommandFactory + FromArgMatches>(
     arguments: Vec<OsString>,
 ) -> Result<T, clap::Error> {
-    let mut command = with_settings(T::command());
+    let mut command = each_service(T::command(), settable);
     let probed = probe(&command).try_get_matches_from(&arguments);
     command.build();
     let from_file = match &probed {
@@ -52,6 +52,7 @@ pub fn parse_from<T: CommandFactory + FromArgMatches>(
         // The parser below says what is wrong.
         Err(_) => FromFile::default(),
     };
+    let mut command = each_service(command, |service, _| service.mut_args(without_false));
     let mut all = arguments;
     all.splice(from_file.at..from_file.at, from_file.arguments());
     let parsed = command.try_get_matches_from_mut(all);
@@ -59,20 +60,21 @@ pub fn parse_from<T: CommandFactory + FromArgMatches>(
     T::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
 }
 
-/// Adds the variables and `--config` to the services.
-fn with_settings(mut command: Command) -> Command {
+/// Changes the services. What changes them is also told the first word of each.
+fn each_service(mut command: Command, change: impl Fn(Command, &str) -> Command) -> Command {
     for [group, name] in SERVICES {
         let services = command.find_subcommand(group);
         // An auditor's light build has fewer.
         if services.is_some_and(|services| services.find_subcommand(name).is_some()) {
             command = command.mut_subcommand(group, |services| {
-                services.mut_subcommand(name, |service| settable(service, group))
+                services.mut_subcommand(name, |service| change(service, group))
             });
         }
     }
     command
 }
 
+/// Adds the variables and `--config` to a service.
 fn settable(service: Command, group: &str) -> Command {
     let file = Arg::new(CONFIG)
         .long(CONFIG)
@@ -100,18 +102,17 @@ fn probe(command: &Command) -> Command {
             .required(false),
         _ => arg,
     };
-    let mut probe = command.clone().ignore_errors(true).mut_args(lenient);
-    for [group, name] in SERVICES {
-        if probe.find_subcommand(group).is_some() {
-            probe = probe.mut_subcommand(group, |services| {
-                match services.find_subcommand(name).is_some() {
-                    true => services.mut_subcommand(name, |service| service.mut_args(lenient)),
-                    false => services,
-                }
-            });
-        }
+    let probe = command.clone().ignore_errors(true).mut_args(lenient);
+    each_service(probe, |service, _| service.mut_args(lenient))
+}
+
+/// Takes the variable from a switch that it turns off. clap would count the switch as given, and ask for what it needs.
+fn without_false(arg: Arg) -> Arg {
+    let said = arg.get_env().and_then(env::var_os);
+    match same(arg.get_action(), &ArgAction::SetTrue) && said.is_some_and(|said| said == "false") {
+        true => arg.env(None::<&'static str>),
+        false => arg,
     }
-    probe
 }
 
 /// What a file adds to the arguments.

@@ -121,10 +121,10 @@ fn an_alpha_that_makes_no_sense_is_named() {
     for alpha in ["0", "1.5", "-1"] {
         let alpha = format!("--fedcm-alpha={alpha}");
         let output = network.join(1, &[&alpha]);
-        assert_eq!(output.status.code(), Some(1));
+        assert_eq!(output.status.code(), Some(2));
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(
-            said.contains("--fedcm-alpha: ") && said.contains("above 0"),
+            said.contains("--fedcm-alpha <ALPHA>") && said.contains("above 0"),
             "{said}"
         );
     }

@@ -2,7 +2,7 @@
 
 use crate::harness::network::LocalNetwork;
 use crate::harness::serving::Serving;
-use crate::harness::{ends, logged, prints, root, zk0};
+use crate::harness::{self, ends, logged, prints, root, zk0};
 use std::collections::BTreeMap;
 use std::fs;
 use toml::{Table, Value};
@@ -138,6 +138,57 @@ fn every_setting_has_a_variable_of_its_name() {
     }
     let help = prints(&["aggregator", "serve", "--help"]);
     assert!(help.contains("A flag counts before the variable"), "{help}");
+}
+
+/// Settings that cannot be used, whatever else there is.
+const WRONG: [(&str, &str, &str); 15] = [
+    ("aggregator.toml", "node-idle-seconds", "31536001"),
+    (
+        "aggregator.toml",
+        "stranger-idle-seconds",
+        "9223372036854775807",
+    ),
+    ("aggregator.toml", "drain-seconds", "86401"),
+    ("aggregator.toml", "witness-seconds", "0"),
+    ("node.toml", "device", "\"gpu\""),
+    ("node.toml", "steps", "0"),
+    ("node.toml", "batch-size", "0"),
+    ("node.toml", "learning-rate", "0"),
+    ("node.toml", "fedprox-mu", "-0.1"),
+    ("node.toml", "fedcm-alpha", "0"),
+    ("node.toml", "lr-boost", "11"),
+    ("node.toml", "cache-budget", "-1"),
+    ("prover.toml", "queue", "0"),
+    ("witness.toml", "name", "\"a b\""),
+    (
+        "witness.toml",
+        "log-key",
+        "[\"zk0.example/my-network+00000000+AAAA\"]",
+    ),
+];
+
+#[test]
+fn a_setting_that_cannot_be_used_is_named_with_its_line() {
+    let dir = tempfile::tempdir().unwrap();
+    for (name, key, value) in WRONG {
+        let text = example(name);
+        let mut lines: Vec<_> = text.lines().map(str::to_owned).collect();
+        let begin = format!("{key} = ");
+        let is_meant = |line: &String| line.trim_start_matches('#').starts_with(&begin);
+        let at = lines.iter().position(is_meant).unwrap();
+        lines[at] = format!("{begin}{value}");
+        let file = dir.path().join(name);
+        fs::write(&file, lines.join("\n")).unwrap();
+        let &(_, [group, service]) = EXAMPLES.iter().find(|example| example.0 == name).unwrap();
+        let arguments = [group, service, "--config", harness::text(&file)];
+        let refused = logged(&ends(2, zk0(&arguments)));
+        let says = format!("{}, line {}: ", file.display(), at + 1);
+        let flag = format!("'--{key} <");
+        assert!(
+            refused.contains(&says) && refused.contains(&flag),
+            "{refused}"
+        );
+    }
 }
 
 /// The aggregator's example, with the paths of a network that a test has founded, and every other setting as it is.

@@ -59,14 +59,19 @@ fn the_script_installs_the_binary_its_settings_and_its_units() {
         for path in [program, settings] {
             assert!(below.join(path.trim_start_matches('/')).is_file(), "{path}");
         }
-        // Its folders are those of the settings.
-        let folder = format!("/var/lib/{}", value(&unit, "StateDirectory"));
+        // What it can write to are the folders of the settings, also of those that are not in force.
+        let named = [("StateDirectory=", "lib"), ("CacheDirectory=", "cache")];
+        let folders = named.iter().flat_map(|(key, kind)| {
+            let names = unit.lines().filter_map(move |line| line.strip_prefix(key));
+            names.map(move |name| format!("\"/var/{kind}/{name}"))
+        });
+        let folders: Vec<_> = folders.collect();
         let settings = fs::read_to_string(below.join(settings.trim_start_matches('/'))).unwrap();
-        let folders = settings
+        let within_var = settings
             .lines()
-            .filter(|line| !line.starts_with('#') && line.contains("/var/lib/"));
-        for line in folders {
-            assert!(line.contains(&folder), "{line}");
+            .filter(|line| !line.starts_with("# ") && line.contains("\"/var/"));
+        for line in within_var {
+            assert!(folders.iter().any(|folder| line.contains(folder)), "{line}");
         }
     }
     // Settings of the operator are kept.
@@ -147,6 +152,10 @@ fn a_unit_waits_until_the_service_has_ended() {
         assert_eq!(value(&unit, "StartLimitIntervalSec"), "0");
         assert_eq!(value(&unit, "RestartPreventExitStatus"), "2");
         assert_eq!(value(&unit, "ProtectSystem"), "strict");
+        // Where a device can be chosen, the unit says how a GPU is let in.
+        let example = fs::read_to_string(root().join(format!("packaging/config/{service}.toml")));
+        let on_a_gpu = example.unwrap().contains("\n#device = ");
+        assert_eq!(unit.contains("PrivateDevices=no"), on_a_gpu, "{service}");
         assert_eq!(
             value(&unit, "EnvironmentFile"),
             format!("-/etc/zk0/{service}.env")
@@ -184,6 +193,18 @@ fn the_container_file_installs_what_make_builds_and_drops_its_rights() {
     // Without tini, SIGTERM does not end a command that does not ask for it.
     let starts = at(r#"ENTRYPOINT ["/usr/bin/tini", "--", "/usr/local/bin/zk0"]"#);
     assert!(starts > installs && file.contains("libstdc++6 tini"));
+    // The ports of all services that listen, as the examples have them.
+    let exposed = steps[at("EXPOSE ")];
+    for service in SERVICES {
+        let example = fs::read_to_string(root().join(format!("packaging/config/{service}.toml")));
+        for line in example.unwrap().lines() {
+            let listens = line.starts_with("#listen = ") || line.starts_with("#log-listen = ");
+            let port = line.trim_end_matches('"').rsplit(':').next();
+            if let Some(port) = port.filter(|_| listens) {
+                assert!(exposed.contains(port), "{port} is not in {exposed}");
+            }
+        }
+    }
     let version = format!("image.version={:?}", env!("CARGO_PKG_VERSION"));
     assert!(file.contains(&version), "there is no {version}");
 }

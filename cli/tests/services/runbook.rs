@@ -6,6 +6,7 @@ use crate::harness::{copy, fails, prints, root, words, zk0, RECORDING};
 use serde_json::Value;
 use std::fs;
 use std::io::{BufRead, BufReader};
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::Stdio;
 use std::time::Duration;
@@ -116,9 +117,14 @@ fn a_node_that_is_not_enrolled_and_a_prover_that_nobody_reaches() {
         "cannot be reached: Connection refused (os error 111); `zk0 prover serve` runs it",
     );
     assert_eq!(said.matches(nobody).count(), 1, "{said}");
-    // With a proving service, the node comes as far as the aggregator.
+    assert!(!said.contains("chmod"), "{said}");
+    // With a proving service, the node comes as far as the aggregator. Its folder has become one that others can look into.
     let prover = network.prover();
+    let state = network.path("state");
+    fs::set_permissions(&state, fs::Permissions::from_mode(0o755)).unwrap();
     let said = join(&stranger, &prover.address);
+    let mend = format!("run `chmod 700 {state}`");
+    assert!(said.contains(&mend), "{said}");
     as_in_the_runbook(&said, "is not enrolled in this network");
 }
 

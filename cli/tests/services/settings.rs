@@ -33,6 +33,8 @@ struct Settings {
     servers: Vec<String>,
     #[arg(long)]
     quiet: bool,
+    #[arg(long, requires = "secret", conflicts_with = "quiet")]
+    sealed: bool,
     #[arg(long, requires = "secret")]
     certificate: Option<String>,
     #[arg(long)]
@@ -183,6 +185,21 @@ fn what_is_wrong_in_a_file_is_refused_with_its_key_and_line() {
     refused("dir = 'x'\ncertificate = 'y'", &["--secret"]);
     assert!(parsed("dir = 'x'\ncertificate = 'y'", &["--secret", "z"]).is_ok());
     refused("number = 2", &["<DIR>"]);
+}
+
+#[test]
+fn a_switch_that_a_variable_turns_off_needs_nothing_and_conflicts_with_nothing() {
+    let _alone = Variables::set(&[("ZK0_WITNESS_SEALED", "false")]);
+    assert!(!parsed(ALL, &[]).unwrap().sealed);
+    // It counts before the file all the same.
+    let file = "dir = 'x'\nsealed = true\nsecret = 'y'";
+    assert!(!parsed(file, &[]).unwrap().sealed);
+    let flags = ["--sealed", "--secret", "z"];
+    assert!(parsed("dir = 'x'", &flags).unwrap().sealed);
+    env::set_var("ZK0_WITNESS_SEALED", "true");
+    refused("dir = 'x'", &["--secret"]);
+    env::set_var("ZK0_WITNESS_SEALED", "no");
+    refused(ALL, &["--sealed", "no"]);
 }
 
 #[test]

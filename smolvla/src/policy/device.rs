@@ -11,16 +11,8 @@ use crate::error::{PolicyError, Result};
 /// # Errors
 /// [`PolicyError::Options`] for another name, or where this build or machine cannot use that device.
 pub fn device(name: &str) -> Result<Device> {
-    let unknown = || {
-        PolicyError::Options(format!(
-            "no device is called `{name}`; there are `cpu`, `cuda` and `cuda:N`"
-        ))
-    };
-    let number = match name.split_once(':') {
-        None if name == "cpu" => return Ok(Device::Cpu),
-        None if name == "cuda" => 0,
-        Some(("cuda", number)) => number.parse().map_err(|_| unknown())?,
-        _ => return Err(unknown()),
+    let Some(number) = gpu(name)? else {
+        return Ok(Device::Cpu);
     };
     if !candle_core::utils::cuda_is_available() {
         return Err(PolicyError::Options(format!(
@@ -32,6 +24,29 @@ pub fn device(name: &str) -> Result<Device> {
     opened
         .and_then(|opened| opened)
         .map_err(|cause| PolicyError::Options(format!("device `{name}` cannot be used: {cause}")))
+}
+
+/// Refuses what is not the name of a device. Whether this build and machine can use the device is seen by [`device`].
+///
+/// # Errors
+/// [`PolicyError::Options`] says which names there are.
+pub fn check_name(name: &str) -> Result<()> {
+    gpu(name).map(drop)
+}
+
+/// The number of the GPU of this name; `None` for the CPU.
+fn gpu(name: &str) -> Result<Option<usize>> {
+    let unknown = || {
+        PolicyError::Options(format!(
+            "no device is called `{name}`; there are `cpu`, `cuda` and `cuda:N`"
+        ))
+    };
+    match name.split_once(':') {
+        None if name == "cpu" => Ok(None),
+        None if name == "cuda" => Ok(Some(0)),
+        Some(("cuda", number)) => number.parse().map(Some).map_err(|_| unknown()),
+        _ => Err(unknown()),
+    }
 }
 
 /// What `work` gives, or what it said when it panicked, which is printed nowhere else.
@@ -61,9 +76,11 @@ mod tests {
     #[test]
     fn devices_go_by_name() {
         assert!(device("cpu").unwrap().is_cpu());
+        assert!(check_name("cuda:1").is_ok());
         for name in ["", "gpu", "cuda:", "cuda:x", "cpu:0", "CPU"] {
             let error = device(name).unwrap_err().to_string();
             assert!(error.contains("no device is called"), "{error}");
+            assert!(check_name(name).is_err(), "{name}");
         }
     }
 
