@@ -186,6 +186,15 @@ impl Participant {
                         status.message()
                     );
                 }
+                // An answer was lost together with the node's files, and what is on the ledger cannot be taken back.
+                Err(ParticipantError::Node(NodeError::Refused(status)))
+                    if status.code() == Code::AlreadyExists =>
+                {
+                    tracing::warn!(
+                        "round {round}: the node can contribute nothing more, and goes on with the next round: {}",
+                        status.message()
+                    );
+                }
                 Err(error) => return Err(error),
             }
             let closed = node.wait_for_close(round).await?;

@@ -43,7 +43,7 @@ use zk0_weights::Format;
 
 use curves::Curves;
 use prepared_claim::{check_room, prepare};
-use unfinished::{Decided, Part, UnfinishedUpdate};
+use unfinished::{Decided, Part, Proven, UnfinishedUpdate};
 
 /// Local training in each round.
 #[derive(Clone, Debug)]
@@ -147,6 +147,42 @@ impl Turn<'_> {
             ..*self
         };
         let expected = turn.commit(node, &update).await?;
+        let Proven { claim, proof } = match Proven::read(self.state, &expected.terms)? {
+            Some(kept) => {
+                tracing::info!("round {round}: the node was interrupted, and submits the proof that it has made");
+                kept
+            }
+            None => {
+                let proven = self.prove(prover, mode, &expected, base.quantised, update);
+                let proven = proven.await?;
+                // The aggregator answers the same proof once more, but no other one of the same claim.
+                if let Err(error) = proven.keep(self.state) {
+                    tracing::warn!("round {round}: the proof is submitted and not kept: {error}");
+                }
+                proven
+            }
+        };
+        if let Some((before, after)) = claim.losses.means(format.spec()) {
+            tracing::info!("round {round}: the node submits the claim that the loss fell from {before:.4} to {after:.4}");
+            Curves::after(training.curves.as_deref(), self.state, round).proven(before, after);
+        }
+        let refusal = self.submit(node, claim, proof).await?;
+        let outcome = refusal.as_ref().map(ToString::to_string);
+        Span::current().record("zk0.outcome", outcome.as_deref().unwrap_or("accepted"));
+        let decided = Decided { of: part, refusal };
+        decided.keep(self.state)?;
+        Ok(decided.refusal)
+    }
+
+    /// Has the claim about an update proven. In mode `succinct`, the node keeps the argument, and goes on with one that it has kept.
+    async fn prove(
+        &self,
+        prover: &mut ProvingClient,
+        mode: Mode,
+        expected: &ExpectedClaim,
+        base: QuantisedWeights,
+        update: QuantisedWeights,
+    ) -> Result<Proven, ParticipantError> {
         let Prepared {
             claim,
             weight_check,
@@ -154,12 +190,8 @@ impl Turn<'_> {
         } = match unfinished::read_claim(self.state, &expected.terms)? {
             Some(kept) => kept,
             None => {
-                let input = self.entered.evaluation.private_input(
-                    self.entered.samples,
-                    &expected,
-                    base.quantised,
-                    update,
-                )?;
+                let (samples, evaluation) = (self.entered.samples, &self.entered.evaluation);
+                let input = evaluation.private_input(samples, expected, base, update)?;
                 // A claim that does not hold is refused here, and costs no proof.
                 let prepared = prepare(mode, input, self.state.to_owned()).await?;
                 if mode == Mode::Succinct {
@@ -170,25 +202,20 @@ impl Turn<'_> {
         };
         let proof = prover.prove(input, proving_progress).await?;
         tracing::info!(
-            "round {round}: the claim is proven: {} cycles in {} s; the proof has {} bytes",
+            "round {}: the claim is proven: {} cycles in {} s; the proof has {} bytes",
+            self.opened.round,
             proof.cycles,
             proof.proving_ms / 1000,
             proof.proof.len()
         );
-        if let Some((before, after)) = claim.losses.means(format.spec()) {
-            tracing::info!("round {round}: the node submits the claim that the loss fell from {before:.4} to {after:.4}");
-            Curves::after(training.curves.as_deref(), self.state, round).proven(before, after);
-        }
         let proof = ProofBlob {
             weight_check: &weight_check,
             sp1: &proof.proof,
         };
-        let refusal = self.submit(node, claim, proof.join()).await?;
-        let outcome = refusal.as_ref().map(ToString::to_string);
-        Span::current().record("zk0.outcome", outcome.as_deref().unwrap_or("accepted"));
-        let decided = Decided { of: part, refusal };
-        decided.keep(self.state)?;
-        Ok(decided.refusal)
+        Ok(Proven {
+            proof: proof.join(),
+            claim,
+        })
     }
 
     /// Trains an update. The node also keeps its weights as they travel, in the form that LeRobot reads.

@@ -100,6 +100,22 @@ pub const REMOVALS: &[Removal] = &[
         test: "a_node_that_was_killed_after_its_decision_waits_for_the_close",
     },
     Removal {
+        check: "a node submits the proof that it has made",
+        file: "node/src/turn.rs",
+        replacements: &[("Proven::read(self.state, &expected.terms)?", "None::<Proven>")],
+        package: "zk0",
+        target: "killed",
+        test: "a_node_whose_answer_was_lost_submits_the_same_proof_again",
+    },
+    Removal {
+        check: "a node whose claim is decided does not prove it again and again",
+        file: "node/src/participant.rs",
+        replacements: &[("if status.code() == Code::AlreadyExists =>", "if false =>")],
+        package: "zk0",
+        target: "killed",
+        test: "a_node_whose_answer_was_lost_submits_the_same_proof_again",
+    },
+    Removal {
         check: "a node that comes too late goes on with the next round",
         file: "node/src/participant.rs",
         replacements: &[("&& node.commits_no_more(round).await? =>", "&& false =>")],
