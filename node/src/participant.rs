@@ -146,6 +146,7 @@ impl Participant {
         rounds: u64,
         mut play: impl AsyncFnMut(&Turn<'_>, &mut Node) -> Result<Option<Refusal>, ParticipantError>,
     ) -> Result<(), ParticipantError> {
+        state_files::remove_unfinished(&self.state)?;
         let recording = self.open(node).await?;
         let maker = recording.maker().with_variants(self.variants.clone());
         let samples = recording.samples(&maker);

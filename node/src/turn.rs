@@ -136,7 +136,12 @@ impl Turn<'_> {
                     eval_samples: self.eval_samples,
                     file: format.write(&update),
                 };
+                // It comes before all else, so that a full disk cannot take it.
                 kept.keep(self.state)?;
+                drop(kept);
+                if let Err(error) = self.keep_for_lerobot(&update) {
+                    tracing::warn!("round {round}: the update is not kept in the form that LeRobot reads: {error}");
+                }
                 (update, self.eval_samples)
             }
         };
@@ -218,7 +223,7 @@ impl Turn<'_> {
         })
     }
 
-    /// Trains an update. The node also keeps its weights as they travel, in the form that LeRobot reads.
+    /// Trains an update.
     #[instrument(name = "train", skip_all)]
     async fn update(
         &self,
@@ -246,11 +251,15 @@ impl Turn<'_> {
                 self.train(&base.weights, training, rates, fedcm)?
             }
         };
-        let update = base.update(format, config, trained)?;
+        base.update(format, config, trained)
+    }
+
+    /// Keeps the weights of an update as they travel, in the form that LeRobot reads. The node itself does not need the file.
+    fn keep_for_lerobot(&self, update: &QuantisedWeights) -> Result<(), ParticipantError> {
+        let (config, format) = (self.entered.config, &self.entered.format);
         let name = format!("round-{}.safetensors", self.opened.round);
-        let lerobots = dequantise_weights(config, format.spec(), &update)?;
-        state_files::write(&self.state.join(name), &lerobots.to_safetensors()?)?;
-        Ok(update)
+        let lerobots = dequantise_weights(config, format.spec(), update)?;
+        state_files::write(&self.state.join(name), &lerobots.to_safetensors()?)
     }
 
     /// Downloads the weights that the round starts from.
@@ -395,7 +404,9 @@ impl Turn<'_> {
             losses: trained.losses,
         };
         let path = TrainingHistory::path(self.state, round);
-        state_files::write_json(&path, &history)?;
+        if let Err(error) = state_files::write_json(&path, &history) {
+            tracing::warn!("round {round}: the losses of the training are not kept: {error}");
+        }
         Ok(trained.weights)
     }
 }
