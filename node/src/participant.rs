@@ -169,7 +169,8 @@ impl Participant {
             match play(&turn, node).await {
                 Ok(None) => tracing::info!("round {round}: accepted"),
                 Ok(Some(reason)) => tracing::warn!("round {round}: refused: {reason}"),
-                Err(ParticipantError::NotProvable(error)) => tracing::warn!(
+                // Where only a file has failed, the node ends, and goes on with its update when it is started again.
+                Err(ParticipantError::NotProvable(error)) if !error.may_pass() => tracing::warn!(
                     "round {round}: the update cannot be proven and is not submitted: {error}"
                 ),
                 Err(ParticipantError::Node(error @ NodeError::NoRandomness { .. })) => {
