@@ -105,6 +105,12 @@ pub enum ParticipantError {
         /// The option.
         option: &'static str,
     },
+    /// The round takes no more commitments, and the node has trained nothing for it.
+    #[error("round {round}: the node came too late, and goes on with the next round: the commitments are closed")]
+    TooLate {
+        /// The round.
+        round: u64,
+    },
     /// The control variates of a round by SCAFFOLD rest on weights that cannot be downloaded.
     #[error("round {round}: the node leaves the round out, because it cannot compute its control variates for SCAFFOLD: the weights {blob} cannot be downloaded: {error}. It needs them until the control variates begin again, in round {begins}")]
     NoControlVariates {

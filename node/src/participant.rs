@@ -176,7 +176,10 @@ impl Participant {
                 Err(ParticipantError::Node(error @ NodeError::NoRandomness { .. })) => {
                     tracing::warn!("{error}");
                 }
-                Err(error @ ParticipantError::NoControlVariates { .. }) => {
+                Err(
+                    error @ (ParticipantError::NoControlVariates { .. }
+                    | ParticipantError::TooLate { .. }),
+                ) => {
                     tracing::warn!("{error}");
                 }
                 Err(ParticipantError::Node(NodeError::Refused(status)))

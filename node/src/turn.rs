@@ -122,9 +122,13 @@ impl Turn<'_> {
         }
         let (mode, format) = (node.genesis().mode, &self.entered.format);
         check_room(mode, format.spec(), self.eval_samples, self.state)?;
-        let base = self.base(node).await?;
         let limit = self.opened.rules.max_update_bytes;
-        let (update, eval_samples) = match UnfinishedUpdate::read(self.state, &part, limit)? {
+        let kept = UnfinishedUpdate::read(self.state, &part, limit)?;
+        if kept.is_none() && node.commits_no_more(round).await? {
+            return Err(ParticipantError::TooLate { round });
+        }
+        let base = self.base(node).await?;
+        let (update, eval_samples) = match kept {
             Some(kept) => {
                 tracing::info!("round {round}: the node was interrupted, and goes on with the update that it has trained");
                 (format.read(&kept.file)?, kept.eval_samples)

@@ -144,6 +144,29 @@ fn a_node_that_was_killed_after_its_decision_waits_for_the_close() {
     node.says("round 0: refused");
 }
 
+/// It has no update for the round, and could not commit to one.
+#[test]
+fn a_node_does_not_train_for_a_round_that_takes_no_more_commitments() {
+    let network = founded(&["node", "other"]);
+    let prover = network.prover();
+    let aggregator = serve(&network, "127.0.0.1:0", &["--min-nodes", "2"]);
+    let address = aggregator.address();
+    let start = |name| Process::start(&join(&network, name, &address, &prover.address));
+    let (_node, mut other) = (start("node"), start("other"));
+    // The round stays open, because its claim does not come.
+    other.says("round 0: committed to update");
+    other.kill();
+    aggregator.says("commitments closed");
+    fs::remove_file(network.path("other-state/unfinished-update")).unwrap();
+    other = start("other");
+    let late = "round 0: the node came too late";
+    let said = other.says_one_of(&["round 0: training", late]);
+    assert!(
+        said["message"].as_str().unwrap().starts_with(late),
+        "{said}"
+    );
+}
+
 /// What a node says when the ledger has another proof of its claim than it submits.
 const NOTHING_MORE: &str = "round 0: the node can contribute nothing more";
 

@@ -124,6 +124,14 @@ pub const REMOVALS: &[Removal] = &[
         test: "a_file_that_fails_says_nothing_about_the_claim",
     },
     Removal {
+        check: "a node does not train where it cannot commit",
+        file: "node/src/turn.rs",
+        replacements: &[("if kept.is_none() && node.commits_no_more(round).await? {", "if false {")],
+        package: "zk0",
+        target: "killed",
+        test: "a_node_does_not_train_for_a_round_that_takes_no_more_commitments",
+    },
+    Removal {
         check: "a node that comes too late goes on with the next round",
         file: "node/src/participant.rs",
         replacements: &[("&& node.commits_no_more(round).await? =>", "&& false =>")],
