@@ -122,8 +122,7 @@ impl Turn<'_> {
         }
         let (mode, format) = (node.genesis().mode, &self.entered.format);
         check_room(mode, format.spec(), self.eval_samples, self.state)?;
-        let limit = self.opened.rules.max_update_bytes;
-        let kept = UnfinishedUpdate::read(self.state, &part, limit)?;
+        let kept = UnfinishedUpdate::read(self.state, &part, self.weights_limit())?;
         if kept.is_none() && node.commits_no_more(round).await? {
             return Err(ParticipantError::TooLate { round });
         }
@@ -268,9 +267,15 @@ impl Turn<'_> {
 
     /// Downloads the weights that the round starts from.
     pub async fn base(&self, node: &mut Node) -> Result<Base, ParticipantError> {
-        let limit = self.opened.rules.max_update_bytes;
+        let limit = self.weights_limit();
         let file = node.download(&self.opened.base.blob, limit).await?;
         Base::read(&self.entered.format, self.entered.config, &file)
+    }
+
+    /// The most bytes that a file of weights may have. What the aggregator says of the rules costs the node no memory beyond that.
+    fn weights_limit(&self) -> u64 {
+        let allowed = self.opened.rules.max_update_bytes;
+        allowed.min(self.entered.format.file_bytes())
     }
 
     /// Uploads an update, commits to it, and waits for its challenge. Returns what the ledger determines of the claim.

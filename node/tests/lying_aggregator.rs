@@ -3,9 +3,12 @@
 
 #[path = "../../protocol/tests/network/mod.rs"]
 mod network;
+#[path = "evaluation_set/setting.rs"]
+mod setting;
 
 use network::log::MemoryLog;
 use network::*;
+use setting::{pickplace, Setting};
 use std::pin::Pin;
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -17,6 +20,9 @@ use tonic::transport::Server;
 use tonic::{Request, Response, Status, Streaming};
 use zk0_node::client::Node;
 use zk0_node::client_error::NodeError;
+use zk0_node::error::ParticipantError;
+use zk0_node::recording::Recording;
+use zk0_node::turn::{Entered, Turn};
 use zk0_protocol::challenge::closing;
 use zk0_protocol::challenge::drand::DrandChain;
 use zk0_protocol::challenge::drawing::{DrawError, Drawing};
@@ -26,6 +32,7 @@ use zk0_protocol::entries::entry::{RandomnessDrawn, RoundOpened};
 use zk0_protocol::rpc::federation as rpc;
 use zk0_protocol::rpc::federation::federation_server::{Federation, FederationServer};
 use zk0_protocol::{Body, Receipt};
+use zk0_weights::Format;
 
 /// A ledger in memory, with one round in it.
 struct Told {
@@ -165,8 +172,12 @@ impl Federation for Lying {
 
     type DownloadStream = Pin<Box<dyn Stream<Item = Result<rpc::Chunk, Status>> + Send>>;
 
+    /// Sends far more than weights have.
     async fn download(&self, _: Request<rpc::DownloadRequest>) -> Answer<Self::DownloadStream> {
-        not_asked()
+        let data = vec![0; 64 << 10];
+        let chunks = std::iter::repeat_n(rpc::Chunk { data }, 256);
+        let chunks = tokio_stream::iter(chunks.map(Ok::<_, Status>));
+        Ok(Response::new(Box::pin(chunks)))
     }
 
     async fn register_dataset(
@@ -359,5 +370,42 @@ async fn the_contribution_of_somebody_else_is_not_the_node_s_own() {
     assert!(
         matches!(update, Err(NodeError::Unexpected { .. })),
         "{update:?}"
+    );
+}
+
+/// The rules of the round that the aggregator shows allow weights of any size.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_download_takes_no_more_memory_than_weights_of_the_network_do() {
+    let told = Told::new();
+    let setting = Setting::new();
+    let recording = Recording::open(&pickplace(), &setting.policy(), None).unwrap();
+    let maker = recording.maker();
+    let samples = recording.samples(&maker);
+    let folder = tempfile::tempdir().unwrap();
+    let entered = Entered {
+        config: recording.config(),
+        format: Format::new(&setting.spec).unwrap(),
+        samples: &samples,
+        training: &samples,
+        evaluation: setting.set(&recording, &samples, folder.path(), 20),
+    };
+    let mut opened = told.opened.clone();
+    opened.rules.max_update_bytes = u64::MAX;
+    let turn = Turn {
+        state: folder.path(),
+        entered: &entered,
+        opened: &opened,
+        eval_samples: 1,
+    };
+    let (mut node, server) = told.connected(rpc::RoundInfo::default()).await;
+    let error = turn.base(&mut node).await.err();
+    server.abort();
+    let most = entered.format.file_bytes();
+    assert!(
+        matches!(
+            error,
+            Some(ParticipantError::Node(NodeError::TooLarge { limit, .. })) if limit == most
+        ),
+        "{error:?}"
     );
 }

@@ -124,6 +124,14 @@ pub const REMOVALS: &[Removal] = &[
         test: "a_file_that_fails_says_nothing_about_the_claim",
     },
     Removal {
+        check: "an aggregator does not say how much memory a download takes",
+        file: "node/src/turn.rs",
+        replacements: &[("allowed.min(self.entered.format.file_bytes())", "allowed")],
+        package: "zk0-node",
+        target: "lying_aggregator",
+        test: "a_download_takes_no_more_memory_than_weights_of_the_network_do",
+    },
+    Removal {
         check: "a node does not train where it cannot commit",
         file: "node/src/turn.rs",
         replacements: &[("if kept.is_none() && node.commits_no_more(round).await? {", "if false {")],
