@@ -123,6 +123,19 @@ pub enum ParticipantError {
         /// The round in which the control variates begin again at the latest.
         begins: u64,
     },
+    /// The log shows different entries to different people.
+    #[error(
+        "the log has signed two different entries {index}: keep both files, {} and {}, and show them to the auditors",
+        kept.display(), beside.display()
+    )]
+    Forked {
+        /// The number of the entries.
+        index: u64,
+        /// The proof that was there.
+        kept: PathBuf,
+        /// The proof of the other entry.
+        beside: PathBuf,
+    },
     /// A file of the node's own cannot be read or written.
     #[error("{path}: {error}")]
     File {

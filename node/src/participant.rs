@@ -90,7 +90,7 @@ impl Participant {
         samples.rest();
         let (registration, list) = evaluation.registration(node.id());
         let receipt = node.register(registration.clone(), list).await?;
-        receipts::keep(&self.state, receipt)?;
+        receipts::keep(&self.state, node.genesis(), receipt)?;
         let kept = borsh::to_vec(&registration).expect("writing to a Vec cannot fail");
         state_files::write(&self.state.join(REGISTRATION), &kept)?;
         tracing::info!(

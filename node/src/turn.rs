@@ -295,11 +295,11 @@ impl Turn<'_> {
         let (commitment, receipt) = node
             .commit(round, &dataset.root, &update_digest, self.eval_samples)
             .await?;
-        receipts::keep(self.state, receipt)?;
+        receipts::keep(self.state, node.genesis(), receipt)?;
         let blob = update_digest.blob;
         tracing::info!("round {round}: committed to update {blob}; waiting for the randomness");
         let (challenge, receipt) = node.wait_for_challenge(self.opened, &commitment).await?;
-        receipts::keep(self.state, receipt)?;
+        receipts::keep(self.state, node.genesis(), receipt)?;
         tracing::info!("round {round}: the challenge is {challenge}");
         Ok(ExpectedClaim {
             terms: Terms {
@@ -327,7 +327,7 @@ impl Turn<'_> {
         proof: Vec<u8>,
     ) -> Result<Option<Refusal>, ParticipantError> {
         let decision = node.submit(claim, proof).await?;
-        receipts::keep(self.state, decision.receipt)?;
+        receipts::keep(self.state, node.genesis(), decision.receipt)?;
         Ok(decision.refusal)
     }
 

@@ -9,6 +9,7 @@ mod setting;
 use network::log::MemoryLog;
 use network::*;
 use setting::{pickplace, Setting};
+use std::fs;
 use std::pin::Pin;
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -21,6 +22,7 @@ use tonic::{Request, Response, Status, Streaming};
 use zk0_node::client::Node;
 use zk0_node::client_error::NodeError;
 use zk0_node::error::ParticipantError;
+use zk0_node::receipts;
 use zk0_node::recording::Recording;
 use zk0_node::turn::{Entered, Turn};
 use zk0_protocol::challenge::closing;
@@ -31,7 +33,7 @@ use zk0_protocol::challenge::vrf::VrfProof;
 use zk0_protocol::entries::entry::{RandomnessDrawn, RoundOpened};
 use zk0_protocol::rpc::federation as rpc;
 use zk0_protocol::rpc::federation::federation_server::{Federation, FederationServer};
-use zk0_protocol::{Body, Receipt};
+use zk0_protocol::{Body, Receipt, TlogProof};
 use zk0_weights::Format;
 
 /// A ledger in memory, with one round in it.
@@ -408,4 +410,30 @@ async fn a_download_takes_no_more_memory_than_weights_of_the_network_do() {
         ),
         "{error:?}"
     );
+}
+
+#[test]
+fn both_proofs_of_a_fork_are_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    let keep = |log: &MemoryLog| receipts::keep(dir.path(), &genesis(), log.receipt(3));
+    keep(&MemoryLog::of_enrolments(4, 1)).unwrap();
+    // The same entry in a larger tree is no fork.
+    let newer = MemoryLog::of_enrolments(6, 1);
+    keep(&newer).unwrap();
+    let forked = MemoryLog::of_enrolments(6, 2);
+    for _ in ["first", "after a restart"] {
+        let error = keep(&forked).unwrap_err();
+        assert!(
+            matches!(error, ParticipantError::Forked { index: 3, .. }),
+            "{error}"
+        );
+    }
+    let found = fs::read_dir(dir.path().join("receipts")).unwrap();
+    let mut found: Vec<_> = found
+        .map(|file| fs::read(file.unwrap().path()).unwrap())
+        .collect();
+    let mut both = [&newer, &forked].map(|log| TlogProof::from(log.receipt(3)).encode());
+    found.sort();
+    both.sort();
+    assert_eq!(found, both);
 }

@@ -132,6 +132,14 @@ pub const REMOVALS: &[Removal] = &[
         test: "a_download_takes_no_more_memory_than_weights_of_the_network_do",
     },
     Removal {
+        check: "a node keeps both proofs of a fork",
+        file: "node/src/receipts.rs",
+        replacements: &[(".filter(|signed| *signed != entry);", ".filter(|_| false);")],
+        package: "zk0-node",
+        target: "lying_aggregator",
+        test: "both_proofs_of_a_fork_are_kept",
+    },
+    Removal {
         check: "a node does not train where it cannot commit",
         file: "node/src/turn.rs",
         replacements: &[("if kept.is_none() && node.commits_no_more(round).await? {", "if false {")],
