@@ -105,6 +105,12 @@ pub enum ParticipantError {
         /// The option.
         option: &'static str,
     },
+    /// The round takes no more commitments, and the node has trained nothing for it.
+    #[error("round {round}: the node came too late, and goes on with the next round: the commitments are closed")]
+    TooLate {
+        /// The round.
+        round: u64,
+    },
     /// The control variates of a round by SCAFFOLD rest on weights that cannot be downloaded.
     #[error("round {round}: the node leaves the round out, because it cannot compute its control variates for SCAFFOLD: the weights {blob} cannot be downloaded: {error}. It needs them until the control variates begin again, in round {begins}")]
     NoControlVariates {
@@ -116,6 +122,19 @@ pub enum ParticipantError {
         error: Box<NodeError>,
         /// The round in which the control variates begin again at the latest.
         begins: u64,
+    },
+    /// The log shows different entries to different people.
+    #[error(
+        "the log has signed two different entries {index}: keep both files, {} and {}, and show them to the auditors",
+        kept.display(), beside.display()
+    )]
+    Forked {
+        /// The number of the entries.
+        index: u64,
+        /// The proof that was there.
+        kept: PathBuf,
+        /// The proof of the other entry.
+        beside: PathBuf,
     },
     /// A file of the node's own cannot be read or written.
     #[error("{path}: {error}")]

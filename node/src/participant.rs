@@ -90,7 +90,7 @@ impl Participant {
         samples.rest();
         let (registration, list) = evaluation.registration(node.id());
         let receipt = node.register(registration.clone(), list).await?;
-        receipts::keep(&self.state, receipt)?;
+        receipts::keep(&self.state, node.genesis(), receipt)?;
         let kept = borsh::to_vec(&registration).expect("writing to a Vec cannot fail");
         state_files::write(&self.state.join(REGISTRATION), &kept)?;
         tracing::info!(
@@ -146,6 +146,7 @@ impl Participant {
         rounds: u64,
         mut play: impl AsyncFnMut(&Turn<'_>, &mut Node) -> Result<Option<Refusal>, ParticipantError>,
     ) -> Result<(), ParticipantError> {
+        state_files::remove_unfinished(&self.state)?;
         let recording = self.open(node).await?;
         let maker = recording.maker().with_variants(self.variants.clone());
         let samples = recording.samples(&maker);
@@ -168,13 +169,17 @@ impl Participant {
             match play(&turn, node).await {
                 Ok(None) => tracing::info!("round {round}: accepted"),
                 Ok(Some(reason)) => tracing::warn!("round {round}: refused: {reason}"),
-                Err(ParticipantError::NotProvable(error)) => tracing::warn!(
+                // Where only a file has failed, the node ends, and goes on with its update when it is started again.
+                Err(ParticipantError::NotProvable(error)) if !error.may_pass() => tracing::warn!(
                     "round {round}: the update cannot be proven and is not submitted: {error}"
                 ),
                 Err(ParticipantError::Node(error @ NodeError::NoRandomness { .. })) => {
                     tracing::warn!("{error}");
                 }
-                Err(error @ ParticipantError::NoControlVariates { .. }) => {
+                Err(
+                    error @ (ParticipantError::NoControlVariates { .. }
+                    | ParticipantError::TooLate { .. }),
+                ) => {
                     tracing::warn!("{error}");
                 }
                 Err(ParticipantError::Node(NodeError::Refused(status)))
@@ -183,6 +188,15 @@ impl Participant {
                 {
                     tracing::warn!(
                         "round {round}: the node came too late, and goes on with the next round: {}",
+                        status.message()
+                    );
+                }
+                // An answer was lost together with the node's files, and what is on the ledger cannot be taken back.
+                Err(ParticipantError::Node(NodeError::Refused(status)))
+                    if status.code() == Code::AlreadyExists =>
+                {
+                    tracing::warn!(
+                        "round {round}: the node can contribute nothing more, and goes on with the next round: {}",
                         status.message()
                     );
                 }

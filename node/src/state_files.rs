@@ -4,10 +4,11 @@ use crate::error::ParticipantError;
 use serde::de::DeserializeOwned;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::Path;
-use zk0_files::{atomic_file, bounded_file};
+use zk0_files::atomic_file::{self, UNFINISHED};
+use zk0_files::bounded_file;
 
 /// The bytes of a file; `None` if there is no such file.
 ///
@@ -64,6 +65,17 @@ pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Participant
     write(path, &json)
 }
 
+/// Removes what killed processes have left unfinished in a folder. No other process may write there.
+pub fn remove_unfinished(folder: &Path) -> Result<(), ParticipantError> {
+    for file in fs::read_dir(folder).map_err(at(folder))? {
+        let path = file.map_err(at(folder))?.path();
+        if path.to_string_lossy().ends_with(UNFINISHED) {
+            fs::remove_file(&path).map_err(at(&path))?;
+        }
+    }
+    Ok(())
+}
+
 /// Makes an error of the file system name the path.
 pub fn at(path: &Path) -> impl FnOnce(io::Error) -> ParticipantError + '_ {
     |error| ParticipantError::File {
@@ -83,7 +95,6 @@ pub fn broken(path: &Path, why: String) -> ParticipantError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fs;
 
     #[test]
     fn a_file_is_what_was_written_or_an_error() {

@@ -43,7 +43,7 @@ use zk0_weights::Format;
 
 use curves::Curves;
 use prepared_claim::{check_room, prepare};
-use unfinished::{Decided, Part, UnfinishedUpdate};
+use unfinished::{Decided, Part, Proven, UnfinishedUpdate};
 
 /// Local training in each round.
 #[derive(Clone, Debug)]
@@ -122,9 +122,12 @@ impl Turn<'_> {
         }
         let (mode, format) = (node.genesis().mode, &self.entered.format);
         check_room(mode, format.spec(), self.eval_samples, self.state)?;
+        let kept = UnfinishedUpdate::read(self.state, &part, self.weights_limit())?;
+        if kept.is_none() && node.commits_no_more(round).await? {
+            return Err(ParticipantError::TooLate { round });
+        }
         let base = self.base(node).await?;
-        let limit = self.opened.rules.max_update_bytes;
-        let (update, eval_samples) = match UnfinishedUpdate::read(self.state, &part, limit)? {
+        let (update, eval_samples) = match kept {
             Some(kept) => {
                 tracing::info!("round {round}: the node was interrupted, and goes on with the update that it has trained");
                 (format.read(&kept.file)?, kept.eval_samples)
@@ -136,7 +139,12 @@ impl Turn<'_> {
                     eval_samples: self.eval_samples,
                     file: format.write(&update),
                 };
+                // It comes before all else, so that a full disk cannot take it.
                 kept.keep(self.state)?;
+                drop(kept);
+                if let Err(error) = self.keep_for_lerobot(&update) {
+                    tracing::warn!("round {round}: the update is not kept in the form that LeRobot reads: {error}");
+                }
                 (update, self.eval_samples)
             }
         };
@@ -147,6 +155,42 @@ impl Turn<'_> {
             ..*self
         };
         let expected = turn.commit(node, &update).await?;
+        let Proven { claim, proof } = match Proven::read(self.state, &expected.terms)? {
+            Some(kept) => {
+                tracing::info!("round {round}: the node was interrupted, and submits the proof that it has made");
+                kept
+            }
+            None => {
+                let proven = self.prove(prover, mode, &expected, base.quantised, update);
+                let proven = proven.await?;
+                // The aggregator answers the same proof once more, but no other one of the same claim.
+                if let Err(error) = proven.keep(self.state) {
+                    tracing::warn!("round {round}: the proof is submitted and not kept: {error}");
+                }
+                proven
+            }
+        };
+        if let Some((before, after)) = claim.losses.means(format.spec()) {
+            tracing::info!("round {round}: the node submits the claim that the loss fell from {before:.4} to {after:.4}");
+            Curves::after(training.curves.as_deref(), self.state, round).proven(before, after);
+        }
+        let refusal = self.submit(node, claim, proof).await?;
+        let outcome = refusal.as_ref().map(ToString::to_string);
+        Span::current().record("zk0.outcome", outcome.as_deref().unwrap_or("accepted"));
+        let decided = Decided { of: part, refusal };
+        decided.keep(self.state)?;
+        Ok(decided.refusal)
+    }
+
+    /// Has the claim about an update proven. In mode `succinct`, the node keeps the argument, and goes on with one that it has kept.
+    async fn prove(
+        &self,
+        prover: &mut ProvingClient,
+        mode: Mode,
+        expected: &ExpectedClaim,
+        base: QuantisedWeights,
+        update: QuantisedWeights,
+    ) -> Result<Proven, ParticipantError> {
         let Prepared {
             claim,
             weight_check,
@@ -154,12 +198,8 @@ impl Turn<'_> {
         } = match unfinished::read_claim(self.state, &expected.terms)? {
             Some(kept) => kept,
             None => {
-                let input = self.entered.evaluation.private_input(
-                    self.entered.samples,
-                    &expected,
-                    base.quantised,
-                    update,
-                )?;
+                let (samples, evaluation) = (self.entered.samples, &self.entered.evaluation);
+                let input = evaluation.private_input(samples, expected, base, update)?;
                 // A claim that does not hold is refused here, and costs no proof.
                 let prepared = prepare(mode, input, self.state.to_owned()).await?;
                 if mode == Mode::Succinct {
@@ -170,28 +210,23 @@ impl Turn<'_> {
         };
         let proof = prover.prove(input, proving_progress).await?;
         tracing::info!(
-            "round {round}: the claim is proven: {} cycles in {} s; the proof has {} bytes",
+            "round {}: the claim is proven: {} cycles in {} s; the proof has {} bytes",
+            self.opened.round,
             proof.cycles,
             proof.proving_ms / 1000,
             proof.proof.len()
         );
-        if let Some((before, after)) = claim.losses.means(format.spec()) {
-            tracing::info!("round {round}: the node submits the claim that the loss fell from {before:.4} to {after:.4}");
-            Curves::after(training.curves.as_deref(), self.state, round).proven(before, after);
-        }
         let proof = ProofBlob {
             weight_check: &weight_check,
             sp1: &proof.proof,
         };
-        let refusal = self.submit(node, claim, proof.join()).await?;
-        let outcome = refusal.as_ref().map(ToString::to_string);
-        Span::current().record("zk0.outcome", outcome.as_deref().unwrap_or("accepted"));
-        let decided = Decided { of: part, refusal };
-        decided.keep(self.state)?;
-        Ok(decided.refusal)
+        Ok(Proven {
+            proof: proof.join(),
+            claim,
+        })
     }
 
-    /// Trains an update. The node also keeps its weights as they travel, in the form that LeRobot reads.
+    /// Trains an update.
     #[instrument(name = "train", skip_all)]
     async fn update(
         &self,
@@ -219,18 +254,28 @@ impl Turn<'_> {
                 self.train(&base.weights, training, rates, fedcm)?
             }
         };
-        let update = base.update(format, config, trained)?;
+        base.update(format, config, trained)
+    }
+
+    /// Keeps the weights of an update as they travel, in the form that LeRobot reads. The node itself does not need the file.
+    fn keep_for_lerobot(&self, update: &QuantisedWeights) -> Result<(), ParticipantError> {
+        let (config, format) = (self.entered.config, &self.entered.format);
         let name = format!("round-{}.safetensors", self.opened.round);
-        let lerobots = dequantise_weights(config, format.spec(), &update)?;
-        state_files::write(&self.state.join(name), &lerobots.to_safetensors()?)?;
-        Ok(update)
+        let lerobots = dequantise_weights(config, format.spec(), update)?;
+        state_files::write(&self.state.join(name), &lerobots.to_safetensors()?)
     }
 
     /// Downloads the weights that the round starts from.
     pub async fn base(&self, node: &mut Node) -> Result<Base, ParticipantError> {
-        let limit = self.opened.rules.max_update_bytes;
+        let limit = self.weights_limit();
         let file = node.download(&self.opened.base.blob, limit).await?;
         Base::read(&self.entered.format, self.entered.config, &file)
+    }
+
+    /// The most bytes that a file of weights may have. What the aggregator says of the rules costs the node no memory beyond that.
+    fn weights_limit(&self) -> u64 {
+        let allowed = self.opened.rules.max_update_bytes;
+        allowed.min(self.entered.format.file_bytes())
     }
 
     /// Uploads an update, commits to it, and waits for its challenge. Returns what the ledger determines of the claim.
@@ -250,11 +295,11 @@ impl Turn<'_> {
         let (commitment, receipt) = node
             .commit(round, &dataset.root, &update_digest, self.eval_samples)
             .await?;
-        receipts::keep(self.state, receipt)?;
+        receipts::keep(self.state, node.genesis(), receipt)?;
         let blob = update_digest.blob;
         tracing::info!("round {round}: committed to update {blob}; waiting for the randomness");
         let (challenge, receipt) = node.wait_for_challenge(self.opened, &commitment).await?;
-        receipts::keep(self.state, receipt)?;
+        receipts::keep(self.state, node.genesis(), receipt)?;
         tracing::info!("round {round}: the challenge is {challenge}");
         Ok(ExpectedClaim {
             terms: Terms {
@@ -282,7 +327,7 @@ impl Turn<'_> {
         proof: Vec<u8>,
     ) -> Result<Option<Refusal>, ParticipantError> {
         let decision = node.submit(claim, proof).await?;
-        receipts::keep(self.state, decision.receipt)?;
+        receipts::keep(self.state, node.genesis(), decision.receipt)?;
         Ok(decision.refusal)
     }
 
@@ -368,7 +413,9 @@ impl Turn<'_> {
             losses: trained.losses,
         };
         let path = TrainingHistory::path(self.state, round);
-        state_files::write_json(&path, &history)?;
+        if let Err(error) = state_files::write_json(&path, &history) {
+            tracing::warn!("round {round}: the losses of the training are not kept: {error}");
+        }
         Ok(trained.weights)
     }
 }

@@ -3,9 +3,13 @@
 
 #[path = "../../protocol/tests/network/mod.rs"]
 mod network;
+#[path = "evaluation_set/setting.rs"]
+mod setting;
 
 use network::log::MemoryLog;
 use network::*;
+use setting::{pickplace, Setting};
+use std::fs;
 use std::pin::Pin;
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -17,6 +21,10 @@ use tonic::transport::Server;
 use tonic::{Request, Response, Status, Streaming};
 use zk0_node::client::Node;
 use zk0_node::client_error::NodeError;
+use zk0_node::error::ParticipantError;
+use zk0_node::receipts;
+use zk0_node::recording::Recording;
+use zk0_node::turn::{Entered, Turn};
 use zk0_protocol::challenge::closing;
 use zk0_protocol::challenge::drand::DrandChain;
 use zk0_protocol::challenge::drawing::{DrawError, Drawing};
@@ -26,7 +34,8 @@ use zk0_protocol::entries::entry::{RandomnessDrawn, RoundOpened};
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::rpc::federation as rpc;
 use zk0_protocol::rpc::federation::federation_server::{Federation, FederationServer};
-use zk0_protocol::{Body, Entry, Receipt, Signed};
+use zk0_protocol::{Body, Entry, Receipt, Signed, TlogProof};
+use zk0_weights::Format;
 
 /// A ledger in memory, with one round in it.
 struct Told {
@@ -187,8 +196,12 @@ impl Federation for Lying {
 
     type DownloadStream = Pin<Box<dyn Stream<Item = Result<rpc::Chunk, Status>> + Send>>;
 
+    /// Sends far more than weights have.
     async fn download(&self, _: Request<rpc::DownloadRequest>) -> Answer<Self::DownloadStream> {
-        not_asked()
+        let data = vec![0; 64 << 10];
+        let chunks = std::iter::repeat_n(rpc::Chunk { data }, 256);
+        let chunks = tokio_stream::iter(chunks.map(Ok::<_, Status>));
+        Ok(Response::new(Box::pin(chunks)))
     }
 
     async fn register_dataset(
@@ -410,4 +423,67 @@ async fn a_proposal_that_its_proposer_has_not_signed_is_not_voted_on() {
         }
         server.abort();
     }
+}
+
+/// The rules of the round that the aggregator shows allow weights of any size.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_download_takes_no_more_memory_than_weights_of_the_network_do() {
+    let told = Told::new();
+    let setting = Setting::new();
+    let recording = Recording::open(&pickplace(), &setting.policy(), None).unwrap();
+    let maker = recording.maker();
+    let samples = recording.samples(&maker);
+    let folder = tempfile::tempdir().unwrap();
+    let entered = Entered {
+        config: recording.config(),
+        format: Format::new(&setting.spec).unwrap(),
+        samples: &samples,
+        training: &samples,
+        evaluation: setting.set(&recording, &samples, folder.path(), 20),
+    };
+    let mut opened = told.opened.clone();
+    opened.rules.max_update_bytes = u64::MAX;
+    let turn = Turn {
+        state: folder.path(),
+        entered: &entered,
+        opened: &opened,
+        eval_samples: 1,
+    };
+    let (mut node, server) = told.connected(rpc::RoundInfo::default()).await;
+    let error = turn.base(&mut node).await.err();
+    server.abort();
+    let most = entered.format.file_bytes();
+    assert!(
+        matches!(
+            error,
+            Some(ParticipantError::Node(NodeError::TooLarge { limit, .. })) if limit == most
+        ),
+        "{error:?}"
+    );
+}
+
+#[test]
+fn both_proofs_of_a_fork_are_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    let keep = |log: &MemoryLog| receipts::keep(dir.path(), &genesis(), log.receipt(3));
+    keep(&MemoryLog::of_enrolments(4, 1)).unwrap();
+    // The same entry in a larger tree is no fork.
+    let newer = MemoryLog::of_enrolments(6, 1);
+    keep(&newer).unwrap();
+    let forked = MemoryLog::of_enrolments(6, 2);
+    for _ in ["first", "after a restart"] {
+        let error = keep(&forked).unwrap_err();
+        assert!(
+            matches!(error, ParticipantError::Forked { index: 3, .. }),
+            "{error}"
+        );
+    }
+    let found = fs::read_dir(dir.path().join("receipts")).unwrap();
+    let mut found: Vec<_> = found
+        .map(|file| fs::read(file.unwrap().path()).unwrap())
+        .collect();
+    let mut both = [&newer, &forked].map(|log| TlogProof::from(log.receipt(3)).encode());
+    found.sort();
+    both.sort();
+    assert_eq!(found, both);
 }

@@ -6,6 +6,7 @@ use serde_json::json;
 use std::fs;
 use std::path::Path;
 use std::process::Output;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
 use tempfile::TempDir;
 use tokio::net::TcpListener;
@@ -163,7 +164,7 @@ impl LocalNetwork {
         let address = runtime.block_on(async {
             let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
             let address = listener.local_addr().unwrap();
-            let prover = ProvingService::start(NoProver, 4, Pace::of_cores(2));
+            let prover = ProvingService::start(NoProver::default(), 4, Pace::of_cores(2));
             let forever = std::future::pending();
             match certificate {
                 Some(certificate) => {
@@ -203,7 +204,7 @@ impl LocalNetwork {
             let (first, second) = (listener().await, listener().await);
             let url = |listener: &TcpListener| format!("http://{}", listener.local_addr().unwrap());
             let urls = (url(&first), url(&second));
-            let prover = ProvingService::start(NoProver, 4, Pace::of_cores(2));
+            let prover = ProvingService::start(NoProver::default(), 4, Pace::of_cores(2));
             let services = [
                 tokio::spawn(async move {
                     let service = Service::new(aggregator);
@@ -260,8 +261,11 @@ pub fn committed(entries: &[Entry]) -> Vec<Digest> {
     roots.collect()
 }
 
-/// Makes something that is not a proof, at once.
-struct NoProver;
+/// Makes something that is not a proof, at once. As with SP1, two proofs of one claim are different.
+#[derive(Default)]
+struct NoProver {
+    made: AtomicU64,
+}
 
 #[tonic::async_trait]
 impl Backend for NoProver {
@@ -279,7 +283,7 @@ impl Backend for NoProver {
 
     async fn prove(&self, _: &GuestInput, _: &Execution, _: &Waiting) -> Result<Proof, JobError> {
         Ok(Proof {
-            bytes: b"no proof".to_vec(),
+            bytes: format!("no proof {}", self.made.fetch_add(1, Ordering::SeqCst)).into_bytes(),
             public_values: Vec::new(),
         })
     }

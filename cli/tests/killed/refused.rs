@@ -4,7 +4,9 @@
 use crate::harness::network::LocalNetwork;
 use crate::harness::process::Process;
 use crate::harness::{self, words, RECORDING};
+use crate::relay::Relay;
 use std::collections::BTreeMap;
+use std::fs;
 use std::path::Path;
 use zk0::keys;
 use zk0_protocol::Body;
@@ -140,6 +142,74 @@ fn a_node_that_was_killed_after_its_decision_waits_for_the_close() {
     node = start("node");
     node.says("round 0: the node's contribution is decided already");
     node.says("round 0: refused");
+}
+
+/// It has no update for the round, and could not commit to one.
+#[test]
+fn a_node_does_not_train_for_a_round_that_takes_no_more_commitments() {
+    let network = founded(&["node", "other"]);
+    let prover = network.prover();
+    let aggregator = serve(&network, "127.0.0.1:0", &["--min-nodes", "2"]);
+    let address = aggregator.address();
+    let start = |name| Process::start(&join(&network, name, &address, &prover.address));
+    let (_node, mut other) = (start("node"), start("other"));
+    // The round stays open, because its claim does not come.
+    other.says("round 0: committed to update");
+    other.kill();
+    aggregator.says("commitments closed");
+    fs::remove_file(network.path("other-state/unfinished-update")).unwrap();
+    other = start("other");
+    let late = "round 0: the node came too late";
+    let said = other.says_one_of(&["round 0: training", late]);
+    assert!(
+        said["message"].as_str().unwrap().starts_with(late),
+        "{said}"
+    );
+}
+
+/// What a node says when the ledger has another proof of its claim than it submits.
+const NOTHING_MORE: &str = "round 0: the node can contribute nothing more";
+
+/// The aggregator has recorded its decision, and the answer never comes. It answers the same proof again, but no other one: the node keeps its proof.
+#[test]
+fn a_node_whose_answer_was_lost_submits_the_same_proof_again() {
+    for _ in 0..10 {
+        let network = founded(&["node", "other"]);
+        let prover = network.prover();
+        let aggregator = serve(&network, "127.0.0.1:0", &["--min-nodes", "2"]);
+        let address = aggregator.address();
+        let relay = Relay::to(&address);
+        let relayed = relay.url.strip_prefix("http://").unwrap();
+        let start = |name, to: &str| Process::start(&join(&network, name, to, &prover.address));
+        let (mut node, mut other) = (start("node", relayed), start("other", &address));
+        // Its claim does not come, so that the round stays open.
+        other.says("round 0: committed to update");
+        other.kill();
+        aggregator.says("submission arrived");
+        relay.hold();
+        aggregator.says("contribution rejected");
+        node.kill();
+        relay.let_through();
+        if Path::new(&network.path("node-state/decided")).exists() {
+            // The answer was faster than the relay.
+            continue;
+        }
+        // A node that has lost its proof can only wait for the close.
+        let proof = network.path("node-state/unfinished-proof");
+        let moved = network.path("proof");
+        fs::rename(&proof, &moved).unwrap();
+        node = start("node", relayed);
+        node.says(NOTHING_MORE);
+        node.kill();
+
+        fs::rename(&moved, &proof).unwrap();
+        node = start("node", relayed);
+        let said = node.says_one_of(&["round 0: refused", NOTHING_MORE]);
+        let message = said["message"].as_str().unwrap();
+        assert!(message.starts_with("round 0: refused"), "{said}");
+        return;
+    }
+    panic!("no answer was ever held back");
 }
 
 macro_rules! killed {

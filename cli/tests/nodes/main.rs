@@ -6,3 +6,4 @@ mod harness;
 mod devices;
 mod eval_samples;
 mod leaving;
+mod unwritable;

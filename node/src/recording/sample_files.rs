@@ -13,7 +13,6 @@ use zk0_argument::claim::committed;
 use zk0_circuits::model::sample::Sample;
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Digest, EvalSpec, Mode};
-use zk0_files::atomic_file::UNFINISHED;
 use zk0_smolvla::frames::prefix_cache::Key;
 
 /// A folder of samples.
@@ -33,13 +32,11 @@ impl SampleFiles {
     /// The folder cannot be made, or not be read.
     pub fn open(folder: &Path, mode: Mode, spec: &EvalSpec) -> Result<Self, ParticipantError> {
         fs::create_dir_all(folder).map_err(state_files::at(folder))?;
+        state_files::remove_unfinished(folder)?;
         let mut known = HashMap::new();
         for file in fs::read_dir(folder).map_err(state_files::at(folder))? {
             let name = file.map_err(state_files::at(folder))?.file_name();
-            let path = folder.join(&name);
-            if name.to_string_lossy().ends_with(UNFINISHED) {
-                fs::remove_file(&path).map_err(state_files::at(&path))?;
-            } else if let Some((key, digest)) = parsed(&name) {
+            if let Some((key, digest)) = parsed(&name) {
                 known.insert(key, digest);
             }
         }

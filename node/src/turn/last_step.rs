@@ -24,7 +24,7 @@ impl Turn<'_> {
             base if base != closed.global => "a vote restored the weights that it starts from",
             base if base == opened.base => "the round before kept its base",
             _ => {
-                let limit = self.opened.rules.max_update_bytes;
+                let limit = self.weights_limit();
                 match node.download(&opened.base.blob, limit).await {
                     Ok(file) => {
                         let format = &self.entered.format;

@@ -82,7 +82,7 @@ impl Turn<'_> {
             rule: *rule,
         };
         let (config, like) = (self.entered.config, &base.weights);
-        let limit = self.opened.rules.max_update_bytes;
+        let limit = self.weights_limit();
         let mut kept = KeptVariates::read(self.state, &whose, config, limit)?;
         let (mut new, mut next_base, mut found) = (Vec::new(), self.opened.base, None);
         for before in (rule.begins(round)..round).rev() {
@@ -172,7 +172,7 @@ impl Turn<'_> {
         rule: &Scaffold,
         blob: &Digest,
     ) -> Result<ExpertWeights, ParticipantError> {
-        let (round, limit) = (self.opened.round, self.opened.rules.max_update_bytes);
+        let (round, limit) = (self.opened.round, self.weights_limit());
         let file = node.download(blob, limit).await;
         let file = file.map_err(|error| ParticipantError::NoControlVariates {
             round,

@@ -6,13 +6,13 @@ use crate::state_files::{self, at, broken};
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::io;
 use std::path::{Path, PathBuf};
-use zk0_circuits::{Digest, Terms};
+use zk0_circuits::{Claim, Digest, Terms};
 use zk0_protocol::entries::refusal::Refusal;
 use zk0_prover::program::Prepared;
 
 /// Room for the other fields of a file beside an update.
 const FIELDS_BYTES: u64 = 1 << 10;
-/// Largest file of a claim that is read. The argument about 256 samples at the published size has a few megabytes.
+/// Largest file of a claim that is read, with what proves it. The argument about 256 samples at the published size has a few megabytes.
 const MAX_CLAIM_BYTES: u64 = 256 << 20;
 /// Largest file of a decision that is read. The texts of a refusal have some hundred bytes.
 const MAX_DECIDED_BYTES: u64 = 1 << 20;
@@ -98,9 +98,39 @@ pub fn keep_claim(state: &Path, claim: &Prepared) -> Result<(), ParticipantError
     keep(&claim_path(state), claim)
 }
 
-/// Removes the update and the claim.
+/// A claim with its proof, as they are submitted.
+#[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct Proven {
+    /// The claim.
+    pub claim: Claim,
+    /// The blob with its proof. No other proof of the claim has the same bytes.
+    pub proof: Vec<u8>,
+}
+
+impl Proven {
+    fn path(state: &Path) -> PathBuf {
+        state.join("unfinished-proof")
+    }
+
+    /// The claim of these terms that was kept with its proof, if there is one.
+    pub fn read(state: &Path, terms: &Terms) -> Result<Option<Self>, ParticipantError> {
+        let kept: Option<Self> = read(&Self::path(state), MAX_CLAIM_BYTES)?;
+        Ok(kept.filter(|kept| kept.claim.terms == *terms))
+    }
+
+    /// Keeps the claim with its proof. They are on disk when this returns.
+    pub fn keep(&self, state: &Path) -> Result<(), ParticipantError> {
+        keep(&Self::path(state), self)
+    }
+}
+
+/// Removes the update, the claim and the proof.
 fn remove(state: &Path) -> Result<(), ParticipantError> {
-    for path in [UnfinishedUpdate::path(state), claim_path(state)] {
+    for path in [
+        UnfinishedUpdate::path(state),
+        claim_path(state),
+        Proven::path(state),
+    ] {
         match std::fs::remove_file(&path) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(at(&path)(error)),
             _ => {}

@@ -238,9 +238,10 @@ impl NetworkProver {
     ) -> Result<ProofFromNetwork, NetworkError> {
         let ended = |how| Err(NetworkError::Ended { request, how });
         loop {
+            // SP1's client asks again while the network is away. By default it gives up after two minutes, and another proof would cost as much again.
             let (status, proof) = self
                 .client
-                .get_proof_request_status(request, None)
+                .get_proof_request_status(request, Some(self.options.timeout))
                 .await
                 .map_err(|error| refused("send the proof", format!("{error:#}")))?;
             if let Some(proof) = proof {

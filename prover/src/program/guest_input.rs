@@ -3,6 +3,7 @@
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::path::Path;
 use zk0_argument::claim::{self, ClaimInput, ClaimSource, NotMade, NotShown};
+use zk0_argument::expert::witness::Unprovable;
 use zk0_circuits::claim::private_input::InputError;
 use zk0_circuits::claim::statement::check;
 use zk0_circuits::claim::statement_error::StatementError;
@@ -44,6 +45,19 @@ pub enum NotProvable {
     /// The argument that was made does not verify.
     #[error("the argument was made, but it does not verify: {0}")]
     Unsound(NotShown),
+}
+
+impl NotProvable {
+    /// Whether the claim may be provable all the same: a file could not be read or written, for example because the disk is full.
+    pub fn may_pass(&self) -> bool {
+        matches!(
+            self,
+            Self::Sample(_)
+                | Self::Argument(NotMade::Unprovable(
+                    Unprovable::File(_) | Unprovable::Sample { .. }
+                ))
+        )
+    }
 }
 
 impl From<NotMade> for NotProvable {
