@@ -3,8 +3,10 @@
 use crate::authorities::{causes, tls_error, Authorities, AuthoritiesError};
 use rustls::RootCertStore;
 use std::error::Error;
+use std::future::Future;
 use std::net::IpAddr;
 use std::path::PathBuf;
+use std::pin::Pin;
 use std::time::Duration;
 use tonic::transport::{Channel, ClientTlsConfig, Endpoint, Uri};
 use tonic::Status;
@@ -108,12 +110,16 @@ impl ServiceAddress {
         &self.url
     }
 
-    /// Connects.
-    pub async fn connect(&self) -> Result<Channel, ConnectError> {
-        let endpoint = self.endpoint()?;
-        self.warn_if_plain();
-        let connected = endpoint.connect().await;
-        connected.map_err(|error| self.unreachable(&error))
+    /// Connects. The future's type has no name, so that a crate that awaits it does not compile the whole client anew.
+    pub fn connect(
+        &self,
+    ) -> Pin<Box<dyn Future<Output = Result<Channel, ConnectError>> + Send + '_>> {
+        Box::pin(async {
+            let endpoint = self.endpoint()?;
+            self.warn_if_plain();
+            let connected = endpoint.connect().await;
+            connected.map_err(|error| self.unreachable(&error))
+        })
     }
 
     /// A channel that connects when it is first used, and again whenever it is used after its connection was lost. It belongs to the runtime in

@@ -12,7 +12,7 @@
 use crate::connections::answer_body::keeping;
 use crate::connections::caller::Caller;
 use crate::connections::limits::ConnectionLimits;
-use crate::connections::serving::Serving;
+use crate::connections::serving::{Boxed, Serving};
 use crate::connections::windows::Windows;
 use crate::observe::connections::ConnectionMetrics;
 use axum::body::{to_bytes, Body};
@@ -89,22 +89,42 @@ pub(crate) fn text(status: u16, text: impl Into<String>) -> Response {
 }
 
 /// Serves on `listener` until `stop` is ready.
-pub async fn serve(
+pub fn serve<'a>(
     listener: TcpListener,
     router: Router,
     limits: Limits,
-    stop: impl Future<Output = ()>,
-) {
-    serve_with(listener, router, limits, None, stop).await;
+    stop: impl Future<Output = ()> + Send + 'a,
+) -> Boxed<'a, ()> {
+    serve_with(listener, router, limits, None, stop)
 }
 
 /// Serves on `listener` until `stop` is ready, over TLS if there is a certificate.
-pub async fn serve_with(
+pub fn serve_with<'a>(
+    listener: TcpListener,
+    router: Router,
+    limits: Limits,
+    certificate: Option<&'a Arc<ServerCertificate>>,
+    stop: impl Future<Output = ()> + Send + 'a,
+) -> Boxed<'a, ()> {
+    serve_until(listener, router, limits, certificate, Box::pin(stop))
+}
+
+fn serve_until<'a>(
+    listener: TcpListener,
+    router: Router,
+    limits: Limits,
+    certificate: Option<&'a Arc<ServerCertificate>>,
+    stop: Boxed<'a, ()>,
+) -> Boxed<'a, ()> {
+    Box::pin(served(listener, router, limits, certificate, stop))
+}
+
+async fn served(
     listener: TcpListener,
     router: Router,
     limits: Limits,
     certificate: Option<&Arc<ServerCertificate>>,
-    stop: impl Future<Output = ()>,
+    stop: Boxed<'_, ()>,
 ) {
     let tls = certificate.map(|certificate| certificate.acceptor("http/1.1"));
     let mut protocol = Builder::new(TokioExecutor::new()).http1_only();

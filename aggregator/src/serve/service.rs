@@ -18,6 +18,7 @@
 //! `grpc` puts the limits of connections and messages into force. [`crate::serve::requests`] answers the requests. This file serves them,
 //! opens and closes the rounds in time, and has checkpoints cosigned and published.
 
+use crate::connections::serving::Boxed;
 use crate::connections::transfers::Transfers;
 use crate::observe::metrics::Metrics;
 use crate::publish::beacon::BeaconServers;
@@ -186,10 +187,26 @@ impl Service {
 
     /// Serves on `listener` and runs the rounds until `stop` is ready, and then until the open requests are answered, but no longer than the
     /// limits say. Ends early when the aggregator cannot go on.
-    pub async fn serve(
+    pub fn serve<'a>(
         self,
         listener: TcpListener,
-        stop: impl Future<Output = ()> + Send,
+        stop: impl Future<Output = ()> + Send + 'a,
+    ) -> Boxed<'a, Result<(), ServeError>> {
+        self.serve_until(listener, Box::pin(stop))
+    }
+
+    fn serve_until(
+        self,
+        listener: TcpListener,
+        stop: Boxed<'_, ()>,
+    ) -> Boxed<'_, Result<(), ServeError>> {
+        Box::pin(self.served(listener, stop))
+    }
+
+    async fn served(
+        self,
+        listener: TcpListener,
+        stop: Boxed<'_, ()>,
     ) -> Result<(), ServeError> {
         let (max_proof_bytes, asked_for) = self
             .with(|aggregator| {
