@@ -1,12 +1,11 @@
 //! A gRPC client connects to a service by its address, with TLS where the address begins with `https://`.
 
 use crate::authorities::{causes, tls_error, Authorities, AuthoritiesError};
+use futures_core::future::BoxFuture;
 use rustls::RootCertStore;
 use std::error::Error;
-use std::future::Future;
 use std::net::IpAddr;
 use std::path::PathBuf;
-use std::pin::Pin;
 use std::time::Duration;
 use tonic::transport::{Channel, ClientTlsConfig, Endpoint, Uri};
 use tonic::Status;
@@ -110,10 +109,8 @@ impl ServiceAddress {
         &self.url
     }
 
-    /// Connects. The future's type has no name, so that a crate that awaits it does not compile the whole client anew.
-    pub fn connect(
-        &self,
-    ) -> Pin<Box<dyn Future<Output = Result<Channel, ConnectError>> + Send + '_>> {
+    /// Connects. The future is boxed, so that a crate that awaits it does not compile the client anew.
+    pub fn connect(&self) -> BoxFuture<'_, Result<Channel, ConnectError>> {
         Box::pin(async {
             let endpoint = self.endpoint()?;
             self.warn_if_plain();

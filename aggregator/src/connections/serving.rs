@@ -16,7 +16,7 @@ use hyper_util::rt::{TokioExecutor, TokioIo};
 use hyper_util::server::conn::auto::Builder;
 use hyper_util::service::TowerToHyperService;
 use std::future::Future;
-use std::pin::{pin, Pin};
+use std::pin::pin;
 use std::sync::atomic::Ordering;
 use std::sync::Arc;
 use std::time::Duration;
@@ -31,9 +31,6 @@ const CLOSING: Duration = Duration::from_secs(1);
 
 /// How often the log says that connections are refused.
 const SAY_AGAIN: Duration = Duration::from_secs(60);
-
-/// A future whose type has no name. A crate that awaits one does not compile anew what it does.
-pub(crate) type Boxed<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 
 /// How connections are served.
 pub(crate) struct Serving {

@@ -12,7 +12,7 @@
 use crate::connections::answer_body::keeping;
 use crate::connections::caller::Caller;
 use crate::connections::limits::ConnectionLimits;
-use crate::connections::serving::{Boxed, Serving};
+use crate::connections::serving::Serving;
 use crate::connections::windows::Windows;
 use crate::observe::connections::ConnectionMetrics;
 use axum::body::{to_bytes, Body};
@@ -21,6 +21,7 @@ use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
 use axum::http::StatusCode;
 use axum::middleware::{from_fn, Next};
 use axum::response::{IntoResponse, Response};
+use futures_core::future::BoxFuture;
 use hyper_util::rt::{TokioExecutor, TokioTimer};
 use hyper_util::server::conn::auto::Builder;
 use std::future::Future;
@@ -88,13 +89,13 @@ pub(crate) fn text(status: u16, text: impl Into<String>) -> Response {
     answer(status, TEXT, NO_CACHE, text.into())
 }
 
-/// Serves on `listener` until `stop` is ready.
+/// Serves on `listener` until `stop` is ready. The future is boxed, so that a crate that awaits it does not compile the server anew.
 pub fn serve<'a>(
     listener: TcpListener,
     router: Router,
     limits: Limits,
     stop: impl Future<Output = ()> + Send + 'a,
-) -> Boxed<'a, ()> {
+) -> BoxFuture<'a, ()> {
     serve_with(listener, router, limits, None, stop)
 }
 
@@ -105,7 +106,7 @@ pub fn serve_with<'a>(
     limits: Limits,
     certificate: Option<&'a Arc<ServerCertificate>>,
     stop: impl Future<Output = ()> + Send + 'a,
-) -> Boxed<'a, ()> {
+) -> BoxFuture<'a, ()> {
     serve_until(listener, router, limits, certificate, Box::pin(stop))
 }
 
@@ -114,8 +115,8 @@ fn serve_until<'a>(
     router: Router,
     limits: Limits,
     certificate: Option<&'a Arc<ServerCertificate>>,
-    stop: Boxed<'a, ()>,
-) -> Boxed<'a, ()> {
+    stop: BoxFuture<'a, ()>,
+) -> BoxFuture<'a, ()> {
     Box::pin(served(listener, router, limits, certificate, stop))
 }
 
@@ -124,7 +125,7 @@ async fn served(
     router: Router,
     limits: Limits,
     certificate: Option<&Arc<ServerCertificate>>,
-    stop: Boxed<'_, ()>,
+    stop: BoxFuture<'_, ()>,
 ) {
     let tls = certificate.map(|certificate| certificate.acceptor("http/1.1"));
     let mut protocol = Builder::new(TokioExecutor::new()).http1_only();

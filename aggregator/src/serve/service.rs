@@ -18,7 +18,6 @@
 //! `grpc` puts the limits of connections and messages into force. [`crate::serve::requests`] answers the requests. This file serves them,
 //! opens and closes the rounds in time, and has checkpoints cosigned and published.
 
-use crate::connections::serving::Boxed;
 use crate::connections::transfers::Transfers;
 use crate::observe::metrics::Metrics;
 use crate::publish::beacon::BeaconServers;
@@ -36,6 +35,7 @@ use crate::serve::node_turns::NodeTurns;
 use crate::serve::recorder::Recorder;
 use crate::serve::senders::heads::Heads;
 use crate::serve::uploads::Uploads;
+use futures_core::future::BoxFuture;
 use std::future::Future;
 use std::num::NonZero;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -186,27 +186,27 @@ impl Service {
     }
 
     /// Serves on `listener` and runs the rounds until `stop` is ready, and then until the open requests are answered, but no longer than the
-    /// limits say. Ends early when the aggregator cannot go on.
+    /// limits say. Ends early when the aggregator cannot go on. The future is boxed, so that a crate that awaits it does not compile the server anew.
     pub fn serve<'a>(
         self,
         listener: TcpListener,
         stop: impl Future<Output = ()> + Send + 'a,
-    ) -> Boxed<'a, Result<(), ServeError>> {
+    ) -> BoxFuture<'a, Result<(), ServeError>> {
         self.serve_until(listener, Box::pin(stop))
     }
 
     fn serve_until(
         self,
         listener: TcpListener,
-        stop: Boxed<'_, ()>,
-    ) -> Boxed<'_, Result<(), ServeError>> {
+        stop: BoxFuture<'_, ()>,
+    ) -> BoxFuture<'_, Result<(), ServeError>> {
         Box::pin(self.served(listener, stop))
     }
 
     async fn served(
         self,
         listener: TcpListener,
-        stop: Boxed<'_, ()>,
+        stop: BoxFuture<'_, ()>,
     ) -> Result<(), ServeError> {
         let (max_proof_bytes, asked_for) = self
             .with(|aggregator| {
