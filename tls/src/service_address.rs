@@ -1,6 +1,7 @@
 //! A gRPC client connects to a service by its address, with TLS where the address begins with `https://`.
 
 use crate::authorities::{causes, tls_error, Authorities, AuthoritiesError};
+use futures_core::future::BoxFuture;
 use rustls::RootCertStore;
 use std::error::Error;
 use std::net::IpAddr;
@@ -108,12 +109,14 @@ impl ServiceAddress {
         &self.url
     }
 
-    /// Connects.
-    pub async fn connect(&self) -> Result<Channel, ConnectError> {
-        let endpoint = self.endpoint()?;
-        self.warn_if_plain();
-        let connected = endpoint.connect().await;
-        connected.map_err(|error| self.unreachable(&error))
+    /// Connects. The future is boxed, so that a crate that awaits it does not compile the client anew.
+    pub fn connect(&self) -> BoxFuture<'_, Result<Channel, ConnectError>> {
+        Box::pin(async {
+            let endpoint = self.endpoint()?;
+            self.warn_if_plain();
+            let connected = endpoint.connect().await;
+            connected.map_err(|error| self.unreachable(&error))
+        })
     }
 
     /// A channel that connects when it is first used, and again whenever it is used after its connection was lost. It belongs to the runtime in

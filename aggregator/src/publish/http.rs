@@ -21,6 +21,7 @@ use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
 use axum::http::StatusCode;
 use axum::middleware::{from_fn, Next};
 use axum::response::{IntoResponse, Response};
+use futures_core::future::BoxFuture;
 use hyper_util::rt::{TokioExecutor, TokioTimer};
 use hyper_util::server::conn::auto::Builder;
 use std::future::Future;
@@ -88,23 +89,43 @@ pub(crate) fn text(status: u16, text: impl Into<String>) -> Response {
     answer(status, TEXT, NO_CACHE, text.into())
 }
 
-/// Serves on `listener` until `stop` is ready.
-pub async fn serve(
+/// Serves on `listener` until `stop` is ready. The future is boxed, so that a crate that awaits it does not compile the server anew.
+pub fn serve<'a>(
     listener: TcpListener,
     router: Router,
     limits: Limits,
-    stop: impl Future<Output = ()>,
-) {
-    serve_with(listener, router, limits, None, stop).await;
+    stop: impl Future<Output = ()> + Send + 'a,
+) -> BoxFuture<'a, ()> {
+    serve_with(listener, router, limits, None, stop)
 }
 
 /// Serves on `listener` until `stop` is ready, over TLS if there is a certificate.
-pub async fn serve_with(
+pub fn serve_with<'a>(
+    listener: TcpListener,
+    router: Router,
+    limits: Limits,
+    certificate: Option<&'a Arc<ServerCertificate>>,
+    stop: impl Future<Output = ()> + Send + 'a,
+) -> BoxFuture<'a, ()> {
+    serve_until(listener, router, limits, certificate, Box::pin(stop))
+}
+
+fn serve_until<'a>(
+    listener: TcpListener,
+    router: Router,
+    limits: Limits,
+    certificate: Option<&'a Arc<ServerCertificate>>,
+    stop: BoxFuture<'a, ()>,
+) -> BoxFuture<'a, ()> {
+    Box::pin(served(listener, router, limits, certificate, stop))
+}
+
+async fn served(
     listener: TcpListener,
     router: Router,
     limits: Limits,
     certificate: Option<&Arc<ServerCertificate>>,
-    stop: impl Future<Output = ()>,
+    stop: BoxFuture<'_, ()>,
 ) {
     let tls = certificate.map(|certificate| certificate.acceptor("http/1.1"));
     let mut protocol = Builder::new(TokioExecutor::new()).http1_only();

@@ -35,6 +35,7 @@ use crate::serve::node_turns::NodeTurns;
 use crate::serve::recorder::Recorder;
 use crate::serve::senders::heads::Heads;
 use crate::serve::uploads::Uploads;
+use futures_core::future::BoxFuture;
 use std::future::Future;
 use std::num::NonZero;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -185,11 +186,27 @@ impl Service {
     }
 
     /// Serves on `listener` and runs the rounds until `stop` is ready, and then until the open requests are answered, but no longer than the
-    /// limits say. Ends early when the aggregator cannot go on.
-    pub async fn serve(
+    /// limits say. Ends early when the aggregator cannot go on. The future is boxed, so that a crate that awaits it does not compile the server anew.
+    pub fn serve<'a>(
         self,
         listener: TcpListener,
-        stop: impl Future<Output = ()> + Send,
+        stop: impl Future<Output = ()> + Send + 'a,
+    ) -> BoxFuture<'a, Result<(), ServeError>> {
+        self.serve_until(listener, Box::pin(stop))
+    }
+
+    fn serve_until(
+        self,
+        listener: TcpListener,
+        stop: BoxFuture<'_, ()>,
+    ) -> BoxFuture<'_, Result<(), ServeError>> {
+        Box::pin(self.served(listener, stop))
+    }
+
+    async fn served(
+        self,
+        listener: TcpListener,
+        stop: BoxFuture<'_, ()>,
     ) -> Result<(), ServeError> {
         let (max_proof_bytes, asked_for) = self
             .with(|aggregator| {

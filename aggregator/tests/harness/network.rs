@@ -354,7 +354,7 @@ impl Network {
         let endpoint = endpoint
             .initial_stream_window_size(1 << 16)
             .initial_connection_window_size(1 << 18);
-        FederationClient::new(endpoint.connect().await.unwrap())
+        FederationClient::new(endpoint.connect_lazy())
     }
 
     pub fn uploads(&self) -> usize {

@@ -7,18 +7,16 @@ use super::waiting::{GivenUp, Waiting};
 use crate::program::GuestInput;
 use crate::rpc::progress::Phase;
 use crate::rpc::{self, prover_server};
+use futures_core::future::BoxFuture;
 use std::future::Future;
-use std::io;
 use std::pin::pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
-use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch, OwnedSemaphorePermit, Semaphore};
 use tokio::time::{sleep, timeout};
 use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
-use tokio_stream::Stream;
-use tonic::transport::server::Connected;
+use tonic::service::Routes;
 use tonic::{transport, Code, Request, Response, Status, Streaming};
 use tracing::{info_span, Instrument, Span};
 use zk0_tls::incoming::encrypted;
@@ -107,10 +105,9 @@ impl<B: Backend> ProvingService<B> {
     pub async fn serve(
         self,
         listener: TcpListener,
-        shutdown: impl Future<Output = ()>,
+        shutdown: impl Future<Output = ()> + Send,
     ) -> Result<(), transport::Error> {
-        self.serve_on(TcpListenerStream::new(listener), shutdown)
-            .await
+        self.serve_on(listener, None, shutdown).await
     }
 
     /// Like [`Self::serve`], over TLS with this certificate.
@@ -118,20 +115,17 @@ impl<B: Backend> ProvingService<B> {
         self,
         listener: TcpListener,
         certificate: &Arc<ServerCertificate>,
-        shutdown: impl Future<Output = ()>,
+        shutdown: impl Future<Output = ()> + Send,
     ) -> Result<(), transport::Error> {
-        let connections = encrypted(listener, certificate.acceptor("h2"));
-        self.serve_on(connections, shutdown).await
+        self.serve_on(listener, Some(certificate), shutdown).await
     }
 
-    async fn serve_on<C>(
+    async fn serve_on(
         self,
-        connections: impl Stream<Item = io::Result<C>>,
-        shutdown: impl Future<Output = ()>,
-    ) -> Result<(), transport::Error>
-    where
-        C: AsyncRead + AsyncWrite + Connected + Unpin + Send + 'static,
-    {
+        listener: TcpListener,
+        certificate: Option<&Arc<ServerCertificate>>,
+        shutdown: impl Future<Output = ()> + Send,
+    ) -> Result<(), transport::Error> {
         let shared = self.shared.clone();
         let shutdown = async {
             shutdown.await;
@@ -146,10 +140,12 @@ impl<B: Backend> ProvingService<B> {
         let service = prover_server::ProverServer::new(self)
             .max_decoding_message_size(upload::MAX_MESSAGE_BYTES)
             .max_encoding_message_size(upload::MAX_EVENT_BYTES);
-        let serving = transport::Server::builder()
-            .concurrency_limit_per_connection(REQUESTS_PER_CONNECTION)
-            .add_service(service)
-            .serve_with_incoming_shutdown(connections, shutdown);
+        let serving = answered(
+            Routes::new(service),
+            listener,
+            certificate,
+            Box::pin(shutdown),
+        );
         tokio::select! {
             served = serving => served?,
             () = overdue => tracing::warn!("some clients have not taken their answers; their connections are cut"),
@@ -157,6 +153,29 @@ impl<B: Backend> ProvingService<B> {
         // Work whose client has gone may still hold the turn, because it is being withdrawn elsewhere.
         let _ = shared.proving.acquire().await;
         Ok(())
+    }
+}
+
+/// Answers requests on `listener` until `shutdown` is ready and the open ones are answered, over TLS if there is a certificate. The future is
+/// boxed, so that a crate with a backend of its own does not compile the server anew.
+fn answered<'a>(
+    routes: Routes,
+    listener: TcpListener,
+    certificate: Option<&Arc<ServerCertificate>>,
+    shutdown: BoxFuture<'a, ()>,
+) -> BoxFuture<'a, Result<(), transport::Error>> {
+    let server = transport::Server::builder()
+        .concurrency_limit_per_connection(REQUESTS_PER_CONNECTION)
+        .add_routes(routes);
+    match certificate {
+        Some(certificate) => {
+            let connections = encrypted(listener, certificate.acceptor("h2"));
+            Box::pin(server.serve_with_incoming_shutdown(connections, shutdown))
+        }
+        None => {
+            let connections = TcpListenerStream::new(listener);
+            Box::pin(server.serve_with_incoming_shutdown(connections, shutdown))
+        }
     }
 }
 
