@@ -61,7 +61,7 @@ impl Audit<'_> {
             Err(error @ SavedError::Unusable { .. }) => return start_again(error.to_string()),
             Err(error) => return Err(error.into()),
         };
-        match Auditor::go_on(self.depth, &self.named, &saved.recheck, &Blobs::at(dir)) {
+        match self.auditor().go_on(&saved.recheck, &Blobs::at(dir)) {
             Ok(auditor) => {
                 match saved.size {
                     1 => tracing::info!("1 entry was verified before"),

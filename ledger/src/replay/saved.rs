@@ -14,7 +14,7 @@ use zk0_files::bounded_file;
 use zk0_protocol::entries::entry::ENTRY_VERSION;
 use zk0_protocol::rules::state::State;
 
-const FORMAT: &[u8] = b"zk0 audit state v3\n";
+const FORMAT: &[u8] = b"zk0 audit state v4\n";
 
 /// Largest file that is read, in bytes.
 const MAX_BYTES: u64 = 1 << 32;
