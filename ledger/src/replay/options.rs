@@ -17,6 +17,9 @@ pub struct Options<'a> {
     pub progress: Option<&'a (dyn Fn(u64, u64) + Sync)>,
     /// An earlier replay. This one goes on from there, and the log has to continue what was verified then.
     pub from: Option<Saved>,
+    /// An earlier replay from which this one cannot go on, because the caller's own checks were others. This one starts with the genesis,
+    /// and the log has to continue what was verified then.
+    pub known: Option<Saved>,
     /// Where the result is saved, so that a later replay can go on from it.
     pub keep: Option<Keep>,
 }
