@@ -320,8 +320,9 @@ impl Recheck for Auditor {
         }
         let (policy, depth, blobs) = (genesis.policy, self.depth, blobs.clone());
         self.check(0, move || {
-            let (name, excuse) = ("the initial policy", Excuse::default());
-            checks::whole(What::Policy, name, &policy, depth, excuse, &blobs)
+            let (kind, name) = (BlobKind::Policy, "the initial policy");
+            let excuse = Excuse::default();
+            checks::whole(What::Policy, &kind, name, &policy, depth, excuse, &blobs)
         });
         std::mem::take(&mut self.found)
     }
@@ -373,8 +374,8 @@ impl Recheck for Auditor {
                 self.closed(before, index, closed, blobs);
                 let (global, blobs) = (closed.global.blob, blobs.clone());
                 self.check(index, move || {
-                    let name = "the global weights";
-                    checks::whole(What::Globals, name, &global, depth, excuse, &blobs)
+                    let (kind, name) = (BlobKind::Weights, "the global weights");
+                    checks::whole(What::Globals, &kind, name, &global, depth, excuse, &blobs)
                 });
             }
             Body::DisputeResolved(resolved) => {
@@ -399,8 +400,8 @@ impl Recheck for Auditor {
                 let excuse = excuse(computed.round);
                 let (moments, blobs) = (computed.moments, blobs.clone());
                 self.check(index, move || {
-                    let name = "the moments";
-                    checks::whole(What::Moments, name, &moments, depth, excuse, &blobs)
+                    let (kind, name) = (BlobKind::Moments, "the moments");
+                    checks::whole(What::Moments, &kind, name, &moments, depth, excuse, &blobs)
                 });
             }
             // The replay verifies closings and randomness: they are rules of the state machine.
