@@ -8,7 +8,7 @@ use anyhow::Result;
 use std::num::NonZeroUsize;
 use std::path::Path;
 use zk0_circuits::Digest;
-use zk0_ledger::replay::{replay_with, Keep, Options as Replaying, Saved, SavedError};
+use zk0_ledger::replay::{self, replay_with, Keep, Options as Replaying, Saved, SavedError};
 use zk0_ledger::Blobs;
 
 /// How to audit.
@@ -31,7 +31,11 @@ pub struct Audit<'a> {
 impl Audit<'_> {
     /// Audits the ledger in `dir`. Where the audit cannot go on from the state file, it starts from the first entry, and the log says why.
     /// What the state file says of the log has to hold all the same.
+    ///
+    /// # Errors
+    /// The ledger or the state file cannot be read.
     pub fn run(&self, dir: &Path) -> Result<Audited> {
+        let opened = replay::open(dir)?;
         let (mut auditor, mut from, mut known) = (self.auditor(), None, None);
         if let Some(saved) = self.saved()? {
             match self.auditor().go_on(&saved.recheck, &Blobs::at(dir)) {
@@ -49,6 +53,7 @@ impl Audit<'_> {
             }
         }
         let options = Replaying {
+            opened,
             network: self.network,
             threads: self.threads,
             progress: self.progress,

@@ -1,5 +1,6 @@
 //! How to replay a ledger, and where to keep what was replayed.
 
+use super::database::Opened;
 use super::saved::Saved;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -9,6 +10,8 @@ use zk0_circuits::Digest;
 /// Options of a replay.
 #[derive(Default)]
 pub struct Options<'a> {
+    /// What [`super::open`] opened; `None` to open the database first.
+    pub opened: Option<Opened>,
     /// The log has to be of this network.
     pub network: Option<Digest>,
     /// How many threads are used. Without a value there is one more than there are cores, because one may be waiting for its turn.
