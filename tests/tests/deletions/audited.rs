@@ -354,6 +354,26 @@ pub const REMOVALS: &[Removal] = &[
         test: "each_verdict_has_an_exit_code_of_its_own",
     },
     Removal {
+        check: "a mirror does not ask for witnesses that the rules have dropped",
+        file: "ledger/src/published/mirror.rs",
+        replacements: &[
+            ("} else if !named && has_ruled_policy(dir, &store)? {", "} else if !named && false && has_ruled_policy(dir, &store)? {"),
+        ],
+        package: "zk0-ledger",
+        target: "published",
+        test: "a_mirror_publishes_what_is_new_when_the_rules_have_dropped_the_witnesses",
+    },
+    Removal {
+        check: "a mirror keeps the policy that its operator has chosen",
+        file: "ledger/src/published/mirror.rs",
+        replacements: &[
+            ("Ok(ruled.wants_witnesses() && ruled.text() == folder::read_policy(dir)?.text())", "Ok(ruled.wants_witnesses())"),
+        ],
+        package: "zk0-ledger",
+        target: "published",
+        test: "a_mirror_publishes_what_is_new_when_the_rules_have_dropped_the_witnesses",
+    },
+    Removal {
         check: "a blob has its digest",
         file: "ledger/src/blobs.rs",
         replacements: &[
