@@ -46,6 +46,8 @@ pub struct Auditor {
     contributions: Vec<VerifiedContribution>,
     /// What is not at hand of them.
     missing: Vec<Missing>,
+    /// What the open round refused, and why, where the proof or the update is not at hand. Both are private until the round closes.
+    refused: Vec<(Recorded, Refusal)>,
     /// Accepted contributions that may still be disputed, and of which this audit has not found that they verify: what verification
     /// says, or `None` where not all of it was checked.
     doubtful: BTreeMap<u64, Option<Refusal>>,
@@ -65,6 +67,7 @@ type Saved = (
     Vec<Recorded>,
     BTreeMap<u64, Option<Refusal>>,
     Rounds,
+    Vec<(Recorded, Refusal)>,
 );
 
 /// The outcome of a job of the queue.
@@ -73,6 +76,8 @@ enum Outcome {
     Check(u64, Check),
     /// The checks of an accepted contribution.
     Accepted(u64, Box<Examined>),
+    /// The check of a refusal in the open round.
+    Refused(Box<(Recorded, Refusal)>, Check),
 }
 
 impl Default for Auditor {
@@ -98,6 +103,7 @@ impl Auditor {
             accepted: Vec::new(),
             contributions: Vec::new(),
             missing: Vec::new(),
+            refused: Vec::new(),
             doubtful: BTreeMap::new(),
             pruning: None,
             unrepeatable: Rounds::default(),
@@ -113,12 +119,12 @@ impl Auditor {
 
     /// Goes on from what an audit of the same depth, by an auditor who named the same, has saved with [`Recheck::save`]. What the open round accepted is verified again,
     /// because the average takes only what was verified.
-    pub fn go_on(depth: Depth, named: &Named, saved: &[u8], blobs: &Blobs) -> Result<Self, String> {
-        let (was, had_named, account, accepted, doubtful, unrepeatable): Saved =
+    pub fn go_on(self, saved: &[u8], blobs: &Blobs) -> Result<Self, String> {
+        let (was, had_named, account, accepted, doubtful, unrepeatable, refused): Saved =
             borsh::from_slice(saved).map_err(|error| {
                 format!("another version of zk0 wrote the state file ({error})")
             })?;
-        if was != depth {
+        if was != self.depth {
             let name = |depth| match depth {
                 Depth::Light => "light",
                 Depth::Full => "full",
@@ -126,21 +132,21 @@ impl Auditor {
             return Err(format!(
                 "the state file is from a {} audit, and this audit is {}",
                 name(was),
-                name(depth)
+                name(self.depth)
             ));
         }
-        if had_named != *named {
+        if had_named != self.named {
             return Err(
                 "the audit that wrote the state file had other --program or --evaluation options"
                     .into(),
             );
         }
         let mut auditor = Self {
-            named: had_named,
             account,
             doubtful,
             unrepeatable,
-            ..Self::new(depth)
+            refused,
+            ..self
         };
         for recorded in accepted {
             auditor.examine(recorded, blobs);
@@ -167,6 +173,13 @@ impl Auditor {
         {
             let name = format!("{name} is not at hand; it has to be at hand once its round closes");
             account.left_out(*what, Why::NotAtHand, *index, name);
+        }
+        for (recorded, _) in &self.refused {
+            let node = recorded.submission.statement.claim.terms.node;
+            let name = format!(
+                "node {node}'s refused contribution is not at hand; it is looked for again once its round closes"
+            );
+            account.left_out(What::Refusals, Why::NotAtHand, recorded.index, name);
         }
         account
     }
@@ -207,6 +220,10 @@ impl Auditor {
             Some(Ok(Outcome::Check(index, check))) => {
                 enter(&mut self.account, &mut self.found, index, check);
             }
+            Some(Ok(Outcome::Refused(refused, check))) => match check {
+                Check::LeftOut(_, Why::NotAtHand, _) => self.refused.push(*refused),
+                check => enter(&mut self.account, &mut self.found, refused.0.index, check),
+            },
             Some(Ok(Outcome::Accepted(index, examined))) => {
                 for check in examined.checks {
                     enter(&mut self.open, &mut self.found, index, check);
@@ -227,9 +244,23 @@ impl Auditor {
         }
     }
 
-    /// Checks the end of a round: the average over what it accepted, its evaluation, and that every accepted contribution has a proof and an update.
+    /// Checks again the refusals whose blobs were not at hand while their round was open.
+    fn check_refused(&mut self, closed: &RoundClosed, blobs: &Blobs) {
+        for (recorded, reason) in std::mem::take(&mut self.refused) {
+            let excuse = Excuse::of(self.pruning, closed.round, recorded.index);
+            let (depth, blobs) = (self.depth, blobs.clone());
+            self.begin(move || {
+                let check = recorded.rejected(&reason, depth, excuse, &blobs);
+                Outcome::Check(recorded.index, check)
+            });
+        }
+        self.finish_all();
+    }
+
+    /// Checks the end of a round: what it refused, the average over what it accepted, its evaluation, and that every accepted contribution has a proof and an update.
     fn closed(&mut self, before: &State, index: u64, closed: &RoundClosed, blobs: &Blobs) {
         self.finish_all();
+        self.check_refused(closed, blobs);
         let excuse = Excuse::of(self.pruning, closed.round, index);
         let open = std::mem::take(&mut self.open);
         self.account.add(open);
@@ -289,8 +320,9 @@ impl Recheck for Auditor {
         }
         let (policy, depth, blobs) = (genesis.policy, self.depth, blobs.clone());
         self.check(0, move || {
-            let (name, excuse) = ("the initial policy", Excuse::default());
-            checks::whole(What::Policy, name, &policy, depth, excuse, &blobs)
+            let (kind, name) = (BlobKind::Policy, "the initial policy");
+            let excuse = Excuse::default();
+            checks::whole(What::Policy, &kind, name, &policy, depth, excuse, &blobs)
         });
         std::mem::take(&mut self.found)
     }
@@ -329,11 +361,12 @@ impl Recheck for Auditor {
             }
             Body::ContributionAccepted(submission) => self.examine(recorded(submission), blobs),
             Body::ContributionRejected { submission, reason } => {
-                let (recorded, reason) = (recorded(submission), reason.clone());
+                let refused = Box::new((recorded(submission), reason.clone()));
                 let excuse = excuse(submission.statement.claim.terms.round);
                 let blobs = blobs.clone();
                 self.begin(move || {
-                    Outcome::Check(index, recorded.rejected(&reason, depth, excuse, &blobs))
+                    let check = refused.0.rejected(&refused.1, depth, excuse, &blobs);
+                    Outcome::Refused(refused, check)
                 });
             }
             Body::RoundClosed(closed) => {
@@ -341,8 +374,8 @@ impl Recheck for Auditor {
                 self.closed(before, index, closed, blobs);
                 let (global, blobs) = (closed.global.blob, blobs.clone());
                 self.check(index, move || {
-                    let name = "the global weights";
-                    checks::whole(What::Globals, name, &global, depth, excuse, &blobs)
+                    let (kind, name) = (BlobKind::Weights, "the global weights");
+                    checks::whole(What::Globals, &kind, name, &global, depth, excuse, &blobs)
                 });
             }
             Body::DisputeResolved(resolved) => {
@@ -367,8 +400,8 @@ impl Recheck for Auditor {
                 let excuse = excuse(computed.round);
                 let (moments, blobs) = (computed.moments, blobs.clone());
                 self.check(index, move || {
-                    let name = "the moments";
-                    checks::whole(What::Moments, name, &moments, depth, excuse, &blobs)
+                    let (kind, name) = (BlobKind::Moments, "the moments");
+                    checks::whole(What::Moments, &kind, name, &moments, depth, excuse, &blobs)
                 });
             }
             // The replay verifies closings and randomness: they are rules of the state machine.
@@ -402,6 +435,7 @@ impl Recheck for Auditor {
             &self.accepted,
             &self.doubtful,
             &self.unrepeatable,
+            &self.refused,
         ))
         .expect("writing to a Vec cannot fail")
     }
@@ -428,5 +462,27 @@ fn enter(account: &mut Account, found: &mut Vec<Finding>, index: u64, check: Che
         Check::Passed(what) => account.passed(what),
         Check::LeftOut(what, why, example) => account.left_out(what, why, index, example),
         Check::Failed(why) => found.push(Finding::fault(index, why)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[test]
+    fn an_audit_goes_on_with_the_threads_that_it_was_given() {
+        let threads = NonZeroUsize::new(1000).unwrap();
+        let auditor = || Auditor::with_threads(Depth::Light, threads);
+        let saved = auditor().save();
+        let blobs = Blobs::at(Path::new("nowhere"));
+        let mut again = auditor().go_on(&saved, &blobs).unwrap();
+        let mut checks = 0;
+        while !again.queue.is_full() {
+            let check = Check::Passed(What::Program);
+            again.queue.push(Outcome::Check(0, check));
+            checks += 1;
+        }
+        assert_eq!(checks, 2 * threads.get());
     }
 }

@@ -345,9 +345,10 @@ pub fn evaluation(genesis: &Genesis, named: &Named) -> Check {
     )
 }
 
-/// Checks that a blob is the one that the ledger names.
+/// Checks that a blob of this kind is the one that the ledger names.
 pub fn whole(
     what: What,
+    kind: &BlobKind,
     name: &str,
     blob: &Digest,
     depth: Depth,
@@ -359,11 +360,9 @@ pub fn whole(
     }
     match blobs.check(blob) {
         Ok(()) => Check::Passed(what),
-        Err(BlobError::Missing(blob)) => not_at_hand(
-            what,
-            format!("{name} {blob}"),
-            excuse.why(&BlobKind::Weights),
-        ),
+        Err(BlobError::Missing(blob)) => {
+            not_at_hand(what, format!("{name} {blob}"), excuse.why(kind))
+        }
         Err(error) => Check::Failed(format!("{name} {blob} cannot be checked: {error}")),
     }
 }

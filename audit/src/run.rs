@@ -8,7 +8,7 @@ use anyhow::Result;
 use std::num::NonZeroUsize;
 use std::path::Path;
 use zk0_circuits::Digest;
-use zk0_ledger::replay::{replay_with, Keep, Options as Replaying, Saved, SavedError};
+use zk0_ledger::replay::{self, replay_with, Keep, Options as Replaying, Saved, SavedError};
 use zk0_ledger::Blobs;
 
 /// How to audit.
@@ -29,13 +29,40 @@ pub struct Audit<'a> {
 }
 
 impl Audit<'_> {
-    /// Audits the ledger in `dir`. Where the state file cannot be used, the audit starts from the first entry, and the log says why.
+    /// Audits the ledger in `dir`. Where the audit cannot go on from the state file, it starts from the first entry, and the log says why.
+    /// What the state file says of the log has to hold all the same.
+    ///
+    /// # Errors
+    /// The ledger or the state file cannot be read.
     pub fn run(&self, dir: &Path) -> Result<Audited> {
-        let (auditor, from) = match self.saved(dir)? {
-            Some((auditor, saved)) => (auditor, Some(saved)),
-            None => (self.auditor(), None),
+        let opened = replay::open(dir)?;
+        let (mut auditor, mut from, mut known) = (self.auditor(), None, None);
+        if let Some(saved) = self.saved()? {
+            match self.auditor().go_on(&saved.recheck, &Blobs::at(dir)) {
+                Ok(went_on) => {
+                    match saved.size {
+                        1 => tracing::info!("1 entry was verified before"),
+                        size => tracing::info!("{size} entries were verified before"),
+                    }
+                    (auditor, from) = (went_on, Some(saved));
+                }
+                Err(why) => {
+                    starts_again(&why);
+                    known = Some(saved);
+                }
+            }
+        }
+        let options = Replaying {
+            opened,
+            network: self.network,
+            threads: self.threads,
+            progress: self.progress,
+            from,
+            known,
+            keep: self.state_file.clone(),
         };
-        Ok(self.go_on(dir, auditor, from))
+        let report = replay_with(dir, options, &mut auditor);
+        Ok(Audited::new(report, self.depth, &auditor))
     }
 
     fn auditor(&self) -> Auditor {
@@ -46,43 +73,21 @@ impl Audit<'_> {
         auditor.naming(self.named.clone())
     }
 
-    /// What was verified before, if the state file can be used.
-    fn saved(&self, dir: &Path) -> Result<Option<(Auditor, Saved)>> {
+    /// What the state file holds, if it can be read.
+    fn saved(&self) -> Result<Option<Saved>> {
         let Some(state_file) = &self.state_file else {
             return Ok(None);
         };
-        let start_again = |why: String| {
-            tracing::warn!("the audit starts again from the first entry: {why}");
-            Ok(None)
-        };
-        let saved = match Saved::read(&state_file.path) {
-            Ok(None) => return Ok(None),
-            Ok(Some(saved)) => saved,
-            Err(error @ SavedError::Unusable { .. }) => return start_again(error.to_string()),
-            Err(error) => return Err(error.into()),
-        };
-        match Auditor::go_on(self.depth, &self.named, &saved.recheck, &Blobs::at(dir)) {
-            Ok(auditor) => {
-                match saved.size {
-                    1 => tracing::info!("1 entry was verified before"),
-                    size => tracing::info!("{size} entries were verified before"),
-                }
-                Ok(Some((auditor, saved)))
+        match Saved::read(&state_file.path) {
+            Err(error @ SavedError::Unusable { .. }) => {
+                starts_again(&error.to_string());
+                Ok(None)
             }
-            Err(why) => start_again(format!("{}: {why}", state_file.path.display())),
+            read => Ok(read?),
         }
     }
+}
 
-    /// Audits what comes after `from`.
-    pub fn go_on(&self, dir: &Path, mut auditor: Auditor, from: Option<Saved>) -> Audited {
-        let options = Replaying {
-            network: self.network,
-            threads: self.threads,
-            progress: self.progress,
-            from,
-            keep: self.state_file.clone(),
-        };
-        let report = replay_with(dir, options, &mut auditor);
-        Audited::new(report, self.depth, &auditor)
-    }
+fn starts_again(why: &str) {
+    tracing::warn!("the audit starts again from the first entry: {why}");
 }

@@ -3,6 +3,7 @@
 #[path = "../../aggregator/tests/harness/mod.rs"]
 mod harness;
 
+use harness::operator::Operator;
 use harness::*;
 use rocksdb::DB;
 use std::collections::BTreeMap;
@@ -11,7 +12,7 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use zk0_audit::account::{Checked, What, Why};
-use zk0_audit::{Auditor, Depth, Named};
+use zk0_audit::{Auditor, Depth};
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::replay::{replay, replay_with, Keep, Options, Report, Saved, Severity, Verdict};
 use zk0_ledger::store::Store;
@@ -193,9 +194,10 @@ fn cut(dir: &Path, size: u64, checkpoint: &[u8]) {
 /// Audits `dir` and remembers the result in `file`. If `file` holds an earlier audit, goes on from there.
 fn go_on(dir: &Path, depth: Depth, file: &Path) -> Result<(Report, Checked), String> {
     let from = Saved::read(file).unwrap();
+    let auditor = Auditor::new(depth);
     let mut auditor = match &from {
-        Some(saved) => Auditor::go_on(depth, &Named::default(), &saved.recheck, &Blobs::at(dir))?,
-        None => Auditor::new(depth),
+        Some(saved) => auditor.go_on(&saved.recheck, &Blobs::at(dir))?,
+        None => auditor,
     };
     let options = Options {
         from,
@@ -281,6 +283,41 @@ fn a_proof_that_goes_missing_before_its_round_closes_is_missed() {
     fs::write(&place, bytes).unwrap();
     let (then, _) = go_on(whole.path(), Depth::Full, &file).unwrap();
     assert_eq!(then, audit(whole.path(), Depth::Full, 1).0);
+}
+
+#[test]
+fn a_refusal_whose_proof_was_private_is_checked_once_its_round_has_closed() {
+    let proof = b"no proof";
+    let kind = u32::from_le_bytes(*b"no p");
+    let truth = Refusal::MalformedProof(format!("unknown kind of proof {kind}"));
+    let lie = Refusal::InvalidProof("because".into());
+    for (reason, verdict) in [(truth, Verdict::Verified), (lie, Verdict::Failed)] {
+        let (whole, scratch) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let file = scratch.path().join("state");
+        let node = Node::new(1);
+        let mut operator = Operator::founds(whole.path(), genesis(), &[&node]);
+        operator.open();
+        let submission = operator.submission(&node, 1, proof);
+        let refused = operator.append(Body::ContributionRejected { submission, reason });
+        let text = fs::read(folder::checkpoint(whole.path())).unwrap();
+        operator.close(0);
+        drop(operator);
+        // While the round is open, only its aggregator has the proof.
+        let part = copy_of(whole.path());
+        cut(part.path(), refused + 1, &text);
+        let private = Blobs::at(part.path()).path(&zk0_verifier::blob_digest(proof));
+        fs::remove_file(private).unwrap();
+        let first = go_on(part.path(), Depth::Full, &file).unwrap();
+        assert_eq!(first.0.verdict, Verdict::Incomplete, "{:?}", first.0);
+        assert!(notes(&first.0)
+            .iter()
+            .any(|note| note.contains("looked for again once its round closes")));
+        assert_eq!(go_on(part.path(), Depth::Full, &file).unwrap(), first);
+        // After the round has closed, everybody has it.
+        let then = go_on(whole.path(), Depth::Full, &file).unwrap();
+        assert_eq!(then, audit(whole.path(), Depth::Full, 1));
+        assert_eq!(then.0.verdict, verdict, "{:?}", then.0.findings);
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

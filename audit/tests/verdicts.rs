@@ -128,11 +128,12 @@ fn what_one_audit_names_does_not_go_over_to_the_next() {
         programs: [vec![7; 32]].into(),
         ..Named::default()
     };
-    let saved = zk0_ledger::replay::Recheck::save(&Auditor::new(Depth::Full).naming(named.clone()));
+    let auditor = |named: &Named| Auditor::new(Depth::Full).naming(named.clone());
+    let saved = zk0_ledger::replay::Recheck::save(&auditor(&named));
     let blobs = Blobs::at(Path::new(REAL));
-    let error = Auditor::go_on(Depth::Full, &Named::default(), &saved, &blobs).err();
+    let error = auditor(&Named::default()).go_on(&saved, &blobs).err();
     assert!(error.unwrap().contains("--program"));
-    assert!(Auditor::go_on(Depth::Full, &named, &saved, &blobs).is_ok());
+    assert!(auditor(&named).go_on(&saved, &blobs).is_ok());
 }
 
 /// The genesis names the file of the initial weights, and says of it that it holds other numbers. What the guest reads would be other

@@ -88,6 +88,23 @@ pub fn rename_folder(from: &Path, to: &Path) -> io::Result<()> {
     sync_folder(folder_of(to))
 }
 
+/// Makes a folder, and the missing ones above it. Their names are on the disk when this returns. A folder that is there stays as it is.
+///
+/// # Errors
+/// The error of the file system.
+pub fn create_folder(path: &Path) -> io::Result<()> {
+    if path.is_dir() {
+        return Ok(());
+    }
+    create_folder(folder_of(path))?;
+    match fs::create_dir(path) {
+        // Another process has made it.
+        Err(_) if path.is_dir() => {}
+        made => made?,
+    }
+    sync_folder(folder_of(path))
+}
+
 /// Waits until the names in a folder are on the disk.
 ///
 /// # Errors
@@ -183,5 +200,20 @@ mod tests {
         rename_folder(&from, &to).unwrap();
         assert_eq!(names(dir.path()), ["to"]);
         assert!(rename_folder(&from, &to).is_err());
+    }
+
+    #[test]
+    fn a_folder_is_made_with_those_above_it() {
+        let dir = tempfile::tempdir().unwrap();
+        let inner = dir.path().join("outer/inner");
+        for _ in 0..2 {
+            create_folder(&inner).unwrap();
+            assert!(inner.is_dir());
+        }
+        create_folder(Path::new(".")).unwrap();
+        let file = dir.path().join("file");
+        fs::write(&file, "content").unwrap();
+        assert!(create_folder(&file).is_err());
+        assert!(create_folder(&file.join("inner")).is_err());
     }
 }

@@ -29,7 +29,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 use zk0_circuits::Digest;
-use zk0_files::atomic_file::{folder_of, put_in_place, sync_folder};
+use zk0_files::atomic_file::{create_folder, folder_of, put_in_place, sync_folder};
 use zk0_protocol::blob::Blob;
 
 pub use self::error::BlobError;
@@ -176,7 +176,7 @@ impl Blobs {
     /// Makes a folder of files that are to become blobs, and the one of the blobs.
     fn make_folders(&self, of_files: &Path) -> Result<(), BlobError> {
         for folder in [of_files, &self.folder()] {
-            fs::create_dir_all(folder).map_err(io_error(folder))?;
+            create_folder(folder).map_err(io_error(folder))?;
         }
         Ok(())
     }

@@ -3,6 +3,7 @@
 
 use crate::error::{io_error, LedgerError};
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 use zk0_files::atomic_file::{self, sync_folder};
 use zk0_files::bounded_file;
 use zk0_protocol::pruning::PRUNING_BYTES;
@@ -78,6 +79,18 @@ pub fn write_policy(dir: &Path, policy: &WitnessPolicy) -> Result<(), LedgerErro
 /// Replaces the cosigned checkpoint. It is on disk when this returns.
 pub fn write_cosigned(dir: &Path, text: &[u8]) -> Result<(), LedgerError> {
     replace(&cosigned(dir), text)
+}
+
+/// Removes the folder's policy, if there is one, and then the cosigned checkpoint, which nobody reads without a policy. Both are gone from
+/// the disk when this returns.
+pub(crate) fn remove_policy(dir: &Path) -> Result<(), LedgerError> {
+    for path in [policy(dir), cosigned(dir)] {
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+            removed => removed.map_err(io_error(&path))?,
+        }
+    }
+    sync(dir)
 }
 
 /// Replaces the checkpoint file. It is on disk when this returns.

@@ -22,12 +22,12 @@ use crate::group::{group, Trial, Wanted};
 use crate::history::History;
 use crate::store::{Batch, Store};
 use ed25519_dalek::SigningKey;
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use tlog_tiles::tlog::{prove_record, prove_tree};
 use zk0_circuits::Digest;
+use zk0_files::atomic_file::{create_folder, folder_of};
 use zk0_protocol::challenge::vrf::VrfProof;
 use zk0_protocol::entries::entry::{Body, Entry, ENTRY_VERSION};
 use zk0_protocol::entries::genesis::Genesis;
@@ -76,7 +76,7 @@ impl Ledger {
         if folder::checkpoint(dir).exists() {
             return Err(LedgerError::AlreadyExists(dir.into()));
         }
-        fs::create_dir_all(dir).map_err(io_error(dir))?;
+        create_folder(dir).map_err(io_error(dir))?;
         let store = Store::open(&folder::database(dir))?;
         if store.keys().next().is_some() {
             return Err(LedgerError::AlreadyExists(dir.into()));
@@ -95,9 +95,7 @@ impl Ledger {
             poisoned: false,
         };
         folder::sync(dir)?;
-        if let Some(parent) = dir.parent().filter(|parent| parent.is_dir()) {
-            folder::sync(parent)?;
-        }
+        folder::sync(folder_of(dir))?;
         let hashes = ledger.tree.push(&bytes)?;
         let (size, root) = (1, ledger.tree.root()?);
         let checkpoint = Checkpoint { size, root }

@@ -3,10 +3,11 @@
 //! signed.
 
 use sha2::{Digest as _, Sha256};
-use std::fs::{self, File};
+use std::fs::{File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
-use zk0_files::{atomic_file, bounded_file};
+use zk0_files::atomic_file::{self, create_folder};
+use zk0_files::bounded_file;
 use zk0_protocol::tlog::checkpoint::MAX_NOTE_BYTES;
 use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
@@ -62,12 +63,13 @@ impl WitnessStore {
         cosigner: Cosigner,
         logs: Vec<VerifierKey>,
     ) -> Result<Self, WitnessError> {
-        fs::create_dir_all(dir).map_err(io_error(dir))?;
+        // Without its folder, the witness would forget what it cosigned.
+        create_folder(dir).map_err(io_error(dir))?;
         let path = dir.join("lock");
         let lock = File::create(&path).map_err(io_error(&path))?;
         lock.try_lock().map_err(|error| match error {
-            fs::TryLockError::WouldBlock => WitnessError::Locked(dir.into()),
-            fs::TryLockError::Error(error) => io_error(&path)(error),
+            TryLockError::WouldBlock => WitnessError::Locked(dir.into()),
+            TryLockError::Error(error) => io_error(&path)(error),
         })?;
         let mut store = Self {
             dir: dir.into(),

@@ -6,10 +6,18 @@ mod network;
 use ct_merkle::mem_backed_tree::MemoryBackedTree;
 use ct_merkle::InclusionProof;
 use network::shelf::*;
+use network::votes::*;
 use network::*;
 use proptest::prelude::*;
 use sha2_11::Sha256;
+use zk0_ledger::folder;
+use zk0_ledger::log::Ledger;
+use zk0_ledger::published::mirror::mirror;
+use zk0_ledger::published::publication::Publication;
 use zk0_ledger::published::reader::{PublishedError, PublishedLog};
+use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
+use zk0_protocol::tlog::checkpoint::Parsed;
+use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::tlog::layout::{tiles, Kind, Resource, Tile};
 use zk0_protocol::WitnessPolicy;
 
@@ -322,4 +330,48 @@ fn a_checkpoint_that_cannot_be_is_refused_before_anything_is_read() {
         .unwrap();
     shown.instead.insert("checkpoint".into(), Some(text));
     assert!(matches!(open(&shown), Err(PublishedError::Checkpoint(_))));
+}
+
+#[test]
+fn a_mirror_publishes_what_is_new_when_the_rules_have_dropped_the_witnesses() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (dir, copy) = (scratch.path().join("ledger"), scratch.path().join("copy"));
+    let cosigner = Cosigner::new("witness.example/w", key(1)).unwrap();
+    let mut founding = genesis();
+    founding.rules.witness_policy = format!(
+        "witness W {} http://witness.example/w\nquorum W\n",
+        cosigner.key()
+    );
+    let (mut ledger, _) = Ledger::create(&dir, founding, log_key(), T0).unwrap();
+    let signed = ledger.checkpoint().to_vec();
+    let note = Parsed::read(&signed).unwrap().note;
+    let cosigned = [&signed[..], &cosigner.cosign(note.text(), T0 / 1000)].concat();
+    folder::write_cosigned(&dir, &cosigned).unwrap();
+    let mirrored = || {
+        let source = Publication::open(&dir, None).unwrap();
+        mirror(&source, &copy, None, None).unwrap();
+        let copied = Publication::open(&copy, None).unwrap();
+        copied.checkpoint().size
+    };
+    assert_eq!(mirrored(), 1);
+    assert!(folder::policy(&copy).exists());
+    let proposal = ledger.state().next_proposal();
+    let action = Action::ChangeRules(Box::new(genesis().rules));
+    let mut bodies = vec![proposed(ledger.state(), 0, action)];
+    bodies.extend((0..3).map(|one| voted(ledger.state(), one, proposal, Ballot::For)));
+    for body in bodies {
+        ledger.append(T0 + 1, body).unwrap();
+    }
+    let body = settled(proposal, Outcome::Executed);
+    ledger.append(T0 + 10 + VOTING + TIME_LOCK, body).unwrap();
+    assert_eq!(mirrored(), ledger.size());
+    assert!(!folder::policy(&copy).exists() && !folder::cosigned(&copy).exists());
+    // A policy that the rules never named is the operator's own. It stays.
+    let own = Cosigner::new("other.example/w", key(2)).unwrap();
+    let own = format!("witness W {}\nquorum W\n", own.key());
+    folder::write_policy(&copy, &WitnessPolicy::parse(&own).unwrap()).unwrap();
+    folder::write_cosigned(&copy, &cosigned).unwrap();
+    let source = Publication::open(&dir, None).unwrap();
+    mirror(&source, &copy, None, None).unwrap();
+    assert!(folder::policy(&copy).exists());
 }

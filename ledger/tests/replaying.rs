@@ -236,15 +236,28 @@ fn a_log_that_does_not_continue_what_was_verified_is_named() {
     assert_eq!(report.verdict, Verdict::Verified);
     let kept = fs::read(&file).unwrap();
     let says = |dir: &Path, words: &str| {
-        let report = go_on(dir, &file, &mut Finder::default());
-        assert_eq!(report.verdict, Verdict::Failed);
-        let fault = report.findings.last().unwrap();
-        assert!(fault.text.contains(words), "{fault:?}");
-        assert_eq!(
-            fs::read(&file).unwrap(),
-            kept,
-            "the state file stays as it is"
-        );
+        for begins_again in [false, true] {
+            let saved = Saved::read(&file).unwrap();
+            let (from, known) = match begins_again {
+                false => (saved, None),
+                true => (None, saved),
+            };
+            let options = Options {
+                from,
+                known,
+                keep: keep(&file, Duration::ZERO),
+                ..Options::default()
+            };
+            let report = replay_with(dir, options, &mut Finder::default());
+            assert_eq!(report.verdict, Verdict::Failed);
+            let fault = report.findings.last().unwrap();
+            assert!(fault.text.contains(words), "{fault:?}");
+            assert_eq!(
+                fs::read(&file).unwrap(),
+                kept,
+                "the state file stays as it is"
+            );
+        }
     };
     says(
         &short,

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use borsh::BorshDeserialize;
 use zk0_aggregator::round::request::RequestError;
 use zk0_aggregator::{Aggregator, Config, Progress};
-use zk0_audit::{Auditor, Depth, Named};
+use zk0_audit::{Auditor, Depth};
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::replay::{replay, Finding, Recheck};
 use zk0_ledger::Blobs;
@@ -342,7 +342,7 @@ fn audit_memory() -> Target {
     Target {
         seeds: vec![saved.last().unwrap().clone(), largest.clone()],
         run: Box::new(move |input| {
-            let mut auditor = Auditor::go_on(Depth::Full, &Named::default(), input, &blobs)?;
+            let mut auditor = Auditor::new(Depth::Full).go_on(input, &blobs)?;
             auditor.settle();
             let _ = (auditor.checked(), auditor.not_checked());
             Ok(())

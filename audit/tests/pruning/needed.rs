@@ -65,6 +65,18 @@ fn the_newest_weights_are_kept_and_those_before_them_for_their_momentum() {
     }
 }
 
+/// A network whose rounds combine by FedAdam.
+fn adam() -> Genesis {
+    let mut genesis = genesis();
+    genesis.rules.strategy = Strategy::FedAdam {
+        server_rate_billionths: 1_000_000,
+        beta1_bps: 9_000,
+        beta2_bps: 9_900,
+        tau_billionths: 1_000_000,
+    };
+    genesis
+}
+
 /// A round whose moments are this file.
 fn round_of_adam(operator: &mut Operator, moments: &[u8]) {
     let number = operator.state().next_round() as u8;
@@ -85,16 +97,9 @@ fn round_of_adam(operator: &mut Operator, moments: &[u8]) {
 
 #[test]
 fn moments_are_kept_that_a_kept_round_goes_on_from() {
-    let mut genesis = genesis();
-    genesis.rules.strategy = Strategy::FedAdam {
-        server_rate_billionths: 1_000_000,
-        beta1_bps: 9_000,
-        beta2_bps: 9_900,
-        tau_billionths: 1_000_000,
-    };
     for (rounds, kept) in [(0, vec![3]), (1, vec![2, 3]), (2, vec![1, 2, 3])] {
         let dir = tempfile::tempdir().unwrap();
-        let mut operator = founded(dir.path(), genesis.clone());
+        let mut operator = founded(dir.path(), adam());
         (0..4).for_each(|number| round_of_adam(&mut operator, &[number, 9]));
         let now_ms = operator.time_ms;
         drop(operator);
@@ -111,6 +116,22 @@ fn moments_are_kept_that_a_kept_round_goes_on_from() {
         let (report, _) = audit(dir.path(), Depth::Light);
         assert_eq!(faults(&report), [] as [&str; 0]);
     }
+}
+
+#[test]
+fn moments_that_were_pruned_are_not_called_missing_where_weights_are_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut operator = founded(dir.path(), adam());
+    (0..4).for_each(|number| round_of_adam(&mut operator, &[number, 9]));
+    let now_ms = operator.time_ms;
+    drop(operator);
+    prune(dir.path(), &TWO_ROUNDS, now_ms);
+    let (report, auditor) = audit(dir.path(), Depth::Full);
+    assert_eq!(faults(&report), [] as [&str; 0]);
+    assert_eq!(left_out(&auditor, What::Moments), 1);
+    let lines = auditor.not_checked();
+    let missing = lines.iter().filter(|line| line.why == Why::NotAtHand);
+    assert_eq!(missing.count(), 0, "{lines:?}");
 }
 
 #[test]

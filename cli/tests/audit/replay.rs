@@ -9,7 +9,7 @@ use std::fs;
 use std::path::Path;
 use zk0_audit::verified_entries::verified_entries;
 use zk0_circuits::Digest;
-use zk0_ledger::{Blobs, Ledger};
+use zk0_ledger::{folder, Blobs, Ledger};
 use zk0_protocol::Body;
 
 /// Names of the files in a folder.
@@ -95,6 +95,20 @@ fn each_verdict_has_an_exit_code_of_its_own() {
     verdict(3, &list, "not checked  1 dataset's list of drawn frames");
     let (_, error) = ends(4, &["audit", "replay", text(&place("nothing"))]);
     assert!(error.contains("nothing"), "{error}");
+    // The aggregator was killed after it had committed entries and before it published their checkpoint.
+    let killed = place("killed");
+    let mut made = Made::found(&killed, 0);
+    let before = fs::read(folder::checkpoint(&killed)).unwrap();
+    made.round();
+    drop(made.ledger);
+    fs::write(folder::checkpoint(&killed), &before).unwrap();
+    let (_, error) = ends(4, &["audit", "replay", text(&killed)]);
+    assert!(error.contains("start it once"), "{error}");
+    // A checkpoint that the database never had is a fault.
+    let stranger = place("stranger");
+    drop(Made::found_with(&stranger, 0, [10; 32], String::new()).ledger);
+    fs::copy(folder::checkpoint(&stranger), folder::checkpoint(&killed)).unwrap();
+    verdict(1, &killed, "holds a checkpoint of 7 entries");
     // The program that the network proves with is not the one that this auditor names, but it is this release's.
     let option = ["audit", "replay", LEDGER, "--program", "00"];
     ends(0, &option);

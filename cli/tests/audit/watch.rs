@@ -47,6 +47,20 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
     let said = look(1, &fork, &state, &[]);
     assert!(said.contains("ALARM") && said.contains("FORKED"), "{said}");
     assert_eq!(fs::read(&state).unwrap(), kept);
+    // A light watch checks everything again. What the full one saw has to stay all the same.
+    let stranger = place("stranger");
+    drop(Made::found_with(&stranger, 0, [10; 32], String::new()).ledger);
+    for (log, words) in [
+        (&first, "ROLLED BACK"),
+        (&fork, "FORKED"),
+        (&stranger, "is of network"),
+    ] {
+        let said = look(1, log, &state, &["--light"]);
+        assert!(said.contains("ALARM") && said.contains(words), "{said}");
+        assert_eq!(fs::read(&state).unwrap(), kept);
+    }
+    assert_eq!(look(0, &second, &state, &["--light"]), "");
+    assert_ne!(fs::read(&state).unwrap(), kept);
     // Another file lies under the name of a proof.
     let blobs = export_as("false-proof").join("blobs/sha256");
     let proof = fs::read_dir(blobs).unwrap().next().unwrap().unwrap();

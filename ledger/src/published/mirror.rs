@@ -27,7 +27,7 @@ use zk0_protocol::rules::named_blobs::{named_blobs, NamedBlob};
 use zk0_protocol::rules::network_rules::Rules;
 use zk0_protocol::rules::required_witnesses::RequiredWitnesses;
 use zk0_protocol::rules::violation::RuleViolation;
-use zk0_protocol::tlog::checkpoint::Checkpoint;
+use zk0_protocol::tlog::checkpoint::{Checkpoint, Parsed};
 use zk0_protocol::tlog::layout::{Resource, TILE_WIDTH};
 use zk0_protocol::tlog::tree::Frontier;
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;
@@ -123,6 +123,7 @@ pub fn mirror(
     }
     extend(&log, &genesis, &store, &mut tree, &mut required)?;
     let size = tree.size();
+    let named = policy.is_some();
     let policy = match policy {
         Some(policy) => policy.clone(),
         None => {
@@ -137,6 +138,9 @@ pub fn mirror(
     if policy.wants_witnesses() {
         folder::write_policy(dir, &policy)?;
         folder::write_cosigned(dir, log.text())?;
+    } else if !named && has_ruled_policy(dir, &store)? {
+        // The rules have dropped the witnesses. What they cosigned last would be published for ever.
+        folder::remove_policy(dir)?;
     }
     if let Some(signed) = pruned {
         pruned::keep_newer(dir, &genesis, &signed)?;
@@ -176,6 +180,21 @@ pub(crate) fn genesis(bytes: &[u8]) -> Result<Genesis, MirrorError> {
         }
         _ => Err(broken(RuleViolation::NoGenesis)),
     }
+}
+
+/// Whether the folder's policy is the one that the rules named at its cosigned checkpoint. Otherwise the operator has chosen it.
+fn has_ruled_policy(dir: &Path, store: &Store) -> Result<bool, MirrorError> {
+    let text = folder::read_cosigned(dir)?;
+    let Some(Ok(cosigned)) = text.map(|text| Parsed::read(&text)) else {
+        return Ok(false);
+    };
+    let mut required = RequiredWitnesses::default();
+    for index in 0..cosigned.checkpoint.size.min(store.size()?) {
+        let bytes = store.entry(index)?.ok_or(LedgerError::NoEntry(index))?;
+        required.observe(&Entry::decode(&bytes)?.body);
+    }
+    let ruled = required.policy().map_err(MirrorError::Witnesses)?;
+    Ok(ruled.wants_witnesses() && ruled.text() == folder::read_policy(dir)?.text())
 }
 
 /// The tree of the entries in a folder, with its stored hashes verified, and the witnesses that the entries require.

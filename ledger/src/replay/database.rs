@@ -5,13 +5,21 @@ use super::Finding;
 use crate::error::LedgerError;
 use crate::folder;
 use crate::store::{Key, Store};
+use rocksdb::ErrorKind;
 use std::path::Path;
 use std::thread::sleep;
 use std::time::Duration;
 use tlog_tiles::tlog::stored_hash_count;
 
+/// A database whose newest checkpoint is the published one.
+pub struct Opened {
+    pub(super) store: Store,
+    /// How many entries it has.
+    pub(super) size: u64,
+}
+
 /// Opens a database whose newest checkpoint is the published one. It tries again if a writer seems to be using the database.
-pub fn open_published(dir: &Path) -> Result<(Store, u64), LedgerError> {
+pub fn open_published(dir: &Path) -> Result<Opened, LedgerError> {
     const PAUSE: Duration = Duration::from_millis(20);
     let path = folder::database(dir);
     if !path.exists() {
@@ -35,7 +43,26 @@ pub fn open_published(dir: &Path) -> Result<(Store, u64), LedgerError> {
     }
 }
 
-fn open_once(dir: &Path, path: &Path) -> Result<(Store, u64), LedgerError> {
+/// Whether the ledger that gives this error may be whole: it cannot be read now, or its writer was killed after it committed a group
+/// and before it published the checkpoint. Then the published checkpoint is an earlier one of the database. Any other is a fault.
+pub fn is_unread(dir: &Path, error: &LedgerError) -> bool {
+    match error {
+        LedgerError::Io { .. } => true,
+        LedgerError::Database(error) => error.kind() == ErrorKind::IOError,
+        LedgerError::OtherPublished {
+            published, size, ..
+        } => published < size && is_earlier(dir, *published).unwrap_or(false),
+        _ => false,
+    }
+}
+
+/// Whether the published checkpoint is the one that the database has at this size.
+fn is_earlier(dir: &Path, published: u64) -> Result<bool, LedgerError> {
+    let held = Store::open_read_only(&folder::database(dir))?.checkpoint(published)?;
+    Ok(held.is_some() && held == folder::read_checkpoint(dir)?)
+}
+
+fn open_once(dir: &Path, path: &Path) -> Result<Opened, LedgerError> {
     let published = folder::read_checkpoint(dir)?;
     let store = Store::open_read_only(path)?;
     let size = store.size()?;
@@ -51,7 +78,7 @@ fn open_once(dir: &Path, path: &Path) -> Result<(Store, u64), LedgerError> {
     let claimed = claimed_size(&published).unwrap_or_default();
     let at = if at_work { claimed } else { size };
     match store.checkpoint(at)? == Some(published) {
-        true => Ok((store, size)),
+        true => Ok(Opened { store, size }),
         false => Err(LedgerError::OtherPublished {
             path: folder::checkpoint(dir),
             published: claimed,

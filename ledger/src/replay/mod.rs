@@ -17,11 +17,13 @@ mod report;
 mod saved;
 mod serial;
 
+pub use database::Opened;
 pub use options::{Keep, Options};
 pub use recheck::Recheck;
 pub use report::{Finding, Report, Severity, Verdict};
 pub use saved::{Saved, SavedError};
 
+use crate::error::LedgerError;
 use serial::Serial;
 use std::num::NonZeroUsize;
 use std::path::Path;
@@ -37,14 +39,26 @@ pub fn replay(dir: &Path, network: Option<&Digest>, recheck: &mut dyn Recheck) -
     replay_with(dir, options, recheck)
 }
 
+/// Opens the ledger in `dir` before a replay, which takes it in its [`Options`]. `None` if something is wrong: the replay reports it.
+///
+/// # Errors
+/// Nobody can say yet whether something is wrong: the folder cannot be read, or its writer was killed between two writes.
+pub fn open(dir: &Path) -> Result<Option<Opened>, LedgerError> {
+    match database::open_published(dir) {
+        Ok(opened) => Ok(Some(opened)),
+        Err(error) if database::is_unread(dir, &error) => Err(error),
+        Err(_) => Ok(None),
+    }
+}
+
 /// Replays the ledger in `dir` with these options; see [`replay`].
-pub fn replay_with(dir: &Path, options: Options<'_>, recheck: &mut dyn Recheck) -> Report {
+pub fn replay_with(dir: &Path, mut options: Options<'_>, recheck: &mut dyn Recheck) -> Report {
     let threads = options
         .threads
         .map_or_else(default_threads, NonZeroUsize::get);
-    let progress = options.progress;
+    let (opened, progress) = (options.opened.take(), options.progress);
     let mut serial = Serial::new(dir, options, recheck);
-    let stopped = relay::run(dir, threads, progress, &mut serial).err();
+    let stopped = relay::run(dir, opened, threads, progress, &mut serial).err();
     serial.report(stopped)
 }
 

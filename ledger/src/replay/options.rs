@@ -1,5 +1,6 @@
 //! How to replay a ledger, and where to keep what was replayed.
 
+use super::database::Opened;
 use super::saved::Saved;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -9,6 +10,8 @@ use zk0_circuits::Digest;
 /// Options of a replay.
 #[derive(Default)]
 pub struct Options<'a> {
+    /// What [`super::open`] opened; `None` to open the database first.
+    pub opened: Option<Opened>,
     /// The log has to be of this network.
     pub network: Option<Digest>,
     /// How many threads are used. Without a value there is one more than there are cores, because one may be waiting for its turn.
@@ -17,6 +20,9 @@ pub struct Options<'a> {
     pub progress: Option<&'a (dyn Fn(u64, u64) + Sync)>,
     /// An earlier replay. This one goes on from there, and the log has to continue what was verified then.
     pub from: Option<Saved>,
+    /// An earlier replay from which this one cannot go on, because the caller's own checks were others. This one starts with the genesis,
+    /// and the log has to continue what was verified then.
+    pub known: Option<Saved>,
     /// Where the result is saved, so that a later replay can go on from it.
     pub keep: Option<Keep>,
 }

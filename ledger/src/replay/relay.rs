@@ -1,7 +1,7 @@
 //! A replay on several threads: each prepares chunks, and the serial part passes from thread to thread, in order.
 
 use super::chunk::{Chunk, CHUNK};
-use super::database;
+use super::database::{self, Opened};
 use super::report::Finding;
 use super::serial::Serial;
 use crate::error::LedgerError;
@@ -16,12 +16,16 @@ use zk0_protocol::Genesis;
 /// Replays with so many threads, and stops at the first entry that it cannot verify.
 pub fn run(
     dir: &Path,
+    opened: Option<Opened>,
     threads: usize,
     progress: Option<&(dyn Fn(u64, u64) + Sync)>,
     serial: &mut Serial<'_>,
 ) -> Result<(), Finding> {
     let fault = |error: LedgerError| Finding::fault(None, error.to_string());
-    let (store, size) = database::open_published(dir).map_err(fault)?;
+    let Opened { store, size } = match opened {
+        Some(opened) => opened,
+        None => database::open_published(dir).map_err(fault)?,
+    };
     database::check_keys(&store, size)?;
     let first = serial.begin(&store, size)?;
     let genesis = serial.genesis().cloned();

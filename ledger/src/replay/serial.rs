@@ -27,6 +27,7 @@ pub struct Serial<'a> {
     network: Option<Digest>,
     recheck: &'a mut dyn Recheck,
     from: Option<Saved>,
+    known: Option<Saved>,
     keep: Option<Keep>,
     kept: Instant,
     blobs: Blobs,
@@ -43,6 +44,8 @@ pub struct Serial<'a> {
     findings: Vec<Finding>,
     /// How many entries an earlier replay verified. It may have had the same findings about them.
     before: u64,
+    /// How many entries the file of `keep` is about, if this replay does not go on from it. It stays as it is until as many are verified.
+    known_size: u64,
 }
 
 impl<'a> Serial<'a> {
@@ -52,6 +55,7 @@ impl<'a> Serial<'a> {
             network: options.network,
             recheck,
             from: options.from,
+            known: options.known,
             keep: options.keep,
             kept: Instant::now(),
             blobs: Blobs::at(dir),
@@ -63,6 +67,7 @@ impl<'a> Serial<'a> {
             checkpoints: 0,
             findings: Vec::new(),
             before: 0,
+            known_size: 0,
         }
     }
 
@@ -70,6 +75,10 @@ impl<'a> Serial<'a> {
     pub fn begin(&mut self, store: &Store, size: u64) -> Result<u64, Finding> {
         self.size = size;
         self.recheck.begin(size);
+        if let Some(known) = self.known.take() {
+            self.check_continues(store, &known)?;
+            self.known_size = known.size;
+        }
         let next = match self.from.take() {
             Some(saved) => self.resume(store, saved)?,
             None => {
@@ -105,8 +114,8 @@ impl<'a> Serial<'a> {
         }
     }
 
-    /// Goes on from an earlier replay. The log has to continue it: it must have the same root at that size.
-    fn resume(&mut self, store: &Store, saved: Saved) -> Result<u64, Finding> {
+    /// Checks that the log continues an earlier replay: it must have the same root at that size. Returns that root, and the tree.
+    fn check_continues(&self, store: &Store, saved: &Saved) -> Result<(Digest, Frontier), Finding> {
         let fault = |text: String| Finding::fault(None, text);
         let founder = Chunk::read(store, 0..1, None);
         let found = match founder.items.first().map(|item| &item.entry.body) {
@@ -140,6 +149,13 @@ impl<'a> Serial<'a> {
                 saved.size, saved.root
             )));
         }
+        Ok((root, tree))
+    }
+
+    /// Goes on from an earlier replay.
+    fn resume(&mut self, store: &Store, saved: Saved) -> Result<u64, Finding> {
+        let fault = |text: String| Finding::fault(None, text);
+        let (root, tree) = self.check_continues(store, &saved)?;
         // Without new entries, no later checkpoint vouches for the last one, so it needs its own.
         if saved.size == self.size {
             let signed = store.checkpoint(saved.size);
@@ -184,11 +200,11 @@ impl<'a> Serial<'a> {
             self.step(item, authentic)
                 .map_err(|why| Finding::fault(item.index, why))?;
         }
+        let size = self.verified.map_or(0, |(size, _)| size);
         if let Some(why) = &chunk.broken {
-            let next = self.verified.map_or(0, |(size, _)| size);
-            return Err(Finding::fault(next, why));
+            return Err(Finding::fault(size, why));
         }
-        let due = |keep: &Keep| self.kept.elapsed() >= keep.every;
+        let due = |keep: &Keep| size >= self.known_size && self.kept.elapsed() >= keep.every;
         if self.keep.as_ref().is_some_and(due) {
             self.save();
         }

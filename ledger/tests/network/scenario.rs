@@ -1,13 +1,17 @@
 //! The writer in tests that kill it, fail its writes or cut off the power. It makes every kind of write that a ledger makes, and prints
 //! on standard output what it has acknowledged.
 
+use super::log::{log_vkey, ORIGIN};
 use super::*;
 use std::io::{IoSlice, Write};
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use zk0_circuits::Digest;
+use zk0_ledger::witness_store::{hash, AddError, WitnessError, WitnessStore};
 use zk0_ledger::{Blobs, Ledger, LedgerError};
+use zk0_protocol::tlog::cosigner::Cosigner;
+use zk0_protocol::tlog::witness::AddCheckpoint;
 use zk0_protocol::{Body, Checkpoint, Receipt};
 
 /// The environment variable that names the folder to the child process.
@@ -75,6 +79,24 @@ fn attempt(
     }
 }
 
+/// The witness of the scenario. Its folder lies beside the ledger's.
+fn witness(dir: &Path) -> Result<WitnessStore, WitnessError> {
+    let cosigner = Cosigner::new("witness.example/w", key(90)).unwrap();
+    WitnessStore::open(&dir.with_file_name("witness"), cosigner, vec![log_vkey()])
+}
+
+/// Has a new witness cosign the checkpoint.
+fn cosign(dir: &Path, checkpoint: &[u8]) -> Result<(), AddError> {
+    let request = AddCheckpoint {
+        old: 0,
+        proof: Vec::new(),
+        checkpoint: checkpoint.to_vec(),
+    };
+    witness(dir)?.add(&request.encode(), T0 / 1000)?;
+    say("cosigned".into());
+    Ok(())
+}
+
 fn scenario(dir: &Path) -> Result<(), LedgerError> {
     let (mut ledger, receipt) = Ledger::create(dir, genesis(), log_key(), T0)?;
     acknowledge(&receipt);
@@ -93,6 +115,10 @@ fn scenario(dir: &Path) -> Result<(), LedgerError> {
     })?;
     let digest = ledger.blobs().put(&[7; 200_000])?;
     say(format!("blob {digest}"));
+    cosign(dir, ledger.checkpoint()).map_err(|error| match error {
+        AddError::Failed(WitnessError::Io { path, error }) => LedgerError::Io { path, error },
+        other => panic!("{other}"),
+    })?;
     attempt(&mut ledger, |ledger| {
         let opening = Body::RoundOpened(opened(ledger.state(), T0 + 3));
         Ok(vec![ledger.append(T0 + 3, opening)?])
@@ -155,6 +181,8 @@ pub struct Said {
     pub begun: bool,
     pub receipts: Vec<Receipt>,
     pub blobs: Vec<Digest>,
+    /// Whether the witness has cosigned.
+    pub cosigned: bool,
 }
 
 /// Reads what a child said. Its last line may be incomplete.
@@ -166,6 +194,7 @@ pub fn said(stdout: &[u8]) -> Said {
             continue;
         };
         said.begun |= line == "begun";
+        said.cosigned |= line == "cosigned";
         if let Some(receipt) = line.strip_prefix("acknowledged ") {
             said.receipts
                 .push(borsh::from_slice(&hex::decode(receipt).unwrap()).unwrap());
@@ -209,6 +238,14 @@ pub fn check(dir: &Path, said: &Said, when: &str) -> u64 {
     }
     for digest in &said.blobs {
         Blobs::at(dir).check(digest).unwrap();
+    }
+    if said.cosigned {
+        let witness = witness(dir).unwrap_or_else(|error| panic!("{when}: {error}"));
+        let last = witness.last(&hash(ORIGIN)).unwrap();
+        assert!(
+            last.is_some(),
+            "{when}: the witness forgot what it cosigned"
+        );
     }
     ledger.append(T0 + 7, enrolled(99)).unwrap();
     let size = ledger.size();

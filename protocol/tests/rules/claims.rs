@@ -145,7 +145,12 @@ fn a_late_claim_is_refused_as_such() {
     chain.time_ms = deadline - 1;
     chain.apply(accepted(&chain.state, 1));
     assert_eq!(refused(chain.refusal(accepted(&chain.state, 0))), late(1));
-    for wrong in [late(3), late(0)] {
+    let other = Refusal::Late {
+        what: "nonsense".into(),
+        round: 0,
+        late_ms: 1,
+    };
+    for wrong in [late(3), late(0), other] {
         assert!(matches!(
             chain.refusal(rejected(&chain.state, 0, wrong)),
             RuleViolation::WrongReason { .. }

@@ -1,9 +1,18 @@
-//! Checks of what rules may say, of the number of nodes that rounds wait for, of nodes that leave, and of votes.
+//! Checks of what rules and refusals may say, of the number of nodes that rounds wait for, of nodes that leave, and of votes.
 
 use crate::ledger_rules::rule;
 use crate::Removal;
 
 pub const REMOVALS: &[Removal] = &[
+    rule(
+        "a refusal for lateness says what came late",
+        "protocol/src/rules/apply/rounds.rs",
+        &[(
+            "round == open && what == late",
+            "round == open && what.len() < usize::MAX && late.len() < usize::MAX",
+        )],
+        "a_late_claim_is_refused_as_such",
+    ),
     rule(
         "rules about times and sizes have upper bounds",
         "protocol/src/rules/network_rules.rs",

@@ -32,6 +32,15 @@ pub const REMOVALS: &[Removal] = &[
         COUNTS,
     ),
     audited(
+        "moments are pruned with the updates, and not with the weights",
+        "audit/src/checks.rs",
+        &[(
+            "excuse.why(kind))",
+            "{ let _ = kind; excuse.why(&BlobKind::Weights) })",
+        )],
+        "moments_that_were_pruned_are_not_called_missing_where_weights_are_kept",
+    ),
+    audited(
         "only the log's key says what was pruned",
         "ledger/src/pruned.rs",
         &[("if statement.operator.0 != genesis.log_key {", "if false {")],

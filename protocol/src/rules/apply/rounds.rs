@@ -205,15 +205,19 @@ impl State {
         let found = self.check_claim(claim, time_ms);
         let holds = match (reason, &found) {
             (
-                Refusal::Late { late_ms, round, .. },
+                Refusal::Late {
+                    what,
+                    round,
+                    late_ms,
+                },
                 Err(Refusal::Late {
-                    late_ms: at_most,
+                    what: late,
                     round: open,
-                    ..
+                    late_ms: at_most,
                 }),
             ) => {
                 // It was refused when it arrived, and recorded a moment later.
-                (1..=*at_most).contains(late_ms) && round == open
+                (1..=*at_most).contains(late_ms) && round == open && what == late
             }
             (Refusal::Late { .. } | Refusal::Binding { .. }, found) => {
                 found.as_ref() == Err(reason)
