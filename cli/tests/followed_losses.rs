@@ -84,7 +84,7 @@ fn losses(network: &LocalNetwork) -> Value {
 #[test]
 fn rates_follow_the_losses_from_start_to_start() {
     let network = LocalNetwork::new();
-    network.found(&[]);
+    network.found_with_short_rounds();
     let follow = [&TRAINING[..], &["--follow-losses"]].concat();
     // Nobody's proof is accepted, so the base weights stay and their loss stalls.
     let said = network.joins(2, &follow);
@@ -141,7 +141,7 @@ fn rates_follow_the_losses_from_start_to_start() {
 #[test]
 fn nothing_is_measured_unless_it_is_wanted_and_mistakes_are_named() {
     let network = LocalNetwork::new();
-    network.found(&[]);
+    network.found_with_short_rounds();
     network.joins(1, &TRAINING);
     assert!(!Path::new(&network.path("state/base-losses.json")).exists());
     let expected = trained(&network, &network.policy(), 0, MU, LEARNING_RATE);

@@ -42,7 +42,10 @@ impl Service {
     ) -> Result<RoundInfo, RequestError> {
         let receipts = aggregator.round(round, node, self.visible(aggregator)?)?;
         let state = aggregator.state();
-        let open = state.round().zip(node);
+        let shown = state
+            .round()
+            .filter(|open| round.is_none_or(|round| round == open.number()));
+        let open = shown.zip(node);
         Ok(RoundInfo {
             invited: open.is_some_and(|(open, node)| state.may_contribute(open, &node)),
             opened: receipts.opened.map(Into::into),
@@ -95,11 +98,7 @@ impl Service {
             };
             if let Some(info) = info {
                 let failed = info.is_err();
-                // The clock always moves on, and is no news by itself.
-                let news = info.as_ref().ok().map(|info| RoundInfo {
-                    now_ms: 0,
-                    ..info.clone()
-                });
+                let news = info.as_ref().ok().map(news);
                 if failed || news != told {
                     told = news;
                     let sent = sender.send(info.map_err(Into::into));
@@ -114,4 +113,18 @@ impl Service {
             }
         }
     }
+}
+
+/// What a follower has not heard: an entry, or that it may contribute. The clock always moves on, and an entry has a newer receipt whenever the ledger
+/// has grown, so these are no news.
+fn news(info: &RoundInfo) -> ([Option<u64>; 5], bool) {
+    let entries = [
+        &info.opened,
+        &info.commitments_closed,
+        &info.randomness,
+        &info.closed,
+        &info.contribution,
+    ];
+    let indices = entries.map(|entry| entry.as_ref().map(|receipt| receipt.index));
+    (indices, info.invited)
 }

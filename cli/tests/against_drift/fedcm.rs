@@ -80,7 +80,7 @@ fn update(network: &LocalNetwork, round: u64) -> Vec<u8> {
 #[test]
 fn a_node_follows_the_last_global_step_that_the_ledger_shows() {
     let network = LocalNetwork::new();
-    network.found(&[]);
+    network.found_with_short_rounds();
     let alpha = ALPHA.to_string();
     let follow = [&TRAINING[..], &["--fedcm-alpha", &alpha]].concat();
     let said = network.joins(1, &follow);

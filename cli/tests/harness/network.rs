@@ -1,8 +1,8 @@
 //! A network on this machine. The binary founds and joins it; an aggregator and a prover run in the test. The prover makes no real proofs,
 //! so no contribution is accepted, and each round starts from the same weights.
 
-use super::{logged, logs, root, words, zk0, RECORDING};
-use serde_json::json;
+use super::{logged, logs, prints, root, words, zk0, RECORDING};
+use serde_json::{json, Value};
 use std::fs;
 use std::path::Path;
 use std::process::Output;
@@ -89,6 +89,19 @@ impl LocalNetwork {
         let windows = ["--commit-minutes", "1", "--submit-minutes", "1"];
         let more = [&["--node", &node], &windows[..], more].concat();
         logs(&words(&self.founding(&more)))
+    }
+
+    /// Like [`Self::found`], for tests that do not count on a claim: a round takes submissions for five seconds only, so that it is soon over.
+    #[track_caller]
+    pub fn found_with_short_rounds(&self) {
+        let node = keys::generate(Path::new(&self.path("node.key"))).unwrap();
+        let mut rules: Value = serde_json::from_str(&prints(&["aggregator", "rules"])).unwrap();
+        rules["commit_window_ms"] = 60_000.into();
+        rules["submit_window_ms"] = 5_000.into();
+        let file = self.path("rules.json");
+        fs::write(&file, rules.to_string()).unwrap();
+        let node = format!("node={node}");
+        logs(&words(&self.founding(&["--node", &node, "--rules", &file])));
     }
 
     pub fn entries(&self) -> Vec<Entry> {

@@ -30,8 +30,7 @@ fn a_device_that_is_not_there_ends_the_node_before_it_connects() {
 fn a_node_that_names_the_cpu_trains_as_one_that_names_no_device() {
     let updates = [&["--device", "cpu"][..], &[]].map(|device| {
         let network = LocalNetwork::new();
-        network.found(&[]);
-        // With these, the claim holds for nearly every challenge, and the round ends at once.
+        network.found_with_short_rounds();
         let training = [
             "--steps",
             "200",

@@ -229,7 +229,7 @@ fn a_proving_service_does_not_start_without_its_certificate() {
 #[test]
 fn a_node_believes_only_the_proving_service_of_its_authority() {
     let network = LocalNetwork::new();
-    network.found(&[]);
+    network.found_with_short_rounds();
     let (certificates, other) = (Certificates::new(), Certificates::new());
     let encrypted = network.prover_with(Some(certificates.load()));
     let (key, state) = (network.path("node.key"), network.path("state"));

@@ -16,6 +16,7 @@ use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch, OwnedSemaphorePermit, Semaphore};
 use tokio::time::{sleep, timeout};
 use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
+use tokio_stream::Stream;
 use tonic::service::Routes;
 use tonic::{transport, Code, Request, Response, Status, Streaming};
 use tracing::{info_span, Instrument, Span};
