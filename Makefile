@@ -53,7 +53,8 @@ flower: build
 test:
 	@scripts/setup.sh guest lint
 	scripts/lint
-	$(RUST) cargo test --release --workspace --locked
+	$(RUST) cargo test --release --workspace --locked --tests
+	$(RUST) cargo test --release --workspace --locked --doc
 	$(RUST) cargo test --release --workspace --locked --test real_proof -- --ignored --nocapture
 
 # Removes each check of the protocol, the argument, the verifier, the ledger and the audit from a copy of the sources, and fails where no

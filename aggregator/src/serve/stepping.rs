@@ -3,16 +3,20 @@
 use crate::round::aggregator::{Aggregator, Progress};
 use crate::round::request::RequestError;
 use crate::serve::service::{blocking, Service};
+use futures_core::future::BoxFuture;
 use tracing::{info_span, instrument, Instrument};
 
 impl Service {
-    /// Takes the rounds one step further, as [`Aggregator::step`] does. What takes long is done away from the aggregator.
-    pub async fn step(&self) -> Result<Progress, RequestError> {
-        match self.whole_step().await {
-            // It has jumped since the step began.
-            Err(RequestError::Clock(error)) => Ok(Progress::WrongClock(error)),
-            done => done,
-        }
+    /// Takes the rounds one step further, as [`Aggregator::step`] does. What takes long is done away from the aggregator. The future is boxed, so that a
+    /// crate that awaits it does not compile the steps anew.
+    pub fn step(&self) -> BoxFuture<'_, Result<Progress, RequestError>> {
+        Box::pin(async {
+            match self.whole_step().await {
+                // It has jumped since the step began.
+                Err(RequestError::Clock(error)) => Ok(Progress::WrongClock(error)),
+                done => done,
+            }
+        })
     }
 
     async fn whole_step(&self) -> Result<Progress, RequestError> {

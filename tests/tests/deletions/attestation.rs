@@ -309,8 +309,8 @@ pub const REMOVALS: &[Removal] = &[
         replacements: &[
             ("    check_leaves(&registration.dataset, &distinct(&list))\n        .map_err(|error| Refusal::Dataset(error.to_string()))\n", "    let _ = (check_leaves, distinct(&list));\n    Ok(())\n"),
         ],
-        package: "zk0-verifier",
-        target: "refusals",
+        package: "zk0-aggregator",
+        target: "served",
         test: "datasets_are_checked_before_they_are_recorded",
     },
 ];

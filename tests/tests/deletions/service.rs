@@ -14,7 +14,7 @@ const fn in_time(
         file,
         replacements,
         package: "zk0-aggregator",
-        target: "in_time",
+        target: "served",
         test,
     }
 }
@@ -278,7 +278,7 @@ pub const REMOVALS: &[Removal] = &[
         "a_node_is_present_for_a_minute_after_it_has_gone",
     ),
     Removal {
-        target: "lost_files",
+        target: "served",
         ..head(
             "a restarted aggregator verifies contributions on all cores",
             "aggregator/src/round/accepted.rs",
@@ -287,7 +287,7 @@ pub const REMOVALS: &[Removal] = &[
         )
     },
     Removal {
-        target: "lost_files",
+        target: "served",
         ..head(
             "an aggregator starts although a file of its open round is lost",
             "aggregator/src/round/ledger_index.rs",
@@ -296,7 +296,7 @@ pub const REMOVALS: &[Removal] = &[
         )
     },
     Removal {
-        target: "lost_files",
+        target: "served",
         ..head(
             "a lost file keeps a round from closing",
             "aggregator/src/round/closing.rs",
@@ -368,7 +368,7 @@ pub const REMOVALS: &[Removal] = &[
         "a_node_that_has_committed_is_told_that_its_update_is_here_and_uploads_no_other",
     ),
     Removal {
-        target: "limits",
+        target: "served",
         ..in_time(
             "a node does not register as often as it likes",
             "aggregator/src/round/recording/statements.rs",
@@ -377,7 +377,7 @@ pub const REMOVALS: &[Removal] = &[
         )
     },
     Removal {
-        target: "limits",
+        target: "served",
         ..in_time(
             "a node does not register more often under another key",
             "aggregator/src/round/recording/registrations.rs",

@@ -1,16 +1,12 @@
 //! The randomness of a round from a beacon, which a local server speaks as drand's servers do. A beacon that is down, late, wrong or from
 //! another chain is named as such, and the round and the ledger go on.
 
-#[path = "../../protocol/tests/network/beacon.rs"]
-mod beacon;
-mod harness;
-
+use crate::beacon::Beacon;
+use crate::harness::*;
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use axum::routing::get;
 use axum::Router;
-use beacon::Beacon;
-use harness::*;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::net::TcpListener;

@@ -1,9 +1,7 @@
 //! The aggregator tells strangers, cheats and late nodes over the network why it refuses them. These tests also show which refusals
 //! the ledger records.
 
-mod harness;
-
-use harness::*;
+use crate::harness::*;
 use tonic::Code;
 use zk0_aggregator::Config;
 use zk0_circuits::Digest;

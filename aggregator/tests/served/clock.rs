@@ -1,8 +1,6 @@
 //! An aggregator whose clock is set forward records nothing by it, until its operator starts it again.
 
-mod harness;
-
-use harness::*;
+use crate::harness::*;
 use std::fmt::{Debug, Display};
 use std::sync::Arc;
 use zk0_aggregator::{Aggregator, Config, Progress};

@@ -1,11 +1,9 @@
 //! The aggregator publishes nothing before a quorum of witnesses has cosigned it. Entries are safe on disk even without the
 //! witnesses.
 
-mod harness;
-
+use crate::harness::witnesses::{cosigned, enrol, ledger, log_verifier, three};
+use crate::harness::*;
 use ed25519_dalek::SigningKey;
-use harness::witnesses::{cosigned, enrol, ledger, log_verifier, three};
-use harness::*;
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;

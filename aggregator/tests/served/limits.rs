@@ -1,8 +1,6 @@
 //! The aggregator withstands floods, huge requests and full quotas. Limits act before any work, and memory and disk stay bounded.
 
-mod harness;
-
-use harness::*;
+use crate::harness::*;
 use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;

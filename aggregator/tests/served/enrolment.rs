@@ -1,9 +1,7 @@
 //! The operator enrols nodes while the aggregator runs, and nobody else does.
 
-mod harness;
-
+use crate::harness::*;
 use ed25519_dalek::SigningKey;
-use harness::*;
 use tonic::Code;
 use zk0_aggregator::{Config, Limits};
 use zk0_circuits::{Digest, NodeId};

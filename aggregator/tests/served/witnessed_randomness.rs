@@ -1,9 +1,7 @@
 //! The randomness of a round from the witnesses' cosignatures of its closing.
 
-mod harness;
-
+use crate::harness::*;
 use ed25519_dalek::SigningKey;
-use harness::*;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;

@@ -1,8 +1,6 @@
 //! What members say over the network becomes rules. The aggregator finds out that an accepted contribution is false.
 
-mod harness;
-
-use harness::*;
+use crate::harness::*;
 use std::sync::Arc;
 use tonic::{Code, Status};
 use zk0_aggregator::serve::service::ServeError;

@@ -1,8 +1,6 @@
 //! The aggregator publishes its ledger as files and over HTTP. A reader who trusts nothing reads it back and replays it.
 
-mod harness;
-
-use harness::*;
+use crate::harness::*;
 use std::fs;
 use std::path::Path;
 use std::time::Duration;

@@ -1,8 +1,6 @@
 //! A request is judged by when it arrived, and nobody waits while the aggregator verifies something.
 
-mod harness;
-
-use harness::*;
+use crate::harness::*;
 use std::path::PathBuf;
 use std::process::Command;
 use std::time::Duration;

@@ -1,9 +1,7 @@
 //! Lost files. No round opens that could not be closed, and an aggregator whose open round has lost a file starts, and says which one.
 
-mod harness;
-
-use harness::operator::Operator;
-use harness::*;
+use crate::harness::operator::Operator;
+use crate::harness::*;
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};

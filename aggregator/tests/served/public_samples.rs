@@ -1,11 +1,9 @@
 //! No network is founded, no rule is proposed and no round opens with public samples that are not there or that cannot be used: the
 //! result of a round could not be evaluated.
 
-mod harness;
-
-use harness::operator::proposed;
-use harness::samples::{public_samples, rule_of};
-use harness::*;
+use crate::harness::operator::proposed;
+use crate::harness::samples::{public_samples, rule_of};
+use crate::harness::*;
 use std::sync::Arc;
 use zk0_aggregator::round::founding::{Founding, FoundingError};
 use zk0_aggregator::round::request::RequestError;

@@ -1,10 +1,8 @@
 //! Rounds open and close in time, blobs become public in time, and a killed aggregator goes on after a restart.
 
-mod harness;
-
+use crate::harness::operator::Operator;
+use crate::harness::*;
 use ed25519_dalek::SigningKey;
-use harness::operator::Operator;
-use harness::*;
 use std::io::Write;
 use std::sync::Arc;
 use tonic::Code;

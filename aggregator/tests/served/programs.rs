@@ -1,10 +1,8 @@
 //! Another guest program, and the weights of an earlier round, by vote.
 
-mod harness;
-
-use harness::operator::{proposed, voted, Operator};
-use harness::real_proof::real_proof;
-use harness::*;
+use crate::harness::operator::{proposed, voted, Operator};
+use crate::harness::real_proof::real_proof;
+use crate::harness::*;
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
