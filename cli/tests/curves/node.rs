@@ -11,9 +11,8 @@ use std::path::Path;
 #[test]
 fn the_curves_of_a_node_go_on_from_round_to_round() {
     let network = LocalNetwork::new();
-    network.found(&[]);
+    network.found_with_short_rounds();
     let folder = network.path("curves");
-    // With these, the claim holds for nearly every challenge, and the round ends at once.
     let training = [
         "--steps",
         "200",
