@@ -357,9 +357,10 @@ fn a_mirror_publishes_what_is_new_when_the_rules_have_dropped_the_witnesses() {
     assert!(folder::policy(&copy).exists());
     let proposal = ledger.state().next_proposal();
     let action = Action::ChangeRules(Box::new(genesis().rules));
-    let mut bodies = vec![proposed(ledger.state(), 0, action)];
-    bodies.extend((0..3).map(|one| voted(ledger.state(), one, proposal, Ballot::For)));
-    for body in bodies {
+    let body = proposed(ledger.state(), 0, action);
+    ledger.append(T0 + 1, body).unwrap();
+    for voter in 0..3 {
+        let body = voted(ledger.state(), voter, proposal, Ballot::For);
         ledger.append(T0 + 1, body).unwrap();
     }
     let body = settled(proposal, Outcome::Executed);

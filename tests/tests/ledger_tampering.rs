@@ -39,15 +39,27 @@ fn a_real_ledger_is_verified_with_an_acceptance_and_a_refusal() {
     );
 }
 
+/// So many threads change bytes, each in a copy of its own.
+const PARTS: usize = 2;
+
 #[test]
 fn any_byte_of_every_entry_hash_and_stored_checkpoint() {
+    std::thread::scope(|scope| {
+        for part in 0..PARTS {
+            scope.spawn(move || any_byte_of_records(part));
+        }
+    });
+}
+
+/// Changes the bytes of each record whose number is `part` modulo [`PARTS`].
+fn any_byte_of_records(part: usize) {
     let dir = ledger_copy();
     let db = DB::open_default(dir.path().join("log")).unwrap();
     let records: Vec<_> = db
         .iterator(IteratorMode::Start)
         .map(Result::unwrap)
         .collect();
-    for (key, value) in &records {
+    for (key, value) in records.iter().skip(part).step_by(PARTS) {
         for at in 0..value.len() {
             let mut changed = value.to_vec();
             changed[at] ^= 1 << (at % 8);
