@@ -12,6 +12,8 @@ use zk0_prover::program::NotProvable;
 use zk0_prover::service::ClientError;
 use zk0_smolvla::frames::prefix_cache::CacheError;
 
+const MB: f64 = 1e6;
+
 /// Why a node cannot go on.
 #[derive(Debug, thiserror::Error)]
 pub enum ParticipantError {
@@ -88,6 +90,19 @@ pub enum ParticipantError {
     /// This machine has no room for what the network's mode asks of it.
     #[error(transparent)]
     NoRoom(#[from] NoRoom),
+    /// The node's state folder has no room for an update.
+    #[error(
+        "the update needs {:.1} MB of disk, and {} has {:.1} MB free: free some, or move the state folder to another disk",
+        *needed as f64 / MB, folder.display(), *free as f64 / MB
+    )]
+    NoRoomForUpdate {
+        /// The state folder.
+        folder: PathBuf,
+        /// Bytes needed.
+        needed: u64,
+        /// Bytes free.
+        free: u64,
+    },
     /// The network's mode does not fit its evaluation.
     #[error("the network's evaluation: {0}; tell its operator")]
     TooSmall(#[from] TooSmall),

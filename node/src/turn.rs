@@ -4,6 +4,7 @@ mod control_variates;
 mod curves;
 mod last_step;
 pub mod prepared_claim;
+mod room;
 mod scaffold;
 pub mod unfinished;
 
@@ -42,7 +43,8 @@ use zk0_tensorboard::EventFile;
 use zk0_weights::Format;
 
 use curves::Curves;
-use prepared_claim::{check_room, prepare};
+use prepared_claim::prepare;
+use room::{check_room_of_argument, check_room_of_update};
 use unfinished::{Decided, Part, Proven, UnfinishedUpdate};
 
 /// Local training in each round.
@@ -121,10 +123,13 @@ impl Turn<'_> {
             training.check_beside_scaffold(round)?;
         }
         let (mode, format) = (node.genesis().mode, &self.entered.format);
-        check_room(mode, format.spec(), self.eval_samples, self.state)?;
+        check_room_of_argument(mode, format.spec(), self.eval_samples, self.state)?;
         let kept = UnfinishedUpdate::read(self.state, &part, self.weights_limit())?;
-        if kept.is_none() && node.commits_no_more(round).await? {
-            return Err(ParticipantError::TooLate { round });
+        if kept.is_none() {
+            if node.commits_no_more(round).await? {
+                return Err(ParticipantError::TooLate { round });
+            }
+            check_room_of_update(format, self.state)?;
         }
         let base = self.base(node).await?;
         let (update, eval_samples) = match kept {
