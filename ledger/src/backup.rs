@@ -185,8 +185,10 @@ fn copy(
     let (policy, cosigned) = (folder::read_policy(dir)?, folder::read_cosigned(dir)?);
     let whole = Whole::open(dir, blobs)?;
     let done = mirror(&whole, out, Some(&WitnessPolicy::none()), network)?;
-    if folder::policy(dir).exists() {
-        folder::write_policy(out, &policy)?;
+    match folder::policy(dir).exists() {
+        true => folder::write_policy(out, &policy)?,
+        // The ledger may have had one when the backup was made.
+        false => folder::remove_policy(out)?,
     }
     if let Some(text) = cosigned {
         folder::write_cosigned(out, &text)?;

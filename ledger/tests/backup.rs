@@ -247,4 +247,11 @@ fn the_policy_and_what_was_cosigned_are_kept() {
     assert!(folder::policy(&again).exists());
     let newest = folder::read_checkpoint(&again).unwrap();
     assert_eq!(newest.as_deref(), Some(ledger.checkpoint()));
+    // The operator has dropped the witnesses. A backup that still had them would publish for ever what they cosigned last.
+    for file in [folder::policy(&dir), folder::cosigned(&dir)] {
+        fs::remove_file(file).unwrap();
+    }
+    backup(&dir, &saved).unwrap();
+    assert!(!folder::policy(&saved).exists());
+    assert_eq!(folder::read_cosigned(&saved).unwrap(), None);
 }
