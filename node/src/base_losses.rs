@@ -6,7 +6,6 @@ use crate::state_files::{self, broken};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
-use zk0_smolvla::PolicyError;
 
 /// Largest file that is read. It has room for more rounds than a network will have.
 const MAX_BYTES: u64 = 64 << 20;
@@ -83,8 +82,7 @@ impl BaseLosses {
             _ => {
                 let loss = measure()? as f32;
                 if !is_loss(loss) {
-                    let wrong = format!("the loss of round {round}'s base weights is {loss}");
-                    return Err(PolicyError::Sample(wrong).into());
+                    return Err(ParticipantError::BaseLoss { round, loss });
                 }
                 kept.rounds.push(Measured {
                     round,

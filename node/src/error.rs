@@ -120,6 +120,14 @@ pub enum ParticipantError {
         /// The option.
         option: &'static str,
     },
+    /// The round's base weights are so bad that their loss is no number, and the training was to follow it.
+    #[error("the loss of round {round}'s base weights is {loss}, so --follow-losses and --lr-boost give no rates")]
+    BaseLoss {
+        /// The round.
+        round: u64,
+        /// The loss.
+        loss: f32,
+    },
     /// The round takes no more commitments, and the node has trained nothing for it.
     #[error("round {round}: the node came too late, and goes on with the next round: the commitments are closed")]
     TooLate {
@@ -177,6 +185,17 @@ impl From<CacheError> for ParticipantError {
         match error {
             CacheError::Prepare(error) => Self::Prepare(error),
             error => Self::Cache(error),
+        }
+    }
+}
+
+impl ParticipantError {
+    /// Whether training gave no update, although the recording, the files and the machine are whole. The next round may begin with better weights.
+    pub fn is_of_training(&self) -> bool {
+        match self {
+            Self::Policy(error) => error.is_of_training(),
+            Self::Quantise(_) | Self::BaseLoss { .. } => true,
+            _ => false,
         }
     }
 }

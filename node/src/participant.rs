@@ -22,6 +22,7 @@ use zk0_protocol::entries::program::{Program, OUR_SP1};
 use zk0_protocol::entries::refusal::Refusal;
 use zk0_protocol::entries::round_result::ResultOutcome;
 use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
+use zk0_protocol::rules::network_rules::Strategy;
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::image_transforms::Variants;
@@ -181,6 +182,26 @@ impl Participant {
                     | ParticipantError::TooLate { .. }),
                 ) => {
                     tracing::warn!("{error}");
+                }
+                // What the round begins with, or the rules, may be to blame. Neither may end the nodes.
+                Err(error) if error.is_of_training() => {
+                    let rates = match opened.rules.strategy {
+                        Strategy::Scaffold(_) => {
+                            " (the rules say how this round is trained, and a vote changes them)"
+                        }
+                        _ => "",
+                    };
+                    tracing::warn!(
+                        "round {round}: the training gave no update, and the node goes on with the next round: {error}{rates}"
+                    );
+                }
+                Err(ParticipantError::Node(NodeError::Refused(status)))
+                    if status.code() == Code::OutOfRange =>
+                {
+                    tracing::warn!(
+                        "round {round}: the round is full, and the node goes on with the next round: {}",
+                        status.message()
+                    );
                 }
                 Err(ParticipantError::Node(NodeError::Refused(status)))
                     if status.code() == Code::FailedPrecondition

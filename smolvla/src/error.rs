@@ -41,6 +41,18 @@ pub enum PolicyError {
     Candle(#[from] candle_core::Error),
 }
 
+impl PolicyError {
+    /// Whether training came to numbers that are none. The data, the files and the machine are whole then, and other weights may train well.
+    pub fn is_of_training(&self) -> bool {
+        matches!(
+            self,
+            Self::Diverged { .. }
+                | Self::GradientNotFinite { .. }
+                | Self::Stored(StoredPolicyError::Tensor(TensorError::NotFinite { .. }))
+        )
+    }
+}
+
 impl From<TensorError> for PolicyError {
     fn from(error: TensorError) -> Self {
         Self::Stored(error.into())

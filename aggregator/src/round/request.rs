@@ -167,9 +167,13 @@ impl RequestError {
             Self::Malformed(_) => Code::InvalidArgument,
             Self::Head(refusal) => match refusal {
                 // A client that asks again does better, with another head. A clock may have jumped, and is set right soon.
-                HeadRefusal::Run | HeadRefusal::Time { .. } => Code::Unavailable,
-                HeadRefusal::Replayed | HeadRefusal::Forgotten { .. } => Code::AlreadyExists,
-                HeadRefusal::TooMany { .. } | HeadRefusal::NoRoom { .. } => Code::ResourceExhausted,
+                HeadRefusal::Run
+                | HeadRefusal::Time { .. }
+                // The window forgets heads within minutes.
+                | HeadRefusal::TooMany { .. }
+                | HeadRefusal::NoRoom { .. }
+                | HeadRefusal::Forgotten { .. } => Code::Unavailable,
+                HeadRefusal::Replayed => Code::AlreadyExists,
                 _ => Code::Unauthenticated,
             },
             Self::Violation(_) | Self::LostWeights { .. } | Self::PublicSamples(_) => {
@@ -193,6 +197,8 @@ impl RequestError {
                 | Refusal::NotActive { .. }
                 | Refusal::NotInvited { .. }
                 | Refusal::Paused { .. } => Code::PermissionDenied,
+                // The node knows by this code that it has to wait for the next round.
+                Refusal::RoundFull { .. } => Code::OutOfRange,
                 Refusal::Duplicate { .. } | Refusal::CopiedUpdate { .. } => Code::AlreadyExists,
                 Refusal::WrongNetwork { .. }
                 | Refusal::WrongRound { .. }

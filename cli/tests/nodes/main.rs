@@ -4,6 +4,7 @@
 mod harness;
 
 mod devices;
+mod diverged;
 mod eval_samples;
 mod leaving;
 mod unwritable;

@@ -7,6 +7,7 @@
 //! for nothing.
 
 use crate::client::Node;
+use crate::client_error::NodeError;
 use crate::error::ParticipantError;
 use crate::exchanged_weights::Base;
 use crate::turn::control_variates::{KeptVariates, Whose};
@@ -100,14 +101,23 @@ impl Turn<'_> {
         let mut known =
             found.unwrap_or_else(|| KeptVariates::begin(round - new.len() as u64, like));
         let mut held = None;
+        let (mut observed, before) = (Ok(()), known.next);
         for (opened, closed) in new.iter().rev() {
-            self.observe(&mut known, node, base, &mut held, (opened, closed))
-                .await?;
+            observed = self
+                .observe(&mut known, node, base, &mut held, (opened, closed))
+                .await;
+            if observed.is_err() {
+                break;
+            }
             known.next = opened.round + 1;
         }
-        if !new.is_empty() {
-            known.keep(self.state, &whose, config)?;
+        // The next attempt goes on after what is kept.
+        if known.next > before {
+            if let Err(error) = known.keep(self.state, &whose, config) {
+                tracing::warn!("round {round}: the control variates are not kept, and the node computes them again from the ledger: {error}");
+            }
         }
+        observed?;
         let rounds = counted(round - known.first, "round", "rounds");
         let step = format!(
             "{} of SGD at {}",
@@ -145,7 +155,17 @@ impl Turn<'_> {
         let contributors: Vec<_> = closed.contributors.iter().map(|one| one.node).collect();
         let own = match contributors.contains(&node.id()) {
             true => {
-                let update = node.accepted_update(opened.round).await?;
+                let update = match node.accepted_update(opened.round).await {
+                    // A round may have opened meanwhile for which the earlier ones count no more.
+                    Err(NodeError::Unexpected { .. })
+                        if node.commits_no_more(self.opened.round).await? =>
+                    {
+                        return Err(ParticipantError::TooLate {
+                            round: self.opened.round,
+                        });
+                    }
+                    update => update?,
+                };
                 Some(self.weights(node, &rule, &update.blob).await?)
             }
             false => None,

@@ -6,6 +6,8 @@
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::{Deserialize, Serialize};
 
+use crate::rules::upper_bounds::MAX_PAUSE_ROUNDS;
+
 /// Most commitments that a record remembers.
 pub const MAX_REMEMBERED: u32 = 64;
 
@@ -20,7 +22,7 @@ pub struct UnansweredRule {
     pub max: u32,
     /// How many of a node's commitments are looked at; 1 to [`MAX_REMEMBERED`].
     pub of_last: u32,
-    /// How many rounds a node over the limit has to leave out; at least 1.
+    /// How many rounds a node over the limit has to leave out; 1 to [`MAX_PAUSE_ROUNDS`].
     pub pause_rounds: u64,
 }
 
@@ -52,8 +54,10 @@ impl UnansweredRule {
             ));
         }
         match self.pause_rounds {
-            0 => Err("rule unanswered.pause_rounds is 0; it has to be at least 1".into()),
-            _ => Ok(()),
+            1..=MAX_PAUSE_ROUNDS => Ok(()),
+            other => Err(format!(
+                "rule unanswered.pause_rounds is {other}; it has to be between 1 and {MAX_PAUSE_ROUNDS}"
+            )),
         }
     }
 }
@@ -147,7 +151,13 @@ mod tests {
 
     #[test]
     fn a_rule_that_makes_no_sense_is_refused() {
-        let bad = [(5, 4, 1), (0, 0, 1), (1, 65, 1), (1, 2, 0)];
+        let bad = [
+            (5, 4, 1),
+            (0, 0, 1),
+            (1, 65, 1),
+            (1, 2, 0),
+            (1, 2, MAX_PAUSE_ROUNDS + 1),
+        ];
         for (max, of_last, pause_rounds) in bad {
             let rule = UnansweredRule {
                 max,

@@ -19,5 +19,8 @@ pub const MAX_PROOF_BYTES: u64 = 64 << 20;
 /// nodes to be present.
 pub const MAX_COMMITS: usize = 1300;
 
+/// The longest pause of a node that leaves its commitments without claims, in rounds. A pause that has begun outlasts a vote that shortens the rule.
+pub const MAX_PAUSE_ROUNDS: u64 = 1000;
+
 /// The most credits for one contribution. The sum over a million such contributions still fits 64 bits.
 pub const MAX_CREDITS: u64 = 1 << 40;
