@@ -241,3 +241,26 @@ impl From<RequestError> for Status {
         Self::new(error.code(), error.to_string())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use zk0_circuits::NodeId;
+
+    /// A node ends where it is refused, and not where it is told to ask again or to wait for the next round.
+    #[test]
+    fn what_passes_has_a_code_of_its_own() {
+        let code = |error: RequestError| Status::from(error).code();
+        let (round, limit, sender) = (3, 1300, NodeId([1; 32]));
+        let full = RequestError::Refused(Refusal::RoundFull { round, limit });
+        assert_eq!(code(full), Code::OutOfRange);
+        let limit = 4;
+        for passes in [
+            HeadRefusal::TooMany { sender, limit },
+            HeadRefusal::NoRoom { limit },
+            HeadRefusal::Forgotten { sender_ms: 1 },
+        ] {
+            assert_eq!(code(RequestError::Head(passes)), Code::Unavailable);
+        }
+    }
+}
