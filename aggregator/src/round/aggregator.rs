@@ -29,7 +29,7 @@ use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::pruning::rounds_before;
 use zk0_protocol::rules::closing::public_samples::PublicSamples;
 use zk0_protocol::rules::disclosed_blobs::BlobAccess;
-use zk0_protocol::rules::state::{Standing, State};
+use zk0_protocol::rules::state::State;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::Refusal;
 use zk0_verifier::combine::bases;
@@ -269,11 +269,8 @@ impl Aggregator {
         {
             return Ok(Progress::Finished);
         }
-        let ready = state
-            .nodes()
-            .values()
-            .filter(|node| node.dataset.is_some() && node.standing == Standing::Active);
-        if ready.count() < self.config.min_nodes {
+        // A pause is counted in rounds, so that a network whose nodes all pause goes on.
+        if state.expected().count() + state.pausing().count() < self.config.min_nodes {
             return Ok(Progress::Waiting);
         }
         if self.waits_for_more() {

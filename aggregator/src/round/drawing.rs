@@ -10,6 +10,7 @@ use zk0_protocol::challenge::drand::DrandChain;
 use zk0_protocol::challenge::drawing::{Cosignature, Drawing};
 use zk0_protocol::challenge::source::RandomnessSource;
 use zk0_protocol::entries::entry::{Body, RandomnessDrawn};
+use zk0_protocol::rules::state::Round;
 
 /// The checkpoint that has to be cosigned next.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -28,6 +29,12 @@ impl Aggregator {
         let state = self.state();
         if let Some(round) = state.round().filter(|_| state.may_close(now)) {
             return Ok(Progress::NeedsClosing(round.number()));
+        }
+        // Where no node may commit, the rules let a round end at once. The log would be full of such rounds.
+        let empty =
+            |round: &Round| round.commits.is_empty() && now <= round.opened.commit_deadline_ms;
+        if state.round().is_some_and(empty) {
+            return Ok(Progress::Waiting);
         }
         if let Some(closed) = state.next_commitments_closed(now) {
             let round = closed.round;

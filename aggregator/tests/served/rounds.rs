@@ -12,11 +12,57 @@ use zk0_circuits::Digest;
 use zk0_ledger::replay::{replay, Verdict};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::Signed;
-use zk0_protocol::rules::network_rules::{Scaffold, Strategy};
+use zk0_protocol::rules::network_rules::{Participation, Scaffold, Strategy};
 use zk0_protocol::Refusal;
 use zk0_verifier::blob_digest;
 
 type Test = Result<(), Box<dyn std::error::Error>>;
+
+#[test]
+fn a_round_in_which_nobody_may_commit_takes_its_time() -> Test {
+    let dir = tempfile::tempdir()?;
+    let clock = Arc::new(ManualClock::at(START_MS));
+    let config = Config {
+        rounds: None,
+        min_nodes: 0,
+    };
+    let mut aggregator = found(dir.path(), genesis(), clock.clone(), config)?;
+    assert!(matches!(aggregator.go_on()?, Progress::Opened(0)));
+    for _ in 0..3 {
+        assert!(matches!(aggregator.go_on()?, Progress::Waiting));
+    }
+    clock.advance(COMMIT_MS + 1);
+    assert!(matches!(
+        aggregator.go_on()?,
+        Progress::CommitmentsClosed(0)
+    ));
+    Ok(())
+}
+
+#[test]
+fn no_round_opens_where_no_node_with_a_dataset_may_contribute() -> Test {
+    let dir = tempfile::tempdir()?;
+    let (there, listed) = (Node::new(1), Node::new(2));
+    let mut genesis = genesis();
+    genesis.rules.participation = Participation::Listed(vec![listed.id()]);
+    let network = genesis.network_id();
+    let clock = Arc::new(ManualClock::at(START_MS));
+    let config = Config {
+        rounds: None,
+        min_nodes: 1,
+    };
+    let mut aggregator = found(dir.path(), genesis, clock, config)?;
+    for node in [&there, &listed] {
+        aggregator.enrol(node.id(), format!("node {}", node.seed))?;
+    }
+    for (node, opens) in [(&there, false), (&listed, true)] {
+        let registration = borsh::to_vec(&node.registration(&network))?;
+        aggregator.register(&registration, &node.list())?;
+        let opened = matches!(aggregator.go_on()?, Progress::Opened(0));
+        assert_eq!(opened, opens);
+    }
+    Ok(())
+}
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_round_opens_when_enough_nodes_have_datasets() -> Test {
@@ -277,7 +323,7 @@ fn a_folder_of_another_network_is_not_opened() -> Test {
 #[test]
 fn a_network_is_not_founded_on_other_bytes_than_its_genesis_names() -> Test {
     let dir = tempfile::tempdir()?;
-    let clock = ManualClock::at(START_MS);
+    let clock = Arc::new(ManualClock::at(START_MS));
     let other_policy = |out: &mut dyn Write| {
         out.write_all(b"another policy")?;
         Ok(blob_digest(POLICY).0)

@@ -330,6 +330,15 @@ impl State {
         nodes.filter(move |node| self.ready(node, round, entry) && listed(node))
     }
 
+    /// Which active nodes may not contribute to the next round because they left too many commitments without a claim.
+    pub fn pausing(&self) -> impl Iterator<Item = &NodeId> {
+        let pauses = |node: &Node| node.record.paused_until(self.next_round).is_some();
+        let active = |node: &Node| node.standing == Standing::Active;
+        let nodes = self.nodes.iter();
+        let nodes = nodes.filter(move |(_, node)| active(node) && pauses(node));
+        nodes.map(|(id, _)| id)
+    }
+
     /// How many of the nodes in [`State::expected`] have to be present before the next round opens. Who is present is not on the ledger: the
     /// aggregator sees it, and a replay does not check it.
     pub fn least_present(&self) -> usize {

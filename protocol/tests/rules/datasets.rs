@@ -1,4 +1,4 @@
-//! A node registers its dataset once, and cannot change it while a round is open.
+//! A node registers its dataset once, and cannot change it in a round in which it has committed.
 
 use super::refused;
 use crate::network::*;
@@ -77,9 +77,10 @@ fn datasets_are_large_enough_and_one_nodes_own() {
 }
 
 #[test]
-fn datasets_do_not_change_under_an_open_round() {
-    let mut chain = Chain::in_round(1);
+fn datasets_do_not_change_under_a_commitment() {
+    let mut chain = Chain::in_round(2);
     let network = *chain.state.network();
+    chain.apply(committed(&chain.state, 0, weights(0x10)));
     assert_eq!(
         chain.refusal(registered(&network, 0)),
         RuleViolation::DatasetInUse {
@@ -87,6 +88,19 @@ fn datasets_do_not_change_under_an_open_round() {
             round: 0
         }
     );
+    // Rounds follow each other at once, so whoever has not committed need not wait for the end of one.
+    let mut other = registration(&network, 1);
+    other.dataset.root = digest(0x77);
+    chain.apply(Body::DatasetCommitted(Signed::new(other, &key(1))));
+    let mut late = commitment(&chain.state, 1, weights(0x11));
+    late.dataset_root = digest(0x77);
+    let late = Body::UpdateCommitted(Signed::new(late, &key(1)));
+    assert!(matches!(
+        refused(chain.refusal(late)),
+        Refusal::Dataset(why) if why.contains("after round 0 opened")
+    ));
+    let closed = chain.state.next_commitments_closed(chain.time_ms + 1);
+    assert!(closed.is_some(), "nobody waits for a node that cannot commit");
 }
 
 #[test]

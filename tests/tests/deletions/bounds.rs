@@ -20,6 +20,12 @@ pub const REMOVALS: &[Removal] = &[
         "rules_that_would_stop_a_network_for_ever_found_nothing",
     ),
     rule(
+        "a dataset does not change under a commitment",
+        "protocol/src/rules/apply/members.rs",
+        &[("Some(round) if round.commits.contains_key(&node) => Err(RuleViolation::DatasetInUse {", "Some(round) if round.number() == u64::MAX => Err(RuleViolation::DatasetInUse {")],
+        "datasets_do_not_change_under_a_commitment",
+    ),
+    rule(
         "no round opens with fewer nodes than have to be present",
         "protocol/src/rules/apply/rounds.rs",
         &[("        self.check_enough_nodes()?;\n", "")],

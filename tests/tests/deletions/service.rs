@@ -415,4 +415,20 @@ pub const REMOVALS: &[Removal] = &[
         &[("            sleep(ENDING).await;\n", "            std::future::pending::<()>().await;\n")],
         "a_service_that_stops_does_not_wait_until_a_proof_is_taken",
     ),
+    Removal {
+        check: "rounds in which nobody may commit do not fill the log",
+        file: "aggregator/src/round/drawing.rs",
+        replacements: &[("        if state.round().is_some_and(empty) {", "        if state.round().is_some_and(empty) && now == 0 {")],
+        package: "zk0-aggregator",
+        target: "served",
+        test: "a_round_in_which_nobody_may_commit_takes_its_time",
+    },
+    Removal {
+        check: "a round waits for a node that may contribute to it",
+        file: "aggregator/src/round/aggregator.rs",
+        replacements: &[("state.expected().count() + state.pausing().count()", "state.nodes().values().filter(|node| node.dataset.is_some()).count()")],
+        package: "zk0-aggregator",
+        target: "served",
+        test: "no_round_opens_where_no_node_with_a_dataset_may_contribute",
+    },
 ];

@@ -236,8 +236,9 @@ impl State {
         registration
             .check_evaluation_set(self.rules.evaluation_frames)
             .map_err(|error| bad(error.to_string()))?;
-        match (&enrolled.dataset, &self.round) {
-            (Some(_), Some(round)) => Err(RuleViolation::DatasetInUse {
+        // The claim has to be about the dataset that the node committed to.
+        match &self.round {
+            Some(round) if round.commits.contains_key(&node) => Err(RuleViolation::DatasetInUse {
                 node,
                 round: round.number(),
             }),
