@@ -7,6 +7,7 @@ use harness::serving::Serving;
 use harness::{fails, logs, prints, text, words};
 use serde_json::Value;
 use std::fs;
+use std::net::TcpListener;
 use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -52,17 +53,31 @@ fn names(folder: &Path) -> Vec<String> {
     names
 }
 
-/// Waits until the folder holds this.
+/// The policy folders in the folder, and one that is being written.
+fn rounds(folder: &Path) -> Vec<String> {
+    let mut names = names(folder);
+    names.retain(|name| name.starts_with("round-"));
+    names
+}
+
+/// Waits until the folder holds these policy folders.
 fn wait_for(folder: &Path, expected: &[&str]) {
     let begun = Instant::now();
-    while names(folder) != expected {
+    while rounds(folder) != expected {
         assert!(
             begun.elapsed() < Duration::from_secs(120),
             "{:?}",
-            names(folder)
+            rounds(folder)
         );
         sleep(Duration::from_millis(50));
     }
+}
+
+/// Serves until the folder holds these policy folders.
+fn serve_until(arguments: &[String], folder: &Path, expected: &[&str]) {
+    let mut aggregator = Serving::start(&words(arguments));
+    wait_for(folder, expected);
+    assert!(aggregator.terminate().success());
 }
 
 #[test]
@@ -73,13 +88,11 @@ fn a_policy_folder_is_written_every_few_rounds_and_at_the_end() {
     let out = network.path("out");
     let out = Path::new(&out);
     let arguments = serving(&network, &policy, "5", "2");
-    let mut aggregator = Serving::start(&words(&arguments));
-    wait_for(out, &["round-1", "round-3", "round-4"]);
-    assert!(aggregator.terminate().success());
+    serve_until(&arguments, out, &["round-1", "round-3", "round-4"]);
 
     let source = PolicyFolder::open(&policy).unwrap();
     let before = source.tensors().unwrap();
-    for name in names(out) {
+    for name in rounds(out) {
         let folder = PolicyFolder::open(out.join(&name)).unwrap();
         assert_eq!(names(&out.join(&name)), names(Path::new(&policy)));
         Policy::from_folder(&folder).unwrap();
@@ -99,9 +112,7 @@ fn a_policy_folder_is_written_every_few_rounds_and_at_the_end() {
     fs::remove_dir_all(out.join("round-3")).unwrap();
     fs::remove_dir_all(out.join("round-4")).unwrap();
     fs::write(out.join("round-1/mine"), "kept").unwrap();
-    let mut aggregator = Serving::start(&words(&arguments));
-    wait_for(out, &["round-1", "round-3", "round-4"]);
-    assert!(aggregator.terminate().success());
+    serve_until(&arguments, out, &["round-1", "round-3", "round-4"]);
     assert!(out.join("round-1/mine").exists());
 }
 
@@ -111,15 +122,14 @@ fn an_aggregator_that_is_told_to_end_writes_the_last_round() {
     let policy = sources.lerobot_folder();
     let network = founded(&policy);
     let out = network.path("out");
-    let mut aggregator = Serving::start(&words(&serving(&network, &policy, "3", "1000")));
-    wait_for(Path::new(&out), &["round-2"]);
-    assert!(aggregator.terminate().success());
+    let arguments = serving(&network, &policy, "3", "1000");
+    serve_until(&arguments, Path::new(&out), &["round-2"]);
     fs::remove_dir_all(Path::new(&out).join("round-2")).unwrap();
     // All rounds but one more.
     let mut aggregator = Serving::start(&words(&serving(&network, &policy, "1000000", "1000")));
     sleep(Duration::from_millis(500));
     assert!(aggregator.terminate().success());
-    let written = names(Path::new(&out));
+    let written = rounds(Path::new(&out));
     assert_eq!(written.len(), 1, "{written:?}");
     assert!(written[0].starts_with("round-"), "{written:?}");
 }
@@ -140,4 +150,89 @@ fn another_policy_than_the_networks_is_refused() {
         "{said}"
     );
     assert!(said.contains(text(Path::new(&policy))), "{said}");
+}
+
+/// Why an aggregator with these arguments does not start to write into `out`. It could not serve, because its address is taken.
+#[track_caller]
+fn refused(mut arguments: Vec<String>, out: &Path) -> String {
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    for (option, value) in [("--checkpoints", text(out)), ("--listen", address.as_str())] {
+        let at = arguments.iter().position(|word| word == option).unwrap();
+        arguments[at + 1] = value.into();
+    }
+    fails(&words(&arguments))
+}
+
+#[test]
+fn the_folder_of_another_network_is_refused() {
+    let sources = LocalNetwork::new();
+    let policy = sources.lerobot_folder();
+    let (trial, real) = (founded(&policy), founded(&policy));
+    let out = trial.path("out");
+    let out = Path::new(&out);
+    serve_until(&serving(&trial, &policy, "2", "2"), out, &["round-1"]);
+    let id = |network: &LocalNetwork| network.genesis().network_id().to_string();
+    let named = out.join("network");
+    assert_eq!(
+        fs::read_to_string(&named).unwrap(),
+        format!("{}\n", id(&trial))
+    );
+
+    // The weights would be the real network's, too, because nobody has trained. The folder is the trial's all the same.
+    serve_until(
+        &serving(&real, &policy, "2", "2"),
+        Path::new(&real.path("out")),
+        &["round-1"],
+    );
+    let said = refused(serving(&real, &policy, "4", "2"), out);
+    for part in [
+        text(out),
+        &format!("of network {}", id(&trial)),
+        &format!("this is network {}", id(&real)),
+        "name another folder with --checkpoints",
+    ] {
+        assert!(said.contains(part), "{said}");
+    }
+    assert_eq!(rounds(out), ["round-1"]);
+}
+
+/// Earlier releases wrote no file with the network's id.
+#[test]
+fn a_folder_that_names_no_network_is_compared_with_the_ledger() {
+    let sources = LocalNetwork::new();
+    let policy = sources.lerobot_folder();
+    let network = founded(&policy);
+    let out = network.path("out");
+    let out = Path::new(&out);
+    let arguments = serving(&network, &policy, "2", "1");
+    serve_until(&arguments, out, &["round-0", "round-1"]);
+    let named = out.join("network");
+    let id = fs::read_to_string(&named).unwrap();
+
+    // Weights that the network never had.
+    let weights = out.join("round-0/model.safetensors");
+    let right = fs::read(&weights).unwrap();
+    fs::copy(Path::new(&policy).join("model.safetensors"), &weights).unwrap();
+    fs::remove_file(&named).unwrap();
+    let said = refused(arguments.clone(), out);
+    assert!(
+        said.contains("round-0 does not hold the weights") && said.contains(id.trim()),
+        "{said}"
+    );
+    assert!(!named.exists());
+
+    fs::write(&weights, right).unwrap();
+    serve_until(&arguments, out, &["round-0", "round-1"]);
+    assert_eq!(fs::read_to_string(&named).unwrap(), id);
+
+    // A new network has closed no round of these.
+    let new = founded(&policy);
+    fs::remove_file(&named).unwrap();
+    let said = refused(serving(&new, &policy, "2", "1"), out);
+    assert!(
+        said.contains("round 0, which this network has not closed"),
+        "{said}"
+    );
+    assert!(!named.exists());
 }

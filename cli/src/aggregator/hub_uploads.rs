@@ -3,11 +3,11 @@
 //! Uploads happen beside the rounds. If one fails, the log says why, and it is tried again, at first after seconds and at last every ten minutes.
 //! What is not uploaded when the aggregator ends is uploaded after its next start.
 
+use super::checkpoints_folder::{note_published, published_in, round_folder, rounds};
 use crate::publish::model_card::CardOptions;
 use crate::publish::round_facts::{Collector, RoundFacts};
 use crate::publish::{summary, target};
 use anyhow::{Context, Result};
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tokio::task::spawn_blocking;
@@ -15,7 +15,6 @@ use tokio::time::sleep;
 use zk0_aggregator::round::request::RequestError;
 use zk0_aggregator::{Aggregator, Service};
 use zk0_circuits::NodeId;
-use zk0_files::{atomic_file, bounded_file};
 use zk0_hub::target::Patience;
 use zk0_hub::{publish, Repository, Target};
 use zk0_protocol::entries::genesis::Genesis;
@@ -25,10 +24,6 @@ use zk0_protocol::Entry;
 const TICK: Duration = Duration::from_secs(1);
 /// How long to wait after an upload failed for the first time, and at most.
 const WAITS: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(600)];
-/// The file that says which round was published last.
-const PUBLISHED: &str = "published";
-/// Largest file of that name that is read.
-const MAX_PUBLISHED_BYTES: u64 = 1 << 10;
 
 /// Whether and how policy folders are published.
 #[derive(Debug, clap::Args)]
@@ -62,7 +57,7 @@ struct OfRound {
 }
 
 impl HubUploadOptions {
-    /// What publishes the policy folders in `folders`, if the operator wants that.
+    /// What publishes the policy folders in `folders`, which are this network's, if the operator wants that.
     ///
     /// # Errors
     /// There is no token, or the folder cannot be read.
@@ -80,7 +75,7 @@ impl HubUploadOptions {
         };
         let newest = rounds(folders)?.last().copied();
         Ok(Some(HubUploads {
-            next: published(folders, repository)?
+            next: published_in(folders, repository)?
                 .map(|round| round + 1)
                 .or(newest)
                 .unwrap_or(0),
@@ -116,7 +111,7 @@ impl HubUploads {
         for round in due.filter(|round| *round >= self.next).collect::<Vec<_>>() {
             let facts = facts(service, round).await?;
             let (target, card) = (self.target.clone(), self.card.clone());
-            let folder = self.folders.join(format!("round-{round}"));
+            let folder = round_folder(&self.folders, round);
             let upload = move || -> Result<_> {
                 card.write(&folder, &target.repository, &facts)?;
                 Ok(publish(&target, &folder, &summary(round))?)
@@ -129,41 +124,10 @@ impl HubUploads {
             } = &self.target;
             tracing::info!(round, "published at {endpoint}/{repository}");
             self.next = round + 1;
-            let path = self.folders.join(PUBLISHED);
-            atomic_file::replace(&path, format!("{repository} {round}\n").as_bytes())
-                .with_context(|| format!("writing {}", path.display()))?;
+            note_published(&self.folders, repository, round)?;
         }
         Ok(())
     }
-}
-
-/// The rounds whose policy folders are in `folders`, in ascending order.
-fn rounds(folders: &Path) -> Result<Vec<u64>> {
-    let read = || -> std::io::Result<Vec<u64>> {
-        let mut rounds = Vec::new();
-        for entry in fs::read_dir(folders)? {
-            let name = entry?.file_name();
-            let number = name.to_str().and_then(|name| name.strip_prefix("round-"));
-            rounds.extend(number.and_then(|number| number.parse::<u64>().ok()));
-        }
-        rounds.sort_unstable();
-        Ok(rounds)
-    };
-    read().with_context(|| format!("reading {}", folders.display()))
-}
-
-/// The round that was published last in this repository.
-fn published(folders: &Path, repository: &Repository) -> Result<Option<u64>> {
-    let path = folders.join(PUBLISHED);
-    if !path.exists() {
-        return Ok(None);
-    }
-    let bytes = bounded_file::read(&path, MAX_PUBLISHED_BYTES)
-        .with_context(|| format!("reading {}", path.display()))?;
-    let text = String::from_utf8_lossy(&bytes);
-    let said = text.trim().split_once(' ');
-    let said = said.filter(|(name, _)| *name == repository.to_string());
-    Ok(said.and_then(|(_, round)| round.parse().ok()))
 }
 
 /// What the ledger says of a closed round. The lock is held only while its entries are read.

@@ -1,5 +1,6 @@
 //! `zk0 aggregator`: found a network, enrol nodes, run rounds.
 
+mod checkpoints_folder;
 mod enrolment;
 mod hub_uploads;
 mod init;

@@ -3,9 +3,9 @@
 //!
 //! The folders are written beside the rounds, which do not wait for them. If one cannot be written, the log says so, and it is tried again.
 
+use super::checkpoints_folder;
 use crate::policy::network_folder::NetworkFolder;
 use anyhow::{Context, Result};
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -27,7 +27,8 @@ pub struct PolicyFolderOptions {
     /// Write the global weights as a policy folder, which LeRobot loads, after every N rounds and at the end.
     #[arg(long, value_name = "N", requires = "checkpoints", requires = "checkpoint_policy", value_parser = clap::value_parser!(u64).range(1..))]
     checkpoint_interval: Option<u64>,
-    /// Write these policy folders into this folder, as round-0, round-1 and so on. One that exists is kept.
+    /// Write these policy folders into this folder, as round-0, round-1 and so on. One that exists is kept. A folder serves one network: the file
+    /// `network` in it holds the network's id.
     #[arg(long, value_name = "FOLDER", requires = "checkpoint_interval")]
     checkpoints: Option<PathBuf>,
     /// The policy folder that the network was founded with (`zk0 aggregator init --policy FOLDER`). Whatever is not trained is copied from it.
@@ -59,7 +60,7 @@ impl PolicyFolderOptions {
     /// What writes the folders of this network, if the operator wants them.
     ///
     /// # Errors
-    /// The policy folder is not the one that the network was founded with, or cannot be read.
+    /// The policy folder is not the one that the network was founded with, or cannot be read; or the folder of `--checkpoints` is another network's.
     pub fn open(&self, aggregator: &Aggregator, rounds: u64) -> Result<Option<PolicyFolders>> {
         let (Some(interval), Some(out), Some(policy)) = (
             self.checkpoint_interval,
@@ -71,8 +72,13 @@ impl PolicyFolderOptions {
         let state = aggregator.state();
         let blobs = aggregator.ledger().blobs();
         let folder = NetworkFolder::open(policy, state.genesis(), blobs)?;
-        fs::create_dir_all(out).with_context(|| format!("creating {}", out.display()))?;
         let closed = closed_rounds(aggregator);
+        let holds_weights = |round, copy: &Path| {
+            let weights = state.results().of(round);
+            let weights = weights.context("the ledger remembers the newest rounds only")?;
+            folder.is_copy_with(copy, &weights.blob)
+        };
+        checkpoints_folder::keep_to(out, state.network(), closed, holds_weights)?;
         Ok(Some(PolicyFolders {
             interval,
             rounds,
@@ -133,10 +139,11 @@ impl PolicyFolders {
 
 impl Writer {
     fn write(&self, round: u64, weights: &Digest) -> Result<()> {
-        let name = format!("round-{round}");
-        if self.out.join(&name).exists() {
+        // It is of this network: `open` refuses the folder of another one.
+        if checkpoints_folder::round_folder(&self.out, round).exists() {
             return Ok(());
         }
+        let name = format!("round-{round}");
         let folder = self.folder.write(&self.out, &name, weights, |_| Ok(()))?;
         tracing::info!(round, "policy folder written: {}", folder.display());
         Ok(())

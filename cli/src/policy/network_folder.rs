@@ -1,7 +1,7 @@
 //! The policy folder that a network was founded with, and copies of it with the weights of a round.
 
 use crate::policy::whole_folder;
-use anyhow::{bail, Result};
+use anyhow::{bail, Context, Result};
 use std::path::{Path, PathBuf};
 use zk0_circuits::{Digest, EvalSpec};
 use zk0_ledger::blobs::Blobs;
@@ -10,7 +10,7 @@ use zk0_node::exchanged_weights::Base;
 use zk0_protocol::Genesis;
 use zk0_smolvla::policy::policy_file;
 use zk0_smolvla::Policy;
-use zk0_tensors::TensorSet;
+use zk0_tensors::{encode, TensorSet};
 use zk0_weights::Format;
 
 /// The policy folder that a network was founded with.
@@ -66,6 +66,15 @@ impl NetworkFolder {
             more(to)
         })
     }
+
+    /// Whether the policy folder `copy` holds the weights of the blob `weights`.
+    ///
+    /// # Errors
+    /// The weights or the policy folder cannot be read.
+    pub fn is_copy_with(&self, copy: &Path, weights: &Digest) -> Result<bool> {
+        let copy = PolicyFolder::open(copy)?;
+        Ok(other_tensors(&self.format, &copy, &self.blobs, weights)?.is_empty())
+    }
 }
 
 /// The policy that the genesis names.
@@ -81,7 +90,7 @@ pub fn founded_with(genesis: &Genesis, blobs: &Blobs) -> Result<Policy> {
 ///
 /// # Errors
 /// The blob is not there, is damaged, or holds other weights.
-pub fn weights_of(
+fn weights_of(
     format: &Format,
     folder: &PolicyFolder,
     blobs: &Blobs,
@@ -90,4 +99,27 @@ pub fn weights_of(
     let file = blobs.get(weights, format.file_bytes())?;
     let base = Base::read(format, &folder.config().dims, &file)?;
     Ok(base.weights.into_tensors())
+}
+
+/// The tensors of `folder` that are not those of the blob `weights`, in the types that the folder has them in.
+///
+/// # Errors
+/// The blob is not there, is damaged, or holds other weights; or the folder lacks a tensor or cannot be read.
+pub fn other_tensors(
+    format: &Format,
+    folder: &PolicyFolder,
+    blobs: &Blobs,
+    weights: &Digest,
+) -> Result<Vec<String>> {
+    let mut others = Vec::new();
+    for (name, expected) in weights_of(format, folder, blobs, weights)? {
+        let stored = folder.weights().info(&name);
+        let dtype = stored
+            .with_context(|| format!("the folder has no tensor {name}"))?
+            .dtype;
+        if encode(dtype, &expected.data) != encode(dtype, &folder.tensor(&name)?.data) {
+            others.push(name);
+        }
+    }
+    Ok(others)
 }

@@ -56,6 +56,20 @@ const fn proving(
     }
 }
 
+/// A check of the folder in which an aggregator keeps policy folders.
+const fn checkpoints(
+    check: &'static str,
+    replacements: &'static [(&'static str, &'static str)],
+    test: &'static str,
+) -> Removal {
+    let file = "cli/src/aggregator/checkpoints_folder.rs";
+    Removal {
+        package: "zk0",
+        target: "policy_folders",
+        ..in_time(check, file, replacements, test)
+    }
+}
+
 pub const REMOVALS: &[Removal] = &[
     in_time(
         "a late request does not take its node's turn before an earlier one",
@@ -431,4 +445,19 @@ pub const REMOVALS: &[Removal] = &[
         target: "served",
         test: "no_round_opens_where_no_node_with_a_dataset_may_contribute",
     },
+    checkpoints(
+        "the policy folders of another network are not kept as this one's",
+        &[("if named != *network {", "if false {")],
+        "the_folder_of_another_network_is_refused",
+    ),
+    checkpoints(
+        "policy folders that name no network have the weights of this one",
+        &[("if !holds.with_context(", "if false && !holds.with_context(")],
+        "a_folder_that_names_no_network_is_compared_with_the_ledger",
+    ),
+    checkpoints(
+        "policy folders of rounds that have not closed are another network's",
+        &[("= unknown {", "= unknown.filter(|_| false) {")],
+        "a_folder_that_names_no_network_is_compared_with_the_ledger",
+    ),
 ];

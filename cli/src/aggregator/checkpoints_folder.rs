@@ -1,0 +1,285 @@
+//! The folder of `--checkpoints`: of which network its policy folders are, of which rounds, and which of them was published last.
+//!
+//! | in it | what it is |
+//! | --- | --- |
+//! | `network` | the id of the network, in hexadecimal |
+//! | `round-N` | the policy folder of round N |
+//! | `published` | where policy folders were published, and the last round there: `OWNER/NAME N` |
+//!
+//! A policy folder that exists is kept, and a round that was published is not published again. So the folder serves one network only. The
+//! folder of another one, such as a trial's, would pass off that one's weights as this one's.
+
+use anyhow::{bail, Context, Result};
+use std::fs;
+use std::path::{Path, PathBuf};
+use zk0_circuits::Digest;
+use zk0_files::{atomic_file, bounded_file};
+use zk0_hub::Repository;
+
+/// The file that names the network.
+const NETWORK: &str = "network";
+/// The file that says which round was published last.
+const PUBLISHED: &str = "published";
+/// Largest file of these names that is read.
+const MAX_BYTES: u64 = 1 << 10;
+
+/// Has `folder` keep the policy folders of `network`, which has closed `closed` rounds. The folder is made if it is not there.
+///
+/// A folder of an earlier release of zk0 does not name its network. It is this one's if `holds_weights` finds in each of its policy folders the
+/// weights that this network had after that round. The folder then gets the file that names the network.
+///
+/// # Errors
+/// The folder is another network's, or does not tell whose it is; or it cannot be read or written.
+pub fn keep_to(
+    folder: &Path,
+    network: &Digest,
+    closed: u64,
+    holds_weights: impl Fn(u64, &Path) -> Result<bool>,
+) -> Result<()> {
+    let (path, shown) = (folder.join(NETWORK), folder.display());
+    if let Some(text) = read(&path)? {
+        let Ok(named) = text.trim().parse::<Digest>() else {
+            bail!(
+                "{} does not hold the id of a network: if the policy folders beside it are of this network, write {network} into it; otherwise name another folder with --checkpoints",
+                path.display()
+            );
+        };
+        if named != *network {
+            bail!(
+                "{shown} holds policy folders of network {named}, and this is network {network}: name another folder with --checkpoints"
+            );
+        }
+        return Ok(());
+    }
+    atomic_file::create_folder(folder).with_context(|| format!("creating {shown}"))?;
+    if let Err(why) = compare(folder, closed, holds_weights) {
+        bail!(
+            "{shown} does not say of which network its policy folders are ({why:#}): name another folder with --checkpoints; or, if you know that they are of this network, write its id into {}: {network}",
+            path.display()
+        );
+    }
+    write(&path, &format!("{network}\n"))
+}
+
+/// Compares what is in a folder that names no network with this network.
+fn compare(
+    folder: &Path,
+    closed: u64,
+    holds_weights: impl Fn(u64, &Path) -> Result<bool>,
+) -> Result<()> {
+    let (rounds, published) = (rounds(folder)?, published(folder)?);
+    let published = published.map(|(_, round)| round);
+    // This is quick, and shows most folders of other networks: weights are read only afterwards.
+    let unknown = (rounds.iter().copied().chain(published)).find(|round| *round >= closed);
+    if let Some(round) = unknown {
+        bail!("it has round {round}, which this network has not closed");
+    }
+    if rounds.is_empty() && published.is_some() {
+        bail!("no policy folder is left there to compare with the ledger");
+    }
+    for round in rounds {
+        let copy = round_folder(folder, round);
+        let shown = copy.display();
+        tracing::info!(round, "comparing {shown} with the ledger");
+        let holds = holds_weights(round, &copy);
+        if !holds.with_context(|| format!("comparing {shown} with the ledger"))? {
+            bail!("{shown} does not hold the weights of this network after round {round}");
+        }
+    }
+    Ok(())
+}
+
+/// Where the policy folder of a round is.
+pub fn round_folder(folder: &Path, round: u64) -> PathBuf {
+    folder.join(format!("round-{round}"))
+}
+
+/// The rounds whose policy folders are in `folder`, in ascending order.
+///
+/// # Errors
+/// The folder cannot be read.
+pub fn rounds(folder: &Path) -> Result<Vec<u64>> {
+    let read = || -> std::io::Result<Vec<u64>> {
+        let mut rounds = Vec::new();
+        for entry in fs::read_dir(folder)? {
+            let name = entry?.file_name();
+            let number = name.to_str().and_then(|name| name.strip_prefix("round-"));
+            rounds.extend(number.and_then(|number| number.parse::<u64>().ok()));
+        }
+        rounds.sort_unstable();
+        Ok(rounds)
+    };
+    read().with_context(|| format!("reading {}", folder.display()))
+}
+
+/// The round that was published last, after the name of the repository.
+fn published(folder: &Path) -> Result<Option<(String, u64)>> {
+    let text = read(&folder.join(PUBLISHED))?;
+    let said = text.as_deref().and_then(|text| {
+        let (repository, round) = text.trim().split_once(' ')?;
+        Some((repository.to_owned(), round.parse().ok()?))
+    });
+    Ok(said)
+}
+
+/// The round that was published last in this repository.
+///
+/// # Errors
+/// The file that says so cannot be read.
+pub fn published_in(folder: &Path, repository: &Repository) -> Result<Option<u64>> {
+    let said = published(folder)?.filter(|(name, _)| *name == repository.to_string());
+    Ok(said.map(|(_, round)| round))
+}
+
+/// Remembers that this round was published in this repository.
+///
+/// # Errors
+/// The file that says so cannot be written.
+pub fn note_published(folder: &Path, repository: &Repository, round: u64) -> Result<()> {
+    write(&folder.join(PUBLISHED), &format!("{repository} {round}\n"))
+}
+
+fn read(path: &Path) -> Result<Option<String>> {
+    let bytes = bounded_file::read_if_there(path, MAX_BYTES)
+        .with_context(|| format!("reading {}", path.display()))?;
+    Ok(bytes.map(|bytes| String::from_utf8_lossy(&bytes).into_owned()))
+}
+
+fn write(path: &Path, text: &str) -> Result<()> {
+    atomic_file::replace(path, text.as_bytes())
+        .with_context(|| format!("writing {}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::cell::RefCell;
+
+    const OURS: Digest = Digest([1; 32]);
+    const TRIAL: Digest = Digest([2; 32]);
+
+    fn never(round: u64, _: &Path) -> Result<bool> {
+        panic!("the weights of round {round} are read")
+    }
+
+    /// A folder as earlier releases left it, with policy folders of these rounds.
+    fn unnamed(rounds: &[u64]) -> tempfile::TempDir {
+        let dir = tempfile::tempdir().unwrap();
+        for round in rounds {
+            fs::create_dir(round_folder(dir.path(), *round)).unwrap();
+        }
+        dir
+    }
+
+    /// Why the folder is refused. It names no network afterwards.
+    #[track_caller]
+    fn refused(
+        folder: &Path,
+        closed: u64,
+        holds_weights: impl Fn(u64, &Path) -> Result<bool>,
+    ) -> String {
+        let error = keep_to(folder, &OURS, closed, holds_weights).unwrap_err();
+        assert!(!folder.join(NETWORK).exists());
+        let said = error.to_string();
+        for part in ["--checkpoints", &OURS.to_string()] {
+            assert!(said.contains(part), "{said}");
+        }
+        said
+    }
+
+    #[test]
+    fn a_folder_serves_the_network_that_used_it_first() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = dir.path().join("deep/policies");
+        keep_to(&folder, &OURS, 0, never).unwrap();
+        let named = fs::read_to_string(folder.join(NETWORK)).unwrap();
+        assert_eq!(named, format!("{OURS}\n"));
+        fs::create_dir(round_folder(&folder, 9)).unwrap();
+        keep_to(&folder, &OURS, 10, never).unwrap();
+
+        let said = keep_to(&folder, &TRIAL, 10, never).unwrap_err().to_string();
+        for part in [
+            folder.to_str().unwrap(),
+            &format!("of network {OURS}"),
+            &format!("this is network {TRIAL}"),
+            "--checkpoints",
+        ] {
+            assert!(said.contains(part), "{said}");
+        }
+        assert_eq!(fs::read_to_string(folder.join(NETWORK)).unwrap(), named);
+    }
+
+    #[test]
+    fn a_file_that_names_no_network_is_not_replaced() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join(NETWORK);
+        fs::write(&path, "my network").unwrap();
+        let said = keep_to(dir.path(), &OURS, 0, never).unwrap_err();
+        let said = said.to_string();
+        assert!(
+            said.contains("does not hold the id of a network") && said.contains(&OURS.to_string()),
+            "{said}"
+        );
+        assert_eq!(fs::read_to_string(&path).unwrap(), "my network");
+        // What the error says is enough.
+        fs::write(&path, OURS.to_string()).unwrap();
+        keep_to(dir.path(), &OURS, 0, never).unwrap();
+    }
+
+    #[test]
+    fn a_folder_of_an_earlier_release_is_kept_if_all_its_weights_are_the_networks() {
+        let dir = unnamed(&[19, 9]);
+        // Neither is a policy folder.
+        fs::create_dir(dir.path().join("round-29.unfinished")).unwrap();
+        fs::write(dir.path().join("notes"), "mine").unwrap();
+        let compared = RefCell::new(Vec::new());
+        let all = |round, copy: &Path| {
+            assert_eq!(copy, round_folder(dir.path(), round));
+            compared.borrow_mut().push(round);
+            Ok(true)
+        };
+        keep_to(dir.path(), &OURS, 20, all).unwrap();
+        assert_eq!(compared.into_inner(), [9, 19]);
+        // Once is enough.
+        keep_to(dir.path(), &OURS, 20, never).unwrap();
+    }
+
+    #[test]
+    fn a_folder_with_weights_of_another_network_is_refused() {
+        let dir = unnamed(&[9, 19]);
+        let said = refused(dir.path(), 20, |round, _| Ok(round != 9));
+        assert!(said.contains("round-9 does not hold the weights"), "{said}");
+        let said = refused(dir.path(), 20, |_, _| bail!("the blob was pruned"));
+        assert!(
+            said.contains("with the ledger: the blob was pruned"),
+            "{said}"
+        );
+        // A new network has closed no round.
+        let said = refused(dir.path(), 0, never);
+        assert!(
+            said.contains("round 9, which this network has not closed"),
+            "{said}"
+        );
+    }
+
+    #[test]
+    fn what_was_published_of_another_network_is_not_taken_for_this_ones() {
+        let robots: Repository = "robots/arm".parse().unwrap();
+        let dir = unnamed(&[9]);
+        note_published(dir.path(), &robots, 99).unwrap();
+        let said = refused(dir.path(), 20, never);
+        assert!(said.contains("round 99, which"), "{said}");
+        note_published(dir.path(), &robots, 9).unwrap();
+        keep_to(dir.path(), &OURS, 20, |_, _| Ok(true)).unwrap();
+        let others: Repository = "others/arm".parse().unwrap();
+        assert_eq!(published_in(dir.path(), &robots).unwrap(), Some(9));
+        assert_eq!(published_in(dir.path(), &others).unwrap(), None);
+
+        // The policy folders may have been moved away.
+        let dir = unnamed(&[]);
+        assert_eq!(published_in(dir.path(), &robots).unwrap(), None);
+        note_published(dir.path(), &robots, 9).unwrap();
+        let said = refused(dir.path(), 20, never);
+        assert!(said.contains("no policy folder is left"), "{said}");
+    }
+}
