@@ -134,7 +134,7 @@ pub const REMOVALS: &[Removal] = &[
     taken(
         "a node whose quota is used up gets no address of the bucket",
         "aggregator/src/round/recording/staging.rs",
-        &[(" && blobs.count() < MAX_UPLOADS", "")],
+        &[(" && has_room(&blobs, &request.blob)?", "")],
         "only_who_may_begin_an_upload_gets_an_address",
     ),
     taken(
