@@ -85,8 +85,8 @@ pub const REMOVALS: &[Removal] = &[
         "what a node has put into the bucket is read from a copy that it cannot change",
         "ledger/src/blobs/sent.rs",
         &[(
-            "        store.copy(&sent, &copy, size)?;\n        removed(store, &sent);\n        Ok(copy)\n",
-            "        let _ = copy;\n        Ok(sent)\n",
+            "        removed(store, &sent);\n        Ok(copy)\n",
+            "        removed(store, &copy);\n        Ok(sent)\n",
         )],
         "what_changes_after_it_was_verified_does_not_become_the_blob",
     ),
@@ -113,6 +113,23 @@ pub const REMOVALS: &[Removal] = &[
         "bucket/src/sent.rs",
         &[("if found == Some(size) {", "if found.is_none_or(|found| found > 0) {")],
         "a_copy_that_is_only_said_to_be_made_is_none",
+    ),
+    in_bucket(
+        "sent",
+        "a copy with more bytes than the update is given up at once",
+        "bucket/src/sent.rs",
+        &[("found.is_some_and(|found| found > size) || ", "")],
+        "a_copy_of_what_has_grown_is_given_up_at_once_and_removed",
+    ),
+    in_bucket(
+        "sent",
+        "a copy that fails is removed",
+        "ledger/src/blobs/sent.rs",
+        &[(
+            "            removed(store, &copy);\n            return Err(error.into());\n",
+            "            return Err(error.into());\n",
+        )],
+        "a_copy_that_nobody_can_look_at_is_removed",
     ),
     in_bucket(
         "sent",
