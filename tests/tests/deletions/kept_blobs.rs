@@ -216,6 +216,30 @@ pub const REMOVALS: &[Removal] = &[
     ),
     in_bucket(
         "public_log",
+        "a file in a folder has its bytes on the disk before its name",
+        "bucket/src/objects.rs",
+        &[("Durability::OnDisk", "Durability::Cache")],
+        "a_file_in_a_folder_has_its_bytes_on_the_disk_before_its_name",
+    ),
+    in_bucket(
+        "public_log",
+        "a published tile that has lost bytes is written again",
+        "bucket/src/public_log.rs",
+        &[(
+            "self.there.remove(&path) == Some(bytes.len() as u64)",
+            "self.there.remove(&path).is_some()",
+        )],
+        "what_has_lost_bytes_is_written_again_at_the_next_start",
+    ),
+    in_bucket(
+        "public_log",
+        "a published blob that has lost bytes is written again",
+        "ledger/src/published/export.rs",
+        &[("blobs.size(blob).is_none_or(|size| there >= size)", "there >= blob.0.len() as u64 - 32")],
+        "what_has_lost_bytes_is_written_again_at_the_next_start",
+    ),
+    in_bucket(
+        "public_log",
         "what is published has the digest in its name",
         "bucket/src/public_log.rs",
         &[("if actual != *blob {", "if actual.0.is_empty() {")],
