@@ -9,11 +9,11 @@ use object_store::local::LocalFileSystem;
 use object_store::path::Path as ObjectPath;
 use object_store::signer::Signer;
 use object_store::{ObjectStore, ObjectStoreScheme};
-use std::fs;
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
 use url::Url;
+use zk0_files::atomic_file::create_folder;
 
 /// Why a store cannot be opened.
 #[derive(Debug, thiserror::Error)]
@@ -150,7 +150,7 @@ pub(crate) fn open(
             let path = url
                 .to_file_path()
                 .map_err(|()| no_address("it names no folder".into()))?;
-            fs::create_dir_all(&path).map_err(|error| AddressError::Folder {
+            create_folder(&path).map_err(|error| AddressError::Folder {
                 path: path.clone(),
                 error,
             })?;

@@ -11,13 +11,13 @@ use object_store::{
 use std::error::Error as _;
 use std::fs::File;
 use std::future::Future;
-use std::io::{self, Read};
-use std::path::PathBuf;
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::timeout;
 use tokio_stream::StreamExt;
-use zk0_files::atomic_file::{folder_of, sync_folder};
+use zk0_files::atomic_file::{self, create_folder, folder_of, Durability};
 use zk0_ledger::blobs::error::StoreError;
 
 /// Larger objects are stored and read in parts of this size. A cut connection then costs one part, and one part is in memory.
@@ -69,11 +69,6 @@ impl Objects {
         })
     }
 
-    /// Whether this is a folder. Its client takes no attributes.
-    pub(crate) fn is_folder(&self) -> bool {
-        self.folder.is_some()
-    }
-
     /// Waits for `work`.
     pub(crate) fn wait_for<T: Send>(&self, work: impl Future<Output = T> + Send) -> T {
         self.waiting.wait_for(work)
@@ -117,17 +112,19 @@ impl Objects {
         }
     }
 
-    /// Stores the `size` bytes of a file from its place on. They are durable when this returns. `what` says for errors what this is.
+    /// Stores the `size` bytes of a file from its place on. They are durable when this returns. `what` says for errors what this is. A folder keeps
+    /// no attributes.
     pub(crate) fn put(
         &self,
         what: &str,
         object: &ObjectPath,
-        (file, size): (File, u64),
+        (mut file, size): (File, u64),
         attributes: Attributes,
     ) -> Result<(), StoreError> {
-        self.wait_for(self.stored(what, object, (file, size), attributes))?;
-        self.sync(object)
-            .map_err(|error| self.error(what, error.to_string()))
+        if let Some(path) = self.file(object) {
+            return self.write(what, &path, |out| io::copy(&mut file, out).map(drop));
+        }
+        self.wait_for(self.stored(what, object, (file, size), attributes))
     }
 
     async fn stored(
@@ -175,7 +172,7 @@ impl Objects {
         }
     }
 
-    /// Stores a few bytes. They are durable when this returns.
+    /// Stores a few bytes. They are durable when this returns. A folder keeps no attributes.
     pub(crate) fn put_bytes(
         &self,
         what: &str,
@@ -183,29 +180,32 @@ impl Objects {
         bytes: Vec<u8>,
         attributes: Attributes,
     ) -> Result<(), StoreError> {
+        if let Some(path) = self.file(object) {
+            return self.write(what, &path, |out| out.write_all(&bytes));
+        }
         let options = PutOptions::from(attributes);
         let put = self.client.put_opts(object, bytes.into(), options);
-        self.wait_for(put)
-            .map_err(|error| self.failed(what, &error))?;
-        self.sync(object)
-            .map_err(|error| self.error(what, error.to_string()))
+        let put = self.wait_for(put).map(drop);
+        put.map_err(|error| self.failed(what, &error))
     }
 
-    /// The client of a folder writes files, but does not wait for the disk.
-    fn sync(&self, object: &ObjectPath) -> io::Result<()> {
-        let Some(folder) = &self.folder else {
-            return Ok(());
-        };
-        let path = folder.join(object.as_ref());
-        File::open(&path)?.sync_all()?;
-        let mut above = folder_of(&path);
-        loop {
-            sync_folder(above)?;
-            if above == folder {
-                return Ok(());
-            }
-            above = folder_of(above);
-        }
+    /// The file of an object, if this is a folder.
+    fn file(&self, object: &ObjectPath) -> Option<PathBuf> {
+        let folder = self.folder.as_ref()?;
+        Some(folder.join(object.as_ref()))
+    }
+
+    /// Writes the file of an object. The client of a folder gives a file its name before its bytes are on the disk, so that a power cut could leave
+    /// the name without them.
+    fn write(
+        &self,
+        what: &str,
+        path: &Path,
+        fill: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+    ) -> Result<(), StoreError> {
+        create_folder(folder_of(path))
+            .and_then(|()| atomic_file::write(path, Durability::OnDisk, fill))
+            .map_err(|error| self.error(what, error.to_string()))
     }
 
     /// How many bytes an object has; `None` if there is no such object.

@@ -24,8 +24,10 @@ const NO_CACHE: &str = "no-cache";
 #[derive(Debug)]
 pub struct PublicLog {
     objects: Objects,
-    /// The paths of the files that are there.
-    there: BTreeSet<String>,
+    /// How many bytes the files have that are there, by their paths. Tiles are here until they are known to be whole.
+    there: BTreeMap<String, u64>,
+    /// The paths of the tiles that are whole.
+    tiles: BTreeSet<String>,
     /// What was written of the files that change.
     written: BTreeMap<String, Vec<u8>>,
 }
@@ -50,13 +52,14 @@ impl PublicLog {
     ) -> Result<Self, PublicLogError> {
         let objects = Objects::open(address, variables, patience)?;
         let listed = objects.list("listing the published log", &objects.prefix)?;
-        let inside = |(name, _): &(ObjectPath, u64)| {
+        let inside = |(name, size): &(ObjectPath, u64)| {
             let parts: Vec<_> = name.prefix_match(&objects.prefix)?.collect();
             let parts: Vec<_> = parts.iter().map(|part| part.as_ref().to_owned()).collect();
-            Some(parts.join("/"))
+            Some((parts.join("/"), *size))
         };
         Ok(Self {
             there: listed.iter().filter_map(inside).collect(),
+            tiles: BTreeSet::new(),
             written: BTreeMap::new(),
             objects,
         })
@@ -67,11 +70,8 @@ impl PublicLog {
         parts.fold(self.objects.prefix.clone(), |above, part| above.join(part))
     }
 
-    fn attributes(&self, resource: &Resource) -> Attributes {
+    fn attributes(resource: &Resource) -> Attributes {
         let mut attributes = Attributes::new();
-        if self.objects.is_folder() {
-            return attributes;
-        }
         let (cache, kind) = match resource {
             Resource::Checkpoint | Resource::Policy => (NO_CACHE, "text/plain; charset=utf-8"),
             Resource::Pruned => (NO_CACHE, "application/octet-stream"),
@@ -116,29 +116,36 @@ impl Place for PublicLog {
     }
 
     fn holds_tile(&self, tile: &Tile) -> bool {
-        self.there.contains(&Resource::Tile(*tile).to_string())
+        self.tiles.contains(&Resource::Tile(*tile).to_string())
     }
 
-    fn holds_blob(&self, blob: &Digest) -> bool {
-        self.there.contains(&Resource::Blob(*blob).to_string())
+    fn blob_size(&self, blob: &Digest) -> Option<u64> {
+        self.there.get(&Resource::Blob(*blob).to_string()).copied()
     }
 
-    fn put(&mut self, resource: &Resource, bytes: &[u8]) -> Result<(), PlaceError> {
+    fn put(&mut self, resource: &Resource, bytes: &[u8]) -> Result<bool, PlaceError> {
         let path = resource.to_string();
         if self.written.get(&path).is_some_and(|there| there == bytes) {
-            return Ok(());
+            return Ok(false);
+        }
+        let is_tile = matches!(resource, Resource::Tile(_));
+        // What a power cut has left of a tile has another size.
+        if is_tile && self.there.remove(&path) == Some(bytes.len() as u64) {
+            self.tiles.insert(path);
+            return Ok(false);
         }
         let (what, object) = (format!("publishing {path}"), self.object(&path));
-        let attributes = self.attributes(resource);
+        let attributes = Self::attributes(resource);
         let put = self
             .objects
             .put_bytes(&what, &object, bytes.to_vec(), attributes);
         put.map_err(BlobError::from)?;
-        if !matches!(resource, Resource::Tile(_)) {
-            self.written.insert(path.clone(), bytes.to_vec());
+        if is_tile {
+            self.tiles.insert(path);
+        } else {
+            self.written.insert(path, bytes.to_vec());
         }
-        self.there.insert(path);
-        Ok(())
+        Ok(true)
     }
 
     fn put_blob(&mut self, blob: &Digest, mut file: File) -> Result<(), PlaceError> {
@@ -159,10 +166,10 @@ impl Place for PublicLog {
             .into());
         }
         file.rewind().map_err(unreadable)?;
-        let (object, attributes) = (self.object(&path), self.attributes(&resource));
+        let (object, attributes) = (self.object(&path), Self::attributes(&resource));
         let put = self.objects.put(&what, &object, (file, size), attributes);
         put.map_err(BlobError::from)?;
-        self.there.insert(path);
+        self.there.insert(path, size);
         Ok(())
     }
 }

@@ -27,7 +27,7 @@ impl Bucket {
     }
 
     /// Copies an object of `size` bytes, and looks whether the copy is there. What a store answers is not enough: S3 may answer with status 200 and
-    /// an error after it, and Azure may go on copying after its answer.
+    /// an error after it, and Azure may go on copying after its answer. If somebody has replaced the object by a larger one, this ends at once.
     fn copied(
         &self,
         what: &str,
@@ -42,7 +42,8 @@ impl Bucket {
             if found == Some(size) {
                 return Ok(());
             }
-            if Instant::now() > until {
+            // A copy that goes on gets more bytes, and never fewer.
+            if found.is_some_and(|found| found > size) || Instant::now() > until {
                 let found = found.map_or("nothing".into(), |found| format!("{found} bytes"));
                 let why = format!("it says that it has copied {size} bytes, and there is {found}");
                 return Err(self.objects.error(what, why));

@@ -4,8 +4,11 @@ mod s3;
 
 use s3::failing_network::Fault;
 use s3::S3;
-use std::fs;
+use std::env;
+use std::fs::{self, File};
+use std::io;
 use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 use std::time::Duration;
 use zk0_bucket::public_log::PublicLog;
 use zk0_bucket::waiting::Patience;
@@ -16,7 +19,7 @@ use zk0_ledger::published::publication::Publication;
 use zk0_ledger::published::source::{Folder, Source};
 use zk0_ledger::published::web::Web;
 use zk0_ledger::{replay, BlobError, Blobs};
-use zk0_protocol::tlog::layout::tiles;
+use zk0_protocol::tlog::layout::{tiles, Kind, Resource, Tile};
 
 /// A ledger with a real proof.
 fn real() -> PathBuf {
@@ -26,6 +29,11 @@ fn real() -> PathBuf {
 fn opened(s3: &S3, seconds: u64) -> PublicLog {
     let patience = Patience(Duration::from_secs(seconds));
     PublicLog::open(&s3.address("a/log"), &s3.variables(), patience).unwrap()
+}
+
+fn in_folder(folder: &Path) -> PublicLog {
+    let address = format!("file://{}", folder.display());
+    PublicLog::open(&address, &[], Patience(Duration::from_secs(1))).unwrap()
 }
 
 fn published(place: &mut PublicLog) -> Result<Exported, ExportError> {
@@ -64,10 +72,93 @@ fn anybody_mirrors_a_log_from_the_bucket() {
 #[test]
 fn a_folder_holds_the_same_log() {
     let folder = tempfile::tempdir().unwrap();
-    let address = format!("file://{}", folder.path().join("log").display());
-    let patience = Patience(Duration::from_secs(1));
-    published(&mut PublicLog::open(&address, &[], patience).unwrap()).unwrap();
+    published(&mut in_folder(&folder.path().join("log"))).unwrap();
     is_mirrored(&Folder::at(&folder.path().join("log")));
+}
+
+/// A file that an earlier release has written may have lost its bytes in a power cut.
+#[test]
+fn what_has_lost_bytes_is_written_again_at_the_next_start() {
+    let dir = tempfile::tempdir().unwrap();
+    let log = dir.path().join("log");
+    let done = published(&mut in_folder(&log)).unwrap();
+    let damaged = |path: &str, left: u64| {
+        let file = File::options().write(true).open(log.join(path)).unwrap();
+        assert!(file.metadata().unwrap().len() > left, "{path}");
+        file.set_len(left).unwrap();
+    };
+    let view = Publication::open(&real(), None).unwrap();
+    let of_kind = |kind| Tile::at(kind, 0, done.entries).unwrap();
+    damaged(&of_kind(Kind::Hashes(0)).to_string(), 0);
+    damaged(&of_kind(Kind::Entries).to_string(), 2);
+    let public: Vec<_> = view.public_blobs().copied().collect();
+    for (blob, left) in public.iter().zip([0, 100]) {
+        damaged(&Resource::Blob(*blob).to_string(), left);
+    }
+    let again = published(&mut in_folder(&log)).unwrap();
+    assert_eq!(again.tiles, 2);
+    assert_eq!(again.blobs, public.len().min(2) as u64);
+    is_mirrored(&Folder::at(&log));
+    let again = published(&mut in_folder(&log)).unwrap();
+    assert_eq!((again.tiles, again.blobs), (0, 0));
+}
+
+/// The folder into which the child process of a test writes a log.
+const CHILD: &str = "ZK0_TEST_PUBLISH_INTO";
+
+/// This is not a test of its own. The child process of the test below runs it.
+#[test]
+#[ignore = "run by another test as a child process"]
+fn publish_into_a_folder() {
+    let Some(folder) = env::var_os(CHILD) else {
+        return;
+    };
+    published(&mut in_folder(Path::new(&folder))).unwrap();
+}
+
+#[test]
+fn a_file_in_a_folder_has_its_bytes_on_the_disk_before_its_name() {
+    let dir = tempfile::tempdir().unwrap();
+    let here = dir.path().canonicalize().unwrap();
+    let (log, calls) = (here.join("log"), here.join("calls"));
+    let traced = Command::new("strace")
+        .args(["-f", "-y", "-s", "4096", "-e"])
+        .arg("trace=?fsync,?fdatasync,?rename,?renameat,?renameat2")
+        .arg("-o")
+        .arg(&calls)
+        .arg(env::current_exe().unwrap())
+        .args(["--exact", "publish_into_a_folder", "--ignored"])
+        .env(CHILD, &log)
+        .stdout(Stdio::null())
+        .status();
+    if traced
+        .as_ref()
+        .is_err_and(|error| error.kind() == io::ErrorKind::NotFound)
+    {
+        eprintln!(
+            "SKIPPED: there is no strace here; `apt-get install strace`, or scripts/setup.sh guest"
+        );
+        return;
+    }
+    assert!(traced.unwrap().success());
+    let calls = fs::read_to_string(calls).unwrap();
+    let calls: Vec<_> = calls.lines().collect();
+    let mut named = 0;
+    for (at, call) in calls.iter().enumerate() {
+        // The first path is the old one.
+        let Some(from) = call.split('"').nth(1).filter(|_| call.contains("rename")) else {
+            continue;
+        };
+        if !Path::new(from).starts_with(&log) {
+            continue;
+        }
+        let file = format!("<{from}>");
+        let synced = |call: &&str| call.contains("sync(") && call.contains(&file);
+        assert!(calls[..at].iter().any(synced), "{call}");
+        named += 1;
+    }
+    // There are at least one tile of each kind, the policy and the checkpoint.
+    assert!(named >= 5, "{calls:?}");
 }
 
 /// A reader of the checkpoint finds all that it covers, wherever the network fails.

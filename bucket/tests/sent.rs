@@ -6,8 +6,8 @@ use s3::failing_network::Fault;
 use s3::{send, send_in_parts, S3};
 use std::fs;
 use std::sync::atomic::AtomicBool;
-use std::thread::sleep;
-use std::time::Duration;
+use std::thread::{self, sleep};
+use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use zk0_bucket::bucket::PART_BYTES;
 use zk0_bucket::waiting::Patience;
@@ -223,6 +223,54 @@ fn a_copy_that_is_only_said_to_be_made_is_none() {
     assert!(kept.s3.network.has_failed());
     // The blob is sent instead.
     assert_eq!(kept.s3.network.counted(to_blobs), 2);
+    assert_eq!(kept.unverified(), 0);
+}
+
+/// Otherwise a node that replaces its object again and again would leave many copies, and hold one of the few threads for each.
+#[test]
+fn a_copy_of_what_has_grown_is_given_up_at_once_and_removed() {
+    let Some(kept) = Kept::new() else { return };
+    let address = kept.address(MINUTE);
+    assert_eq!(send("PUT", &address, b"update"), 200);
+    let to_copies = "PUT /blobs/net/uploads/0/copy-";
+    let late = Fault::Late(Duration::from_secs(1));
+    kept.s3.network.fail_next(to_copies, late, 1);
+    let begun = Instant::now();
+    let failed = thread::scope(|scope| {
+        let taking = scope.spawn(|| kept.take(b"update").unwrap_err().to_string());
+        // The size was right, and the copy is on its way.
+        while kept.s3.network.counted(to_copies) == 0 {
+            assert!(!taking.is_finished());
+            sleep(Duration::from_millis(5));
+        }
+        assert_eq!(send("PUT", &address, b"much more"), 200);
+        taking.join().unwrap()
+    });
+    assert!(failed.contains("copied 6 bytes"), "{failed}");
+    assert!(failed.contains("9 bytes"), "{failed}");
+    let elapsed = begun.elapsed();
+    assert!(elapsed < Duration::from_secs(15), "{elapsed:?}");
+    // What the node has put there is the only object.
+    assert_eq!(kept.unverified(), 1);
+}
+
+#[test]
+fn a_copy_that_nobody_can_look_at_is_removed() {
+    let Some(kept) = Kept::with_patience(2) else {
+        return;
+    };
+    assert_eq!(send("PUT", &kept.address(MINUTE), b"update"), 200);
+    // The size of what the node has put there is asked for, and then that of the copy.
+    kept.s3.network.pass_next("HEAD", 1);
+    kept.s3.network.fail_next("HEAD", Fault::Unavailable, 1000);
+    kept.s3.network.counted("PUT");
+    let failed = kept.take(b"update").unwrap_err().to_string();
+    assert!(failed.contains("copying upload 0/0707"), "{failed}");
+    assert_eq!(kept.s3.network.counted("PUT"), 1);
+    assert_eq!(kept.unverified(), 1);
+    kept.s3.network.mend();
+    kept.take(b"update").unwrap();
+    assert_eq!(kept.linked(b"update"), b"update");
     assert_eq!(kept.unverified(), 0);
 }
 

@@ -77,6 +77,13 @@ impl Blobs {
         self.path(digest).is_file()
     }
 
+    /// How many bytes a blob has, here or in the store; `None` if it is in neither. Its bytes are not checked, and nobody waits for the store.
+    pub fn size(&self, digest: &Digest) -> Option<u64> {
+        let here = fs::metadata(self.path(digest)).ok();
+        let here = here.filter(fs::Metadata::is_file).map(|here| here.len());
+        here.or_else(|| self.kept.as_ref()?.known_size(digest))
+    }
+
     /// How many blobs there are, with those of which only a part is here.
     pub fn count(&self) -> usize {
         ["sha256", "partial"]

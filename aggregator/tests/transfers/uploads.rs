@@ -113,6 +113,25 @@ async fn parts_count_as_uploads() -> Test {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn the_last_upload_goes_on_although_it_was_cut_before_its_first_byte() -> Test {
+    let (network, first, _) = open_round().await;
+    for seed in 1..=4 {
+        let request = signed(&network, &first, &weights(seed));
+        let cut = first.upload_as(&network, &request, &[]).await;
+        refused(cut, Code::InvalidArgument, "ended after 0 of");
+    }
+    refused(
+        first.upload(&network, 0, &weights(5)).await,
+        Code::ResourceExhausted,
+        "already uploaded 4",
+    );
+    let update = weights(4);
+    first.upload(&network, 0, &update).await?;
+    first.commit(&network, 0, &update).await?;
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_part_that_is_damaged_is_removed() -> Test {
     let (network, first, _) = open_round().await;
     let update = weights(1);

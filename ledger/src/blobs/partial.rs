@@ -33,6 +33,16 @@ impl Blobs {
         Ok(0)
     }
 
+    /// Whether a file of this blob is here: all of it, or a part, which may have no byte yet.
+    pub fn has_begun(&self, digest: &Digest) -> Result<bool, BlobError> {
+        for path in [self.path(digest), self.partial_path(digest)] {
+            if fs::exists(&path).map_err(io_error(&path))? {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
     /// Goes on with a blob of `size` bytes, from the part of it that is here. Reads that part.
     pub fn partial(&self, digest: &Digest, size: u64) -> Result<PartialBlob, BlobError> {
         let path = self.partial_path(digest);

@@ -128,7 +128,11 @@ impl Kept {
             round: sent.round(),
             number,
         };
-        store.copy(&sent, &copy, size)?;
+        if let Err(error) = store.copy(&sent, &copy, size) {
+            // The next copy has another number, so nobody would replace what is there of this one.
+            removed(store, &copy);
+            return Err(error.into());
+        }
         removed(store, &sent);
         Ok(copy)
     }

@@ -101,6 +101,11 @@ impl Kept {
         locked(&self.known).contains_key(blob)
     }
 
+    /// How many bytes a blob has, as far as this process knows.
+    pub(super) fn known_size(&self, blob: &Digest) -> Option<u64> {
+        locked(&self.known).get(blob).copied()
+    }
+
     pub(super) fn all(&self) -> Vec<(Digest, u64)> {
         let known = locked(&self.known);
         known.iter().map(|(blob, size)| (*blob, *size)).collect()

@@ -16,14 +16,14 @@ pub trait Place {
     /// The checkpoint that is there, at most `limit` bytes of it; `None` if there is none.
     fn checkpoint(&self, limit: u64) -> Result<Option<Vec<u8>>, PlaceError>;
 
-    /// Whether this tile is there.
+    /// Whether this tile is there, and known to be whole.
     fn holds_tile(&self, tile: &Tile) -> bool;
 
-    /// Whether this blob is there.
-    fn holds_blob(&self, blob: &Digest) -> bool;
+    /// How many bytes of this blob are there; `None` if it is not there.
+    fn blob_size(&self, blob: &Digest) -> Option<u64>;
 
-    /// Writes a file, or replaces it.
-    fn put(&mut self, resource: &Resource, bytes: &[u8]) -> Result<(), PlaceError>;
+    /// Writes a file, or replaces it. Returns whether it did: a file that is there already, and is whole, may stay.
+    fn put(&mut self, resource: &Resource, bytes: &[u8]) -> Result<bool, PlaceError>;
 
     /// Writes a blob, unless the bytes of `file` are others than its name says.
     fn put_blob(&mut self, blob: &Digest, file: File) -> Result<(), PlaceError>;
@@ -86,14 +86,15 @@ impl Place for Folder {
         self.path(&Resource::Tile(*tile)).exists()
     }
 
-    fn holds_blob(&self, blob: &Digest) -> bool {
-        self.blobs.contains(blob)
+    fn blob_size(&self, blob: &Digest) -> Option<u64> {
+        self.blobs.size(blob)
     }
 
-    fn put(&mut self, resource: &Resource, bytes: &[u8]) -> Result<(), PlaceError> {
+    fn put(&mut self, resource: &Resource, bytes: &[u8]) -> Result<bool, PlaceError> {
         let path = self.path(resource);
         fs::create_dir_all(atomic_file::folder_of(&path))
             .and_then(|()| atomic_file::replace(&path, bytes))
+            .map(|()| true)
             .map_err(failed(&path))
     }
 

@@ -85,8 +85,8 @@ pub const REMOVALS: &[Removal] = &[
         "what a node has put into the bucket is read from a copy that it cannot change",
         "ledger/src/blobs/sent.rs",
         &[(
-            "        store.copy(&sent, &copy, size)?;\n        removed(store, &sent);\n        Ok(copy)\n",
-            "        let _ = copy;\n        Ok(sent)\n",
+            "        removed(store, &sent);\n        Ok(copy)\n",
+            "        removed(store, &copy);\n        Ok(sent)\n",
         )],
         "what_changes_after_it_was_verified_does_not_become_the_blob",
     ),
@@ -116,6 +116,23 @@ pub const REMOVALS: &[Removal] = &[
     ),
     in_bucket(
         "sent",
+        "a copy with more bytes than the update is given up at once",
+        "bucket/src/sent.rs",
+        &[("found.is_some_and(|found| found > size) || ", "")],
+        "a_copy_of_what_has_grown_is_given_up_at_once_and_removed",
+    ),
+    in_bucket(
+        "sent",
+        "a copy that fails is removed",
+        "ledger/src/blobs/sent.rs",
+        &[(
+            "            removed(store, &copy);\n            return Err(error.into());\n",
+            "            return Err(error.into());\n",
+        )],
+        "a_copy_that_nobody_can_look_at_is_removed",
+    ),
+    in_bucket(
+        "sent",
         "a copy has a name that no earlier run has used",
         "ledger/src/blobs/sent.rs",
         &[("            number,\n", "            number: number.min(0),\n")],
@@ -134,7 +151,7 @@ pub const REMOVALS: &[Removal] = &[
     taken(
         "a node whose quota is used up gets no address of the bucket",
         "aggregator/src/round/recording/staging.rs",
-        &[(" && blobs.count() < MAX_UPLOADS", "")],
+        &[(" && has_room(&blobs, &request.blob)?", "")],
         "only_who_may_begin_an_upload_gets_an_address",
     ),
     taken(
@@ -196,6 +213,30 @@ pub const REMOVALS: &[Removal] = &[
         "ledger/src/published/export.rs",
         &[("    continues(view, place)?;\n", "    let _ = continues(view, place);\n")],
         "another_log_is_not_overwritten",
+    ),
+    in_bucket(
+        "public_log",
+        "a file in a folder has its bytes on the disk before its name",
+        "bucket/src/objects.rs",
+        &[("Durability::OnDisk", "Durability::Cache")],
+        "a_file_in_a_folder_has_its_bytes_on_the_disk_before_its_name",
+    ),
+    in_bucket(
+        "public_log",
+        "a published tile that has lost bytes is written again",
+        "bucket/src/public_log.rs",
+        &[(
+            "self.there.remove(&path) == Some(bytes.len() as u64)",
+            "self.there.remove(&path).is_some()",
+        )],
+        "what_has_lost_bytes_is_written_again_at_the_next_start",
+    ),
+    in_bucket(
+        "public_log",
+        "a published blob that has lost bytes is written again",
+        "ledger/src/published/export.rs",
+        &[("blobs.size(blob).is_none_or(|size| there >= size)", "there >= blob.0.len() as u64 - 32")],
+        "what_has_lost_bytes_is_written_again_at_the_next_start",
     ),
     in_bucket(
         "public_log",

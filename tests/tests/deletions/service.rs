@@ -331,6 +331,12 @@ pub const REMOVALS: &[Removal] = &[
         "parts_count_as_uploads",
     ),
     transfer(
+        "an upload that was cut before its first byte goes on within the quota",
+        "aggregator/src/round/recording/staging.rs",
+        &[("blobs.has_begun(update)? || ", "")],
+        "the_last_upload_goes_on_although_it_was_cut_before_its_first_byte",
+    ),
+    transfer(
         "a newer upload ends the one before",
         "aggregator/src/serve/uploads.rs",
         &[("            before.notify_one();\n", "            drop(before);\n")],

@@ -5,7 +5,7 @@
 
 use std::path::{Path, PathBuf};
 use std::{fs, io};
-use zk0_circuits::NodeId;
+use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::partial::PartialBlob;
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_protocol::entries::signed::UploadRequest;
@@ -40,6 +40,12 @@ pub enum StagingError {
     Io { path: PathBuf, error: io::Error },
 }
 
+/// Whether the quota of a node with these uploads has room for this one. An upload that has begun is counted already, even if it was cut before
+/// its first byte.
+fn has_room(blobs: &Blobs, update: &Digest) -> Result<bool, StagingError> {
+    Ok(blobs.has_begun(update)? || blobs.count() < MAX_UPLOADS)
+}
+
 impl Staging {
     /// The uploads beside the ledger in `dir`.
     pub fn at(dir: &Path) -> Self {
@@ -62,7 +68,7 @@ impl Staging {
     /// Whether the whole update may be uploaded: nothing of it is here, and the node's quota is not used up.
     pub fn begins(&self, request: &UploadRequest) -> Result<bool, StagingError> {
         let blobs = self.of(request.round, &request.node);
-        Ok(blobs.held(&request.blob)? == 0 && blobs.count() < MAX_UPLOADS)
+        Ok(blobs.held(&request.blob)? == 0 && has_room(&blobs, &request.blob)?)
     }
 
     /// Goes on with an upload, whose data begins at byte `begins`. This reads what is here of it. `None` if all of it is here.
@@ -75,10 +81,10 @@ impl Staging {
         if blobs.contains(&request.blob) {
             return Ok(None);
         }
-        let held = blobs.held(&request.blob)?;
-        if held == 0 && blobs.count() >= MAX_UPLOADS {
+        if !has_room(&blobs, &request.blob)? {
             return Err(StagingError::Quota(request.node));
         }
+        let held = blobs.held(&request.blob)?;
         if begins != held {
             return Err(StagingError::OtherPlace { begins, held });
         }
