@@ -2,7 +2,7 @@
 
 use crate::blob_store::BlobStoreOptions;
 use crate::dataset::RecordingName;
-use crate::policy::calibration::samples;
+use crate::policy::calibration::samples_of;
 use anstream::println;
 use anyhow::{bail, Context, Result};
 use std::path::{Path, PathBuf};
@@ -101,9 +101,11 @@ impl Extent {
         spec: &EvalSpec,
     ) -> Result<(PublicSamples, Vec<u8>)> {
         tracing::info!("preparing the public samples");
-        let frames = (self.public_frames as usize / recordings.len()).max(1);
+        let (frames, among) = (self.public_frames as usize, recordings.len());
+        let share = |place: usize| frames / among + usize::from(place < frames % among);
+        let shares = recordings.iter().zip((0..among).map(share));
         let (mut file, mut count) = (Vec::new(), 0);
-        for prepared in samples(policy, recordings, frames)? {
+        for prepared in samples_of(policy, shares)? {
             let sample = quantise_sample(spec, &prepared)
                 .with_context(|| format!("public sample {count} in fixed point"))?;
             file.extend_from_slice(sample.as_bytes());
