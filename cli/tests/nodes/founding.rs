@@ -2,7 +2,8 @@
 
 use crate::harness::network::LocalNetwork;
 use crate::harness::{fails, logs, words};
-use std::fs;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use zk0::keys;
 
@@ -48,4 +49,17 @@ fn a_file_in_place_of_the_folder_is_named() {
         assert!(refused.contains(&says), "{refused}");
     }
     assert_eq!(fs::read_to_string(&file).unwrap(), "a file");
+}
+
+#[test]
+fn a_key_that_others_can_read_is_warned_of_once() {
+    let network = LocalNetwork::new();
+    let key = network.path("log.key");
+    let mend = format!("run `chmod 600 {key}`");
+    fs::set_permissions(&key, Permissions::from_mode(0o644)).unwrap();
+    let said = logs(&words(&network.founding(&[])));
+    assert_eq!(said.matches(&mend).count(), 1, "{said}");
+    fs::set_permissions(&key, Permissions::from_mode(0o600)).unwrap();
+    let said = fails(&words(&network.founding(&[])));
+    assert!(!said.contains("chmod"), "{said}");
 }
