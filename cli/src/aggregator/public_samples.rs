@@ -10,8 +10,8 @@ use zk0_aggregator::round::founding::check_public_samples;
 use zk0_circuits::EvalSpec;
 use zk0_files::bounded_file;
 use zk0_ledger::blobs::Blobs;
-use zk0_ledger::folder;
 use zk0_ledger::store::Store;
+use zk0_ledger::{folder, LedgerError};
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::rules::closing::public_samples::{PublicSamples, MAX_PUBLIC_SAMPLES_BYTES};
@@ -135,6 +135,9 @@ impl Extent {
 
 /// Makes samples for a network that exists, puts them among the blobs of its ledger, and prints the rule to propose.
 pub fn make(options: &MakeSamples) -> Result<()> {
+    if !folder::database(&options.dir).exists() {
+        bail!(LedgerError::NoLedger(options.dir.clone()));
+    }
     let kept = options.store.blobs_beside_writer(&options.dir)?;
     let (policy, spec) = founded(&options.dir, &kept)?;
     let (rule, file) = options.extent.make(&options.recordings, &policy, &spec)?;
