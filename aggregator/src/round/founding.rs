@@ -151,9 +151,9 @@ pub fn check_public_samples(
 /// # Errors
 /// It holds one, or a file is in its place.
 pub fn check_free(dir: &Path) -> Result<(), FoundingError> {
-    match dir.ancestors().find(|path| path.exists()) {
-        Some(there) if !there.is_dir() => return Err(FoundingError::NoFolder(there.to_owned())),
-        _ => {}
+    let there = dir.ancestors().find(|path| path.exists());
+    if let Some(file) = there.filter(|path| !path.is_dir()) {
+        return Err(FoundingError::NoFolder(file.to_owned()));
     }
     match folder::checkpoint(dir).exists() {
         true => Err(LedgerError::AlreadyExists(dir.to_owned()).into()),
