@@ -2,7 +2,9 @@
 
 use anyhow::{bail, Context, Result};
 use ed25519_dalek::SigningKey;
+use std::fs;
 use std::io::{self, Write};
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use zk0_circuits::{Digest, NodeId};
 use zk0_files::{atomic_file, bounded_file};
@@ -12,6 +14,14 @@ const MAX_KEY_BYTES: u64 = 200;
 
 /// Makes a key, writes it to `path`, and returns its identity. An existing file is never overwritten.
 pub fn generate(path: &Path) -> Result<NodeId> {
+    let folder = atomic_file::folder_of(path);
+    if !folder.exists() {
+        bail!(
+            "the key file {} cannot be made, because the folder {} does not exist: make the folder first",
+            path.display(),
+            folder.display()
+        );
+    }
     let key = SigningKey::from_bytes(&random()?);
     write(path, &key).with_context(|| {
         format!(
@@ -40,10 +50,16 @@ pub fn random() -> Result<[u8; 32]> {
     Ok(bytes)
 }
 
-/// Reads the key in `path`.
+/// Reads the key in `path`. This warns if others than its owner can read the file.
 pub fn read(path: &Path) -> Result<SigningKey> {
     let text = bounded_file::read(path, MAX_KEY_BYTES)
         .with_context(|| format!("reading the key file {}", path.display()))?;
+    // A key that can be read is used, even if nobody can say who else reads it.
+    if let Ok(about) = fs::metadata(path) {
+        if let Some(warning) = readable_by_others(path, about.permissions().mode()) {
+            tracing::warn!("{warning}");
+        }
+    }
     let secret: Option<Digest> = str::from_utf8(&text)
         .ok()
         .and_then(|text| text.trim().parse().ok());
@@ -57,6 +73,21 @@ pub fn read(path: &Path) -> Result<SigningKey> {
     }
 }
 
+/// What to do if others than the owner can read the key file with this mode. A service may be allowed to read its key by its group alone, as
+/// in Kubernetes.
+fn readable_by_others(path: &Path, mode: u32) -> Option<String> {
+    let (mode, path) = (mode & 0o777, path.display());
+    match (mode & 0o004, mode & 0o040) {
+        (0, 0) => None,
+        (0, _) => Some(format!(
+            "its group can read the key file {path} (mode {mode:o}): run `chmod 600 {path}`, unless the group is this service's alone"
+        )),
+        _ => Some(format!(
+            "all users of this machine can read the key file {path} (mode {mode:o}): run `chmod 600 {path}`"
+        )),
+    }
+}
+
 /// The public identity of a key.
 pub fn identity(key: &SigningKey) -> NodeId {
     NodeId(key.verifying_key().to_bytes())
@@ -65,7 +96,6 @@ pub fn identity(key: &SigningKey) -> NodeId {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fs;
 
     #[test]
     fn a_key_comes_back_and_is_never_overwritten() {
@@ -79,13 +109,39 @@ mod tests {
 
     #[test]
     fn a_key_file_is_for_its_owner_alone() {
-        use std::os::unix::fs::PermissionsExt;
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("node.key");
         generate(&path).unwrap();
         let mode = fs::metadata(&path).unwrap().permissions().mode();
         assert_eq!(mode & 0o777, 0o600);
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_key_file_that_others_can_read_is_warned_of() {
+        let warning = |mode| readable_by_others(Path::new("log.key"), mode);
+        for mode in [0o100600, 0o100400, 0o100700, 0o100611] {
+            assert_eq!(warning(mode), None, "{mode:o}");
+        }
+        for (mode, says) in [
+            (0o100644, "all users of this machine"),
+            (0o100604, "(mode 604)"),
+            (0o100640, "its group"),
+            (0o100440, "(mode 440)"),
+        ] {
+            let warning = warning(mode).unwrap();
+            assert!(warning.contains(says), "{warning}");
+            assert!(warning.contains("`chmod 600 log.key`"), "{warning}");
+        }
+    }
+
+    #[test]
+    fn a_folder_that_is_missing_is_named() {
+        let dir = tempfile::tempdir().unwrap();
+        let message = generate(&dir.path().join("none/node.key")).unwrap_err();
+        let message = format!("{message:#}");
+        assert!(message.contains("none does not exist"), "{message}");
+        assert!(!message.contains("existing key"), "{message}");
     }
 
     #[test]

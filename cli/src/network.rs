@@ -49,7 +49,7 @@ pub struct Membership {
     /// Keep the policy, the salt, the evaluation set, updates, training histories and receipts in this folder. Keep the folder secret.
     #[arg(long, value_name = "DIR")]
     state: PathBuf,
-    /// Take part in this many rounds.
+    /// Take part in this many rounds. With 0, the node only commits to the recording, and ends.
     #[arg(long, default_value_t = 1)]
     pub rounds: u64,
     /// Have updates evaluated on this many samples, within the bounds of the network's rules. By default, as few as the rules allow. The

@@ -39,6 +39,14 @@ pub async fn listening(listen: SocketAddr) -> Result<(TcpListener, SocketAddr)> 
     Ok((listener, address))
 }
 
+/// [`listening`], if there is an address.
+pub async fn listening_if(listen: Option<SocketAddr>) -> Result<Option<(TcpListener, SocketAddr)>> {
+    Ok(match listen {
+        Some(listen) => Some(listening(listen).await?),
+        None => None,
+    })
+}
+
 /// Serves a log's files or a witness until the process is told to end.
 pub fn serve_http(
     what: &str,

@@ -11,6 +11,7 @@ use zk0_prover::machine::NoRoom;
 use zk0_prover::program::NotProvable;
 use zk0_prover::service::ClientError;
 use zk0_smolvla::frames::prefix_cache::CacheError;
+use zk0_smolvla::PolicyError;
 
 const MB: f64 = 1e6;
 
@@ -28,7 +29,7 @@ pub enum ParticipantError {
     Cache(CacheError),
     /// The policy, its weights, or training fails.
     #[error("the policy: {0}")]
-    Policy(#[from] zk0_smolvla::PolicyError),
+    Policy(#[source] PolicyError),
     /// A value lies outside the ranges that the round's evaluation can hold.
     #[error("a value does not fit into the network's fixed-point numbers: {0}")]
     Quantise(#[from] zk0_circuits::model::quantise::QuantiseError),
@@ -189,6 +190,16 @@ impl From<CacheError> for ParticipantError {
     }
 }
 
+impl From<PolicyError> for ParticipantError {
+    fn from(error: PolicyError) -> Self {
+        match error {
+            // It is the file that somebody has to mend, and the error names it.
+            PolicyError::Recording { error, .. } => Self::Dataset(*error),
+            error => Self::Policy(error),
+        }
+    }
+}
+
 impl ParticipantError {
     /// Whether training gave no update, although the recording, the files and the machine are whole. The next round may begin with better weights.
     pub fn is_of_training(&self) -> bool {
@@ -197,5 +208,28 @@ impl ParticipantError {
             Self::Quantise(_) | Self::BaseLoss { .. } => true,
             _ => false,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use zk0_lerobot::dataset::DatasetError;
+
+    #[test]
+    fn a_video_that_cannot_be_read_is_a_fault_of_the_recording() {
+        let error = DatasetError::Video {
+            path: "videos/top.mp4".into(),
+            cause: "is cut off".into(),
+        };
+        let error = PolicyError::Recording {
+            frame: 123,
+            recording: 0,
+            error: Box::new(error),
+        };
+        assert_eq!(
+            ParticipantError::from(error).to_string(),
+            "the recording: videos/top.mp4: is cut off"
+        );
     }
 }

@@ -1,5 +1,6 @@
 //! What can go wrong with a policy, its samples and its training.
 
+use zk0_lerobot::dataset::DatasetError;
 use zk0_lerobot::StoredPolicyError;
 use zk0_tensors::TensorError;
 
@@ -12,6 +13,16 @@ pub enum PolicyError {
     /// A frame or a prepared sample does not fit the policy.
     #[error("sample: {0}")]
     Sample(String),
+    /// A frame of a recording cannot be read.
+    #[error("frame {frame} of recording {recording}: {error}")]
+    Recording {
+        /// The frame.
+        frame: usize,
+        /// The recording, counted from 0.
+        recording: usize,
+        /// The file, and what is wrong with it.
+        error: Box<DatasetError>,
+    },
     /// Options contradict each other, or cannot be used.
     #[error("training options: {0}")]
     Options(String),

@@ -4,6 +4,7 @@ use rcgen::{
     BasicConstraints, CertificateParams, CertifiedIssuer, DistinguishedName, DnType,
     ExtendedKeyUsagePurpose, IsCa, KeyPair, KeyUsagePurpose,
 };
+use rustls::pki_types::ServerName;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -27,6 +28,9 @@ pub enum AuthorityError {
     /// A file cannot be written.
     #[error("writing {}: {error}", .path.display())]
     Write { path: PathBuf, error: io::Error },
+    /// No client could use a certificate for this name.
+    #[error("{0:?} is neither a host name nor an IP address: give a name by which clients reach the server, without a scheme and a port")]
+    Name(String),
     /// A name cannot stand in a certificate.
     #[error("no certificate can be made for the names {names:?}: {error}")]
     Names {
@@ -57,6 +61,9 @@ impl LocalAuthority {
         names: &[String],
         change: impl FnOnce(&mut CertificateParams),
     ) -> Result<Self, AuthorityError> {
+        if let Some(unusable) = names.iter().find(|name| !is_server_name(name)) {
+            return Err(AuthorityError::Name(unusable.clone()));
+        }
         Self::make(names, change).map_err(|error| AuthorityError::Names {
             names: names.to_vec(),
             error,
@@ -115,6 +122,17 @@ impl LocalAuthority {
     }
 }
 
+/// Whether a client can find this name in a certificate. `*.` before a host name stands for all hosts of a domain.
+fn is_server_name(name: &str) -> bool {
+    let host = name.strip_prefix("*.").unwrap_or(name);
+    match ServerName::try_from(host) {
+        // With a dot at its end, a client may ask for a host, but no certificate may name it.
+        Ok(ServerName::DnsName(_)) => !host.ends_with('.'),
+        Ok(_) => host == name,
+        Err(_) => false,
+    }
+}
+
 fn create(path: &Path, text: &str, mode: u32) -> io::Result<()> {
     use std::io::Write;
     use std::os::unix::fs::OpenOptionsExt;
@@ -152,5 +170,34 @@ mod tests {
         assert!(matches!(error, AuthorityError::Exists(_)), "{error}");
         let kept = fs::read_to_string(dir.path().join(CA)).unwrap();
         assert_eq!(kept, authority.ca);
+    }
+
+    #[test]
+    fn a_name_that_no_client_can_use_is_refused() {
+        for name in [
+            "localhost",
+            "192.0.2.7",
+            "2001:db8::1",
+            "*.lan",
+            "a_b.example",
+        ] {
+            assert!(LocalAuthority::new(&[name.into()]).is_ok(), "{name}");
+        }
+        for name in [
+            "bad name",
+            "",
+            "*",
+            "host.",
+            "https://host",
+            "host:7071",
+            "*.192.0.2.7",
+        ] {
+            let refused = LocalAuthority::new(&["localhost".into(), name.into()]);
+            let error = refused.err().unwrap().to_string();
+            assert!(
+                error.starts_with(&format!("{name:?} is neither")),
+                "{error}"
+            );
+        }
     }
 }

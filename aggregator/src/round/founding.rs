@@ -3,13 +3,14 @@
 use super::clock::Clock;
 use ed25519_dalek::SigningKey;
 use std::io::{self, BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use zk0_circuits::{Digest, EvalSpec, Mode, WeightsDigest};
 use zk0_ledger::blobs::{BlobWriter, Blobs};
 use zk0_ledger::{folder, BlobError, Ledger, LedgerError};
+use zk0_protocol::entries::entry::ENTRY_VERSION;
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::rules::closing::public_samples::PublicSamples;
-use zk0_protocol::{Body, Genesis, Rules};
+use zk0_protocol::{Body, Entry, Genesis, Rules, State};
 use zk0_verifier::public_samples::PublicSampleFile;
 
 /// What a network begins with.
@@ -37,6 +38,9 @@ pub struct Founding {
 /// Why a network was not founded.
 #[derive(Debug, thiserror::Error)]
 pub enum FoundingError {
+    /// A file is where the ledger's folder would be, or a folder above it.
+    #[error("{} is a file, and a ledger needs a folder: choose another path", .0.display())]
+    NoFolder(PathBuf),
     /// The ledger cannot be made.
     #[error(transparent)]
     Ledger(#[from] LedgerError),
@@ -142,15 +146,47 @@ pub fn check_public_samples(
         })
 }
 
-/// Checks that `dir` holds no ledger yet.
+/// Checks that `dir` is a folder or can become one, and holds no ledger yet.
 ///
 /// # Errors
-/// It holds one.
-pub fn check_free(dir: &Path) -> Result<(), LedgerError> {
+/// It holds one, or a file is in its place.
+pub fn check_free(dir: &Path) -> Result<(), FoundingError> {
+    let there = dir.ancestors().find(|path| path.exists());
+    if let Some(file) = there.filter(|path| !path.is_dir()) {
+        return Err(FoundingError::NoFolder(file.to_owned()));
+    }
     match folder::checkpoint(dir).exists() {
-        true => Err(LedgerError::AlreadyExists(dir.to_owned())),
+        true => Err(LedgerError::AlreadyExists(dir.to_owned()).into()),
         false => Ok(()),
     }
+}
+
+/// Checks that a network can begin with `genesis` at this time, and that its rules let these nodes in, one after the other. It writes
+/// nothing. The digests in the genesis are not looked at, so they need not be known yet.
+///
+/// # Errors
+/// The rules refuse the genesis or a node.
+pub fn check_nodes(
+    genesis: Genesis,
+    nodes: &[NodeEnrolled],
+    time_ms: u64,
+) -> Result<(), FoundingError> {
+    let entry = |body| Entry {
+        version: ENTRY_VERSION,
+        time_ms,
+        body,
+    };
+    let mut state = State::found(&entry(Body::Genesis(genesis))).map_err(LedgerError::from)?;
+    // No rule about nodes depends on the tree.
+    let root = Digest([0; 32]);
+    for enrolled in nodes {
+        let applied = state.apply(&root, &entry(Body::NodeEnrolled(enrolled.clone())));
+        applied.map_err(|violation| FoundingError::Enrol {
+            name: enrolled.name.clone(),
+            error: violation.into(),
+        })?;
+    }
+    Ok(())
 }
 
 /// Enrols nodes.

@@ -10,13 +10,14 @@ use crate::policy::PolicySource;
 use anyhow::{bail, Context, Result};
 use std::io::Write;
 use std::path::PathBuf;
-use zk0_aggregator::round::founding::{check_free, enrol, Founding};
-use zk0_aggregator::SystemClock;
+use zk0_aggregator::round::founding::{check_free, check_nodes, enrol, Founding};
+use zk0_aggregator::{Clock, SystemClock};
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::spec::{Dims, EvalSpec};
-use zk0_circuits::Mode;
+use zk0_circuits::{Digest, Mode, WeightsDigest};
 use zk0_node::participant::MAX_POLICY_BYTES;
-use zk0_protocol::Rules;
+use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::{Genesis, Rules};
 use zk0_prover::measure::{DirectCost, DirectMode};
 use zk0_smolvla::measure::fixed_point::{dims, quantise_weights};
 use zk0_smolvla::policy::policy_file::PolicyFile;
@@ -82,6 +83,11 @@ pub fn found(options: &Init) -> Result<()> {
     let mut rules = options.rules(Format::new(&EvalSpec::new(dims))?.file_bytes())?;
     let mode = options.mode(&file.policy, rules.min_eval_samples)?;
     rules.check_in(mode).map_err(anyhow::Error::msg)?;
+    let nodes: Vec<NodeEnrolled> = options.nodes.iter().map(Into::into).collect();
+    let log_key = key.verifying_key().to_bytes();
+    let known = options.known(log_key, rules.clone(), mode, EvalSpec::new(dims));
+    // Were a node refused after the network is founded, the corrected command would find a ledger in the folder.
+    check_nodes(known, &nodes, SystemClock.now_ms())?;
     let evaluation = options.evaluation(&file, dims)?;
     let initial = quantise_weights(&evaluation, &file.policy.expert)
         .context("the policy's weights in fixed point")?;
@@ -125,7 +131,6 @@ pub fn found(options: &Init) -> Result<()> {
             None => "which reads instructions as hashed words",
         }
     );
-    let nodes = options.nodes.iter().map(Into::into).collect();
     Ok(enrol(&mut ledger, nodes, &SystemClock)?)
 }
 
@@ -134,6 +139,25 @@ impl Init {
         match &self.policy {
             Some(path) => PolicySource::Path(path.clone()),
             None => PolicySource::Random(self.profile, self.seed),
+        }
+    }
+
+    /// What is known of the genesis before the ranges are chosen and the policy is stored.
+    fn known(&self, log_key: [u8; 32], rules: Rules, mode: Mode, evaluation: EvalSpec) -> Genesis {
+        let unknown = Digest([0; 32]);
+        Genesis {
+            name: self.name.clone(),
+            log_key,
+            nonce: unknown.0,
+            rules,
+            program: verifying_key(mode).to_vec(),
+            mode,
+            evaluation: evaluation.encode(),
+            policy: unknown,
+            initial: WeightsDigest {
+                blob: unknown,
+                quantised: unknown,
+            },
         }
     }
 

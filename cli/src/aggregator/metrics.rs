@@ -1,9 +1,8 @@
 //! Options of `zk0 aggregator serve` that say where its metrics are.
 
-use crate::serve::listening;
-use anyhow::Result;
 use std::future;
 use std::net::SocketAddr;
+use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 use zk0_aggregator::observe::endpoint;
 use zk0_aggregator::publish::http::{self, Limits};
@@ -15,26 +14,23 @@ pub struct MetricsOptions {
     /// Serve metrics for Prometheus on this address, at /metrics; port 0 takes a free port. They are not encrypted, and they are for the
     /// operator alone, so listen only on this machine or on a private network. Off by default.
     #[arg(long, value_name = "ADDRESS")]
-    metrics: Option<SocketAddr>,
+    pub metrics: Option<SocketAddr>,
 }
 
-impl MetricsOptions {
-    /// Starts to serve the metrics, if the operator wants that.
-    pub async fn serve(&self, service: &Service) -> Result<Option<JoinHandle<()>>> {
-        let Some(listen) = self.metrics else {
-            return Ok(None);
-        };
-        let (listener, address) = listening(listen).await?;
-        tracing::info!(metrics = %address, "the metrics are at http://{address}/metrics");
-        if !address.ip().is_loopback() {
-            tracing::warn!("whoever reaches {address} can read the metrics, which say how busy and how full this machine is");
-        }
-        let router = endpoint::router(service.clone());
-        Ok(Some(tokio::spawn(http::serve(
-            listener,
-            router,
-            Limits::default(),
-            future::pending(),
-        ))))
+/// Starts to serve the metrics of a service.
+pub fn serve_metrics(
+    (listener, address): (TcpListener, SocketAddr),
+    service: &Service,
+) -> JoinHandle<()> {
+    tracing::info!(metrics = %address, "the metrics are at http://{address}/metrics");
+    if !address.ip().is_loopback() {
+        tracing::warn!("whoever reaches {address} can read the metrics, which say how busy and how full this machine is");
     }
+    let router = endpoint::router(service.clone());
+    tokio::spawn(http::serve(
+        listener,
+        router,
+        Limits::default(),
+        future::pending(),
+    ))
 }

@@ -2,7 +2,7 @@
 
 use crate::blob_store::BlobStoreOptions;
 use crate::dataset::RecordingName;
-use crate::policy::calibration::samples;
+use crate::policy::calibration::samples_of;
 use anstream::println;
 use anyhow::{bail, Context, Result};
 use std::path::{Path, PathBuf};
@@ -10,8 +10,8 @@ use zk0_aggregator::round::founding::check_public_samples;
 use zk0_circuits::EvalSpec;
 use zk0_files::bounded_file;
 use zk0_ledger::blobs::Blobs;
-use zk0_ledger::folder;
 use zk0_ledger::store::Store;
+use zk0_ledger::{folder, LedgerError};
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::rules::closing::public_samples::{PublicSamples, MAX_PUBLIC_SAMPLES_BYTES};
@@ -101,9 +101,11 @@ impl Extent {
         spec: &EvalSpec,
     ) -> Result<(PublicSamples, Vec<u8>)> {
         tracing::info!("preparing the public samples");
-        let frames = (self.public_frames as usize / recordings.len()).max(1);
+        let (frames, among) = (self.public_frames as usize, recordings.len());
+        let share = |place: usize| frames / among + usize::from(place < frames % among);
+        let shares = recordings.iter().zip((0..among).map(share));
         let (mut file, mut count) = (Vec::new(), 0);
-        for prepared in samples(policy, recordings, frames)? {
+        for prepared in samples_of(policy, shares)? {
             let sample = quantise_sample(spec, &prepared)
                 .with_context(|| format!("public sample {count} in fixed point"))?;
             file.extend_from_slice(sample.as_bytes());
@@ -133,6 +135,9 @@ impl Extent {
 
 /// Makes samples for a network that exists, puts them among the blobs of its ledger, and prints the rule to propose.
 pub fn make(options: &MakeSamples) -> Result<()> {
+    if !folder::database(&options.dir).exists() {
+        bail!(LedgerError::NoLedger(options.dir.clone()));
+    }
     let kept = options.store.blobs_beside_writer(&options.dir)?;
     let (policy, spec) = founded(&options.dir, &kept)?;
     let (rule, file) = options.extent.make(&options.recordings, &policy, &spec)?;

@@ -2,20 +2,21 @@
 
 use super::hub_uploads::HubUploadOptions;
 use super::log_store::LogStoreOptions;
-use super::metrics::MetricsOptions;
+use super::metrics::{serve_metrics, MetricsOptions};
 use super::network_edge::NetworkEdge;
 use super::policy_folders::PolicyFolderOptions;
 use crate::blob_store::BlobStoreOptions;
 use crate::certificate::{keep_current, scheme};
 use crate::keys;
 use crate::otlp::OtlpOptions;
-use crate::serve::{interrupted, listening, online_until, ENDING};
+use crate::serve::{interrupted, listening, listening_if, online_until, ENDING};
 use anyhow::{bail, Context, Result};
 use std::future;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
@@ -25,7 +26,6 @@ use zk0_aggregator::publish::cosigning::Witnesses;
 use zk0_aggregator::publish::http;
 use zk0_aggregator::publish::log_server::LogServer;
 use zk0_aggregator::{Aggregator, Config, Service, SystemClock};
-use zk0_ledger::blobs::Blobs;
 use zk0_tls::authorities::Authorities;
 use zk0_tls::server_certificate::ServerCertificate;
 
@@ -43,7 +43,7 @@ pub struct Serve {
     /// Open rounds until the network has had this many in all, since its founding; then no more [default: no limit]
     #[arg(long, default_value_t = u64::MAX, hide_default_value = true)]
     rounds: u64,
-    /// Open a round only when this many nodes have committed to a dataset.
+    /// Open a round only when this many nodes have committed to a dataset. With 0, rounds open and close although nobody takes part.
     #[arg(long, default_value_t = 1)]
     min_nodes: usize,
     /// Publish nothing before the witnesses that this file names have cosigned it (a C2SP tlog-policy with the witnesses' addresses).
@@ -132,7 +132,10 @@ pub fn serve(options: &Serve) -> Result<()> {
     let (limits, log_limits) = options.edge.limits(options.log_listen.is_some());
     online_until(ENDING, async {
         let stop = interrupted();
+        // Nothing says that the aggregator listens before it has all of its addresses.
         let (listener, address) = listening(options.listen).await?;
+        let log_listener = listening_if(options.log_listen).await?;
+        let metrics_listener = listening_if(options.metrics.metrics).await?;
         let network = *aggregator.state().network();
         let patience = Duration::from_secs(options.beacon_seconds);
         let beacons = match options.beacons.is_empty() {
@@ -159,8 +162,11 @@ pub fn serve(options: &Serve) -> Result<()> {
             service = service.witnessed(witnesses).await?;
         }
         tracing::info!(listening = %address, "the aggregator of network {network} listens on {address}");
-        let log = serve_log(options, blobs, certificate, log_limits).await?;
-        let metrics = options.metrics.serve(&service).await?;
+        let log = log_listener.map(|listener| {
+            let server = LogServer::new(&options.dir).with_blobs(blobs);
+            serve_log(listener, server, certificate, log_limits)
+        });
+        let metrics = metrics_listener.map(|listener| serve_metrics(listener, &service));
         let (log_ended, log_stopped) = oneshot::channel();
         let log_store = log_store.map(|store| tokio::spawn(store.follow(log_stopped)));
         let (ended, stopped) = oneshot::channel();
@@ -190,23 +196,18 @@ pub fn serve(options: &Serve) -> Result<()> {
     })
 }
 
-/// Starts to serve the log's files, if the operator wants that.
-async fn serve_log(
-    options: &Serve,
-    blobs: Blobs,
+/// Starts to serve the log's files.
+fn serve_log(
+    (listener, address): (TcpListener, SocketAddr),
+    server: LogServer,
     certificate: Option<Arc<ServerCertificate>>,
     limits: http::Limits,
-) -> Result<Option<JoinHandle<()>>> {
-    let Some(listen) = options.log_listen else {
-        return Ok(None);
-    };
-    let (listener, address) = listening(listen).await?;
-    let server = LogServer::new(&options.dir).with_blobs(blobs);
+) -> JoinHandle<()> {
     let router = server.router(limits);
     let scheme = scheme(certificate.as_ref());
     tracing::info!("the log is served on {scheme}://{address}");
-    Ok(Some(tokio::spawn(async move {
+    tokio::spawn(async move {
         let forever = future::pending();
         http::serve_with(listener, router, limits, certificate.as_ref(), forever).await;
-    })))
+    })
 }

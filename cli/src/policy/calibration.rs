@@ -14,23 +14,38 @@ use zk0_smolvla::{ExpertWeights, PolicyConfig};
 /// The number of noises and times with which each sample is evaluated.
 const DRAWS: usize = 2;
 
-/// At most `frames` frames of each recording, evenly spaced, through the frozen half of a policy.
+/// `frames` frames of each recording, or all if it has no more, evenly spaced, through the frozen half of a policy.
 pub fn samples(
     file: &PolicyFile,
     recordings: &[RecordingName],
     frames: usize,
 ) -> Result<Vec<PreparedSample>> {
+    let each = recordings.iter().map(|recording| (recording, frames));
+    samples_of(file, each)
+}
+
+/// As [`samples`], with a number of frames for each recording. At least one frame of each is taken.
+pub fn samples_of<'a>(
+    file: &PolicyFile,
+    recordings: impl Iterator<Item = (&'a RecordingName, usize)>,
+) -> Result<Vec<PreparedSample>> {
     let preparer = Preparer::new(&file.policy, &file.tokenizer)?;
     let mut samples = Vec::new();
-    for recording in recordings {
+    for (recording, frames) in recordings {
         let dataset = recording.open()?;
-        let step = dataset.len().div_ceil(frames.max(1));
-        let prepared = preparer.prepare_every(&dataset, step, |done, of| {
+        let wanted = evenly(dataset.len(), frames.max(1));
+        let prepared = preparer.prepare_frames(&dataset, wanted, |done, of| {
             tracing::debug!("{recording}: {done} of {of} frames prepared");
         });
         samples.extend(prepared.with_context(|| format!("recording {recording}"))?);
     }
     Ok(samples)
+}
+
+/// `count` of `len` frames, evenly spaced, or all frames if there are no more.
+fn evenly(len: usize, count: usize) -> impl ExactSizeIterator<Item = usize> {
+    let count = count.min(len);
+    (0..count).map(move |place| place * len / count)
 }
 
 /// The evaluation whose ranges hold all values that `weights` compute from `samples`, with headroom.
@@ -49,4 +64,28 @@ pub fn calibrated(
     let pairs: Vec<_> = samples.iter().cycle().zip(&draws).collect();
     let (magnitudes, _) = Magnitudes::observe(config, weights, &pairs)?;
     calibrate(dims, &magnitudes).context("choosing ranges")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn as_many_frames_are_taken_as_are_asked_for() {
+        let taken = |len, count| evenly(len, count).collect::<Vec<_>>();
+        for count in [1, 2, 32, 100, 200, 245] {
+            let frames = taken(245, count);
+            assert_eq!(frames.len(), count);
+            assert_eq!(frames[0], 0);
+            let gaps: Vec<_> = frames.windows(2).map(|pair| pair[1] - pair[0]).collect();
+            let (least, most) = (245 / count, 245_usize.div_ceil(count));
+            assert!(
+                gaps.iter().all(|gap| (least..=most).contains(gap)),
+                "{gaps:?}"
+            );
+            assert!(frames[count - 1] < 245);
+        }
+        assert_eq!(taken(245, 246), (0..245).collect::<Vec<_>>());
+        assert!(taken(0, 1).is_empty());
+    }
 }

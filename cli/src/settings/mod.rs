@@ -47,16 +47,29 @@ pub fn parse_from<T: CommandFactory + FromArgMatches>(
     let mut command = each_service(T::command(), settable);
     let probed = probe(&command).try_get_matches_from(&arguments);
     command.build();
-    let from_file = match &probed {
-        Ok(matches) => from_file(&mut command, matches, &arguments)?,
+    let (from_variables, from_file) = match &probed {
+        Ok(matches) => (
+            from_variables(&command, matches),
+            from_file(&mut command, matches, &arguments)?,
+        ),
         // The parser below says what is wrong.
-        Err(_) => FromFile::default(),
+        Err(_) => Default::default(),
     };
     let mut command = each_service(command, |service, _| service.mut_args(without_false));
     let mut all = arguments;
     all.splice(from_file.at..from_file.at, from_file.arguments());
     let parsed = command.try_get_matches_from_mut(all);
-    let matches = parsed.map_err(|error| from_file.locate(&mut command, error))?;
+    let matches = parsed.map_err(|error| {
+        let place = about(&error).and_then(|arg| {
+            let variable = from_variables.iter().find(|one| one.shown == arg);
+            let variable = variable.map(|one| format!("the environment variable {}", one.name));
+            variable.or_else(|| from_file.place(arg))
+        });
+        match place {
+            Some(place) => placed(&mut command, &error, &place),
+            None => error,
+        }
+    })?;
     T::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
 }
 
@@ -115,6 +128,44 @@ fn without_false(arg: Arg) -> Arg {
     }
 }
 
+/// A setting that a variable says, with its flag as clap names it in errors.
+struct FromVariable {
+    name: String,
+    shown: String,
+}
+
+/// The settings that variables say and no flag does.
+fn from_variables(command: &Command, matches: &ArgMatches) -> Vec<FromVariable> {
+    let Some(names @ [group, name]) = service_of(matches) else {
+        return Vec::new();
+    };
+    let service = command
+        .find_subcommand(group)
+        .and_then(|services| services.find_subcommand(name));
+    let (Some(service), Some(given)) = (service, given(matches, names)) else {
+        return Vec::new();
+    };
+    let said = service.get_arguments().filter(|arg| {
+        // `--config` is in no file, but it may be a variable.
+        (is_setting(arg) || arg.get_id() == CONFIG) && !is_flag_given(arg, given)
+    });
+    said.filter_map(|arg| {
+        let name = arg.get_env().filter(|name| env::var_os(name).is_some())?;
+        Some(FromVariable {
+            name: name.to_string_lossy().into_owned(),
+            shown: arg.to_string(),
+        })
+    })
+    .collect()
+}
+
+/// What the arguments say of this service.
+fn given<'a>(matches: &'a ArgMatches, [group, name]: [&str; 2]) -> Option<&'a ArgMatches> {
+    matches
+        .subcommand_matches(group)
+        .and_then(|matches| matches.subcommand_matches(name))
+}
+
 /// What a file adds to the arguments.
 #[derive(Default)]
 struct FromFile {
@@ -140,9 +191,7 @@ fn from_file(
     let Some([group, name]) = service_of(matches) else {
         return Ok(FromFile::default());
     };
-    let given = matches
-        .subcommand_matches(group)
-        .and_then(|matches| matches.subcommand_matches(name));
+    let given = given(matches, [group, name]);
     let path = given.and_then(|given| given.get_one::<OsString>(CONFIG));
     let (Some(given), Some(path)) = (given, path) else {
         return Ok(FromFile::default());
@@ -225,12 +274,16 @@ fn key(arg: &Arg) -> &str {
 
 /// Whether a flag or a variable says it.
 fn is_given(arg: &Arg, matches: &ArgMatches) -> bool {
-    let source = matches.value_source(arg.get_id().as_str());
-    let by_flag = source == Some(clap::parser::ValueSource::CommandLine);
-    by_flag
+    is_flag_given(arg, matches)
         || arg
             .get_env()
             .is_some_and(|name| env::var_os(name).is_some())
+}
+
+/// Whether a flag says it.
+fn is_flag_given(arg: &Arg, matches: &ArgMatches) -> bool {
+    let source = matches.value_source(arg.get_id().as_str());
+    source == Some(clap::parser::ValueSource::CommandLine)
 }
 
 /// The arguments that say the same as the file.
@@ -265,18 +318,25 @@ impl FromFile {
         all.flat_map(|setting| setting.arguments.clone()).collect()
     }
 
-    /// Says which line of the file is wrong, if the error is about one.
-    fn locate(&self, command: &mut Command, error: clap::Error) -> clap::Error {
-        let Some(ContextValue::String(about)) = error.get(ContextKind::InvalidArg) else {
-            return error;
-        };
-        let Some(setting) = self.counting.iter().find(|one| one.shown == *about) else {
-            return error;
-        };
-        let text = error.render().to_string();
-        let why = text.split("\n\n").next().unwrap_or_default();
-        let why = why.strip_prefix("error: ").unwrap_or(why);
-        let why = format!("{}, line {}: {why}", self.file.name(), setting.line);
-        command.error(error.kind(), why)
+    /// The line of the file that says this argument, if one does.
+    fn place(&self, arg: &str) -> Option<String> {
+        let setting = self.counting.iter().find(|one| one.shown == arg)?;
+        Some(format!("{}, line {}", self.file.name(), setting.line))
     }
+}
+
+/// The argument that an error is about, as clap names it.
+fn about(error: &clap::Error) -> Option<&str> {
+    match error.get(ContextKind::InvalidArg) {
+        Some(ContextValue::String(arg)) => Some(arg),
+        _ => None,
+    }
+}
+
+/// The error with the place that says what is wrong.
+fn placed(command: &mut Command, error: &clap::Error, place: &str) -> clap::Error {
+    let text = error.render().to_string();
+    let why = text.split("\n\n").next().unwrap_or_default();
+    let why = why.strip_prefix("error: ").unwrap_or(why);
+    command.error(error.kind(), format!("{place}: {why}"))
 }

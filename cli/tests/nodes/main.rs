@@ -1,4 +1,4 @@
-//! `zk0 node`: what a node is told before it trains, and how it leaves.
+//! Nodes: how the first are enrolled, what a node is told before it trains, and how it leaves.
 
 #[path = "../harness/mod.rs"]
 mod harness;
@@ -6,5 +6,6 @@ mod harness;
 mod devices;
 mod diverged;
 mod eval_samples;
+mod founding;
 mod leaving;
 mod unwritable;

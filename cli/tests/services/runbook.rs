@@ -6,6 +6,7 @@ use crate::harness::{copy, fails, prints, root, words, zk0, RECORDING};
 use serde_json::Value;
 use std::fs;
 use std::io::{BufRead, BufReader};
+use std::net::TcpListener;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::Stdio;
@@ -51,6 +52,22 @@ fn a_port_that_is_in_use() {
     let said = fails(&words(&serve(&other, address)));
     as_in_the_runbook(&said, "already: stop it, or choose another address");
     assert!(said.contains(address), "{said}");
+}
+
+#[test]
+fn a_port_of_the_log_or_of_the_metrics_that_is_in_use() {
+    let network = founded();
+    let other = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = other.local_addr().unwrap().to_string();
+    for option in ["--log-listen", "--metrics"] {
+        let mut arguments = serve(&network, "127.0.0.1:0");
+        arguments.extend([option.to_owned(), address.clone()]);
+        let said = fails(&words(&arguments));
+        let mend = format!("another process listens on {address} already");
+        assert!(said.contains(&mend), "{said}");
+        // Nobody reads that an aggregator serves which then ends.
+        assert!(!said.contains("the aggregator of network"), "{said}");
+    }
 }
 
 #[test]

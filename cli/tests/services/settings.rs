@@ -205,5 +205,10 @@ fn a_switch_that_a_variable_turns_off_needs_nothing_and_conflicts_with_nothing()
 #[test]
 fn a_wrong_variable_is_refused_although_the_file_is_right() {
     let _alone = Variables::set(&[("ZK0_WITNESS_NUMBER", "two")]);
-    refused(ALL, &["--number", "two"]);
+    let variable = "the environment variable ZK0_WITNESS_NUMBER: ";
+    refused(ALL, &[variable, "--number", "two"]);
+    // A flag that is wrong, too, is what counts.
+    let error = parsed(ALL, &["--number", "three"]).unwrap_err();
+    assert!(error.contains("three"), "{error}");
+    assert!(!error.contains("ZK0_WITNESS_NUMBER"), "{error}");
 }

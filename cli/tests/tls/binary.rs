@@ -5,6 +5,7 @@ use crate::harness::serving::Serving;
 use crate::harness::{ends, fails, logged, printed, prints, zk0};
 use std::io::{Read, Write};
 use std::net::TcpStream;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 #[test]
@@ -16,6 +17,10 @@ fn a_network_is_served_and_reached_over_tls() {
     assert!(made.contains("--tls-certificate"), "{made}");
     let again = fails(&["aggregator", "certificate", &tls, "--name", "127.0.0.1"]);
     assert!(again.contains("nothing is overwritten"), "{again}");
+    let other = network.path("other");
+    let unusable = fails(&["aggregator", "certificate", &other, "--name", "bad name"]);
+    assert!(unusable.contains("neither a host name"), "{unusable}");
+    assert!(!Path::new(&other).exists());
 
     let (ledger, key) = (network.path("ledger"), network.path("log.key"));
     let [ca, certificate, secret] =

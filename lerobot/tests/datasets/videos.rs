@@ -125,7 +125,7 @@ fn a_video_that_does_not_decode_names_the_frame() {
         rng.fill(&mut bytes[mdat..]);
         bytes
     });
-    copy.fails(TOP, "video frame 0 does not decode");
+    copy.fails(TOP, "video frame 0 does not decode, as in a damaged file: ");
     let error = copy.error().to_string();
     assert!(
         error.starts_with("episode 0 frame 0, camera observation.images.top: "),

@@ -9,16 +9,15 @@ use crate::frames::sample::{
 };
 
 impl Preparer<'_> {
-    /// Prepares frames 0, `step`, 2 · `step`, … of a recording, normalised with [`Dataset::normalisation`]; a `step` of 0 is taken
-    /// for 1. `progress` is called with the frames done and their total.
-    pub fn prepare_every(
+    /// Prepares the frames `wanted` of a recording, normalised with [`Dataset::normalisation`]. Ascending order is fastest. `progress` is
+    /// called with the frames done and their total.
+    pub fn prepare_frames(
         &self,
         dataset: &Dataset,
-        step: usize,
+        wanted: impl ExactSizeIterator<Item = usize>,
         mut progress: impl FnMut(usize, usize),
     ) -> std::result::Result<Vec<PreparedSample>, PrepareError> {
         let mut loader = dataset.loader(self.config().chunk_size)?;
-        let wanted = (0..dataset.len()).step_by(step.max(1));
         let count = wanted.len();
         let mut samples = Vec::with_capacity(count);
         for index in wanted {

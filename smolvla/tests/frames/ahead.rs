@@ -217,9 +217,9 @@ fn an_error_comes_in_its_place_and_names_the_frame() {
     let faulty = expected.iter().position(Result::is_err).unwrap();
     assert!(faulty > 0 && expected.last().unwrap().is_ok());
     let error = expected[faulty].as_ref().unwrap_err();
-    let name = format!("sample: frame {faulty} of recording 0: ");
+    let name = format!("frame {faulty} of recording 0: episode ");
     assert!(error.starts_with(&name), "{error}");
-    assert!(error.contains("observation.images.top"), "{error}");
+    assert!(error.contains(video.to_str().unwrap()), "{error}");
     ahead(&source, |samples| {
         samples.expect(Box::new(0..count), 5);
         for (index, expected) in expected.iter().enumerate() {

@@ -21,7 +21,9 @@ fn a_recording_is_prepared_and_learnt_from() {
     let mut seen = Vec::new();
     let samples = Preparer::new(&policy, &tokenizer)
         .unwrap()
-        .prepare_every(&dataset, 1, |done, of| seen.push((done, of)))
+        .prepare_frames(&dataset, 0..dataset.len(), |done, of| {
+            seen.push((done, of));
+        })
         .unwrap();
     assert_eq!(samples.len(), 249);
     assert_eq!(seen, (1..=249).map(|i| (i, 249)).collect::<Vec<_>>());

@@ -34,7 +34,9 @@ static SAMPLES: LazyLock<[Vec<PreparedSample>; 2]> = LazyLock::new(|| {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
         .join("../tests/fixtures/datasets/so100_pickplace");
     let dataset = Dataset::open(folder).unwrap();
-    let all = preparer.prepare_every(&dataset, 3, |_, _| ()).unwrap();
+    let every_third = (0..dataset.len()).step_by(3);
+    let all = preparer.prepare_frames(&dataset, every_third, |_, _| ());
+    let all = all.unwrap();
     let every_other = |first: usize| all.iter().skip(first).step_by(2).cloned().collect();
     [every_other(0), every_other(1)]
 });

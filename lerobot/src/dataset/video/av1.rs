@@ -38,13 +38,15 @@ impl Av1 {
             return Err(if e.is_again() {
                 "holds more than one frame".into()
             } else {
-                format!("does not decode: {e}")
+                format!("does not decode, as in a damaged file: {e}")
             });
         }
         let picture = match self.decoder.get_picture() {
             Ok(picture) => picture,
-            Err(e) if e.is_again() => return Err("does not decode: no picture came out".into()),
-            Err(e) => return Err(format!("does not decode: {e}")),
+            Err(e) if e.is_again() => {
+                return Err("does not decode, as in a damaged file: no picture came out".into())
+            }
+            Err(e) => return Err(format!("does not decode, as in a damaged file: {e}")),
         };
         Ok(Decoded {
             picture,

@@ -153,10 +153,12 @@ impl VideoReader {
                 );
             }
         }
-        let rgb = playing
-            .ahead
-            .remove(&sample)
-            .ok_or_else(|| self.fault(number, "does not decode: no picture came out".into()))?;
+        let rgb = playing.ahead.remove(&sample).ok_or_else(|| {
+            self.fault(
+                number,
+                "does not decode, as in a damaged file: no picture came out".into(),
+            )
+        })?;
         self.playing = Some(playing);
         Ok(rgb)
     }

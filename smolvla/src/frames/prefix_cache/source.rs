@@ -13,6 +13,7 @@ use crate::frames::prefix_cache::error::CacheError;
 use crate::frames::prefix_cache::key::FrameRef;
 use crate::frames::prefix_cache::maker::FrameMaker;
 use crate::frames::prefix_cache::store::DiskCache;
+use crate::frames::recording::PrepareError;
 use crate::frames::sample::FromFrame;
 
 /// What [`FrameSource::fill`] found and did, in frames.
@@ -168,11 +169,16 @@ impl<'c, 'a, S: FromFrame + Entry> FrameSource<'c, 'a, S> {
 
 /// An error with the name of the frame.
 fn named(frame: &FrameRef) -> impl Fn(CacheError) -> PolicyError + '_ {
-    move |error| {
-        PolicyError::Sample(format!(
+    move |error| match error {
+        CacheError::Prepare(PrepareError::Dataset(error)) => PolicyError::Recording {
+            frame: frame.index,
+            recording: frame.dataset,
+            error: Box::new(error),
+        },
+        error => PolicyError::Sample(format!(
             "frame {} of recording {}: {error}",
             frame.index, frame.dataset
-        ))
+        )),
     }
 }
 

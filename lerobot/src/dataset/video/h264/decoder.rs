@@ -51,8 +51,15 @@ impl H264 {
         let options = DecodeOptions::new().flush_after_decode(Flush::Flush);
         let picture = match self.decoder.decode_with_options(&stream, options) {
             Ok(Some(picture)) => picture,
-            Ok(None) => return Err("does not decode: no picture came out".into()),
-            Err(e) => return Err(format!("does not decode: {}", why(&e))),
+            Ok(None) => {
+                return Err("does not decode, as in a damaged file: no picture came out".into())
+            }
+            Err(e) => {
+                return Err(format!(
+                    "does not decode, as in a damaged file: {}",
+                    why(&e)
+                ))
+            }
         };
         let (width, height) = picture.dimensions();
         if (height, width) != (self.height, self.width) {

@@ -1,0 +1,65 @@
+//! `zk0 aggregator init --node`: a network is founded with all of its first nodes, or not at all.
+
+use crate::harness::network::LocalNetwork;
+use crate::harness::{fails, logs, words};
+use std::fs::{self, Permissions};
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use zk0::keys;
+
+#[test]
+fn a_node_that_cannot_be_enrolled_leaves_no_network_behind() {
+    let network = LocalNetwork::new();
+    let ledger = network.path("ledger");
+    let node = keys::generate(Path::new(&network.path("node.key"))).unwrap();
+    let [alice, bob, nameless] = ["alice", "bob", ""].map(|name| format!("{name}={node}"));
+    let keyless = format!("carol={}", "0".repeat(64));
+    for (other, why) in [
+        (&bob, "enrolling bob: node "),
+        (&bob, "is already enrolled"),
+        (&keyless, "its identity is not an ed25519 public key"),
+        (&nameless, "its name has 0 bytes"),
+    ] {
+        let nodes = ["--node", &alice, "--node", other];
+        let refused = fails(&words(&network.founding(&nodes)));
+        assert!(refused.contains(why), "{refused}");
+        assert!(!Path::new(&ledger).exists(), "{other}");
+    }
+    let mut spaced = network.founding(&[]);
+    let name = spaced.iter().position(|word| word == "--name").unwrap() + 1;
+    spaced[name] = "my network".into();
+    let refused = fails(&words(&spaced));
+    assert!(refused.contains("cannot be a log's name"), "{refused}");
+    assert!(!Path::new(&ledger).exists());
+    // The corrected command founds the network.
+    logs(&words(&network.founding(&["--node", &alice])));
+    assert_eq!(network.entries().len(), 2);
+}
+
+#[test]
+fn a_file_in_place_of_the_folder_is_named() {
+    let network = LocalNetwork::new();
+    let file = network.path("ledger");
+    fs::write(&file, "a file").unwrap();
+    let mut below = network.founding(&[]);
+    below[2] += "/below";
+    for founding in [network.founding(&[]), below] {
+        let refused = fails(&words(&founding));
+        let says = format!("{file} is a file, and a ledger needs a folder");
+        assert!(refused.contains(&says), "{refused}");
+    }
+    assert_eq!(fs::read_to_string(&file).unwrap(), "a file");
+}
+
+#[test]
+fn a_key_that_others_can_read_is_warned_of_once() {
+    let network = LocalNetwork::new();
+    let key = network.path("log.key");
+    let mend = format!("run `chmod 600 {key}`");
+    fs::set_permissions(&key, Permissions::from_mode(0o644)).unwrap();
+    let said = logs(&words(&network.founding(&[])));
+    assert_eq!(said.matches(&mend).count(), 1, "{said}");
+    fs::set_permissions(&key, Permissions::from_mode(0o600)).unwrap();
+    let said = fails(&words(&network.founding(&[])));
+    assert!(!said.contains("chmod"), "{said}");
+}
