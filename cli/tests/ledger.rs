@@ -34,6 +34,7 @@ fn an_audit_says_the_same_wherever_the_ledger_is_read() {
     let said = prints(&["ledger", "export", LEDGER, text(&out)]);
     assert!(said.contains("entries published"), "{said}");
     assert_eq!(audit(text(&out)), original);
+    fails(&["ledger", "fsck", text(&out)], "is an export");
     let serving = Serving::start(&["ledger", "serve", LEDGER, "--listen", "127.0.0.1:0"]);
     assert_eq!(audit(&serving.address), original);
     let network = original["network"].as_str().unwrap();

@@ -11,9 +11,9 @@ pub use trust_options::TrustOptions;
 use crate::blob_store::BlobStoreOptions;
 #[cfg(feature = "full")]
 use anstream::println;
-use anyhow::Result;
+use anyhow::{bail, Result};
 use std::path::{Path, PathBuf};
-use zk0_audit::fsck::fsck;
+use zk0_audit::fsck::{fsck, is_export};
 use zk0_audit::known_checkpoint::known_checkpoint;
 use zk0_audit::log_source::{genesis, source};
 use zk0_circuits::Digest;
@@ -71,7 +71,7 @@ pub enum Command {
     /// Check that a ledger's folder is not damaged: its entries, tree and checkpoints, and all files of weights and proofs that are there.
     /// This checks no proofs; `zk0 audit replay` does. The exit code is 0 if the folder is whole, and 1 if it is not.
     Fsck {
-        /// The ledger's folder.
+        /// The ledger's folder. A mirror or a backup is one, too. An export is none.
         dir: PathBuf,
     },
 }
@@ -181,6 +181,10 @@ pub fn run(command: &Command) -> Result<bool> {
         Command::Prune(options) => prune::prune(options)?,
         #[cfg(feature = "full")]
         Command::Serve(options) => serve::serve(options)?,
+        Command::Fsck { dir } if is_export(dir) => bail!(
+            "{0} is an export: `zk0 ledger import {0} FOLDER` makes a ledger's folder of it, which can be checked",
+            dir.display()
+        ),
         Command::Fsck { dir } => return Ok(check(dir)),
     }
     Ok(true)
