@@ -260,7 +260,8 @@ impl Blobs {
         Ok(true)
     }
 
-    /// Removes unfinished blobs that killed processes left behind. Only the ledger's writer may call this.
+    /// Removes unfinished blobs that killed processes left behind. Only the ledger's writer may call this, or whoever brings a mirror or an
+    /// export up to date: they make no second names of files, which nobody locks.
     pub(crate) fn remove_unfinished(&self) -> Result<(), BlobError> {
         unfinished::remove(&self.unfinished_folder())
     }

@@ -310,6 +310,22 @@ fn a_backup_that_is_checked_is_mended() {
 }
 
 #[test]
+fn what_a_killed_backup_left_is_removed_and_nothing_that_is_being_written() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (dir, saved) = (scratch.path().join("ledger"), scratch.path().join("backup"));
+    drop(running(&dir));
+    backup(&dir, &saved).unwrap();
+    let left = saved.join("blobs/unfinished/left");
+    fs::write(&left, b"half of a blob").unwrap();
+    let blobs = Blobs::at(&saved);
+    let mut writing = blobs.writer(100).unwrap();
+    writing.write(b"weights").unwrap();
+    backup(&dir, &saved).unwrap();
+    assert!(!left.exists());
+    writing.finish(&blob_digest(b"weights")).unwrap();
+}
+
+#[test]
 fn the_policy_and_what_was_cosigned_are_kept() {
     let scratch = tempfile::tempdir().unwrap();
     let at = |name: &str| scratch.path().join(name);

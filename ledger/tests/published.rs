@@ -400,9 +400,13 @@ fn a_damaged_blob_keeps_nothing_else_back_from_an_export_and_is_no_blob_of_a_mir
     assert_eq!(Path::new(&done.damaged[0].place), file);
     let there = Blobs::at(&out).path(&blob);
     assert!(out.join("checkpoint").is_file() && !there.exists());
+    // A killed export has left half of a blob.
     fs::write(&file, right).unwrap();
+    let left = out.join("blobs/unfinished/left");
+    fs::write(&left, b"half of a blob").unwrap();
     let done = export(&view, &out).unwrap();
     assert_eq!((done.blobs, done.damaged.len()), (1, 0));
+    assert!(!left.exists());
     // Whoever serves other bytes under a blob's name is at fault.
     fs::write(&there, b"other bytes").unwrap();
     let refused = mirror(&Folder::at(&out), &at("mirror"), None, None).unwrap_err();

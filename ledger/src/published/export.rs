@@ -51,7 +51,9 @@ pub enum ExportError {
 
 /// Writes what `view` publishes to the folder `out`, as [`export_to`] does.
 pub fn export(view: &Publication, out: &Path) -> Result<Exported, ExportError> {
-    export_to(view, &mut Folder::at(out))
+    let mut folder = Folder::at(out);
+    folder.remove_unfinished()?;
+    export_to(view, &mut folder)
 }
 
 /// Writes what `view` publishes to `place`, or brings an older export of the same log up to date. The checkpoint is written last, so a

@@ -2,6 +2,7 @@
 
 use crate::blobs::damaged::CopyError;
 use crate::blobs::{BlobError, Blobs};
+use crate::folder;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -62,6 +63,15 @@ impl Folder {
         Self {
             dir: dir.into(),
             blobs: Blobs::at(dir),
+        }
+    }
+
+    /// Removes unfinished blobs that killed exports left behind.
+    pub(crate) fn remove_unfinished(&self) -> Result<(), PlaceError> {
+        // In a ledger's folder, its writer does that.
+        match folder::database(&self.dir).exists() {
+            true => Ok(()),
+            false => Ok(self.blobs.remove_unfinished()?),
         }
     }
 

@@ -146,6 +146,8 @@ pub(crate) fn mirror_with(
     fs::create_dir_all(dir).map_err(io_error(dir))?;
     let store = Store::open(&folder::database(dir))?;
     let blobs = Blobs::at(dir);
+    // While the database is open, nobody else brings this folder up to date. What is unfinished and not locked is from a killed process.
+    blobs.remove_unfinished()?;
     let (mut tree, mut required) = held(&store)?;
     let held = tree.size();
     if let Some(text) = folder::read_checkpoint(dir)? {
