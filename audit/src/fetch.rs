@@ -9,7 +9,6 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 use zk0_circuits::Digest;
-use zk0_ledger::blobs::BlobError;
 use zk0_ledger::error::LedgerError;
 use zk0_ledger::folder;
 use zk0_ledger::published::mirror::{mirror, MirrorError};
@@ -143,9 +142,10 @@ pub fn is_wrong(error: &MirrorError) -> bool {
                 | LedgerError::BadPruning { .. }
                 | LedgerError::Rule(_)
                 | LedgerError::CheckpointFile { .. }
-                | LedgerError::Blob(BlobError::WrongDigest { .. } | BlobError::TooLarge { .. })
         ),
-        MirrorError::Checkpoint { .. } | MirrorError::Witnesses(_) => true,
+        MirrorError::Checkpoint { .. }
+        | MirrorError::Witnesses(_)
+        | MirrorError::WrongBlob { .. } => true,
     }
 }
 

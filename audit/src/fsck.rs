@@ -2,6 +2,7 @@
 
 use crate::blob_check::BlobCheck;
 use std::path::Path;
+use zk0_ledger::folder;
 use zk0_ledger::published::publication::{Publication, PublicationError};
 use zk0_ledger::replay::{replay, Report, Verdict};
 
@@ -18,6 +19,11 @@ impl Fsck {
     pub fn is_whole(&self) -> bool {
         self.report.verdict == Verdict::Verified && self.published.is_ok()
     }
+}
+
+/// Whether `dir` is an export, which is no ledger's folder and has no database to check.
+pub fn is_export(dir: &Path) -> bool {
+    dir.join("tile").is_dir() && !folder::database(dir).exists()
 }
 
 /// Checks the ledger in `dir`.

@@ -156,7 +156,7 @@ impl Place for PublicLog {
             |error: io::Error| BlobError::from(self.objects.error(&what, error.to_string()));
         // What has another digest is not published.
         let mut hasher = Sha256::new();
-        let size = io::copy(&mut file, &mut hasher).map_err(unreadable)?;
+        let size = io::copy(&mut file, &mut hasher).map_err(PlaceError::Unreadable)?;
         let actual = Digest(hasher.finalize().into());
         if actual != *blob {
             return Err(BlobError::WrongDigest {

@@ -7,7 +7,7 @@ mod harness;
 use ed25519_dalek::SigningKey;
 use harness::made_ledger::Made;
 use harness::serving::Serving;
-use harness::{ends, logged, printed, prints, text, zk0, LEDGER};
+use harness::{copy, ends, logged, printed, prints, text, zk0, LEDGER};
 use std::fs;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
@@ -34,6 +34,7 @@ fn an_audit_says_the_same_wherever_the_ledger_is_read() {
     let said = prints(&["ledger", "export", LEDGER, text(&out)]);
     assert!(said.contains("entries published"), "{said}");
     assert_eq!(audit(text(&out)), original);
+    fails(&["ledger", "fsck", text(&out)], "is an export");
     let serving = Serving::start(&["ledger", "serve", LEDGER, "--listen", "127.0.0.1:0"]);
     assert_eq!(audit(&serving.address), original);
     let network = original["network"].as_str().unwrap();
@@ -113,6 +114,40 @@ fn a_backup_is_restored_unless_something_newer_was_signed() {
     let refused: Vec<&str> = refused.iter().map(String::as_str).collect();
     fails(&refused, "known checkpoint");
     assert!(!stranger.exists());
+}
+
+/// The first blob of a folder in the list of the file system.
+fn a_blob_of(dir: &Path) -> PathBuf {
+    let mut blobs = fs::read_dir(dir.join("blobs/sha256")).unwrap();
+    blobs.next().unwrap().unwrap().path()
+}
+
+#[test]
+fn a_damaged_blob_ends_a_copy_with_an_error_after_everything_else_is_copied() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    let (dir, saved) = (at("ledger"), at("saved"));
+    copy(Path::new(LEDGER), &dir);
+    prints(&["ledger", "backup", text(&dir), text(&saved)]);
+    let checked = ["ledger", "backup", text(&dir), text(&saved), "--check"];
+    fs::write(a_blob_of(&saved), b"changed").unwrap();
+    let said = prints(&checked);
+    assert!(said.contains("1 blob was damaged in the backup"), "{said}");
+    let said = prints(&checked);
+    assert!(!said.contains("damaged"), "{said}");
+    let blob = a_blob_of(&dir);
+    fs::write(&blob, b"changed").unwrap();
+    for command in ["backup", "export"] {
+        let out = at(command);
+        let output = ends(1, zk0(&["ledger", command, text(&dir), text(&out)]));
+        let log = logged(&output);
+        assert!(
+            log.contains(text(&blob)) && log.contains("1 damaged blob"),
+            "{log}"
+        );
+        assert!(printed(&output).contains("11 blobs"), "{output:?}");
+        assert!(out.join("checkpoint").is_file());
+    }
 }
 
 #[test]

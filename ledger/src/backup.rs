@@ -7,13 +7,14 @@
 //! **An old backup is dangerous.** It lacks what the log signed later, and a writer who goes on from it signs a second history of the
 //! same sizes. So [`restore`] asks for the newest checkpoints that anybody has.
 
+use crate::blobs::damaged::DamagedBlob;
 use crate::error::{io_error, LedgerError};
 use crate::history::History;
-use crate::published::mirror::{genesis, mirror, MirrorError, Mirrored};
+use crate::published::mirror::{genesis, mirror_with, BlobSource, MirrorError, Mirrored};
 use crate::published::source::{Source, SourceError};
 use crate::published::tiles;
 use crate::store::Store;
-use crate::{folder, BlobError, Blobs};
+use crate::{folder, Blobs};
 use std::ffi::OsString;
 use std::fs;
 use std::io::{self, Cursor, Read};
@@ -52,20 +53,38 @@ pub enum BackupError {
         held: u64,
         signed: u64,
     },
+    /// Blobs of the backup are damaged.
+    #[error(
+        "nothing was restored, because the backup is damaged ({}): delete each of these files in the backup, run \
+         `zk0 ledger import ADDRESS {backup}` or `zk0 ledger backup LEDGER {backup}`, and restore again. The ledger then lacks the blobs that \
+         nobody else had",
+        named(.files)
+    )]
+    Damaged {
+        backup: PathBuf,
+        files: Vec<DamagedBlob>,
+    },
 }
 
-/// A ledger's folder as the source of a copy, with all its content, public or not.
+/// What is damaged, and how.
+fn named(files: &[DamagedBlob]) -> String {
+    let named = files
+        .iter()
+        .map(|file| format!("{}: {}", file.place, file.why));
+    named.collect::<Vec<_>>().join("; ")
+}
+
+/// A ledger's folder as the source of a copy, with all its entries, public or not. Its blobs are copied from the folder itself.
 struct Whole {
     text: Vec<u8>,
     pruned: Option<Vec<u8>>,
     size: u64,
     store: Store,
-    blobs: Blobs,
 }
 
 impl Whole {
     /// Opens the folder at its newest signed checkpoint. A writer may be using it at the same time.
-    fn open(dir: &Path, blobs: Blobs) -> Result<Self, MirrorError> {
+    fn open(dir: &Path) -> Result<Self, MirrorError> {
         let database = folder::database(dir);
         if !database.exists() {
             return Err(LedgerError::NoLedger(dir.into()).into());
@@ -91,7 +110,6 @@ impl Whole {
             pruned,
             size: signed.size,
             store,
-            blobs,
         })
     }
 }
@@ -104,42 +122,51 @@ impl Source for Whole {
             Some(Resource::Tile(tile)) => {
                 tiles::read(&self.store, self.size, &tile).map_err(|error| failed(&error))?
             }
-            Some(Resource::Blob(digest)) => {
-                return match self.blobs.file_once(&digest) {
-                    Ok(file) => Ok(Some(Box::new(file))),
-                    Err(BlobError::Missing(_)) => Ok(None),
-                    Err(error) => Err(failed(&error)),
-                }
-            }
             Some(Resource::Pruned) => self.pruned.clone(),
-            Some(Resource::Policy) | None => None,
+            Some(Resource::Blob(_) | Resource::Policy) | None => None,
         };
         Ok(bytes.map(|bytes| Box::new(Cursor::new(bytes)) as Box<dyn Read>))
     }
 }
 
 /// Makes a backup of the ledger in `dir`, or brings the backup in `out` up to date. The ledger's writer may be using it at the same time.
-/// Every entry, checkpoint and blob is verified. A backup that has more entries, or another history, is not changed.
+/// Every entry, and every checkpoint and blob that is new in the backup, is verified. A blob that is damaged in the ledger is not copied, and
+/// named in the result; everything else is copied. A backup that has more entries, or another history, is not changed.
 pub fn backup(dir: &Path, out: &Path) -> Result<Mirrored, BackupError> {
-    backup_with(dir, Blobs::at(dir), out)
+    backup_with(dir, &Blobs::at(dir), out, OldBlobs::Trusted)
+}
+
+/// What a backup does about the blobs that it has already.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OldBlobs {
+    /// They are left alone. Nobody notices if the backup's disk has damaged one.
+    Trusted,
+    /// All of them are read and verified, and those that are damaged are copied again.
+    Checked,
 }
 
 /// [`backup`] of a ledger whose `blobs` may be kept in a store. The backup holds them all.
-pub fn backup_with(dir: &Path, blobs: Blobs, out: &Path) -> Result<Mirrored, BackupError> {
+pub fn backup_with(
+    dir: &Path,
+    blobs: &Blobs,
+    out: &Path,
+    old: OldBlobs,
+) -> Result<Mirrored, BackupError> {
     if fs::canonicalize(dir)
         .ok()
         .is_some_and(|dir| fs::canonicalize(out).ok() == Some(dir))
     {
         return Err(BackupError::Same(out.into()));
     }
-    copy(dir, blobs, out, None)
+    copy(dir, blobs, out, old, None)
 }
 
 /// Makes a ledger's folder in `dir`, which has to be missing or empty, from a backup. `known` holds the log's newest checkpoints as others
 /// have them: nodes, mirrors, witnesses, or the `checkpoint` file of the lost ledger. A backup is refused if it lacks entries that a
 /// known checkpoint covers, or if it has another history.
 ///
-/// After an interruption, the next call goes on from there. `dir` appears only when it is complete.
+/// A backup with damaged blobs is not restored, and the error names all of them. After that or an interruption, the next call goes on
+/// from there. `dir` appears only when it is complete.
 pub fn restore(
     backup: &Path,
     dir: &Path,
@@ -154,7 +181,14 @@ pub fn restore(
     }
     not_older(backup, known)?;
     let unfinished = unfinished(dir);
-    let done = copy(backup, Blobs::at(backup), &unfinished, network)?;
+    let blobs = Blobs::at(backup);
+    let done = copy(backup, &blobs, &unfinished, OldBlobs::Trusted, network)?;
+    if !done.damaged.is_empty() {
+        return Err(BackupError::Damaged {
+            backup: backup.into(),
+            files: done.damaged,
+        });
+    }
     // The whole history is checked, rules included, so that the restored ledger can be opened.
     let text = folder::read_checkpoint(&unfinished)?;
     History::read(
@@ -177,14 +211,20 @@ fn unfinished(dir: &Path) -> PathBuf {
 
 fn copy(
     dir: &Path,
-    blobs: Blobs,
+    blobs: &Blobs,
     out: &Path,
+    old: OldBlobs,
     network: Option<&Digest>,
 ) -> Result<Mirrored, BackupError> {
     // These files are read before the log, because the log then holds everything that was cosigned.
     let (policy, cosigned) = (folder::read_policy(dir)?, folder::read_cosigned(dir)?);
-    let whole = Whole::open(dir, blobs)?;
-    let done = mirror(&whole, out, Some(&WitnessPolicy::none()), network)?;
+    let whole = Whole::open(dir)?;
+    let source = BlobSource::Own {
+        blobs,
+        check_copies: old == OldBlobs::Checked,
+    };
+    let none = WitnessPolicy::none();
+    let done = mirror_with(&whole, &source, out, Some(&none), network)?;
     match folder::policy(dir).exists() {
         true => folder::write_policy(out, &policy)?,
         // The ledger may have had one when the backup was made.
@@ -198,7 +238,7 @@ fn copy(
 
 /// Refuses a backup that lacks entries that the log has signed.
 fn not_older(backup: &Path, known: &[Vec<u8>]) -> Result<(), BackupError> {
-    let whole = Whole::open(backup, Blobs::at(backup))?;
+    let whole = Whole::open(backup)?;
     let first = whole.store.entry(0).map_err(MirrorError::from)?;
     let genesis = genesis(&first.ok_or_else(|| LedgerError::NoLedger(backup.into()))?)?;
     let key = genesis.verifier_key()?;

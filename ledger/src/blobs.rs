@@ -1,13 +1,15 @@
 //! Content-addressed blobs beside the log: proofs, weights, leaf lists. A blob's name is the SHA-256 of its bytes, which is verified
 //! whenever a blob is read.
 //!
-//! - [`partial`]: blobs of which a part is here; [`error`]: why a blob cannot be stored or read.
+//! - [`partial`]: blobs of which a part is here; [`error`]: why a blob cannot be stored or read; [`damaged`]: copies blobs, and names those that
+//!   are damaged.
 //! - [`store`]: a store outside the folder, in which blobs are kept; [`kept`]: blobs of such a store; [`cache`]: the folder as a bounded cache
 //!   of it; [`usage`]: what the store was asked for; [`take`]: how it hands over bytes.
 //! - [`sent`]: files that others put into the store by themselves, which are [`unverified`] objects there.
 //! - `unfinished`: files of which blobs are made.
 
 pub mod cache;
+pub mod damaged;
 pub mod error;
 pub mod kept;
 pub mod partial;
@@ -265,7 +267,8 @@ impl Blobs {
         Ok(true)
     }
 
-    /// Removes unfinished blobs that killed processes left behind. Only the ledger's writer may call this.
+    /// Removes unfinished blobs that killed processes left behind. Only the ledger's writer may call this, or whoever brings a mirror or an
+    /// export up to date: they make no second names of files, which nobody locks.
     pub(crate) fn remove_unfinished(&self) -> Result<(), BlobError> {
         unfinished::remove(&self.unfinished_folder())
     }

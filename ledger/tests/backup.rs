@@ -7,10 +7,12 @@ use network::shelf::*;
 use network::*;
 use std::fs;
 use std::path::Path;
-use zk0_ledger::backup::{backup, restore, BackupError};
-use zk0_ledger::published::mirror::MirrorError;
+use zk0_ledger::backup::{backup, backup_with, restore, BackupError, OldBlobs};
+use zk0_ledger::published::mirror::{MirrorError, Mirrored};
+use zk0_ledger::published::publication::Publication;
 use zk0_ledger::replay::{replay, Verdict};
-use zk0_ledger::{folder, BlobError, Ledger, LedgerError, Report};
+use zk0_ledger::{folder, Blobs, Ledger, LedgerError, Report};
+use zk0_protocol::blob::blob_digest;
 use zk0_protocol::{Body, WitnessPolicy};
 
 fn verified(dir: &Path) -> Report {
@@ -200,15 +202,15 @@ fn a_damaged_backup_is_not_restored_and_what_is_begun_is_gone_on_with() {
         .path();
     let whole = fs::read(&blob).unwrap();
     fs::write(&blob, b"an upbate").unwrap();
-    let refused = restore(&saved, &again, None, &known);
+    let refused = restore(&saved, &again, None, &known).unwrap_err();
     assert!(
-        matches!(
-            refused,
-            Err(BackupError::Mirror(MirrorError::Ledger(LedgerError::Blob(
-                BlobError::WrongDigest { .. }
-            ))))
-        ),
-        "{refused:?}"
+        matches!(&refused, BackupError::Damaged { files, .. } if files.len() == 1),
+        "{refused}"
+    );
+    let said = refused.to_string();
+    assert!(
+        said.contains(blob.to_str().unwrap()) && said.contains("delete each of these files"),
+        "{said}"
     );
     assert!(!again.exists(), "not before all of it is there");
     fs::write(&blob, whole).unwrap();
@@ -228,6 +230,99 @@ fn a_damaged_backup_is_not_restored_and_what_is_begun_is_gone_on_with() {
         matches!(refused, Err(BackupError::Mirror(MirrorError::Published(_)))),
         "{refused:?}"
     );
+}
+
+/// The files that are damaged.
+fn damaged(done: &Mirrored) -> Vec<&Path> {
+    let places = done.damaged.iter().map(|blob| Path::new(&blob.place));
+    places.collect()
+}
+
+#[test]
+fn a_damaged_blob_of_the_ledger_is_named_and_all_others_are_backed_up() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    let dir = at("ledger");
+    let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/ledger");
+    copy(&committed, &dir);
+    let whole = backup(&dir, &at("whole")).unwrap();
+    let view = Publication::open(&dir, None).unwrap();
+    let blob = *view.public_blobs().next().unwrap();
+    let file = Blobs::at(&dir).path(&blob);
+    let right = fs::read(&file).unwrap();
+    // A folder stands for a file that cannot be read.
+    let other_bytes = || fs::write(&file, b"other bytes").unwrap();
+    let unreadable = || {
+        fs::remove_file(&file).unwrap();
+        fs::create_dir(&file).unwrap();
+    };
+    for (name, damage) in [
+        ("other bytes", &other_bytes as &dyn Fn()),
+        ("unreadable", &unreadable as &dyn Fn()),
+    ] {
+        let saved = at(name);
+        damage();
+        let done = backup(&dir, &saved).unwrap();
+        assert_eq!(
+            (done.entries, done.new_blobs, done.missing_blobs),
+            (whole.entries, whole.new_blobs - 1, whole.missing_blobs),
+            "{name}"
+        );
+        assert_eq!(damaged(&done), [&*file]);
+        let said = done.damaged[0].to_string();
+        assert!(said.contains("Put the right file back"), "{said}");
+        assert!(!Blobs::at(&saved).contains(&blob));
+        if file.is_dir() {
+            fs::remove_dir(&file).unwrap();
+        }
+        fs::write(&file, &right).unwrap();
+        let done = backup(&dir, &saved).unwrap();
+        assert_eq!((done.new_blobs, done.damaged.len()), (1, 0), "{name}");
+        Blobs::at(&saved).check(&blob).unwrap();
+    }
+}
+
+#[test]
+fn a_backup_that_is_checked_is_mended() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (dir, saved) = (scratch.path().join("ledger"), scratch.path().join("backup"));
+    drop(running(&dir));
+    backup(&dir, &saved).unwrap();
+    let update = blob_digest(b"an update");
+    let (ours, theirs) = (Blobs::at(&dir), Blobs::at(&saved));
+    let damage = |blobs: &Blobs| fs::write(blobs.path(&update), b"an upbate").unwrap();
+    let counts = |done: &Mirrored| (done.new_blobs, done.mended_blobs, done.damaged.len());
+    let checked = || backup_with(&dir, &ours, &saved, OldBlobs::Checked).unwrap();
+    assert_eq!(counts(&checked()), (0, 0, 0), "nothing is damaged");
+    damage(&theirs);
+    assert_eq!(counts(&backup(&dir, &saved).unwrap()), (0, 0, 0));
+    assert!(theirs.check(&update).is_err(), "nobody has asked");
+    assert_eq!(counts(&checked()), (0, 1, 0));
+    theirs.check(&update).unwrap();
+    // What cannot be mended is named.
+    damage(&theirs);
+    damage(&ours);
+    let done = checked();
+    assert_eq!(damaged(&done), [ours.path(&update), theirs.path(&update)]);
+    fs::remove_file(ours.path(&update)).unwrap();
+    let done = checked();
+    assert_eq!(damaged(&done), [theirs.path(&update)]);
+}
+
+#[test]
+fn what_a_killed_backup_left_is_removed_and_nothing_that_is_being_written() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (dir, saved) = (scratch.path().join("ledger"), scratch.path().join("backup"));
+    drop(running(&dir));
+    backup(&dir, &saved).unwrap();
+    let left = saved.join("blobs/unfinished/left");
+    fs::write(&left, b"half of a blob").unwrap();
+    let blobs = Blobs::at(&saved);
+    let mut writing = blobs.writer(100).unwrap();
+    writing.write(b"weights").unwrap();
+    backup(&dir, &saved).unwrap();
+    assert!(!left.exists());
+    writing.finish(&blob_digest(b"weights")).unwrap();
 }
 
 #[test]

@@ -10,11 +10,16 @@ use network::votes::*;
 use network::*;
 use proptest::prelude::*;
 use sha2_11::Sha256;
+use std::fs;
+use std::path::Path;
 use zk0_ledger::folder;
 use zk0_ledger::log::Ledger;
-use zk0_ledger::published::mirror::mirror;
+use zk0_ledger::published::export::export;
+use zk0_ledger::published::mirror::{mirror, MirrorError};
 use zk0_ledger::published::publication::Publication;
 use zk0_ledger::published::reader::{PublishedError, PublishedLog};
+use zk0_ledger::published::source::Folder;
+use zk0_ledger::{BlobError, Blobs};
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::tlog::checkpoint::Parsed;
 use zk0_protocol::tlog::cosigner::Cosigner;
@@ -375,4 +380,40 @@ fn a_mirror_publishes_what_is_new_when_the_rules_have_dropped_the_witnesses() {
     let source = Publication::open(&dir, None).unwrap();
     mirror(&source, &copy, None, None).unwrap();
     assert!(folder::policy(&copy).exists());
+}
+
+#[test]
+fn a_damaged_blob_keeps_nothing_else_back_from_an_export_and_is_no_blob_of_a_mirror() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    let (dir, out) = (at("ledger"), at("export"));
+    let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/ledger");
+    rounds::copy(&committed, &dir);
+    let view = Publication::open(&dir, None).unwrap();
+    let blob = *view.public_blobs().next().unwrap();
+    let file = Blobs::at(&dir).path(&blob);
+    let right = fs::read(&file).unwrap();
+    fs::write(&file, b"other bytes").unwrap();
+    let done = export(&view, &out).unwrap();
+    assert_eq!(done.blobs, view.public_blobs().count() as u64 - 1);
+    assert_eq!(done.damaged.len(), 1);
+    assert_eq!(Path::new(&done.damaged[0].place), file);
+    let there = Blobs::at(&out).path(&blob);
+    assert!(out.join("checkpoint").is_file() && !there.exists());
+    // A killed export has left half of a blob.
+    fs::write(&file, right).unwrap();
+    let left = out.join("blobs/unfinished/left");
+    fs::write(&left, b"half of a blob").unwrap();
+    let done = export(&view, &out).unwrap();
+    assert_eq!((done.blobs, done.damaged.len()), (1, 0));
+    assert!(!left.exists());
+    // Whoever serves other bytes under a blob's name is at fault.
+    fs::write(&there, b"other bytes").unwrap();
+    let refused = mirror(&Folder::at(&out), &at("mirror"), None, None).unwrap_err();
+    let path = Resource::Blob(blob).to_string();
+    assert!(refused.to_string().starts_with(&path), "{refused}");
+    let MirrorError::WrongBlob { error, .. } = refused else {
+        panic!("{refused}");
+    };
+    assert!(matches!(error, BlobError::WrongDigest { .. }), "{error}");
 }

@@ -4,12 +4,14 @@
 
 use crate::blob_store::BlobStoreOptions;
 use anyhow::{bail, Result};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tokio::sync::oneshot;
 use tokio::task::spawn_blocking;
 use tokio::time::sleep;
 use zk0_bucket::public_log::PublicLog;
+use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::published::export::export_to;
 use zk0_ledger::published::publication::{Publication, PublicationError};
@@ -36,6 +38,8 @@ pub struct LogStore {
     place: PublicLog,
     /// What was written last.
     before: Option<Publication>,
+    /// The damaged blobs that the log has named.
+    named: BTreeSet<Digest>,
 }
 
 impl LogStoreOptions {
@@ -63,6 +67,7 @@ impl LogStoreOptions {
             blobs: blobs.clone(),
             place: store.public_log(address)?,
             before: None,
+            named: BTreeSet::new(),
         }))
     }
 }
@@ -116,6 +121,13 @@ impl LogStore {
             view => view?.with_blobs(self.blobs.clone()),
         };
         let done = export_to(&view, &mut self.place)?;
+        // Each new checkpoint finds the same blobs again, so the log names each of them once.
+        for damaged in &done.damaged {
+            if !self.named.contains(&damaged.blob) {
+                tracing::error!("a blob is not published in the log's store: {damaged}. It then follows with the next checkpoint");
+            }
+        }
+        self.named = done.damaged.iter().map(|damaged| damaged.blob).collect();
         tracing::info!(
             entries = done.entries,
             tiles = done.tiles,

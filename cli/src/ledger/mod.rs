@@ -11,13 +11,14 @@ pub use trust_options::TrustOptions;
 use crate::blob_store::BlobStoreOptions;
 #[cfg(feature = "full")]
 use anstream::println;
-use anyhow::Result;
+use anyhow::{bail, Result};
 use std::path::{Path, PathBuf};
-use zk0_audit::fsck::fsck;
+use zk0_audit::fsck::{fsck, is_export};
 use zk0_audit::known_checkpoint::known_checkpoint;
 use zk0_audit::log_source::{genesis, source};
 use zk0_circuits::Digest;
-use zk0_ledger::backup;
+use zk0_ledger::backup::{self, OldBlobs};
+use zk0_ledger::blobs::damaged::DamagedBlob;
 use zk0_ledger::published::export::export;
 use zk0_ledger::published::mirror::{mirror, Mirrored};
 use zk0_ledger::published::publication::Publication;
@@ -48,12 +49,16 @@ pub enum Command {
     /// on the way, and the log must continue what was mirrored before.
     Import(Import),
     /// Make a backup of a ledger's folder. An earlier backup is brought up to date. A backup is a ledger's folder, too. It contains the
-    /// private files of the open round, but no keys. Everything is checked on the way.
+    /// private files of the open round, but no keys. What is copied is checked on the way. If a blob of the ledger is damaged, everything
+    /// else is copied, and the exit code is 1.
     Backup {
         /// The ledger's folder. Its aggregator may be running.
         dir: PathBuf,
         /// The folder of the backup.
         out: PathBuf,
+        /// Also check the blobs that the backup has already, and copy damaged ones again. This reads the whole backup.
+        #[arg(long)]
+        check: bool,
         #[cfg(feature = "full")]
         #[command(flatten)]
         store: BlobStoreOptions,
@@ -71,7 +76,7 @@ pub enum Command {
     /// Check that a ledger's folder is not damaged: its entries, tree and checkpoints, and all files of weights and proofs that are there.
     /// This checks no proofs; `zk0 audit replay` does. The exit code is 0 if the folder is whole, and 1 if it is not.
     Fsck {
-        /// The ledger's folder.
+        /// The ledger's folder. A mirror or a backup is one, too. An export is none.
         dir: PathBuf,
     },
 }
@@ -143,11 +148,13 @@ pub fn run(command: &Command) -> Result<bool> {
                 1 => println!("1 public blob is {missing} it"),
                 count => println!("{count} public blobs are {missing} them"),
             }
+            name_damaged(&done.damaged)?;
         }
         Command::Import(options) => import(options)?,
         Command::Backup {
             dir,
             out,
+            check,
             #[cfg(feature = "full")]
             store,
         } => {
@@ -155,9 +162,21 @@ pub fn run(command: &Command) -> Result<bool> {
             let blobs = store.blobs_beside_writer(dir)?;
             #[cfg(not(feature = "full"))]
             let blobs = zk0_ledger::Blobs::at(dir);
-            let done = backup::backup_with(dir, blobs, out)?;
+            let old = match check {
+                true => OldBlobs::Checked,
+                false => OldBlobs::Trusted,
+            };
+            let done = backup::backup_with(dir, &blobs, out, old)?;
             copied(&done);
+            match done.mended_blobs {
+                0 => {}
+                count => println!(
+                    "{} damaged in the backup, and copied again",
+                    counted(count, "blob was", "blobs were")
+                ),
+            }
             println!("backed up to {}", out.display());
+            name_damaged(&done.damaged)?;
         }
         Command::Restore(options) => {
             let known = options
@@ -181,6 +200,10 @@ pub fn run(command: &Command) -> Result<bool> {
         Command::Prune(options) => prune::prune(options)?,
         #[cfg(feature = "full")]
         Command::Serve(options) => serve::serve(options)?,
+        Command::Fsck { dir } if is_export(dir) => bail!(
+            "{0} is an export: `zk0 ledger import {0} FOLDER` makes a ledger's folder of it, which can be checked",
+            dir.display()
+        ),
         Command::Fsck { dir } => return Ok(check(dir)),
     }
     Ok(true)
@@ -197,6 +220,18 @@ fn import(options: &Import) -> Result<()> {
     )?;
     copied(&done);
     Ok(())
+}
+
+/// Names the blobs that are damaged, which ends the command with an error.
+fn name_damaged(damaged: &[DamagedBlob]) -> Result<()> {
+    for blob in damaged {
+        tracing::error!("a blob was not copied: {blob}");
+    }
+    match damaged.len() {
+        0 => Ok(()),
+        1 => bail!("everything was copied but 1 damaged blob, which is named above"),
+        count => bail!("everything was copied but {count} damaged blobs, which are named above"),
+    }
 }
 
 fn copied(done: &Mirrored) {

@@ -48,7 +48,7 @@ pub(super) fn link(folder: &Path, from: &Path) -> Result<(PathBuf, File), BlobEr
     }
 }
 
-/// Removes what killed processes left in the folder. Only the ledger's writer may call this.
+/// Removes what killed processes left in the folder, and nothing that somebody writes. No other process may call [`link`] meanwhile.
 pub(super) fn remove(folder: &Path) -> Result<(), BlobError> {
     let found = match fs::read_dir(folder) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),

@@ -1,6 +1,7 @@
 //! Export: a ledger as plain files in the tlog-tiles layout. Any web server can serve them, any archive can keep them, and
 //! [`crate::published::mirror`] makes a ledger of them again.
 
+use crate::blobs::damaged::DamagedBlob;
 use crate::blobs::BlobError;
 use crate::error::LedgerError;
 use crate::published::export_place::{Folder, Place, PlaceError};
@@ -11,7 +12,7 @@ use zk0_protocol::tlog::layout::{tiles, Resource};
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;
 
 /// The result of an export.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Exported {
     /// How many entries are published.
     pub entries: u64,
@@ -21,6 +22,8 @@ pub struct Exported {
     pub blobs: u64,
     /// How many public blobs the ledger's folder does not have.
     pub missing_blobs: u64,
+    /// The public blobs that are damaged where the ledger keeps them. They were not written, and everything else was.
+    pub damaged: Vec<DamagedBlob>,
 }
 
 /// Why a ledger cannot be exported.
@@ -48,7 +51,9 @@ pub enum ExportError {
 
 /// Writes what `view` publishes to the folder `out`, as [`export_to`] does.
 pub fn export(view: &Publication, out: &Path) -> Result<Exported, ExportError> {
-    export_to(view, &mut Folder::at(out))
+    let mut folder = Folder::at(out);
+    folder.remove_unfinished()?;
+    export_to(view, &mut folder)
 }
 
 /// Writes what `view` publishes to `place`, or brings an older export of the same log up to date. The checkpoint is written last, so a
@@ -78,10 +83,17 @@ pub fn export_to(view: &Publication, place: &mut dyn Place) -> Result<Exported, 
         }
         match blobs.file_once(blob) {
             Err(BlobError::Missing(_)) => exported.missing_blobs += 1,
-            file => {
-                place.put_blob(blob, file?)?;
-                exported.blobs += 1;
-            }
+            Err(error) => exported.damaged.push(blobs.damage(blob, error)?),
+            Ok(file) => match place.put_blob(blob, file) {
+                Ok(()) => exported.blobs += 1,
+                // One damaged blob does not keep back the entries, and the blobs after it.
+                Err(PlaceError::Unreadable(error)) => {
+                    let damaged = blobs.damaged_here(blob, error.to_string());
+                    exported.damaged.push(damaged);
+                }
+                Err(PlaceError::Blob(error)) => exported.damaged.push(blobs.damage(blob, error)?),
+                Err(error) => return Err(error.into()),
+            },
         }
     }
     for resource in [Resource::Pruned, Resource::Policy, Resource::Checkpoint] {

@@ -1,8 +1,10 @@
 //! Where an export is written: a folder, or anything else that keeps files by path, such as a bucket.
 
+use crate::blobs::damaged::CopyError;
 use crate::blobs::{BlobError, Blobs};
+use crate::folder;
 use std::fs::{self, File};
-use std::io::Read;
+use std::io;
 use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
 use zk0_files::{atomic_file, bounded_file};
@@ -25,7 +27,8 @@ pub trait Place {
     /// Writes a file, or replaces it. Returns whether it did: a file that is there already, and is whole, may stay.
     fn put(&mut self, resource: &Resource, bytes: &[u8]) -> Result<bool, PlaceError>;
 
-    /// Writes a blob, unless the bytes of `file` are others than its name says.
+    /// Writes a blob, unless the bytes of `file` are others than its name says ([`BlobError::WrongDigest`]) or cannot be read
+    /// ([`PlaceError::Unreadable`]).
     fn put_blob(&mut self, blob: &Digest, file: File) -> Result<(), PlaceError>;
 }
 
@@ -35,6 +38,9 @@ pub enum PlaceError {
     /// A blob cannot be read or written, or it does not have the digest in its name.
     #[error(transparent)]
     Blob(#[from] BlobError),
+    /// The bytes of a blob cannot be read in the ledger.
+    #[error("the blob cannot be read: {0}")]
+    Unreadable(io::Error),
     /// The place failed.
     #[error("{name}: {why}")]
     Failed {
@@ -60,12 +66,21 @@ impl Folder {
         }
     }
 
+    /// Removes unfinished blobs that killed exports left behind.
+    pub(crate) fn remove_unfinished(&self) -> Result<(), PlaceError> {
+        // In a ledger's folder, its writer does that.
+        match folder::database(&self.dir).exists() {
+            true => Ok(()),
+            false => Ok(self.blobs.remove_unfinished()?),
+        }
+    }
+
     fn path(&self, resource: &Resource) -> PathBuf {
         self.dir.join(resource.to_string())
     }
 }
 
-fn failed(path: &Path) -> impl FnOnce(std::io::Error) -> PlaceError + '_ {
+fn failed(path: &Path) -> impl FnOnce(io::Error) -> PlaceError + '_ {
     |error| PlaceError::Failed {
         name: path.display().to_string(),
         why: error.to_string(),
@@ -99,14 +114,10 @@ impl Place for Folder {
     }
 
     fn put_blob(&mut self, blob: &Digest, mut file: File) -> Result<(), PlaceError> {
-        let mut writer = self.blobs.writer(u64::MAX)?;
-        let mut buffer = vec![0; 64 << 10];
-        loop {
-            let read = file.read(&mut buffer);
-            match read.map_err(failed(&self.blobs.path(blob)))? {
-                0 => return Ok(writer.finish(blob)?),
-                read => writer.write(&buffer[..read])?,
-            }
-        }
+        let copied = self.blobs.copy_from(blob, &mut file, u64::MAX);
+        copied.map_err(|error| match error {
+            CopyError::Unreadable(error) => PlaceError::Unreadable(error),
+            CopyError::Blob(error) => PlaceError::Blob(error),
+        })
     }
 }

@@ -2,9 +2,10 @@
 //! even after the network's operator is gone. It holds no signing key.
 //!
 //! Everything is verified: the newest checkpoint by its signatures and the policy, every entry by its place in the signed tree, every
-//! checkpoint by its signature and root, and every blob by its digest. The log has to continue what was mirrored before. If it has
+//! checkpoint by its signature and root, and every blob that is copied by its digest. The log has to continue what was mirrored before. If it has
 //! forked, or has fewer entries, it is refused, and the folder stays as it is.
 
+use crate::blobs::damaged::{CopyError, DamagedBlob};
 use crate::blobs::{BlobError, Blobs};
 use crate::error::{io_error, LedgerError};
 use crate::folder;
@@ -13,8 +14,8 @@ use crate::pruned;
 use crate::published::reader::{first_entry, PublishedError, PublishedLog};
 use crate::published::source::{Source, SourceError};
 use crate::store::{Batch, Store};
+use std::collections::BTreeSet;
 use std::fs;
-use std::io::Read;
 use std::path::Path;
 use tlog_tiles::tlog::{stored_hash_index, HashReader};
 use zk0_circuits::Digest;
@@ -46,6 +47,30 @@ pub struct Mirrored {
     pub new_blobs: u64,
     /// How many blobs the log does not serve, although its entries name them: they are not public yet, or no longer kept.
     pub missing_blobs: u64,
+    /// How many blobs of the mirror were damaged, and were copied again.
+    pub mended_blobs: u64,
+    /// Blobs that are damaged where they are kept, and were not copied. A mirror of a served log has none: it ends with an error.
+    pub damaged: Vec<DamagedBlob>,
+}
+
+/// Where the blobs of a copy come from.
+pub(crate) enum BlobSource<'a> {
+    /// From the published log. Whoever serves a blob that is not what its name says is at fault, and the copy ends there.
+    Served(&'a dyn Source),
+    /// From a folder of one's own. Its disk may have damaged a blob. The copy goes on with the others, so that they are not lost, too.
+    Own {
+        /// The blobs in the folder.
+        blobs: &'a Blobs,
+        /// Read each blob that the copy has already, and copy it again if it is damaged.
+        check_copies: bool,
+    },
+}
+
+/// What became of a blob that is to be copied.
+enum BlobCopy {
+    Done,
+    Missing,
+    Damaged(DamagedBlob),
 }
 
 /// Why a log cannot be mirrored.
@@ -57,6 +82,9 @@ pub enum MirrorError {
     /// The mirror's folder cannot be read or written.
     #[error(transparent)]
     Ledger(#[from] LedgerError),
+    /// The log serves a blob that is not what its name says, or is too large.
+    #[error("{path}: {error}")]
+    WrongBlob { path: String, error: BlobError },
     /// The published checkpoint lacks required cosignatures.
     #[error("the published checkpoint lacks cosignatures that the network's rules require: {0}")]
     Witnesses(String),
@@ -93,6 +121,17 @@ pub fn mirror(
     policy: Option<&WitnessPolicy>,
     network: Option<&Digest>,
 ) -> Result<Mirrored, MirrorError> {
+    mirror_with(source, &BlobSource::Served(source), dir, policy, network)
+}
+
+/// [`mirror`], with the blobs from `blob_source`.
+pub(crate) fn mirror_with(
+    source: &dyn Source,
+    blob_source: &BlobSource<'_>,
+    dir: &Path,
+    policy: Option<&WitnessPolicy>,
+    network: Option<&Digest>,
+) -> Result<Mirrored, MirrorError> {
     let begun = folder::database(dir).exists();
     let known = match begun {
         true => Store::open_read_only(&folder::database(dir))?.entry(0)?,
@@ -106,6 +145,9 @@ pub fn mirror(
     let log = PublishedLog::open(source, &key, policy.unwrap_or(&WitnessPolicy::none()))?;
     fs::create_dir_all(dir).map_err(io_error(dir))?;
     let store = Store::open(&folder::database(dir))?;
+    let blobs = Blobs::at(dir);
+    // While the database is open, nobody else brings this folder up to date. What is unfinished and not locked is from a killed process.
+    blobs.remove_unfinished()?;
     let (mut tree, mut required) = held(&store)?;
     let held = tree.size();
     if let Some(text) = folder::read_checkpoint(dir)? {
@@ -145,14 +187,17 @@ pub fn mirror(
     if let Some(signed) = pruned {
         pruned::keep_newer(dir, &genesis, &signed)?;
     }
-    let (new_blobs, missing_blobs) = blobs(source, &store, &Blobs::at(dir), &genesis.rules, size)?;
-    Ok(Mirrored {
+    let mut done = Mirrored {
         network: genesis.network_id(),
         entries: size,
         new_entries: size - held,
-        new_blobs,
-        missing_blobs,
-    })
+        new_blobs: 0,
+        missing_blobs: 0,
+        mended_blobs: 0,
+        damaged: Vec::new(),
+    };
+    copy_blobs(blob_source, &store, &blobs, &genesis.rules, &mut done)?;
+    Ok(done)
 }
 
 /// What the log's operator says about pruned blobs, if they say something.
@@ -269,47 +314,112 @@ fn check_checkpoint(text: &[u8], genesis: &Genesis, found: &Checkpoint) -> Resul
     }
 }
 
-/// Fetches the blobs that the first `size` entries name. Returns how many were fetched and how many the log does not serve.
-fn blobs(
-    source: &dyn Source,
+/// Copies the blobs that the entries of the copy name, and adds to `done` what became of them.
+fn copy_blobs(
+    source: &BlobSource<'_>,
     store: &Store,
     blobs: &Blobs,
     rules: &Rules,
-    size: u64,
-) -> Result<(u64, u64), MirrorError> {
-    let (mut new, mut missing) = (0, 0);
+    done: &mut Mirrored,
+) -> Result<(), MirrorError> {
     let mut rules = rules.clone();
-    for index in 0..size {
+    // Several entries may name one blob, which is read and counted once.
+    let mut seen = BTreeSet::new();
+    for index in 0..done.entries {
         let bytes = store.entry(index)?.ok_or(LedgerError::NoEntry(index))?;
         let body = Entry::decode(&bytes)?.body;
         if let Body::RoundOpened(opened) = &body {
             rules = opened.rules.clone();
         }
         for NamedBlob { digest, kind } in named_blobs(&body) {
-            let limit = kind.max_bytes(&rules);
-            if blobs.contains(&digest) {
+            if !seen.insert(digest) {
                 continue;
             }
-            let path = Resource::Blob(digest).to_string();
-            match source.open(&path)? {
-                None => missing += 1,
-                Some(mut file) => {
-                    let mut writer = blobs.writer(limit)?;
-                    let mut buffer = vec![0; 64 << 10];
-                    loop {
-                        let read = file
-                            .read(&mut buffer)
-                            .map_err(|error| SourceError::new(&path, error.to_string()))?;
-                        if read == 0 {
-                            break;
-                        }
-                        writer.write(&buffer[..read])?;
-                    }
-                    writer.finish(&digest)?;
-                    new += 1;
+            let damaged = match blobs.contains(&digest) {
+                false => None,
+                true => match source.damage_of_copy(blobs, &digest)? {
+                    None => continue,
+                    damaged => damaged,
+                },
+            };
+            match (
+                source.copy(blobs, &digest, kind.max_bytes(&rules))?,
+                damaged,
+            ) {
+                (BlobCopy::Done, None) => done.new_blobs += 1,
+                (BlobCopy::Done, Some(_)) => done.mended_blobs += 1,
+                (BlobCopy::Missing, None) => done.missing_blobs += 1,
+                (BlobCopy::Missing, Some(copy)) => done.damaged.push(copy),
+                (BlobCopy::Damaged(blob), copy) => {
+                    done.damaged.push(blob);
+                    done.damaged.extend(copy);
                 }
             }
         }
     }
-    Ok((new, missing))
+    Ok(())
+}
+
+impl BlobSource<'_> {
+    /// What is wrong with a blob that the copy has already, if that is to be checked.
+    fn damage_of_copy(
+        &self,
+        copies: &Blobs,
+        blob: &Digest,
+    ) -> Result<Option<DamagedBlob>, BlobError> {
+        match self {
+            Self::Own {
+                check_copies: true, ..
+            } => match copies.check(blob) {
+                Ok(()) => Ok(None),
+                Err(error) => copies.damage(blob, error).map(Some),
+            },
+            _ => Ok(None),
+        }
+    }
+
+    /// Copies a blob to `copies`. One that is served may have at most `limit` bytes.
+    fn copy(&self, copies: &Blobs, blob: &Digest, limit: u64) -> Result<BlobCopy, MirrorError> {
+        match *self {
+            Self::Served(source) => copy_served(source, copies, blob, limit),
+            Self::Own { blobs, .. } => Ok(copy_own(blobs, copies, blob)?),
+        }
+    }
+}
+
+/// Copies a blob that a published log serves.
+fn copy_served(
+    source: &dyn Source,
+    copies: &Blobs,
+    blob: &Digest,
+    limit: u64,
+) -> Result<BlobCopy, MirrorError> {
+    let path = Resource::Blob(*blob).to_string();
+    let Some(mut file) = source.open(&path)? else {
+        return Ok(BlobCopy::Missing);
+    };
+    match copies.copy_from(blob, &mut *file, limit) {
+        Ok(()) => Ok(BlobCopy::Done),
+        Err(CopyError::Unreadable(error)) => Err(SourceError::new(&path, error.to_string()).into()),
+        Err(CopyError::Blob(
+            error @ (BlobError::WrongDigest { .. } | BlobError::TooLarge { .. }),
+        )) => Err(MirrorError::WrongBlob { path, error }),
+        Err(CopyError::Blob(error)) => Err(error.into()),
+    }
+}
+
+/// Copies a blob of a folder of one's own.
+fn copy_own(blobs: &Blobs, copies: &Blobs, blob: &Digest) -> Result<BlobCopy, BlobError> {
+    let mut file = match blobs.file_once(blob) {
+        Err(BlobError::Missing(_)) => return Ok(BlobCopy::Missing),
+        Err(error) => return Ok(BlobCopy::Damaged(blobs.damage(blob, error)?)),
+        Ok(file) => file,
+    };
+    match copies.copy_from(blob, &mut file, u64::MAX) {
+        Ok(()) => Ok(BlobCopy::Done),
+        Err(CopyError::Unreadable(error)) => Ok(BlobCopy::Damaged(
+            blobs.damaged_here(blob, error.to_string()),
+        )),
+        Err(CopyError::Blob(error)) => Ok(BlobCopy::Damaged(blobs.damage(blob, error)?)),
+    }
 }

@@ -374,6 +374,30 @@ pub const REMOVALS: &[Removal] = &[
         test: "a_mirror_publishes_what_is_new_when_the_rules_have_dropped_the_witnesses",
     },
     Removal {
+        check: "a mirror removes what killed processes left unfinished",
+        file: "ledger/src/published/mirror.rs",
+        replacements: &[("    blobs.remove_unfinished()?;\n", "")],
+        package: "zk0-ledger",
+        target: "backup",
+        test: "what_a_killed_backup_left_is_removed_and_nothing_that_is_being_written",
+    },
+    Removal {
+        check: "an export removes what killed ones left unfinished",
+        file: "ledger/src/published/export.rs",
+        replacements: &[("    folder.remove_unfinished()?;\n", "")],
+        package: "zk0-ledger",
+        target: "published",
+        test: "a_damaged_blob_keeps_nothing_else_back_from_an_export_and_is_no_blob_of_a_mirror",
+    },
+    Removal {
+        check: "a blob of a backup is read again if that is asked for",
+        file: "ledger/src/published/mirror.rs",
+        replacements: &[("Err(error) => copies.damage(blob, error).map(Some),", "Err(_) => Ok(None),")],
+        package: "zk0-ledger",
+        target: "backup",
+        test: "a_backup_that_is_checked_is_mended",
+    },
+    Removal {
         check: "a blob has its digest",
         file: "ledger/src/blobs.rs",
         replacements: &[

@@ -1,0 +1,101 @@
+//! Blobs that are damaged where they are kept. Whoever copies many blobs names such a blob, and goes on with the others.
+
+use super::error::BlobError;
+use super::Blobs;
+use std::fmt;
+use std::io::{self, Read};
+use zk0_circuits::Digest;
+
+/// A blob that cannot be copied, because it is damaged where it is kept.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DamagedBlob {
+    /// The blob.
+    pub blob: Digest,
+    /// Where it is kept: the path of its file, or its name in the blob store.
+    pub place: String,
+    /// What is wrong with it.
+    pub why: String,
+    /// What to do.
+    advice: &'static str,
+}
+
+impl fmt::Display for DamagedBlob {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} is damaged: {}. {}",
+            self.place, self.why, self.advice
+        )
+    }
+}
+
+/// Why a blob is not copied.
+#[derive(Debug)]
+pub(crate) enum CopyError {
+    /// Where it is read, its bytes cannot be read.
+    Unreadable(io::Error),
+    /// Its bytes are others than its name says, or it cannot be written.
+    Blob(BlobError),
+}
+
+impl From<BlobError> for CopyError {
+    fn from(error: BlobError) -> Self {
+        Self::Blob(error)
+    }
+}
+
+impl Blobs {
+    /// Stores a blob of at most `limit` bytes that `from` reads, if it has this digest. What is there under its name is replaced.
+    pub(crate) fn copy_from(
+        &self,
+        blob: &Digest,
+        from: &mut dyn Read,
+        limit: u64,
+    ) -> Result<(), CopyError> {
+        let mut writer = self.writer(limit)?;
+        let mut buffer = vec![0; 64 << 10];
+        loop {
+            match from.read(&mut buffer) {
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(CopyError::Unreadable(error)),
+                Ok(0) => return Ok(writer.finish(blob)?),
+                Ok(read) => writer.write(&buffer[..read])?,
+            }
+        }
+    }
+
+    /// What `error`, from reading or copying a blob of these, says about the blob.
+    ///
+    /// # Errors
+    /// The error itself, if it says nothing about the blob: the store does not answer, or the copy cannot be written.
+    pub(crate) fn damage(&self, blob: &Digest, error: BlobError) -> Result<DamagedBlob, BlobError> {
+        match error {
+            BlobError::WrongDigest { actual, .. } => {
+                Ok(self.damaged_here(blob, format!("its bytes have SHA-256 {actual}")))
+            }
+            BlobError::Io { path, error } if path == self.path(blob) => {
+                Ok(self.damaged_here(blob, error.to_string()))
+            }
+            BlobError::Altered { address, found, .. } => Ok(DamagedBlob {
+                blob: *blob,
+                place: format!("blob {blob} in the blob store {address}"),
+                why: format!("the store has {found} under its name"),
+                advice: "Put the right file back there",
+            }),
+            other => Err(other),
+        }
+    }
+
+    /// The blob's file in this folder is damaged.
+    pub(crate) fn damaged_here(&self, blob: &Digest, why: String) -> DamagedBlob {
+        DamagedBlob {
+            blob: *blob,
+            place: self.path(blob).display().to_string(),
+            why,
+            advice: match self.store_address() {
+                None => "Put the right file back, from a backup, a mirror or a node that has it",
+                Some(_) => "Delete this file: the blob is then read from the blob store",
+            },
+        }
+    }
+}
