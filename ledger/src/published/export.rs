@@ -4,9 +4,10 @@
 use crate::blobs::damaged::DamagedBlob;
 use crate::blobs::BlobError;
 use crate::error::LedgerError;
+use crate::folder;
 use crate::published::export_place::{Folder, Place, PlaceError};
 use crate::published::publication::{Content, Publication, PublicationError};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use zk0_protocol::tlog::checkpoint::{CheckpointError, MAX_NOTE_BYTES};
 use zk0_protocol::tlog::layout::{tiles, Resource};
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;
@@ -41,6 +42,9 @@ pub enum ExportError {
     /// The export cannot be written.
     #[error(transparent)]
     Place(#[from] PlaceError),
+    /// Readers of an export must not see what else is in a ledger's folder: the blobs of the open round are not public yet.
+    #[error("{0} is a ledger's folder: choose another folder for the export")]
+    IsLedger(PathBuf),
     /// There is an export of another log.
     #[error("the checkpoint in {place} is not one of this log ({error}): choose another place")]
     Other {
@@ -51,6 +55,9 @@ pub enum ExportError {
 
 /// Writes what `view` publishes to the folder `out`, as [`export_to`] does.
 pub fn export(view: &Publication, out: &Path) -> Result<Exported, ExportError> {
+    if folder::database(out).exists() {
+        return Err(ExportError::IsLedger(out.into()));
+    }
     let mut folder = Folder::at(out);
     folder.remove_unfinished()?;
     export_to(view, &mut folder)

@@ -2,7 +2,6 @@
 
 use crate::blobs::damaged::CopyError;
 use crate::blobs::{BlobError, Blobs};
-use crate::folder;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -68,11 +67,7 @@ impl Folder {
 
     /// Removes unfinished blobs that killed exports left behind.
     pub(crate) fn remove_unfinished(&self) -> Result<(), PlaceError> {
-        // In a ledger's folder, its writer does that.
-        match folder::database(&self.dir).exists() {
-            true => Ok(()),
-            false => Ok(self.blobs.remove_unfinished()?),
-        }
+        Ok(self.blobs.remove_unfinished()?)
     }
 
     fn path(&self, resource: &Resource) -> PathBuf {
