@@ -2,8 +2,8 @@
 //! many blobs as the audit reads.
 
 use crate::depth::Depth;
-use crate::log_source::{source, Trust};
-use anyhow::{bail, Context, Result};
+use crate::log_source::{source, Trust, WrongUsage};
+use anyhow::{Context, Result};
 use std::collections::BTreeSet;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ use zk0_ledger::store::Store;
 use zk0_protocol::rules::named_blobs::{named_blobs, BlobKind};
 use zk0_protocol::tlog::layout::Resource;
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;
-use zk0_protocol::Entry;
+use zk0_protocol::{Body, Entry};
 
 /// Which blobs to fetch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,18 +50,27 @@ pub struct Located {
 }
 
 /// Finds `ledger`. If it is not a ledger's folder, fetches it to `keep`, or to a temporary folder.
+///
+/// # Errors
+/// [`WrongUsage`] if `keep` or `trust` does not fit the ledger; otherwise the ledger cannot be read, or [something is wrong](is_fault).
 pub fn locate(ledger: &str, keep: Option<&Path>, trust: &Trust, wanted: Wanted) -> Result<Located> {
     let dir = Path::new(ledger);
+    let network = trust.network.as_ref();
     if folder::database(dir).exists() {
         if trust.witness_policy.is_some() {
-            bail!(
+            return Err(WrongUsage(format!(
                 "{ledger} is a ledger's directory, whose checkpoint has only the log's signature: --witness-policy is for an export or \
                  a served log"
-            );
+            ))
+            .into());
         }
         if keep.is_some() {
-            bail!("{ledger} is a ledger's directory: --mirror is for an export or a served log");
+            return Err(WrongUsage(format!(
+                "{ledger} is a ledger's directory: --mirror is for an export or a served log"
+            ))
+            .into());
         }
+        check_network(ledger, dir, network)?;
         let dir = dir.to_owned();
         return Ok(Located {
             dir,
@@ -70,9 +79,11 @@ pub fn locate(ledger: &str, keep: Option<&Path>, trust: &Trust, wanted: Wanted) 
         });
     }
     let source = source(ledger, trust.ca.as_deref())?;
-    let network = trust.network.as_ref();
     let (dir, made) = match keep {
-        Some(dir) => (dir.to_owned(), None),
+        Some(dir) => {
+            check_network(&dir.to_string_lossy(), dir, network)?;
+            (dir.to_owned(), None)
+        }
         None => {
             let made = tempfile::tempdir().context("making a temporary directory")?;
             (made.path().to_owned(), Some(made))
@@ -85,12 +96,40 @@ pub fn locate(ledger: &str, keep: Option<&Path>, trust: &Trust, wanted: Wanted) 
         network,
         wanted,
     )
-    .with_context(|| format!("fetching {ledger}"))?;
+    .map_err(|error| match error {
+        MirrorError::Ledger(LedgerError::OtherNetwork {
+            found, expected, ..
+        }) => anyhow::Error::from(WrongUsage::other_network(ledger, &found, &expected)),
+        error => anyhow::Error::from(error).context(format!("fetching {ledger}")),
+    })?;
     Ok(Located {
         dir,
         lies_here: false,
         _made: made,
     })
+}
+
+/// The network that the first entry of the ledger in `dir` founds; `None` if that cannot be read, which a replay reports.
+pub fn network_of(dir: &Path) -> Option<Digest> {
+    let store = Store::open_read_only(&folder::database(dir)).ok()?;
+    let founder = store.entry(0).ok()??;
+    match Entry::decode(&founder).ok()?.body {
+        Body::Genesis(genesis) => Some(genesis.network_id()),
+        _ => None,
+    }
+}
+
+/// Refuses a ledger in `dir` of another network than the auditor has named.
+fn check_network(ledger: &str, dir: &Path, expected: Option<&Digest>) -> Result<(), WrongUsage> {
+    let Some(expected) = expected else {
+        return Ok(());
+    };
+    match network_of(dir) {
+        Some(found) if found != *expected => {
+            Err(WrongUsage::other_network(ledger, &found, expected))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Brings the mirror in `dir` up to date, with the blobs that are wanted.

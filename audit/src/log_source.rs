@@ -1,12 +1,14 @@
 //! Finds logs by their address or folder, and says whose signatures an auditor trusts.
 
 use anyhow::{bail, Result};
+use std::fmt;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
 use zk0_ledger::folder;
 use zk0_ledger::published::publication::Publication;
 use zk0_ledger::published::reader::{first_entry, PublishedLog};
-use zk0_ledger::published::source::{Folder, Source};
+use zk0_ledger::published::source::{Folder, Source, SourceError};
 use zk0_ledger::published::web::Web;
 use zk0_protocol::{Body, Entry, Genesis, VerifierKey, WitnessPolicy};
 
@@ -22,10 +24,54 @@ pub struct Trust {
     pub ca: Option<PathBuf>,
 }
 
+/// What the auditor has told us does not fit the ledger, or does not exist. Nothing was audited, so this says nothing about the ledger.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct WrongUsage(pub String);
+
+impl fmt::Display for WrongUsage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for WrongUsage {}
+
+impl WrongUsage {
+    /// The auditor has named the network `expected`, but `ledger` is of the network `found`.
+    pub fn other_network(ledger: &str, found: &Digest, expected: &Digest) -> Self {
+        Self(format!(
+            "{ledger} is of network {found}, but --network names {expected}: nothing was checked. Choose the right folder or address. If \
+             this is where the ledger of that network should be, somebody has put another one in its place"
+        ))
+    }
+}
+
+/// A log under an address. If something else answers there, the error says so.
+struct Address(Web);
+
+impl Source for Address {
+    fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError> {
+        self.0.open(path).map_err(|mut error| {
+            // The aggregator's own port speaks HTTP/2, in which no log is served.
+            if error.why.contains("http parse fail") {
+                error.why.push_str(
+                    ". This is not a published log. If it is the aggregator's own port, ask the operator for the address of the log \
+                     (`zk0 aggregator serve --log-listen`, often port 7073)",
+                );
+            }
+            error
+        })
+    }
+}
+
 /// Finds a log by its address or folder. `ca` is as in [`Trust::ca`].
+///
+/// # Errors
+/// There is no such folder, or it cannot be published. [`WrongUsage`] if the address or `ca` cannot be used.
 pub fn source(text: &str, ca: Option<&Path>) -> Result<Box<dyn Source>> {
     if text.starts_with("http://") || text.starts_with("https://") {
-        return Ok(Box::new(Web::at(text, ca)?));
+        let web = Web::at(text, ca).map_err(|error| WrongUsage(error.to_string()))?;
+        return Ok(Box::new(Address(web)));
     }
     let dir = Path::new(text);
     if !dir.is_dir() {
@@ -45,7 +91,7 @@ pub fn genesis(source: &dyn Source, network: Option<&Digest>) -> Result<Genesis>
     let found = genesis.network_id();
     match network {
         Some(expected) if *expected != found => {
-            bail!("the log is of network {found}, and not of {expected}")
+            Err(WrongUsage::other_network("the log", &found, expected).into())
         }
         _ => Ok(genesis),
     }

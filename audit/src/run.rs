@@ -2,6 +2,8 @@
 
 use crate::auditor::Auditor;
 use crate::depth::Depth;
+use crate::fetch::network_of;
+use crate::log_source::WrongUsage;
 use crate::named::Named;
 use crate::report::verdict::Audited;
 use anyhow::Result;
@@ -33,11 +35,11 @@ impl Audit<'_> {
     /// What the state file says of the log has to hold all the same.
     ///
     /// # Errors
-    /// The ledger or the state file cannot be read.
+    /// The ledger or the state file cannot be read. [`WrongUsage`] if they are of different networks.
     pub fn run(&self, dir: &Path) -> Result<Audited> {
         let opened = replay::open(dir)?;
         let (mut auditor, mut from, mut known) = (self.auditor(), None, None);
-        if let Some(saved) = self.saved()? {
+        if let Some(saved) = self.saved(dir)? {
             match self.auditor().go_on(&saved.recheck, &Blobs::at(dir)) {
                 Ok(went_on) => {
                     match saved.size {
@@ -73,18 +75,31 @@ impl Audit<'_> {
         auditor.naming(self.named.clone())
     }
 
-    /// What the state file holds, if it can be read.
-    fn saved(&self) -> Result<Option<Saved>> {
-        let Some(state_file) = &self.state_file else {
+    /// What the state file holds about the ledger in `dir`, if it can be read.
+    fn saved(&self, dir: &Path) -> Result<Option<Saved>> {
+        let Some(Keep { path, .. }) = &self.state_file else {
             return Ok(None);
         };
-        match Saved::read(&state_file.path) {
+        let saved = match Saved::read(path) {
             Err(error @ SavedError::Unusable { .. }) => {
                 starts_again(&error.to_string());
-                Ok(None)
+                None
             }
-            read => Ok(read?),
+            read => read?,
+        };
+        if let Some(saved) = &saved {
+            let network = saved.network();
+            if let Some(found) = network_of(dir).filter(|found| found != network) {
+                return Err(WrongUsage(format!(
+                    "the state file {} is from an audit of network {network}, but this ledger is of network {found}: nothing was checked. \
+                     Name another state file. If the ledger of network {network} was here before, somebody has put another one in its \
+                     place",
+                    path.display()
+                ))
+                .into());
+            }
         }
+        Ok(saved)
     }
 }
 

@@ -2,13 +2,13 @@
 //! rule.
 
 use crate::fetch::{fetch, is_wrong};
-use crate::log_source::{source, Trust};
+use crate::log_source::{source, Trust, WrongUsage};
 use crate::named::Named;
 use crate::report::history;
 use crate::report::verdict::{verdict, Audited};
 use crate::run::Audit;
 use crate::Depth;
-use anyhow::{bail, Context, Result};
+use anyhow::{Context, Result};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tempfile::TempDir;
@@ -76,17 +76,18 @@ impl Watch {
     /// Begins to watch. Nothing is fetched yet.
     ///
     /// # Errors
-    /// The state file cannot be read, or the options contradict one another.
+    /// The state file cannot be read, there is no folder to watch, or the options contradict one another.
     pub fn begin(options: WatchOptions) -> Result<Self> {
         let made = tempfile::tempdir().context("making a temporary directory")?;
         let lies_here = folder::database(Path::new(&options.ledger)).exists();
         // A folder's own checkpoint is not cosigned. With a witness policy, the folder is read as it would be published.
         let mirror = match lies_here && options.trust.witness_policy.is_none() {
             true if options.mirror.is_some() => {
-                bail!(
+                return Err(WrongUsage(format!(
                     "{} is a ledger's directory: --mirror is for an export or a served log",
                     options.ledger
-                )
+                ))
+                .into());
             }
             true => None,
             false => Some(
@@ -96,6 +97,10 @@ impl Watch {
                     .unwrap_or_else(|| made.path().join("mirror")),
             ),
         };
+        if !lies_here {
+            // A watch waits for a log that gives no answer, but not for a folder whose name is mistyped.
+            source(&options.ledger, options.trust.ca.as_deref())?;
+        }
         let state = options
             .state
             .clone()
@@ -157,7 +162,11 @@ impl Watch {
             }),
             progress,
         };
-        let audited = audit.run(&dir)?;
+        let audited = match audit.run(&dir) {
+            // What was seen once has to stay, so another network is an alarm here.
+            Err(error) if error.is::<WrongUsage>() => return Ok(Look::Alarm(error.to_string())),
+            audited => audited?,
+        };
         report(&dir, before, &audited, &mut seen)?;
         match audited.holds() {
             true => Ok(Look::Continues),

@@ -2,8 +2,8 @@
 
 use crate::chart::{self, Bars, Panel};
 use crate::dataset::RecordingName;
+use crate::output::{print, println};
 use crate::policy::{cache_failed, CacheOptions, DeviceOptions, PolicySource};
-use anstream::{print, println};
 use anyhow::{bail, Context, Result};
 use serde::Serialize;
 use std::fmt::Write as _;

@@ -3,7 +3,7 @@
 use anyhow::{bail, Context, Result};
 use ed25519_dalek::SigningKey;
 use std::fs;
-use std::io::{self, Write};
+use std::io::{self, ErrorKind, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use zk0_circuits::{Digest, NodeId};
@@ -23,13 +23,15 @@ pub fn generate(path: &Path) -> Result<NodeId> {
         );
     }
     let key = SigningKey::from_bytes(&random()?);
-    write(path, &key).with_context(|| {
-        format!(
-            "creating the key file {} (an existing key is kept)",
-            path.display()
-        )
-    })?;
-    Ok(identity(&key))
+    let file = path.display();
+    match write(path, &key) {
+        Ok(()) => Ok(identity(&key)),
+        Err(error) if error.kind() == ErrorKind::AlreadyExists => bail!(
+            "{file} exists, and an existing key is kept. `zk0 node identity {file}` prints the identity of this key; `zk0 witness serve` \
+             logs the verifier key of a witness"
+        ),
+        Err(error) => Err(error).with_context(|| format!("creating the key file {file}")),
+    }
 }
 
 /// Writes a key file whole or not at all.
@@ -103,7 +105,8 @@ mod tests {
         let path = dir.path().join("node.key");
         let node = generate(&path).unwrap();
         assert_eq!(identity(&read(&path).unwrap()), node);
-        assert!(generate(&path).is_err());
+        let refused = generate(&path).unwrap_err().to_string();
+        assert!(refused.contains("zk0 node identity"), "{refused}");
         assert_eq!(identity(&read(&path).unwrap()), node);
     }
 

@@ -10,14 +10,16 @@
 //! - `export`: a round's policy out of a ledger, for LeRobot.
 //! - `demo`: a whole network as processes on this machine.
 //! - [`settings`]: how services are configured, by flags, variables and files.
+//! - [`output`]: what commands print.
 //! - [`logging`], `blob_store`, `certificate`, `chart`, `keys`, `network`, `otlp`, `serve`: what the commands share.
 
-// `println!` panics when its reader, such as `head`, has left. With the macros of `anstream`, the command does its work to the end.
+// Commands print with the macros of `output`, which do not panic.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod audit;
 pub mod ledger;
 pub mod logging;
+pub mod output;
 pub mod settings;
 
 #[cfg(feature = "full")]

@@ -1,7 +1,7 @@
 //! Logs and progress. Libraries report progress as tracing events of the target [`PROGRESS`], with the fields `phase`, `done`, `total` and
 //! `eta_ms`. Here they become a bar on a terminal, and JSON lines for a process that reads them.
 
-use anstream::eprintln;
+use crate::output::eprintln;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use std::collections::HashMap;
 use std::io::IsTerminal;

@@ -1,12 +1,11 @@
 //! The one binary. Its exit codes are 0 for success, 1 for a failure (an audit that fails, a refusal, an error), and 2 for a wrong command
 //! line. `zk0 audit replay` also has 3 for an incomplete audit. It and `zk0 audit watch` have 4 for an error, which is no verdict.
 
-use anstream::eprintln;
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 #[cfg(feature = "full")]
 use zk0::serve::online;
-use zk0::{audit, ledger, logging, settings};
+use zk0::{audit, ledger, logging, output, settings};
 #[cfg(feature = "full")]
 use zk0_traces::export::Traces;
 
@@ -94,14 +93,14 @@ enum Full {
 
 fn main() -> ExitCode {
     let cli: Cli = settings::parse();
-    match traced(&cli) {
+    match traced(&cli).and_then(|code| output::finish().map(|()| code)) {
         Ok(code) => code,
         Err(error) => {
             let said = logging::with_causes(&error);
             match cli.log {
                 // A program that reads the JSON lines must learn the reason, too.
                 logging::LogFormat::Json => tracing::error!("{said}"),
-                logging::LogFormat::Text => eprintln!("error: {said}"),
+                logging::LogFormat::Text => output::tell(format_args!("error: {said}\n")),
             }
             match &cli.command {
                 Command::Audit(command) => command.error_code(&error),

@@ -2,8 +2,8 @@
 
 use crate::certificate::{keep_current, CertificateOptions};
 use crate::otlp::OtlpOptions;
+use crate::output::println;
 use crate::serve::{interrupted, listening, online, online_until};
-use anstream::println;
 use anyhow::{Context, Result};
 use std::net::SocketAddr;
 use std::time::Duration;

@@ -3,8 +3,8 @@
 use crate::certificate::CertificateOptions;
 use crate::keys;
 use crate::otlp::OtlpOptions;
+use crate::output::println;
 use crate::serve::serve_http;
-use anstream::println;
 use anyhow::Result;
 use std::net::SocketAddr;
 use std::path::PathBuf;

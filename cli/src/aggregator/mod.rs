@@ -12,7 +12,7 @@ mod public_samples;
 mod rules;
 mod serve;
 
-use anstream::println;
+use crate::output::println;
 use enrolment::Enrol;
 pub use enrolment::Enrolment;
 pub use rules::read_rules;

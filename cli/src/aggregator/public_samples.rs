@@ -2,8 +2,8 @@
 
 use crate::blob_store::BlobStoreOptions;
 use crate::dataset::RecordingName;
+use crate::output::println;
 use crate::policy::calibration::samples_of;
-use anstream::println;
 use anyhow::{bail, Context, Result};
 use std::path::{Path, PathBuf};
 use zk0_aggregator::round::founding::check_public_samples;

@@ -12,13 +12,14 @@ mod watch;
 use anyhow::Result;
 use std::process::ExitCode;
 use zk0_audit::fetch::is_fault;
+use zk0_audit::log_source::WrongUsage;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
     /// Check a ledger from its first entry: signatures, the tree, checkpoints, rules, proofs, refusals, and the averaged weights. The exit
     /// code is 0 if everything was checked and is right (VERIFIED), 1 if anything is wrong (FAILED), 3 if something was not checked
-    /// (INCOMPLETE), and 4 if there is no verdict, because the ledger cannot be read.
+    /// (INCOMPLETE), 2 if an option is wrong, and 4 if there is no verdict, because the ledger cannot be read.
     Replay(replay::Options),
     /// Show what happened: the network, its rounds and nodes, or an entry. This checks no proofs; `zk0 audit replay` does.
     Show(show::Options),
@@ -57,8 +58,10 @@ pub fn run(command: &Command) -> Result<ExitCode> {
 impl Command {
     /// The exit code of an error. If an audit cannot read the ledger, there is no verdict.
     pub fn error_code(&self, error: &anyhow::Error) -> ExitCode {
+        let failed = is_fault(error) || error.is::<replay::StillFailed>();
         match self {
-            Self::Replay(_) | Self::Watch(_) if !is_fault(error) => ExitCode::from(4),
+            _ if error.is::<WrongUsage>() => ExitCode::from(2),
+            Self::Replay(_) | Self::Watch(_) if !failed => ExitCode::from(4),
             _ => ExitCode::FAILURE,
         }
     }

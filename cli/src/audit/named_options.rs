@@ -1,6 +1,5 @@
 //! Options that name what the auditor answers for.
 
-use anyhow::{Context, Result};
 use zk0_audit::Named;
 use zk0_circuits::Digest;
 
@@ -9,8 +8,8 @@ use zk0_circuits::Digest;
 pub struct NamedOptions {
     /// Accept proofs of the guest program with this verifying key, besides that of this release. `zk0 audit show` prints a network's key.
     /// Use it only if you know what that program proves. Repeat the option for more programs.
-    #[arg(long = "program", value_name = "KEY")]
-    programs: Vec<String>,
+    #[arg(long = "program", value_name = "KEY", value_parser = program)]
+    programs: Vec<Program>,
     /// Accept an evaluation with this digest, besides that of this release. `zk0 audit show` prints a network's. Repeat the option for
     /// more evaluations.
     #[arg(long = "evaluation", value_name = "DIGEST")]
@@ -18,14 +17,22 @@ pub struct NamedOptions {
 }
 
 impl NamedOptions {
-    /// Reads the keys.
-    pub fn read(&self) -> Result<Named> {
-        let key = |text: &String| {
-            hex::decode(text).with_context(|| format!("--program {text:?} is not hexadecimal"))
-        };
-        Ok(Named {
-            programs: self.programs.iter().map(key).collect::<Result<_>>()?,
+    /// What they name.
+    pub fn named(&self) -> Named {
+        let keys = self.programs.iter().map(|program| program.0.clone());
+        Named {
+            programs: keys.collect(),
             evaluations: self.evaluations.iter().copied().collect(),
-        })
+        }
     }
+}
+
+/// The verifying key of a guest program.
+#[derive(Clone, Debug)]
+struct Program(Vec<u8>);
+
+/// Reads a verifying key.
+fn program(text: &str) -> Result<Program, String> {
+    let key = hex::decode(text).map_err(|error| format!("it is not hexadecimal: {error}"))?;
+    Ok(Program(key))
 }

@@ -1,9 +1,8 @@
 //! `zk0 audit prove` and `zk0 audit verify-proof`: a file that proves that an entry is in a log.
 
 use crate::ledger::TrustOptions;
-use anstream::println;
+use crate::output::{print, println};
 use anyhow::{bail, Context, Result};
-use std::io::Write;
 use std::path::PathBuf;
 use zk0_audit::log_source::open_log;
 use zk0_audit::report::describe::{describe, printable};
@@ -54,7 +53,10 @@ pub fn prove(options: &Prove) -> Result<()> {
         Some(path) => {
             atomic_file::replace(path, &text).with_context(|| format!("writing {}", path.display()))
         }
-        None => Ok(std::io::stdout().write_all(&text)?),
+        None => {
+            print!("{}", String::from_utf8_lossy(&text));
+            Ok(())
+        }
     }
 }
 

@@ -3,8 +3,8 @@
 
 use crate::dataset::RecordingName;
 use crate::ledger::TrustOptions;
+use crate::output::println;
 use crate::policy::{cache_failed, CacheOptions};
-use anstream::println;
 use anyhow::{bail, Context, Result};
 use std::path::{Path, PathBuf};
 use zk0_audit::fetch::{locate, Wanted};

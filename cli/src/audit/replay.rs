@@ -3,13 +3,15 @@
 use super::named_options::NamedOptions;
 use super::progress_bar::Bar;
 use crate::ledger::TrustOptions;
-use anstream::{print, println};
+use crate::output::{self, print, println};
 use anyhow::{Context, Result};
+use std::fmt;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 use zk0_audit::fetch::locate;
+use zk0_audit::log_source::WrongUsage;
 use zk0_audit::report::rollouts::Rollouts;
 use zk0_audit::report::verdict::{verdict, Audited};
 use zk0_audit::report::{history, html};
@@ -57,8 +59,20 @@ pub struct Options {
     named: NamedOptions,
 }
 
+/// What an error says first if it comes after the verdict FAILED. The exit code is still that of the verdict.
+#[derive(Debug)]
+pub struct StillFailed;
+
+impl fmt::Display for StillFailed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the verdict is FAILED, but its report is not all written")
+    }
+}
+
 /// Runs the command. Each verdict has an exit code of its own.
 pub fn run(options: &Options) -> Result<ExitCode> {
+    // An audit may take hours, so a wrong path is named before it.
+    options.check_paths()?;
     let depth = Depth::of(options.light);
     let mirror = options.mirror.as_deref();
     let trust = options.trust.read()?;
@@ -71,7 +85,7 @@ pub fn run(options: &Options) -> Result<ExitCode> {
     let progress = |done, total| bar.at(done, total);
     let audit = Audit {
         depth,
-        named: options.named.read()?,
+        named: options.named.named(),
         network: trust.network,
         threads: options.threads,
         state_file,
@@ -86,18 +100,53 @@ pub fn run(options: &Options) -> Result<ExitCode> {
              ask for; to check them, audit an export or the served log",
         ));
     }
-    if let Some(path) = &options.html {
-        write_page(path, &options.rollouts, &located.dir, &audited)?;
-    }
     match options.json {
         true => println!("{}", serde_json::to_string_pretty(&audited)?),
         false => print!("{}", verdict(&audited)),
     }
+    let page = match &options.html {
+        Some(path) => write_page(path, &options.rollouts, &located.dir, &audited),
+        None => Ok(()),
+    };
+    output::finish()
+        .and(page)
+        .map_err(|error| match audited.verdict {
+            Verdict::Failed => error.context(StillFailed),
+            Verdict::Verified | Verdict::Incomplete => error,
+        })?;
     Ok(ExitCode::from(match audited.verdict {
         Verdict::Verified => 0,
         Verdict::Failed => 1,
         Verdict::Incomplete => 3,
     }))
+}
+
+impl Options {
+    /// Checks that the folders are there which the report for browsers needs.
+    fn check_paths(&self) -> Result<(), WrongUsage> {
+        if let Some(path) = &self.html {
+            let folder = atomic_file::folder_of(path);
+            if !folder.is_dir() {
+                let (path, folder) = (path.display(), folder.display());
+                return Err(WrongUsage(format!(
+                    "--html {path}: there is no folder {folder}"
+                )));
+            }
+            if path.is_dir() {
+                let path = path.display();
+                return Err(WrongUsage(format!(
+                    "--html {path}: this is a folder; name a file in it"
+                )));
+            }
+        }
+        match self.rollouts.iter().find(|folder| !folder.is_dir()) {
+            Some(missing) => Err(WrongUsage(format!(
+                "--rollouts {}: there is no such folder",
+                missing.display()
+            ))),
+            None => Ok(()),
+        }
+    }
 }
 
 /// Writes the report for browsers, and its data beside it.

@@ -1,7 +1,7 @@
 //! `zk0 audit show`: shows on a terminal what happened. Everything shown is in a tree that the log has signed, and follows the rules.
 
 use crate::ledger::TrustOptions;
-use anstream::{print, println};
+use crate::output::{print, println};
 use anyhow::{bail, Result};
 use serde_json::json;
 use sha2::{Digest as _, Sha256};

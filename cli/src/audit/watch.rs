@@ -59,7 +59,7 @@ pub fn run(options: &Options) -> Result<bool> {
         ledger: options.ledger.clone(),
         trust: options.trust.read()?,
         depth: Depth::of(options.light),
-        named: options.named.read()?,
+        named: options.named.named(),
         state: options.state.clone(),
         mirror: options.mirror.clone(),
     })?;

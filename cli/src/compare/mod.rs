@@ -9,7 +9,7 @@ mod search;
 
 pub use options::Options;
 
-use anstream::println;
+use crate::output::println;
 use anyhow::{Context, Result};
 use kept::Kept;
 use prepared::Prepared;

@@ -4,7 +4,7 @@ use crate::chart::{self, Band, Row};
 use crate::compare::kept::write_json;
 use crate::compare::options::Options;
 use crate::compare::search::{in_words, Searched};
-use anstream::println;
+use crate::output::println;
 use anyhow::Result;
 use serde::Serialize;
 use std::path::Path;

@@ -3,7 +3,7 @@
 use crate::compare::kept::Kept;
 use crate::compare::options::Options;
 use crate::compare::prepared::Prepared;
-use anstream::println;
+use crate::output::println;
 use anyhow::{bail, Result};
 use std::time::Instant;
 use zk0_node::progress::Progress;

@@ -1,7 +1,7 @@
 //! `zk0 dataset inspect`: shows what a recording holds, as a table or as JSON.
 
 use super::RecordingName;
-use anstream::{print, println};
+use crate::output::{print, println};
 use anyhow::{Context, Result};
 use serde::Serialize;
 use zk0_lerobot::dataset::{Dataset, Frame, Normalizer, VectorFeature, VideoReader};

@@ -1,7 +1,7 @@
 //! `zk0 dataset validate`: lists all faults of recordings.
 
 use super::RecordingName;
-use anstream::print;
+use crate::output::print;
 use anyhow::Result;
 use zk0_lerobot::dataset::Dataset;
 use zk0_node::progress::Progress;

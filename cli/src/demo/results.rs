@@ -3,7 +3,7 @@
 use super::global_losses::{global, Evaluated, Global, GlobalLoss, GlobalWeights};
 use super::process::Console;
 use crate::chart::{self, Bars, Curve, Proven};
-use anstream::{print, println};
+use crate::output::{print, println};
 use anyhow::{bail, Context, Result};
 use serde::Serialize;
 use std::collections::BTreeMap;

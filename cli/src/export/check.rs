@@ -3,8 +3,8 @@
 use super::closing::Closing;
 use super::receipt::Receipt;
 use crate::ledger::TrustOptions;
+use crate::output::println;
 use crate::policy::network_folder::{founded_with, other_tensors};
-use anstream::println;
 use anyhow::Result;
 use std::path::PathBuf;
 use zk0_audit::fetch::{locate, Wanted};

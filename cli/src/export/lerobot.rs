@@ -3,8 +3,8 @@
 use super::closing::Closing;
 use super::receipt::Receipt;
 use crate::ledger::TrustOptions;
+use crate::output::println;
 use crate::policy::network_folder::NetworkFolder;
-use anstream::println;
 use anyhow::{bail, Context, Result};
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -4,9 +4,9 @@
 mod report;
 
 use crate::dataset::RecordingName;
+use crate::output::{eprintln, println};
 use crate::policy::calibration::{calibrated, samples};
 use crate::policy::{self, PolicySource};
-use anstream::{eprint, println};
 use anyhow::{bail, Result};
 use report::{print_ranges, table, Outcome, Row};
 use std::path::PathBuf;
@@ -105,7 +105,7 @@ pub fn run(options: &Options) -> Result<()> {
         let untrained = "a random initialisation, not a published policy";
         compare(profile.name().into(), untrained, policy)?;
     }
-    eprint!("{}{notes}", table(&rows));
+    eprintln!("{}{}", table(&rows), notes.trim_end());
     let beyond = |row: &&Row| !row.outcome.is_within(options.limit / 100.0);
     match rows.iter().filter(beyond).count() {
         0 => Ok(()),

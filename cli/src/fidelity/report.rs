@@ -1,6 +1,6 @@
 //! What `zk0 fidelity` prints: JSON lines to standard output, tables for people to standard error.
 
-use anstream::{eprintln, println};
+use crate::output::{eprintln, println};
 use serde::Serialize;
 use zk0_smolvla::measure::calibrate::Range;
 use zk0_smolvla::measure::fidelity::{Fidelity, FidelityError};

@@ -5,8 +5,8 @@ mod status;
 
 use crate::keys;
 use crate::network::{Network, Signer};
+use crate::output::{print, println};
 use crate::serve::online;
-use anstream::{print, println};
 use anyhow::{Context, Result};
 use change::Change;
 use ed25519_dalek::SigningKey;

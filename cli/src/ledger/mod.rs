@@ -8,9 +8,9 @@ mod trust_options;
 
 pub use trust_options::TrustOptions;
 
-use crate::blob_store::BlobStoreOptions;
 #[cfg(feature = "full")]
-use anstream::println;
+use crate::blob_store::BlobStoreOptions;
+use crate::output::println;
 use anyhow::{bail, Result};
 use std::path::{Path, PathBuf};
 use zk0_audit::fsck::{fsck, is_export};

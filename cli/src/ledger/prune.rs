@@ -2,7 +2,7 @@
 
 use crate::blob_store::BlobStoreOptions;
 use crate::keys;
-use anstream::println;
+use crate::output::println;
 use anyhow::{Context, Result};
 use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};

@@ -1,8 +1,8 @@
 //! The options that say whom the user trusts.
 
 use anyhow::Result;
-use std::path::PathBuf;
-use zk0_audit::log_source::Trust;
+use std::path::{Path, PathBuf};
+use zk0_audit::log_source::{Trust, WrongUsage};
 use zk0_circuits::Digest;
 use zk0_ledger::witness_policy_file;
 
@@ -25,10 +25,13 @@ pub struct TrustOptions {
 impl TrustOptions {
     /// Reads the witness policy.
     pub fn read(&self) -> Result<Trust> {
-        let policy = self.witness_policy.as_deref();
+        let read = |path: &Path| {
+            let policy = witness_policy_file::read(path);
+            policy.map_err(|error| WrongUsage(format!("--witness-policy {error}")))
+        };
         Ok(Trust {
             network: self.network,
-            witness_policy: policy.map(witness_policy_file::read).transpose()?,
+            witness_policy: self.witness_policy.as_deref().map(read).transpose()?,
             ca: self.ca.clone(),
         })
     }

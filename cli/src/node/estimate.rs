@@ -1,7 +1,7 @@
 //! `zk0 node estimate`: what a claim will cost on this machine.
 
 use crate::dataset::RecordingName;
-use anstream::{eprintln, print, println};
+use crate::output::{eprintln, print, println};
 use anyhow::{bail, Result};
 use std::path::Path;
 use zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES;

@@ -5,8 +5,8 @@ mod join;
 
 use crate::keys;
 use crate::network::Signer;
+use crate::output::println;
 use crate::serve::online;
-use anstream::println;
 use anyhow::Result;
 use estimate::Estimate;
 use join::Join;
@@ -20,6 +20,11 @@ pub enum Command {
     /// Make a node's key and print its identity. The network's operator enrols the identity.
     Keygen {
         /// Write the key to this file. An existing file is kept.
+        file: PathBuf,
+    },
+    /// Print the identity of a key: that of a node, a governor or a log.
+    Identity {
+        /// The file of the key.
         file: PathBuf,
     },
     /// Say what a claim will cost on this machine, before you spend anything: guest cycles, memory, time.
@@ -46,6 +51,10 @@ pub fn run(command: &Command) -> Result<()> {
     match command {
         Command::Keygen { file } => {
             println!("{}", keys::generate(file)?);
+            Ok(())
+        }
+        Command::Identity { file } => {
+            println!("{}", keys::identity(&keys::read(file)?));
             Ok(())
         }
         Command::Estimate(options) => online(estimate::run(options)),

@@ -1,9 +1,9 @@
 //! `zk0 publish hub`: the policy of a round, on the Hugging Face Hub.
 
+use crate::output::println;
 use crate::policy::network_folder::NetworkFolder;
 use crate::publish::model_card::CardOptions;
 use crate::publish::round_facts::{Collector, RoundFacts};
-use anstream::println;
 use anyhow::{bail, Context, Result};
 use std::path::{Path, PathBuf};
 use zk0_audit::report::history;

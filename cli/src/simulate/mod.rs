@@ -8,7 +8,7 @@ mod report;
 
 pub use options::Options;
 
-use anstream::println;
+use crate::output::println;
 use anyhow::{bail, Context, Result};
 use curves::Curves;
 use federation_options::Opened;

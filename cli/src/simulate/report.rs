@@ -1,7 +1,7 @@
 //! The results of a simulation as files.
 
 use crate::chart::{self, Curve};
-use anstream::println;
+use crate::output::println;
 use anyhow::{Context, Result};
 use std::path::{Path, PathBuf};
 use zk0_files::{atomic_file, bounded_file};

@@ -10,8 +10,8 @@ pub use options::Options;
 
 use crate::chart;
 use crate::dataset::RecordingName;
+use crate::output::println;
 use crate::policy::cache_failed;
-use anstream::println;
 use anyhow::{bail, Context, Result};
 use metrics::{Line, Metrics};
 use report::{Ended, Evaluated, Recording, Report};

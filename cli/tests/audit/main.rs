@@ -7,6 +7,7 @@ mod replay;
 mod report;
 mod show;
 mod unread;
+mod usage;
 mod watch;
 mod witnesses;
 

@@ -4,6 +4,7 @@ use crate::ends;
 use crate::harness::made_ledger::{Made, NAMES};
 use crate::harness::text;
 use std::fs;
+use zk0_ledger::folder;
 
 /// The elements of a report.
 const ELEMENTS: &[&str] = &[
@@ -112,4 +113,24 @@ fn a_report_for_browsers_holds_no_script_and_loads_nothing() {
     // The page has four charts: contributions, reasons, credits and losses.
     assert_eq!(html.matches("<svg").count(), 4);
     assert_eq!(html.matches("<polyline").count(), 4);
+}
+
+/// An audit may take hours, and its verdict must not get lost with the page.
+#[test]
+fn a_page_that_cannot_be_written_does_not_hide_the_verdict() {
+    let scratch = tempfile::tempdir().unwrap();
+    let place = |name: &str| scratch.path().join(name);
+    let (dir, stranger, page) = (place("ledger"), place("stranger"), place("page.html"));
+    drop(Made::found(&dir, 0).ledger);
+    drop(Made::found_with(&stranger, 0, [10; 32], String::new()).ledger);
+    // A folder lies where the data of the page go.
+    fs::create_dir(place("page.json")).unwrap();
+    let replay = ["audit", "replay", text(&dir), "--html", text(&page)];
+    let (said, why) = ends(4, &replay);
+    assert!(said.contains("INCOMPLETE"), "{said}{why}");
+    assert!(why.contains("writing ") && !why.contains("FAILED"), "{why}");
+    fs::copy(folder::checkpoint(&stranger), folder::checkpoint(&dir)).unwrap();
+    let (said, why) = ends(1, &replay);
+    assert!(said.contains("FAILED"), "{said}{why}");
+    assert!(why.contains("error: the verdict is FAILED, but"), "{why}");
 }

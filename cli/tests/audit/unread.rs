@@ -1,6 +1,7 @@
-//! Commands whose reader has left, as `head` does.
+//! Commands whose reader has left, as `head` does, and commands whose output finds the disk full.
 
 use crate::harness::{logged, zk0, LEDGER};
+use std::fs::{File, OpenOptions};
 use std::io;
 use std::process::Output;
 
@@ -39,4 +40,32 @@ fn a_watch_that_nobody_hears_ends_with_an_error() {
         said.contains("cannot be written to standard output"),
         "{said}"
     );
+}
+
+/// A file on a full disk.
+fn full() -> File {
+    OpenOptions::new().write(true).open("/dev/full").unwrap()
+}
+
+#[test]
+fn a_command_whose_output_finds_the_disk_full_says_so_and_fails() {
+    for (code, arguments) in [
+        (1, &["ledger", "vkey", LEDGER][..]),
+        (1, &["ledger", "fsck", LEDGER][..]),
+        (1, &["audit", "show", LEDGER][..]),
+        (1, &["audit", "prove", LEDGER, "0"][..]),
+        (4, &["audit", "replay", LEDGER, "--light"][..]),
+    ] {
+        let output = zk0(arguments).stdout(full()).output().unwrap();
+        let said = logged(&output);
+        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
+        assert!(
+            said.contains("error: writing to standard output: No space left"),
+            "{arguments:?}: {said}"
+        );
+    }
+    // Where the log finds it full, nobody can be told, but the exit code is that of the error.
+    let mut nothing = zk0(&["audit", "show", "there-is-no-such-folder"]);
+    let status = nothing.stderr(full()).status().unwrap();
+    assert_eq!(status.code(), Some(1));
 }

@@ -1,4 +1,4 @@
-//! Nodes: how the first are enrolled, what a node is told before it trains, and how it leaves.
+//! Nodes: their keys, how the first are enrolled, what a node is told before it trains, and how it leaves.
 
 #[path = "../harness/mod.rs"]
 mod harness;
@@ -7,5 +7,6 @@ mod devices;
 mod diverged;
 mod eval_samples;
 mod founding;
+mod keys;
 mod leaving;
 mod unwritable;
