@@ -14,7 +14,7 @@ use std::fs;
 use std::path::Path;
 use zk0_ledger::folder;
 use zk0_ledger::log::Ledger;
-use zk0_ledger::published::export::export;
+use zk0_ledger::published::export::{export, ExportError};
 use zk0_ledger::published::mirror::{mirror, MirrorError};
 use zk0_ledger::published::publication::Publication;
 use zk0_ledger::published::reader::{PublishedError, PublishedLog};
@@ -390,6 +390,9 @@ fn a_damaged_blob_keeps_nothing_else_back_from_an_export_and_is_no_blob_of_a_mir
     let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/ledger");
     rounds::copy(&committed, &dir);
     let view = Publication::open(&dir, None).unwrap();
+    // A folder that is served as an export has nothing in it that is not public.
+    let refused = export(&view, &dir).unwrap_err();
+    assert!(matches!(refused, ExportError::IsLedger(_)), "{refused}");
     let blob = *view.public_blobs().next().unwrap();
     let file = Blobs::at(&dir).path(&blob);
     let right = fs::read(&file).unwrap();
