@@ -35,6 +35,8 @@ fn an_audit_says_the_same_wherever_the_ledger_is_read() {
     assert!(said.contains("entries published"), "{said}");
     assert_eq!(audit(text(&out)), original);
     fails(&["ledger", "fsck", text(&out)], "is an export");
+    let nowhere = out.join("nowhere");
+    fails(&["ledger", "fsck", text(&nowhere)], "there is no ledger in");
     let serving = Serving::start(&["ledger", "serve", LEDGER, "--listen", "127.0.0.1:0"]);
     assert_eq!(audit(&serving.address), original);
     let network = original["network"].as_str().unwrap();

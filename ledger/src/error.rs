@@ -2,6 +2,7 @@
 
 use crate::blobs::BlobError;
 use crate::clock::ClockError;
+use rocksdb::ErrorKind;
 use std::io;
 use std::path::{Path, PathBuf};
 use tlog_tiles::tlog::Error as TreeError;
@@ -67,7 +68,7 @@ pub enum LedgerError {
     #[error("{from} does not hold a statement about pruned blobs that counts: {why}. Put it back from an export or a mirror, or remove it and prune again")]
     BadPruning { from: String, why: String },
     /// The checkpoint file does not hold the newest checkpoint of the database.
-    #[error("{path} holds a checkpoint of {published} entries, but the database has {size} entries. If the aggregator was killed, start it once")]
+    #[error("{path} holds a checkpoint of {published} entries, but the database has {size} entries. {}", if_published(*published, *size))]
     OtherPublished {
         path: PathBuf,
         published: u64,
@@ -89,7 +90,7 @@ pub enum LedgerError {
     #[error("tree: {0}")]
     Tree(String),
     /// The database failed.
-    #[error("database: {0}")]
+    #[error("database: {0}{}", if_damaged(.0))]
     Database(#[from] rocksdb::Error),
     /// A blob cannot be read or written.
     #[error(transparent)]
@@ -97,6 +98,24 @@ pub enum LedgerError {
     /// The file system failed.
     #[error("{path}: {error}")]
     Io { path: PathBuf, error: io::Error },
+}
+
+/// What to do where a database has another checkpoint than the published one.
+fn if_published(published: u64, size: u64) -> &'static str {
+    match published < size {
+        true => "If the aggregator was killed, start it once",
+        false => "The database was rolled back or damaged: restore the newest copy",
+    }
+}
+
+/// What to do where the files of a database are missing or damaged.
+fn if_damaged(error: &rocksdb::Error) -> &'static str {
+    match error.kind() {
+        ErrorKind::Corruption | ErrorKind::InvalidArgument => {
+            ". If files of the database are missing or damaged, restore the newest copy"
+        }
+        _ => "",
+    }
 }
 
 impl From<TreeError> for LedgerError {

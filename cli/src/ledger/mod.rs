@@ -22,6 +22,8 @@ use zk0_ledger::blobs::damaged::DamagedBlob;
 use zk0_ledger::published::export::export;
 use zk0_ledger::published::mirror::{mirror, Mirrored};
 use zk0_ledger::published::publication::Publication;
+use zk0_ledger::replay::Severity;
+use zk0_ledger::{folder, LedgerError};
 use zk0_protocol::counted::counted;
 
 /// What to do.
@@ -204,6 +206,9 @@ pub fn run(command: &Command) -> Result<bool> {
             "{0} is an export: `zk0 ledger import {0} FOLDER` makes a ledger's folder of it, which can be checked",
             dir.display()
         ),
+        Command::Fsck { dir } if !folder::database(dir).exists() => {
+            return Err(LedgerError::NoLedger(dir.clone()).into())
+        }
         Command::Fsck { dir } => return Ok(check(dir)),
     }
     Ok(true)
@@ -260,7 +265,12 @@ fn check(dir: &Path) -> bool {
     }
     println!("entries      {}", found.report.entries);
     for finding in &found.report.findings {
-        println!("{:<12} {}", format!("{:?}", finding.severity), finding.text);
+        let severity = match finding.severity {
+            Severity::Note => "note",
+            Severity::NotChecked => "NOT CHECKED",
+            Severity::Fault => "FAULT",
+        };
+        println!("{severity:<12} {}", finding.text);
     }
     println!(
         "{}",
