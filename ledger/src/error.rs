@@ -90,7 +90,7 @@ pub enum LedgerError {
     #[error("tree: {0}")]
     Tree(String),
     /// The database failed.
-    #[error("database: {0}{}", if_damaged(.0))]
+    #[error("database: {}{}", .0, if_damaged(.0))]
     Database(#[from] rocksdb::Error),
     /// A blob cannot be read or written.
     #[error(transparent)]
