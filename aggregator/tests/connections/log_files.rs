@@ -113,7 +113,7 @@ async fn a_reader_takes_the_rest_of_a_file() -> Test {
     let said = head(&mut stream).await;
     assert!(said.starts_with("HTTP/1.1 206"), "{said}");
     let length = said.split("content-length: ").nth(1).unwrap();
-    let length = length.split("\r\n").next().unwrap().parse()?;
+    let length = length.split("\r\n").next().unwrap().parse::<usize>()?;
     let mut tile = vec![0; length];
     stream.read_exact(&mut tile).await?;
     let header = "range: bytes=1-\r\nconnection: close";
