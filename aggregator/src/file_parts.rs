@@ -3,8 +3,7 @@
 
 use std::io::{self, ErrorKind};
 use std::time::Duration;
-use tokio::fs::File;
-use tokio::io::AsyncReadExt;
+use tokio::io::{AsyncRead, AsyncReadExt};
 use tokio::sync::mpsc;
 use tokio::time::{timeout_at, Instant};
 use tokio_stream::wrappers::ReceiverStream;
@@ -24,10 +23,23 @@ pub(crate) struct Pace {
     pub all: Duration,
 }
 
+/// A reader of a long file who takes fewer bytes in a second is given up in the end: 8 Mbit/s.
+const SLOWEST: u64 = 1_000_000;
+
+impl Pace {
+    /// For an answer of `bytes`. They have `least`, and as long as a slow line needs for them besides.
+    pub fn of_bytes(bytes: u64, silence: Duration, least: Duration) -> Self {
+        Self {
+            silence,
+            all: least.saturating_add(Duration::from_secs(bytes / SLOWEST)),
+        }
+    }
+}
+
 /// The parts of `file`, in order. If the reader takes too long, the last one is an error of the kind `TimedOut`. `kept` is dropped when the
 /// file is closed.
 pub(crate) fn file_parts(
-    mut file: File,
+    mut file: impl AsyncRead + Unpin + Send + 'static,
     pace: Pace,
     kept: impl Send + 'static,
 ) -> ReceiverStream<io::Result<Vec<u8>>> {
@@ -67,4 +79,18 @@ pub(crate) fn file_parts(
 fn late(what: &str, limit: Duration) -> io::Error {
     let why = format!("taking {what} took more than {} ms", limit.as_millis());
     io::Error::new(ErrorKind::TimedOut, why)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_large_file_has_the_time_that_a_slow_line_needs() {
+        let [silence, least] = [20, 600].map(Duration::from_secs);
+        let pace = |bytes| Pace::of_bytes(bytes, silence, least).all;
+        assert_eq!(pace(1000), least);
+        // 1 GB takes 800 seconds at 10 Mbit/s. The time is bounded for every size.
+        assert_eq!(pace(1_000_000_000), Duration::from_secs(1600));
+    }
 }

@@ -41,7 +41,7 @@ pub(crate) struct Serving {
     pub windows: Windows,
     /// So many bytes come before the first request: if they do not come in time, the connection is closed.
     pub first_bytes: usize,
-    /// How long a connection may last in all.
+    /// How long a connection takes requests. Then the answer in progress may end; its own pace bounds it.
     pub lifetime: Option<Duration>,
     /// How many requests of a connection may be in progress.
     pub requests: usize,
@@ -119,7 +119,7 @@ impl Serving {
 
     async fn connection(&self, stream: TcpStream, seat: &Seat, mut stopped: watch::Receiver<bool>) {
         let handshake = Instant::now() + self.limits.handshake;
-        let end = self.lifetime.map(|lifetime| Instant::now() + lifetime);
+        let mut end = self.lifetime.map(|lifetime| Instant::now() + lifetime);
         let _ = stream.set_nodelay(true);
         let stream = match &self.tls {
             None => CountedStream::new(Box::new(stream)),
@@ -160,10 +160,15 @@ impl Serving {
                 true => idle,
                 false => handshake.min(idle),
             };
-            let due = end.map_or(due, |end| end.min(due));
             if due <= now {
                 break;
             }
+            if end.is_some_and(|end| end <= now) {
+                // A file may take longer. The connection ends with the answer in progress, or at once if there is none.
+                end = None;
+                connection.as_mut().graceful_shutdown();
+            }
+            let due = end.map_or(due, |end| end.min(due));
             tokio::select! {
                 _ = &mut connection => return,
                 () = sleep_until(due) => {}

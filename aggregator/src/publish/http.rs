@@ -5,7 +5,7 @@
 //! | connections at once, in all and from one address | [`Limits::connections`]; one request at a time on each |
 //! | the head of a request | 16 KiB, within [`Limits::silence`] |
 //! | its body | [`Limits::body`] bytes, within [`Limits::silence`] |
-//! | a connection in all | [`Limits::lifetime`] |
+//! | how long a connection takes requests | [`Limits::lifetime`]; the answer in progress may end, in a time that depends on its size |
 //!
 //! [`serve`] does not encrypt. [`serve_with`] does so if it has a certificate.
 
@@ -40,7 +40,7 @@ pub struct Limits {
     pub connections: ConnectionLimits,
     /// How long a client may take to send a request, or to take the next part of a file.
     pub silence: Duration,
-    /// How long a connection may last.
+    /// How long a connection takes requests. An answer has as long for itself, and a second more for each megabyte.
     pub lifetime: Duration,
     /// Largest body of a request, in bytes.
     pub body: usize,

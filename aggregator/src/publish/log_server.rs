@@ -1,16 +1,16 @@
 //! Serves a ledger's folder as a tiled log (C2SP tlog-tiles), read-only. It can run beside the aggregator that writes the ledger,
 //! or without one.
 
-use crate::file_parts::{file_parts, Pace};
 use crate::line::Line;
+use crate::publish::file_answer::{begins, file_answer};
 use crate::publish::http::{answer, text, Limits, Router, IMMUTABLE, NO_CACHE, TEXT};
-use axum::body::Body;
 use axum::extract::State;
-use axum::http::header::CONTENT_LENGTH;
-use axum::http::Uri;
-use axum::response::Response;
+use axum::http::header::RETRY_AFTER;
+use axum::http::{HeaderMap, Method, Uri};
+use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use std::collections::BTreeSet;
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use tokio::fs::File;
@@ -27,6 +27,9 @@ const READING: usize = 8;
 
 /// How many more may wait for that. They hold no thread.
 const WAITING: usize = 64;
+
+/// After how many seconds those who find no room to wait should ask again.
+const ASK_AGAIN: &str = "5";
 
 /// Serves one folder.
 pub struct LogServer {
@@ -69,13 +72,7 @@ impl LogServer {
     pub fn router(self, limits: Limits) -> Router {
         Router::new()
             .fallback(get(read).fallback(|| async { text(405, "a log can only be read\n") }))
-            .with_state((
-                Arc::new(self),
-                Pace {
-                    silence: limits.silence,
-                    all: limits.lifetime,
-                },
-            ))
+            .with_state((Arc::new(self), limits))
     }
 
     /// What is published now.
@@ -130,7 +127,12 @@ impl LogServer {
     }
 }
 
-async fn read(State((server, pace)): State<(Arc<LogServer>, Pace)>, address: Uri) -> Response {
+async fn read(
+    State((server, limits)): State<(Arc<LogServer>, Limits)>,
+    method: Method,
+    headers: HeaderMap,
+    address: Uri,
+) -> Response {
     let path = address.path();
     let Some(resource) = Resource::parse(path.strip_prefix('/').unwrap_or(path)) else {
         return text(404, "a log has no such file\n");
@@ -146,15 +148,14 @@ async fn read(State((server, pace)): State<(Arc<LogServer>, Pace)>, address: Uri
         text(500, "the log cannot be read; its operator's log says why\n")
     };
     let place = match &resource {
-        Resource::Blob(blob) if !server.blobs.is_here(blob) => {
-            match server.reading.place().await {
-                Some(place) => Some(place),
-                None => return text(
-                    503,
-                    "too many wait for files that are only in the blob store: ask again later\n",
-                ),
+        Resource::Blob(blob) if !server.blobs.is_here(blob) => match server.reading.place().await {
+            Some(place) => Some(place),
+            None => {
+                let why =
+                    "too many wait for files that are only in the blob store: ask again later\n";
+                return ([(RETRY_AFTER, ASK_AGAIN)], text(503, why)).into_response();
             }
-        }
+        },
         _ => None,
     };
     let reader = server.clone();
@@ -172,19 +173,25 @@ async fn read(State((server, pace)): State<(Arc<LogServer>, Pace)>, address: Uri
         Ok(content) => content,
         Err(error) => return failed(&error),
     };
+    let begins = begins(&method, &headers);
     match content {
-        Ok(Some(Content::Bytes(bytes))) => answer(200, kind, cache, bytes),
-        Ok(Some(Content::File(file))) => match file.metadata() {
-            Ok(about) => {
-                // Each connection has one request at a time, so the connections bound the files that are being sent.
-                let parts = Body::from_stream(file_parts(File::from_std(file), pace, ()));
-                let mut response = answer(200, kind, cache, parts);
-                let length = about.len().into();
-                response.headers_mut().insert(CONTENT_LENGTH, length);
-                response
-            }
-            Err(error) => failed(&format_args!("{path}: {error}")),
-        },
+        // What changes is small, and has no rest: it would be that of another version.
+        Ok(Some(Content::Bytes(bytes))) if cache == NO_CACHE => answer(200, kind, cache, bytes),
+        Ok(Some(Content::Bytes(bytes))) => {
+            let length = bytes.len() as u64;
+            let sent = file_answer(Cursor::new(bytes), length, begins, kind, &limits).await;
+            sent.unwrap_or_else(|error| failed(&format_args!("{path}: {error}")))
+        }
+        Ok(Some(Content::File(file))) => {
+            let sent = match file.metadata() {
+                Ok(about) => {
+                    let file = File::from_std(file);
+                    file_answer(file, about.len(), begins, kind, &limits).await
+                }
+                Err(error) => Err(error),
+            };
+            sent.unwrap_or_else(|error| failed(&format_args!("{path}: {error}")))
+        }
         Ok(None) => text(404, "this file is not published, or not yet\n"),
         Err(PublicationError::NotCosigned(_)) => text(
             503,

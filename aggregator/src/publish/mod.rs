@@ -4,6 +4,7 @@
 pub mod beacon;
 pub mod chosen_witnesses;
 pub mod cosigning;
+mod file_answer;
 pub mod http;
 pub mod log_server;
 pub mod witness_server;

@@ -9,6 +9,7 @@ mod draining;
 mod encrypted_log;
 mod evicting;
 mod idle;
+mod log_files;
 mod memory;
 mod metrics;
 mod relay;

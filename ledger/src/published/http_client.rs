@@ -20,8 +20,27 @@ pub struct HttpClient {
 
 /// A server cannot be asked.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{0}")]
-pub struct HttpError(String);
+#[error("{why}")]
+pub struct HttpError {
+    why: String,
+    may_pass: bool,
+}
+
+impl HttpError {
+    /// Whether the same request may succeed in a moment: the connection broke, or it took too long.
+    pub fn may_pass(&self) -> bool {
+        self.may_pass
+    }
+}
+
+/// How long a client waits.
+#[derive(Clone, Copy)]
+enum Waiting {
+    /// For all of an answer.
+    Whole(Duration),
+    /// For an answer to begin, and then for each part of it.
+    Parts(Duration),
+}
 
 impl HttpClient {
     /// A client that believes these authorities, and gives up a request after `timeout`. If the system has no authorities, requests over TLS
@@ -30,18 +49,34 @@ impl HttpClient {
     /// # Errors
     /// The file of authorities cannot be used.
     pub fn new(authorities: Authorities, timeout: Duration) -> Result<Self, AuthoritiesError> {
-        if authorities.file().is_some() {
-            authorities.certificates()?;
-        }
-        Ok(Self::believing(authorities, timeout))
+        Self::checked(authorities, Waiting::Whole(timeout))
+    }
+
+    /// Like [`Self::new`], for files of any size: an answer may take any time, and is given up when nothing comes for `silence`.
+    ///
+    /// # Errors
+    /// The file of authorities cannot be used.
+    pub fn for_files(
+        authorities: Authorities,
+        silence: Duration,
+    ) -> Result<Self, AuthoritiesError> {
+        Self::checked(authorities, Waiting::Parts(silence))
     }
 
     /// A client that believes the authorities of the system. `option` names others.
     pub fn of_system(option: &'static str, timeout: Duration) -> Self {
-        Self::believing(Authorities::of_system(option), timeout)
+        let authorities = Authorities::of_system(option);
+        Self::believing(authorities, Waiting::Whole(timeout))
     }
 
-    fn believing(authorities: Authorities, timeout: Duration) -> Self {
+    fn checked(authorities: Authorities, waiting: Waiting) -> Result<Self, AuthoritiesError> {
+        if authorities.file().is_some() {
+            authorities.certificates()?;
+        }
+        Ok(Self::believing(authorities, waiting))
+    }
+
+    fn believing(authorities: Authorities, waiting: Waiting) -> Self {
         let (roots, no_roots) = match authorities.certificates() {
             Ok(found) => (found, None),
             Err(error) => (Vec::new(), Some(error.to_string())),
@@ -53,12 +88,21 @@ impl HttpClient {
         let tls = TlsConfig::builder()
             .root_certs(RootCerts::from(roots))
             .build();
+        let (whole, part) = match waiting {
+            Waiting::Whole(whole) => (Some(whole), None),
+            Waiting::Parts(part) => (None, Some(part)),
+        };
+        let connecting = whole.or(part).map(|time| time.min(CONNECTING));
         let agent = ureq::Agent::config_builder()
             .tls_config(tls)
             // Nobody may lead a reader who named an authority away from encryption.
             .https_only(authorities.file().is_some())
-            .timeout_global(Some(timeout))
-            .timeout_connect(Some(timeout.min(CONNECTING)))
+            .timeout_global(whole)
+            .timeout_resolve(part.and(connecting))
+            .timeout_connect(connecting)
+            .timeout_send_request(part)
+            .timeout_recv_response(part)
+            .timeout_per_read(part)
             // An answer with an error status is an answer, and not an error of the client.
             .http_status_as_error(false)
             .build()
@@ -73,6 +117,16 @@ impl HttpClient {
     /// Asks for what is at `url`.
     pub fn get(&self, url: &str) -> Result<Response<Body>, HttpError> {
         self.agent.get(url).call().map_err(|error| self.why(&error))
+    }
+
+    /// Asks for the bytes of `url` from the byte number `begins` on. The server may answer with all of them (status 200).
+    pub fn get_from(&self, url: &str, begins: u64) -> Result<Response<Body>, HttpError> {
+        // The bytes are counted as they are, and not as they are compressed.
+        let mut request = self.agent.get(url).header("accept-encoding", "identity");
+        if begins > 0 {
+            request = request.header("range", format!("bytes={begins}-"));
+        }
+        request.call().map_err(|error| self.why(&error))
     }
 
     /// Sends `body` to `url`, with these headers.
@@ -97,10 +151,21 @@ impl HttpClient {
             ureq::Error::Io(error) => tls_error(error),
             _ => None,
         };
-        HttpError(match (of_tls, &self.no_roots) {
-            (Some(rustls::Error::InvalidCertificate(_)), Some(why)) => why.clone(),
-            (Some(error), _) => self.authorities.meaning(error),
-            (None, _) => error.to_string(),
-        })
+        let broken = matches!(
+            error,
+            ureq::Error::Io(_)
+                | ureq::Error::Timeout(_)
+                | ureq::Error::HostNotFound
+                | ureq::Error::ConnectionFailed
+        );
+        HttpError {
+            // What is wrong with a certificate stays wrong.
+            may_pass: broken && of_tls.is_none(),
+            why: match (of_tls, &self.no_roots) {
+                (Some(rustls::Error::InvalidCertificate(_)), Some(why)) => why.clone(),
+                (Some(error), _) => self.authorities.meaning(error),
+                (None, _) => error.to_string(),
+            },
+        }
     }
 }

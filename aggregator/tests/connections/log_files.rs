@@ -1,0 +1,124 @@
+//! Readers of the log's files who need long, or come again for what is missing.
+
+use crate::{harness::*, with, Test};
+use std::future::pending;
+use std::time::Duration;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpSocket, TcpStream};
+use tokio::time::{sleep, timeout};
+use zk0_aggregator::publish::http::{self, Limits};
+use zk0_aggregator::publish::log_server::LogServer;
+use zk0_aggregator::ConnectionLimits;
+use zk0_ledger::blobs::Blobs;
+
+/// Serves the log of `network` with these limits. Returns the path of a blob of [`LONG_BYTES`], and a connection that takes little of it ahead.
+async fn served(network: &Network, limits: Limits) -> (String, TcpStream) {
+    network.long_download();
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = listener.local_addr().unwrap();
+    let router = LogServer::new(network.dir.path()).router(limits);
+    tokio::spawn(http::serve(listener, router, limits, pending()));
+    let socket = TcpSocket::new_v4().unwrap();
+    socket.set_recv_buffer_size(64 << 10).unwrap();
+    let stream = socket.connect(address).await.unwrap();
+    let path = format!("/blobs/sha256/{}", network.genesis.policy);
+    (path, stream)
+}
+
+/// Sends a request for `path` with this header.
+async fn ask(stream: &mut TcpStream, path: &str, header: &str) {
+    let request = format!("GET {path} HTTP/1.1\r\nhost: x\r\n{header}\r\n\r\n");
+    stream.write_all(request.as_bytes()).await.unwrap();
+}
+
+/// The head of the next answer.
+async fn head(stream: &mut TcpStream) -> String {
+    let mut head = Vec::new();
+    while !head.ends_with(b"\r\n\r\n") {
+        head.push(stream.read_u8().await.unwrap());
+    }
+    String::from_utf8(head).unwrap()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_connection_whose_time_is_over_sends_its_file_to_the_end_and_takes_no_new_request() -> Test
+{
+    let (network, _) = with(ConnectionLimits::default()).await;
+    let limits = Limits {
+        lifetime: Duration::from_millis(300),
+        ..Limits::default()
+    };
+    let (path, mut stream) = served(&network, limits).await;
+    ask(&mut stream, &path, "x: y").await;
+    assert!(head(&mut stream).await.starts_with("HTTP/1.1 200"));
+    ask(&mut stream, "/checkpoint", "x: y").await;
+    // A reader takes nothing for longer than a connection lasts, and longer than one that closes may take.
+    sleep(Duration::from_millis(2500)).await;
+    let mut come = 0;
+    let mut part = vec![0; 64 << 10];
+    let rest = async {
+        while let Ok(read @ 1..) = stream.read(&mut part).await {
+            come += read as u64;
+        }
+    };
+    timeout(Duration::from_secs(20), rest).await?;
+    assert_eq!(come, LONG_BYTES);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_idle_connection_whose_time_is_over_is_closed() -> Test {
+    let (network, _) = with(ConnectionLimits::default()).await;
+    let limits = Limits {
+        lifetime: Duration::from_millis(500),
+        ..Limits::default()
+    };
+    let (_, mut stream) = served(&network, limits).await;
+    ask(&mut stream, "/nothing", "x: y").await;
+    let mut answer = Vec::new();
+    timeout(Duration::from_secs(5), stream.read_to_end(&mut answer)).await??;
+    assert!(answer.starts_with(b"HTTP/1.1 404"));
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_reader_takes_the_rest_of_a_file() -> Test {
+    let (network, _) = with(ConnectionLimits::default()).await;
+    let (path, mut stream) = served(&network, Limits::default()).await;
+    let file = std::fs::read(Blobs::at(network.dir.path()).path(&network.genesis.policy))?;
+    let size = file.len();
+
+    ask(&mut stream, &path, "range: bytes=100000-").await;
+    let said = head(&mut stream).await;
+    assert!(said.starts_with("HTTP/1.1 206"), "{said}");
+    let range = format!("content-range: bytes 100000-{}/{size}", size - 1);
+    assert!(said.contains(&range), "{said}");
+    assert!(said.contains("accept-ranges: bytes"), "{said}");
+    let mut rest = vec![0; size - 100_000];
+    stream.read_exact(&mut rest).await?;
+    assert!(rest == file[100_000..]);
+
+    ask(&mut stream, &path, &format!("range: bytes={size}-")).await;
+    let said = head(&mut stream).await;
+    assert!(said.starts_with("HTTP/1.1 416"), "{said}");
+    let range = format!("content-range: bytes */{size}");
+    assert!(said.contains(&range), "{said}");
+    let why = format!("the file has {size} bytes, and no byte {size}\n");
+    let mut text = vec![0; why.len()];
+    stream.read_exact(&mut text).await?;
+    assert_eq!(String::from_utf8(text)?, why);
+
+    // A tile is a file, too. What changes has no rest.
+    ask(&mut stream, "/tile/entries/000.p/1", "range: bytes=1-").await;
+    let said = head(&mut stream).await;
+    assert!(said.starts_with("HTTP/1.1 206"), "{said}");
+    let length = said.split("content-length: ").nth(1).unwrap();
+    let length = length.split("\r\n").next().unwrap().parse::<usize>()?;
+    let mut tile = vec![0; length];
+    stream.read_exact(&mut tile).await?;
+    let header = "range: bytes=1-\r\nconnection: close";
+    ask(&mut stream, "/checkpoint", header).await;
+    let said = head(&mut stream).await;
+    assert!(said.starts_with("HTTP/1.1 200"), "{said}");
+    Ok(())
+}

@@ -1,0 +1,150 @@
+//! When a reader of a served file asks its server again, and when it gives up.
+//!
+//! | what went wrong | what the reader does |
+//! |---|---|
+//! | the connection broke; status 408, 429, 502 or 504; status 503 with `Retry-After` | asks again with growing waits, of half a minute together |
+//! | status 503 alone: perhaps nothing is published yet | asks twice again, within two seconds |
+//! | less than [`LEAST_BYTES`] came within [`WITHIN`] of waiting | gives up |
+//! | anything else | gives up |
+//!
+//! The waits begin anew when something comes. The third row bounds what a server can do that sends a byte now and then.
+
+use std::time::Duration;
+
+/// How long the reader waits before each try, while nothing comes.
+const WAITS: [Duration; 6] = [
+    Duration::from_millis(500),
+    Duration::from_secs(1),
+    Duration::from_secs(2),
+    Duration::from_secs(4),
+    Duration::from_secs(8),
+    Duration::from_secs(12),
+];
+
+/// How long all waits may be together, if the server asks for longer ones.
+const ALL_WAITS: Duration = Duration::from_secs(29);
+
+/// How often the reader asks again when the server is unavailable and does not say for how long.
+const UNAVAILABLE: usize = 2;
+
+/// So much has to come, or the end of the file, ...
+pub(super) const LEAST_BYTES: u64 = 16 << 20;
+
+/// ... while the reader waits as long as this.
+pub(super) const WITHIN: Duration = Duration::from_secs(600);
+
+/// What went wrong, as far as it matters for the next try.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Failed {
+    /// It may pass. The server may have said when to ask `again`.
+    Passing { again: Option<Duration> },
+    /// The server is unavailable, and does not say for how long.
+    Unavailable,
+    /// It does not pass.
+    ForGood,
+}
+
+/// How much patience is left.
+#[derive(Debug, Default)]
+pub(super) struct Patience {
+    tries: usize,
+    unavailable: usize,
+    waits: Duration,
+    came: u64,
+    took: Duration,
+}
+
+impl Patience {
+    /// How long to wait before the next try; `None` if there is no other.
+    pub fn next_wait(&mut self, failed: Failed) -> Option<Duration> {
+        let step = *WAITS.get(self.tries)?;
+        let wait = match failed {
+            Failed::Passing { again } => step.max(again.unwrap_or_default()),
+            Failed::Unavailable if self.unavailable < UNAVAILABLE => {
+                self.unavailable += 1;
+                step
+            }
+            Failed::Unavailable | Failed::ForGood => return None,
+        };
+        let waits = self.waits.saturating_add(wait);
+        if waits > ALL_WAITS {
+            return None;
+        }
+        self.tries += 1;
+        self.waits = waits;
+        Some(wait)
+    }
+
+    /// Bytes came that the reader did not have: the waits begin anew.
+    pub fn progress(&mut self) {
+        (self.tries, self.unavailable, self.waits) = (0, 0, Duration::ZERO);
+    }
+
+    /// Counts `bytes` that came, and how long the reader waited for them. Returns whether that is fast enough.
+    pub fn keeps_pace(&mut self, bytes: u64, took: Duration) -> bool {
+        self.came = self.came.saturating_add(bytes);
+        self.took = self.took.saturating_add(took);
+        if self.came >= LEAST_BYTES {
+            (self.came, self.took) = (0, Duration::ZERO);
+        }
+        self.took < WITHIN
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::iter::from_fn;
+
+    const BROKEN: Failed = Failed::Passing { again: None };
+
+    fn waits(patience: &mut Patience, failed: Failed) -> Vec<u64> {
+        let waits = from_fn(|| patience.next_wait(failed));
+        waits.map(|wait| wait.as_millis() as u64).collect()
+    }
+
+    #[test]
+    fn the_waits_grow_and_end_and_begin_anew_with_each_progress() {
+        let mut patience = Patience::default();
+        let all = [500, 1000, 2000, 4000, 8000, 12_000];
+        assert_eq!(waits(&mut patience, BROKEN), all);
+        assert!(all.iter().sum::<u64>() < 30_000);
+        patience.progress();
+        assert_eq!(waits(&mut patience, BROKEN), all);
+    }
+
+    #[test]
+    fn a_server_that_publishes_nothing_yet_delays_nobody_for_long() {
+        let mut patience = Patience::default();
+        assert_eq!(waits(&mut patience, Failed::Unavailable), [500, 1000]);
+        // It does not matter what went wrong between.
+        assert_eq!(patience.next_wait(BROKEN), Some(WAITS[2]));
+        assert_eq!(patience.next_wait(Failed::Unavailable), None);
+        assert_eq!(Patience::default().next_wait(Failed::ForGood), None);
+    }
+
+    #[test]
+    fn the_reader_waits_as_long_as_the_server_asks_for_but_not_for_ever() {
+        let asks = |seconds| {
+            let again = Some(Duration::from_secs(seconds));
+            waits(&mut Patience::default(), Failed::Passing { again })
+        };
+        assert_eq!(asks(5), [5000, 5000, 5000, 5000, 8000]);
+        assert!(asks(30).is_empty());
+        assert!(asks(u64::MAX).is_empty());
+    }
+
+    #[test]
+    fn a_server_that_sends_a_byte_now_and_then_is_given_up() {
+        let mut patience = Patience::default();
+        for _ in 0..19 {
+            assert!(patience.keeps_pace(1, Duration::from_secs(30)));
+        }
+        assert!(!patience.keeps_pace(1, Duration::from_secs(30)));
+        // A slow line keeps pace: 16 MiB come in time.
+        let mut patience = Patience::default();
+        for _ in 0..100 {
+            assert!(patience.keeps_pace(LEAST_BYTES, Duration::from_secs(599)));
+        }
+    }
+}
