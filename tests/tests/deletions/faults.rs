@@ -31,7 +31,59 @@ const fn certificate(
     }
 }
 
+/// A check of how an aggregator ends.
+const fn end(
+    check: &'static str,
+    file: &'static str,
+    replacements: &'static [(&'static str, &'static str)],
+    test: &'static str,
+) -> Removal {
+    Removal {
+        package: "zk0-aggregator",
+        target: "connections",
+        ..fault(check, file, replacements, test)
+    }
+}
+
 pub const REMOVALS: &[Removal] = &[
+    end(
+        "an aggregator that ends goes on with its loops, so that none of them keeps the ledger from the last requests",
+        "aggregator/src/serve/service.rs",
+        &[
+            (
+                "        let mut loops = self.loops(asked_for);\n",
+                "        let mut loops = self.loops(asked_for.clone());\n        let rounds = self.rounds(&asked_for);\n        tokio::pin!(rounds);\n",
+            ),
+            (
+                "                _ = stop => {}\n",
+                "                _ = stop => {}\n                error = &mut rounds => failed = Some(error),\n",
+            ),
+            (
+                "        loops.spawn(async move { rounds.rounds(&witnesses).await });\n",
+                "        let _ = (rounds, witnesses);\n",
+            ),
+        ],
+        "requests_in_progress_are_answered_although_the_rounds_want_the_aggregator",
+    ),
+    end(
+        "an aggregator that ends publishes what the last requests have recorded",
+        "aggregator/src/serve/service.rs",
+        &[
+            (
+                "        let mut loops = self.loops(asked_for);\n",
+                "        let mut loops = self.loops(asked_for);\n        let publish = self.publish();\n        tokio::pin!(publish);\n",
+            ),
+            (
+                "                _ = stop => {}\n",
+                "                _ = stop => {}\n                error = &mut publish => failed = Some(error),\n",
+            ),
+            (
+                "        loops.spawn(async move { publish.publish().await });\n",
+                "        let _ = publish;\n",
+            ),
+        ],
+        "requests_in_progress_still_get_receipts_that_witnesses_have_cosigned",
+    ),
     Removal {
         package: "zk0-aggregator",
         target: "served",
