@@ -10,6 +10,7 @@
 //! | how long a peer may be silent in the middle of a stream | [`Limits::silence`] |
 //! | how long an upload and a download may take in all | [`Limits::upload`], [`Limits::download`] |
 //! | how long a message may take | [`Limits::message`] |
+//! | how long those who follow a round, or watch the service's health, are told of changes | [`Limits::watch`] |
 //! | connections, and requests at once on each | [`Limits::connections`], [`crate::serve::limits::CONCURRENT`] |
 //! | files that are sent and received at once | as many as connections; strangers have the share that they have of those |
 //! | memory for messages over 32 KiB | [`Limits::message_memory`] |
@@ -86,6 +87,8 @@ pub struct Service {
     pub(super) stage: Arc<watch::Sender<Option<RoundEntries>>>,
     /// Something was recorded, and a round may be due.
     pub(super) changed: Arc<Notify>,
+    /// Whether the service ends.
+    ending: watch::Sender<bool>,
     publishing: Option<Publishing>,
     /// Where beacons are fetched.
     pub(super) beacons: Arc<BeaconServers>,
@@ -122,6 +125,7 @@ impl Service {
             blob_places: BlobPlaces::default(),
             stage: Arc::new(watch::Sender::new(None)),
             changed: Arc::new(Notify::new()),
+            ending: watch::Sender::new(false),
             publishing: None,
             beacons: Arc::new(BeaconServers::public(BEACON_PATIENCE)),
             uploads: Uploads::default(),
@@ -225,12 +229,14 @@ impl Service {
                 _ = stop => {}
                 Some(ended) = loops.join_next() => failed = Some(why(ended)),
             }
+            self.ending.send_replace(true);
         };
         let grpc = Grpc {
             limits: self.limits,
             largest_message: limit,
             certificate: self.certificate.clone(),
             metrics: self.metrics.clone(),
+            ending: self.ending.subscribe(),
         };
         grpc.serve(listener, Routes::new(federation), stop).await;
         // A loop may have failed while the last requests were answered.
@@ -257,6 +263,12 @@ impl Service {
         loops.spawn(async move { shrink.shrink_cache().await });
         loops.spawn(async move { remove.remove_stored().await });
         loops
+    }
+
+    /// Ready when the service ends. Streams that would go on for long end then, so that the end does not wait for them.
+    pub(super) async fn ended(&self) {
+        let mut ending = self.ending.subscribe();
+        let _ = ending.wait_for(|ending| *ending).await;
     }
 
     /// Refuses to serve without the witness policy that the rules ask for.

@@ -84,6 +84,33 @@ pub const REMOVALS: &[Removal] = &[
         ],
         "requests_in_progress_still_get_receipts_that_witnesses_have_cosigned",
     ),
+    end(
+        "an aggregator that ends waits for nobody who follows a round",
+        "aggregator/src/serve/watching.rs",
+        &[("                () = service.ended() => {}\n", "")],
+        "the_end_waits_for_nobody_who_follows",
+    ),
+    end(
+        "an aggregator that ends waits for nobody who watches its health",
+        "aggregator/src/serve/health.rs",
+        &[(
+            "timeout(longest, ending.wait_for(|ending| *ending)).await;",
+            "timeout(longest, ending.wait_for(|_| false)).await;",
+        )],
+        "the_end_waits_for_nobody_who_follows",
+    ),
+    end(
+        "nobody who is gone watches the health for long",
+        "aggregator/src/serve/health.rs",
+        &[("timeout(longest, ", "timeout(longest.max(Duration::from_secs(3600)), ")],
+        "whoever_follows_has_to_ask_again_after_a_while",
+    ),
+    end(
+        "nobody who is gone follows a round for long",
+        "aggregator/src/serve/watching.rs",
+        &[("                () = sleep(service.limits.watch) => {}\n", "                () = sleep(service.limits.watch * 1000) => {}\n")],
+        "whoever_follows_has_to_ask_again_after_a_while",
+    ),
     Removal {
         package: "zk0-aggregator",
         target: "served",
