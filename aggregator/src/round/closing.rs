@@ -151,7 +151,8 @@ impl Aggregator {
     }
 
     /// Records the end of the open round. If its contributors are not those that the end was computed from, because a node has changed its
-    /// key, nothing is recorded, and the end has to be computed again.
+    /// key, nothing is recorded, and the end has to be computed again. If the clock was set back meanwhile, to before the deadline of a
+    /// submission, the round waits: what still comes in time counts, so that the end is computed again, too.
     pub fn close(&mut self, computed: ComputedClosing) -> Result<Progress, RequestError> {
         let ComputedClosing {
             closing,
@@ -166,14 +167,20 @@ impl Aggregator {
         {
             return Ok(Progress::NeedsClosing(round));
         }
+        // All of the end has one time, by which it is judged.
+        let now = self.now_ms();
+        if !self.state().may_close(now) {
+            return Ok(Progress::Waiting);
+        }
         // What came too late was answered, too.
         closed.unanswered = self.state().unanswered();
         let outcome = closed.evaluated.as_ref().map(|one| one.outcome);
         // An aggregator that was killed between the two entries has recorded the first one.
         if let Some(moments) = closing.moments.filter(|moments| named != Some(*moments)) {
-            self.append(Body::MomentsComputed(MomentsComputed { round, moments }))?;
+            let computed = MomentsComputed { round, moments };
+            self.append_at(now, Body::MomentsComputed(computed))?;
         }
-        self.append(Body::RoundClosed(closed))?;
+        self.append_at(now, Body::RoundClosed(closed))?;
         self.contributions.clear();
         self.lost.clear();
         tracing::info!(round, contributors = contributors.len(), "round closed");

@@ -15,6 +15,7 @@ use std::future::Future;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
+use tokio::sync::watch;
 use tonic::service::Routes;
 use tonic_reflection::server as reflection;
 use zk0_protocol::rpc::health::health_server::HealthServer;
@@ -38,6 +39,8 @@ pub(super) struct Grpc {
     /// If there is one, connections are encrypted.
     pub certificate: Option<Arc<ServerCertificate>>,
     pub metrics: Metrics,
+    /// Whether the service ends.
+    pub ending: watch::Receiver<bool>,
 }
 
 impl Grpc {
@@ -60,12 +63,17 @@ impl Grpc {
             connections,
             message,
             message_memory,
+            watch,
             ..
         } = self.limits;
         let memory = MessageMemory::new(message_memory, self.largest_message)
             .counted_by(self.metrics.message_bytes);
         let requests = Requests::new(&connections, CONCURRENT, memory, message);
-        let mut routes = routes.add_service(HealthServer::new(InOrder));
+        let in_order = InOrder {
+            ending: self.ending,
+            longest: watch,
+        };
+        let mut routes = routes.add_service(HealthServer::new(in_order));
         let reflection =
             reflection::Builder::configure().register_encoded_file_descriptor_set(SERVICES);
         match reflection.build_v1() {

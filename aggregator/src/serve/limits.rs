@@ -19,6 +19,9 @@ pub struct Limits {
     pub download: Duration,
     /// How long one message may take.
     pub message: Duration,
+    /// How long those who follow a round, or watch the service's health, are told of changes before they have to ask again. So nobody who is gone is
+    /// served for longer.
+    pub watch: Duration,
     /// Bytes of large messages that are received or answered at once. One half is for nodes, the other for strangers.
     pub message_memory: u64,
     /// How much the clock of a request's sender may differ from the aggregator's.
@@ -34,6 +37,7 @@ impl Default for Limits {
             // Nodes go on where they were cut. So even 2 GB at 1 Mbit/s arrive, in five requests.
             download: Duration::from_secs(3600),
             message: Duration::from_secs(60),
+            watch: Duration::from_secs(300),
             message_memory: 512 << 20,
             skew: Duration::from_secs(120),
         }

@@ -10,19 +10,20 @@
 //! | how long a peer may be silent in the middle of a stream | [`Limits::silence`] |
 //! | how long an upload and a download may take in all | [`Limits::upload`], [`Limits::download`] |
 //! | how long a message may take | [`Limits::message`] |
+//! | how long those who follow a round, or watch the service's health, are told of changes | [`Limits::watch`] |
 //! | connections, and requests at once on each | [`Limits::connections`], [`crate::serve::limits::CONCURRENT`] |
 //! | files that are sent and received at once | as many as connections; strangers have the share that they have of those |
 //! | memory for messages over 32 KiB | [`Limits::message_memory`] |
 //! | heads of requests that are remembered | 1,024 of a sender, 262,144 in all (`senders`) |
 //!
 //! `grpc` puts the limits of connections and messages into force. [`crate::serve::requests`] answers the requests. This file serves them,
-//! opens and closes the rounds in time, and has checkpoints cosigned and published.
+//! runs the loops that go on beside them until the end, and has checkpoints cosigned and published.
 
 use crate::connections::transfers::Transfers;
 use crate::observe::metrics::Metrics;
 use crate::publish::beacon::BeaconServers;
 use crate::publish::cosigning::{Cosigned, Prove, Witnesses};
-use crate::round::aggregator::{Aggregator, Progress};
+use crate::round::aggregator::Aggregator;
 use crate::round::drawing::ToCosign;
 use crate::round::ledger_index::RoundEntries;
 use crate::round::presence::Presence;
@@ -44,7 +45,7 @@ use std::thread::available_parallelism;
 use std::time::{Duration, Instant};
 use tokio::net::TcpListener;
 use tokio::sync::{watch, Mutex, Notify, Semaphore};
-use tokio::task::spawn_blocking;
+use tokio::task::{spawn_blocking, JoinError, JoinSet};
 use tokio::time::{sleep, timeout};
 use tonic::service::Routes;
 use tracing::{info_span, Instrument, Span};
@@ -60,10 +61,7 @@ const MIN_MESSAGE_BYTES: u64 = 4 << 20;
 const MESSAGE_ROOM_BYTES: u64 = 64 << 10;
 
 /// How often the service looks whether a round is due when nothing happens.
-const TICK: Duration = Duration::from_millis(250);
-
-/// How often something is tried again that the disk does not allow now. Each time large files are read, or the whole ledger.
-const BLOCKED_RETRY: Duration = Duration::from_secs(5);
+pub(super) const TICK: Duration = Duration::from_millis(250);
 
 /// How long a public server of beacons may take to answer.
 const BEACON_PATIENCE: Duration = Duration::from_secs(10);
@@ -88,7 +86,9 @@ pub struct Service {
     /// How far the last round has come, as far as that is published. It is `None` before the first round.
     pub(super) stage: Arc<watch::Sender<Option<RoundEntries>>>,
     /// Something was recorded, and a round may be due.
-    changed: Arc<Notify>,
+    pub(super) changed: Arc<Notify>,
+    /// Whether the service ends.
+    ending: watch::Sender<bool>,
     publishing: Option<Publishing>,
     /// Where beacons are fetched.
     pub(super) beacons: Arc<BeaconServers>,
@@ -125,6 +125,7 @@ impl Service {
             blob_places: BlobPlaces::default(),
             stage: Arc::new(watch::Sender::new(None)),
             changed: Arc::new(Notify::new()),
+            ending: watch::Sender::new(false),
             publishing: None,
             beacons: Arc::new(BeaconServers::public(BEACON_PATIENCE)),
             uploads: Uploads::default(),
@@ -221,30 +222,53 @@ impl Service {
             .saturating_add(MESSAGE_ROOM_BYTES);
         let federation =
             FederationServer::new(self.clone()).max_decoding_message_size(limit as usize);
-        let (rounds, publish) = (self.rounds(&asked_for), self.publish());
-        let (shrink, remove) = (self.shrink_cache(), self.remove_stored());
-        tokio::pin!(rounds, publish, shrink, remove);
+        let mut loops = self.loops(asked_for);
         let mut failed = None;
         let stop = async {
             tokio::select! {
                 _ = stop => {}
-                error = &mut rounds => failed = Some(error),
-                error = &mut publish => failed = Some(error),
-                error = &mut shrink => failed = Some(error),
-                error = &mut remove => failed = Some(error),
+                Some(ended) = loops.join_next() => failed = Some(why(ended)),
             }
+            self.ending.send_replace(true);
         };
         let grpc = Grpc {
             limits: self.limits,
             largest_message: limit,
             certificate: self.certificate.clone(),
             metrics: self.metrics.clone(),
+            ending: self.ending.subscribe(),
         };
         grpc.serve(listener, Routes::new(federation), stop).await;
+        // A loop may have failed while the last requests were answered.
+        let failed = failed.or_else(|| loops.try_join_next().map(why));
+        loops.shutdown().await;
         match failed {
             Some(error) => Err(ServeError::Round(error)),
             None => Ok(()),
         }
+    }
+
+    /// Starts what the service does by itself. Each loop ends only when it cannot go on. The loops go on while the last requests are answered, because
+    /// a request may wait until its checkpoint is published. Each is a task of its own: as a future that nobody polls at the end, it could have
+    /// the aggregator, and no request would get it.
+    ///
+    /// A task may be aborted wherever it waits. What it writes, it writes in [`blocking`], which goes on without it. What it had yet to do is done
+    /// after the next start, as if the process had been killed.
+    fn loops(&self, witnesses: String) -> JoinSet<RequestError> {
+        let mut loops = JoinSet::new();
+        let (rounds, publish) = (self.clone(), self.clone());
+        let (shrink, remove) = (self.clone(), self.clone());
+        loops.spawn(async move { rounds.rounds(&witnesses).await });
+        loops.spawn(async move { publish.publish().await });
+        loops.spawn(async move { shrink.shrink_cache().await });
+        loops.spawn(async move { remove.remove_stored().await });
+        loops
+    }
+
+    /// Ready when the service ends. Streams that would go on for long end then, so that the end does not wait for them.
+    pub(super) async fn ended(&self) {
+        let mut ending = self.ending.subscribe();
+        let _ = ending.wait_for(|ending| *ending).await;
     }
 
     /// Refuses to serve without the witness policy that the rules ask for.
@@ -257,81 +281,6 @@ impl Service {
                 asked_for: asked_for.into(),
                 used: used.map(Into::into),
             }),
-        }
-    }
-
-    /// Opens and closes rounds in time, and does whatever else is due. Returns only when that fails, or when the rules come to ask
-    /// for another witness policy than `witnesses`.
-    async fn rounds(&self, witnesses: &str) -> RequestError {
-        let mut said = None;
-        loop {
-            let witnesses = witnesses.to_owned();
-            let step = async {
-                let progress = self.step().await?;
-                self.note_stage().await?;
-                self.with(
-                    move |aggregator| match aggregator.state().rules().witness_policy == witnesses {
-                        _ if aggregator.ledger().has_failed() => Err(LedgerError::Poisoned.into()),
-                        true => Ok(progress),
-                        false => Err(RequestError::Internal(
-                            "the rules have a new witness policy: start the aggregator again with it"
-                                .into(),
-                        )),
-                    },
-                )
-                .await
-            };
-            match step.await {
-                Err(error) => return error,
-                Ok(Progress::NeedsBeacon(awaited)) => match self.fetch_beacon(awaited).await {
-                    Ok(None) => said = None,
-                    Ok(Some(why)) => {
-                        // It is asked for again and again, so the log says the same reason once.
-                        if said.as_ref() != Some(&why) {
-                            let every = self.beacons.retry();
-                            tracing::warn!("{why}; the servers are asked again every {every:?}");
-                            said = Some(why);
-                        }
-                        sleep(self.beacons.retry()).await;
-                    }
-                    Err(error) => return error,
-                },
-                Ok(
-                    Progress::Opened(_)
-                    | Progress::CommitmentsClosed(_)
-                    | Progress::Drawn(_)
-                    | Progress::Closed(_)
-                    | Progress::Settled(_)
-                    | Progress::Resolved(_),
-                ) => said = None,
-                Ok(Progress::WrongClock(error)) => {
-                    // By the clock that jumped the text is another one each time, so the kind of the message counts.
-                    let kind = Some("the clock is wrong".to_owned());
-                    if said != kind {
-                        tracing::error!("{error}; this is tried again every {BLOCKED_RETRY:?}");
-                        said = kind;
-                    }
-                    sleep(BLOCKED_RETRY).await;
-                }
-                Ok(Progress::Blocked(why)) => {
-                    // It stays blocked for long, so the log says it once.
-                    if said.as_ref() != Some(&why) {
-                        tracing::error!("{why}; this is tried again every {BLOCKED_RETRY:?}");
-                        said = Some(why);
-                    }
-                    sleep(BLOCKED_RETRY).await;
-                }
-                Ok(Progress::Waiting | Progress::Finished) => {
-                    let _ = timeout(TICK, self.changed.notified()).await;
-                }
-                // What the last step computed is out of date, or what it lacked is here now.
-                Ok(
-                    Progress::NeedsVerdict(_)
-                    | Progress::NeedsClosing(_)
-                    | Progress::NeedsBlobs(_)
-                    | Progress::NeedsSamples(_),
-                ) => {}
-            }
         }
     }
 
@@ -455,6 +404,11 @@ impl Service {
         })
         .await
     }
+}
+
+/// Why a loop has ended.
+fn why(ended: Result<RequestError, JoinError>) -> RequestError {
+    ended.unwrap_or_else(|panic| RequestError::Internal(panic.to_string()))
 }
 
 /// Runs `work` away from the threads that serve the network.

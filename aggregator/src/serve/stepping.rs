@@ -1,12 +1,93 @@
-//! One step of the rounds. What takes long, or waits for somebody else, is done away from the aggregator.
+//! The rounds, one step after the other. What takes long, or waits for somebody else, is done away from the aggregator.
 
 use crate::round::aggregator::{Aggregator, Progress};
 use crate::round::request::RequestError;
-use crate::serve::service::{blocking, Service};
+use crate::serve::service::{blocking, Service, TICK};
 use futures_core::future::BoxFuture;
+use std::time::Duration;
+use tokio::time::{sleep, timeout};
 use tracing::{info_span, instrument, Instrument};
+use zk0_ledger::error::LedgerError;
+
+/// How often something is tried again that the disk does not allow now. Each time large files are read, or the whole ledger.
+const BLOCKED_RETRY: Duration = Duration::from_secs(5);
 
 impl Service {
+    /// Opens and closes rounds in time, and does whatever else is due. Returns only when that fails, or when the rules come to ask
+    /// for another witness policy than `witnesses`.
+    pub(super) async fn rounds(&self, witnesses: &str) -> RequestError {
+        let mut said = None;
+        loop {
+            let witnesses = witnesses.to_owned();
+            let step = async {
+                let progress = self.step().await?;
+                self.note_stage().await?;
+                self.with(
+                    move |aggregator| match aggregator.state().rules().witness_policy == witnesses {
+                        _ if aggregator.ledger().has_failed() => Err(LedgerError::Poisoned.into()),
+                        true => Ok(progress),
+                        false => Err(RequestError::Internal(
+                            "the rules have a new witness policy: start the aggregator again with it"
+                                .into(),
+                        )),
+                    },
+                )
+                .await
+            };
+            match step.await {
+                Err(error) => return error,
+                Ok(Progress::NeedsBeacon(awaited)) => match self.fetch_beacon(awaited).await {
+                    Ok(None) => said = None,
+                    Ok(Some(why)) => {
+                        // It is asked for again and again, so the log says the same reason once.
+                        if said.as_ref() != Some(&why) {
+                            let every = self.beacons.retry();
+                            tracing::warn!("{why}; the servers are asked again every {every:?}");
+                            said = Some(why);
+                        }
+                        sleep(self.beacons.retry()).await;
+                    }
+                    Err(error) => return error,
+                },
+                Ok(
+                    Progress::Opened(_)
+                    | Progress::CommitmentsClosed(_)
+                    | Progress::Drawn(_)
+                    | Progress::Closed(_)
+                    | Progress::Settled(_)
+                    | Progress::Resolved(_),
+                ) => said = None,
+                Ok(Progress::WrongClock(error)) => {
+                    // By the clock that jumped the text is another one each time, so the kind of the message counts.
+                    let kind = Some("the clock is wrong".to_owned());
+                    if said != kind {
+                        tracing::error!("{error}; this is tried again every {BLOCKED_RETRY:?}");
+                        said = kind;
+                    }
+                    sleep(BLOCKED_RETRY).await;
+                }
+                Ok(Progress::Blocked(why)) => {
+                    // It stays blocked for long, so the log says it once.
+                    if said.as_ref() != Some(&why) {
+                        tracing::error!("{why}; this is tried again every {BLOCKED_RETRY:?}");
+                        said = Some(why);
+                    }
+                    sleep(BLOCKED_RETRY).await;
+                }
+                Ok(Progress::Waiting | Progress::Finished) => {
+                    let _ = timeout(TICK, self.changed.notified()).await;
+                }
+                // What the last step computed is out of date, or what it lacked is here now.
+                Ok(
+                    Progress::NeedsVerdict(_)
+                    | Progress::NeedsClosing(_)
+                    | Progress::NeedsBlobs(_)
+                    | Progress::NeedsSamples(_),
+                ) => {}
+            }
+        }
+    }
+
     /// Takes the rounds one step further, as [`Aggregator::step`] does. What takes long is done away from the aggregator. The future is boxed, so that a
     /// crate that awaits it does not compile the steps anew.
     pub fn step(&self) -> BoxFuture<'_, Result<Progress, RequestError>> {

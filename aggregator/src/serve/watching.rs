@@ -5,16 +5,12 @@ use crate::round::presence::Following;
 use crate::round::request::RequestError;
 use crate::serve::requests::encode;
 use crate::serve::service::Service;
-use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio::time::{sleep, timeout};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::Status;
 use zk0_circuits::NodeId;
 use zk0_protocol::rpc::federation::RoundInfo;
-
-/// How long a node is told of changes before it has to ask again. So nobody who is gone is served for longer.
-const WATCH: Duration = Duration::from_secs(300);
 
 impl Service {
     /// Tells those who follow a round if it has come further.
@@ -58,7 +54,10 @@ impl Service {
         })
     }
 
-    /// A round, or the last one, now and whenever it has come further, for [`WATCH`] at most. Whoever is `present` is so for as long.
+    /// A round, or the last one, now and whenever it has come further, until the service ends, and for [`Limits::watch`] at most. Whoever is
+    /// `present` is so for as long.
+    ///
+    /// [`Limits::watch`]: crate::serve::limits::Limits::watch
     pub(super) fn watched_round(
         &self,
         round: Option<u64>,
@@ -71,8 +70,9 @@ impl Service {
             let following = service.follow(round, node, &sender);
             tokio::select! {
                 () = following => {}
-                () = sleep(WATCH) => {}
+                () = sleep(service.limits.watch) => {}
                 () = sender.closed() => {}
+                () = service.ended() => {}
             }
             drop(present);
         });

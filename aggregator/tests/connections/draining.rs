@@ -1,12 +1,13 @@
 //! The end of a server takes a bounded time, and loses nothing that was acknowledged.
 
+use crate::harness::witnesses::three;
 use crate::sockets::speaking;
 use crate::{harness::*, registration, with, Test};
 use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
-use tokio::time::sleep;
+use tokio::time::{sleep, timeout};
 use tokio_stream::wrappers::ReceiverStream;
-use zk0_aggregator::ConnectionLimits;
+use zk0_aggregator::{Aggregator, ConnectionLimits};
 use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
@@ -68,4 +69,65 @@ async fn a_server_with_idle_connections_ends_at_once() -> Test {
         .await
         .is_err());
     Ok(())
+}
+
+/// Far more than an end takes that waits for nobody, and far less than [`LONG_DRAIN`].
+const SOON: Duration = Duration::from_secs(20);
+
+/// So long that a server cuts nobody within the time of a test.
+const LONG_DRAIN: Duration = Duration::from_secs(60);
+
+/// A network whose requests have [`LONG_DRAIN`] to end.
+async fn with_a_long_drain() -> (Network, [Node; 2]) {
+    with(ConnectionLimits {
+        drain: LONG_DRAIN,
+        ..ConnectionLimits::default()
+    })
+    .await
+}
+
+/// Tells the server to end while somebody has the aggregator. The rounds wait for it, and behind them two requests. Both have to be answered.
+async fn end_with_requests_behind_the_rounds(network: &mut Network, node: &Node) -> Test {
+    let (let_go, held) = std::sync::mpsc::channel::<()>();
+    let hold = move |_: &mut Aggregator| {
+        // This is ready when the other end is dropped.
+        let _ = held.recv();
+        Ok(())
+    };
+    let service = network.service().clone();
+    let holding = tokio::spawn(async move { service.with(hold).await });
+    // The rounds look four times a second whether something is due.
+    sleep(Duration::from_millis(600)).await;
+    let mut client = network.client().await;
+    let request = registration(network, node);
+    let registering = tokio::spawn(async move { client.register_dataset(request).await });
+    let mut client = network.client().await;
+    let asking = tokio::spawn(async move { client.get_network(proto::GetNetworkRequest {}).await });
+    sleep(Duration::from_millis(300)).await;
+    let let_go = async move {
+        sleep(Duration::from_millis(300)).await;
+        drop(let_go);
+    };
+    timeout(SOON, async { tokio::join!(network.stop(), let_go) }).await?;
+    holding.await??;
+    asking.await??;
+    registering.await??;
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn requests_in_progress_are_answered_although_the_rounds_want_the_aggregator() -> Test {
+    let (mut network, [node, _]) = with_a_long_drain().await;
+    end_with_requests_behind_the_rounds(&mut network, &node).await
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn requests_in_progress_still_get_receipts_that_witnesses_have_cosigned() -> Test {
+    let (mut network, [node, other]) = with_a_long_drain().await;
+    let (_witnesses, policy) = three().await;
+    network.policy = Some(policy);
+    network.restart().await;
+    // From now on something is published.
+    other.register(&network).await?;
+    end_with_requests_behind_the_rounds(&mut network, &node).await
 }

@@ -8,6 +8,7 @@ mod downloads;
 mod draining;
 mod encrypted_log;
 mod evicting;
+mod following;
 mod idle;
 mod log_files;
 mod memory;

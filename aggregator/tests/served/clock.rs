@@ -1,8 +1,9 @@
-//! An aggregator whose clock is set forward records nothing by it, until its operator starts it again.
+//! An aggregator whose clock is set forward records nothing by it, until its operator starts it again. A small step back ends nothing.
 
 use crate::harness::*;
 use std::fmt::{Debug, Display};
 use std::sync::Arc;
+use zk0_aggregator::round::request::RequestError;
 use zk0_aggregator::{Aggregator, Config, Progress};
 use zk0_circuits::NodeId;
 
@@ -48,4 +49,30 @@ fn a_clock_set_forward_opens_no_round_and_ends_none() {
     let now = ManualClock::at(START_MS + 366 * 24 * 3_600_000);
     let mut aggregator = open(now).unwrap();
     aggregator.enrol(id(2), "two".into()).unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_round_waits_when_the_clock_steps_back_while_its_end_is_computed() {
+    let (network, first, second) = open_round().await;
+    both_committed(&network, &first, &second).await;
+    network.drawn().await;
+    let clock = network.clock.clone();
+    // The aggregator is held all the time, so that the rounds of the service close nothing meanwhile.
+    let close = move |aggregator: &mut Aggregator| {
+        let round = aggregator.state().round().unwrap();
+        let deadline_ms = round.randomness.as_ref().unwrap().submit_deadline_ms;
+        clock.advance(deadline_ms + 1 - aggregator.now_ms());
+        assert_eq!(aggregator.step()?, Progress::NeedsClosing(0));
+        let computed = aggregator.to_close().compute()?.unwrap();
+        clock.jump(-1_000);
+        let entries = aggregator.state().entries();
+        assert_eq!(aggregator.close(computed)?, Progress::Waiting);
+        assert_eq!(aggregator.state().entries(), entries);
+        Ok::<_, RequestError>(())
+    };
+    network.service().with(close).await.unwrap();
+    assert!(network.round(Some(0)).await.closed.is_none());
+    network.clock.jump(1_000);
+    network.settle().await;
+    assert!(network.round(Some(0)).await.closed.is_some());
 }

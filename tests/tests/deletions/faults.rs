@@ -31,7 +31,96 @@ const fn certificate(
     }
 }
 
+/// A check of how an aggregator ends.
+const fn end(
+    check: &'static str,
+    file: &'static str,
+    replacements: &'static [(&'static str, &'static str)],
+    test: &'static str,
+) -> Removal {
+    Removal {
+        package: "zk0-aggregator",
+        target: "connections",
+        ..fault(check, file, replacements, test)
+    }
+}
+
 pub const REMOVALS: &[Removal] = &[
+    end(
+        "an aggregator that ends goes on with its loops, so that none of them keeps the ledger from the last requests",
+        "aggregator/src/serve/service.rs",
+        &[
+            (
+                "        let mut loops = self.loops(asked_for);\n",
+                "        let mut loops = self.loops(asked_for.clone());\n        let rounds = self.rounds(&asked_for);\n        tokio::pin!(rounds);\n",
+            ),
+            (
+                "                _ = stop => {}\n",
+                "                _ = stop => {}\n                error = &mut rounds => failed = Some(error),\n",
+            ),
+            (
+                "        loops.spawn(async move { rounds.rounds(&witnesses).await });\n",
+                "        let _ = (rounds, witnesses);\n",
+            ),
+        ],
+        "requests_in_progress_are_answered_although_the_rounds_want_the_aggregator",
+    ),
+    end(
+        "an aggregator that ends publishes what the last requests have recorded",
+        "aggregator/src/serve/service.rs",
+        &[
+            (
+                "        let mut loops = self.loops(asked_for);\n",
+                "        let mut loops = self.loops(asked_for);\n        let publish = self.publish();\n        tokio::pin!(publish);\n",
+            ),
+            (
+                "                _ = stop => {}\n",
+                "                _ = stop => {}\n                error = &mut publish => failed = Some(error),\n",
+            ),
+            (
+                "        loops.spawn(async move { publish.publish().await });\n",
+                "        let _ = publish;\n",
+            ),
+        ],
+        "requests_in_progress_still_get_receipts_that_witnesses_have_cosigned",
+    ),
+    end(
+        "an aggregator that ends waits for nobody who follows a round",
+        "aggregator/src/serve/watching.rs",
+        &[("                () = service.ended() => {}\n", "")],
+        "the_end_waits_for_nobody_who_follows",
+    ),
+    end(
+        "an aggregator that ends waits for nobody who watches its health",
+        "aggregator/src/serve/health.rs",
+        &[(
+            "timeout(longest, ending.wait_for(|ending| *ending)).await;",
+            "timeout(longest, ending.wait_for(|_| false)).await;",
+        )],
+        "the_end_waits_for_nobody_who_follows",
+    ),
+    end(
+        "nobody who is gone watches the health for long",
+        "aggregator/src/serve/health.rs",
+        &[("timeout(longest, ", "timeout(longest.max(Duration::from_secs(3600)), ")],
+        "whoever_follows_has_to_ask_again_after_a_while",
+    ),
+    end(
+        "nobody who is gone follows a round for long",
+        "aggregator/src/serve/watching.rs",
+        &[("                () = sleep(service.limits.watch) => {}\n", "                () = sleep(service.limits.watch * 1000) => {}\n")],
+        "whoever_follows_has_to_ask_again_after_a_while",
+    ),
+    Removal {
+        package: "zk0-aggregator",
+        target: "served",
+        ..fault(
+            "a clock that steps back while a round closes does not end the aggregator",
+            "aggregator/src/round/closing.rs",
+            &[("if !self.state().may_close(now) {", "if false {")],
+            "a_round_waits_when_the_clock_steps_back_while_its_end_is_computed",
+        )
+    },
     fault(
         "a client asks over a silent connection whether anybody is there",
         "tls/src/service_address.rs",
