@@ -329,7 +329,7 @@ fn a_network_is_not_founded_on_other_bytes_than_its_genesis_names() -> Test {
         Ok(blob_digest(POLICY).0)
     };
     let founding = founding(genesis());
-    let founded = founding.found(dir.path(), log_key(), &clock, 1 << 20, other_policy);
+    let founded = founding.found(dir.path(), log_key(), &*clock, 1 << 20, other_policy);
     let error = founded.err().ok_or("founded")?.to_string();
     assert!(error.contains("SHA-256"), "{error}");
 
