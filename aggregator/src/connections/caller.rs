@@ -63,6 +63,11 @@ impl Caller {
         self.places.keep(self.number, node);
     }
 
+    /// The turn for large messages of the node whose connection this is. `None` if it is a stranger's.
+    pub(super) fn turn_of_node(&self) -> Option<Arc<Semaphore>> {
+        self.places.turn_of_node(self.number)
+    }
+
     /// Whether no node has shown on this connection who it is.
     pub fn is_stranger(&self) -> bool {
         self.places.node(self.number).is_none()

@@ -3,7 +3,7 @@
 //! | whose message | where its bytes come from |
 //! |---|---|
 //! | anybody's, of at most [`SMALL_BYTES`] | nowhere: the number of requests in progress bounds them |
-//! | a node's | the half for nodes |
+//! | a node's | the half for nodes, one message at a time for each node, over all its connections |
 //! | a stranger's | the half for strangers, one message at a time for each address but this machine's own |
 
 use crate::connections::caller::Caller;
@@ -30,7 +30,7 @@ pub(crate) struct MessageMemory {
 /// The memory of a message, until it is dropped.
 pub(crate) struct Reserved {
     _bytes: OwnedSemaphorePermit,
-    _turn: Option<OwnedSemaphorePermit>,
+    _turn: OwnedSemaphorePermit,
     _counted: CountedBytes,
 }
 
@@ -82,13 +82,12 @@ impl MessageMemory {
     /// Waits until there is room for a large message of this caller. `None` if there never is.
     pub async fn reserve(self, caller: Caller, bytes: u64) -> Option<Reserved> {
         let units = u32::try_from(bytes.div_ceil(UNIT_BYTES)).ok()?;
-        let (memory, turn) = match caller.is_stranger() {
-            true => (
-                self.strangers,
-                Some(caller.large.acquire_owned().await.ok()?),
-            ),
-            false => (self.nodes, None),
+        let (memory, turn) = match caller.turn_of_node() {
+            Some(turn) => (self.nodes, turn),
+            None => (self.strangers, caller.large),
         };
+        // Who waits for its turn holds no memory.
+        let turn = turn.acquire_owned().await.ok()?;
         Some(Reserved {
             _bytes: memory.acquire_many_owned(units).await.ok()?,
             _turn: turn,

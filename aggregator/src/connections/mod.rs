@@ -2,7 +2,7 @@
 //!
 //! - [`limits`]: how many connections there may be, and how long they may last without a request.
 //! - [`places`]: who holds a place. A connection is a stranger's until a node has shown on it who it is. A stranger's place goes to
-//!   whoever comes while all are taken; a node keeps its place.
+//!   whoever comes while all are taken; a node keeps its place. [`crowds`]: which stranger makes room.
 //! - [`caller`]: the connection that a request came on, as its handler sees it; a handler names the [`caller::Author`] of a request.
 //! - [`serving`]: accepts connections, closes those that are late or idle, and drains them at the end; [`stream`]: the bytes of one;
 //!   [`windows`]: how many of them may come before the service takes them.
@@ -13,6 +13,7 @@
 
 pub(crate) mod answer_body;
 pub(crate) mod caller;
+mod crowds;
 pub mod limits;
 mod message_body;
 pub(crate) mod message_memory;

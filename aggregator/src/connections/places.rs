@@ -1,10 +1,11 @@
-//! Who holds a place among a server's connections. While all places are taken, the stranger's connection that has been idle longest makes
-//! room for a new one. Connections with requests in progress come last. A node's place is never taken away.
+//! Who holds a place among a server's connections. While all places are taken, a stranger's connection makes room for a new one:
+//! [`crate::connections::crowds`] says which. A node's place is never taken away.
 
+use crate::connections::crowds::{makes_room, Stranger};
 use crate::connections::limits::{ConnectionLimits, PLACES_PER_NODE};
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use tokio::sync::{Notify, Semaphore};
 use tokio::time::Instant;
 use zk0_circuits::NodeId;
@@ -43,6 +44,8 @@ pub(crate) struct Places {
 struct Held {
     next: u64,
     places: BTreeMap<u64, Place>,
+    /// For the large messages of each node. It is here as long as somebody waits for it, or has it.
+    turns: BTreeMap<NodeId, Weak<Semaphore>>,
 }
 
 /// What is known of a connection.
@@ -52,6 +55,7 @@ struct Place {
     /// Whose place it is, if a node keeps it.
     node: Option<NodeId>,
     requests: usize,
+    came: Instant,
     /// When the connection came, or a request last began or ended.
     active: Instant,
     evicted: Arc<Notify>,
@@ -77,39 +81,14 @@ impl Places {
 
     /// Takes a place for a connection from `address`. Another connection may have to make room.
     pub fn enter(self: &Arc<Self>, address: IpAddr) -> Result<Seat, NoPlace> {
-        let from = counted(address);
-        let mut held = self.held();
-        let neighbours = held.places.values().filter(|place| place.from == from);
-        let large = neighbours.clone().next().map(|place| place.large.clone());
-        let (most, here) = (self.limits.per_address, is_here(address));
-        if !here && neighbours.count() >= most && !held.evict(|place| place.from == from) {
-            return Err(NoPlace::OfAddress { address, most });
-        }
-        let most = self.limits.most;
-        if held.places.len() >= most && !held.evict(|_| true) {
-            return Err(NoPlace::AtAll { most });
-        }
-        let place = Place {
-            from,
-            node: None,
-            requests: 0,
-            active: Instant::now(),
-            evicted: Arc::new(Notify::new()),
-            large: large.unwrap_or_else(|| {
-                let at_once = if here { Semaphore::MAX_PERMITS } else { 1 };
-                Arc::new(Semaphore::new(at_once))
-            }),
-        };
-        let number = held.next;
-        held.next += 1;
-        let seat = Seat {
+        let place = self.held().enter(&self.limits, address, Instant::now())?;
+        let (number, evicted, large) = place;
+        Ok(Seat {
             number,
             places: self.clone(),
-            large: place.large.clone(),
-            evicted: place.evicted.clone(),
-        };
-        held.places.insert(number, place);
-        Ok(seat)
+            large,
+            evicted,
+        })
     }
 
     /// The connection `number` is this node's from now on, unless nodes hold as many places as they can. Returns whether it is.
@@ -139,6 +118,14 @@ impl Places {
     /// Whose place the connection `number` has.
     pub fn node(&self, number: u64) -> Option<NodeId> {
         self.held().places.get(&number)?.node
+    }
+
+    /// The turn for large messages of the node whose place the connection `number` has. A node has one, whatever connections it has: what it
+    /// has reserved counts to it although the connection becomes a stranger's meanwhile.
+    pub fn turn_of_node(&self, number: u64) -> Option<Arc<Semaphore>> {
+        let mut held = self.held();
+        let node = held.places.get(&number)?.node?;
+        Some(held.turn_of(node))
     }
 
     /// How many connections there are now.
@@ -191,6 +178,45 @@ impl Places {
 }
 
 impl Held {
+    /// Takes a place for a connection that comes from `address` at `now`. Returns its number, what tells it that it has to make room, and
+    /// the turn for large messages of strangers at this address.
+    fn enter(
+        &mut self,
+        limits: &ConnectionLimits,
+        address: IpAddr,
+        now: Instant,
+    ) -> Result<(u64, Arc<Notify>, Arc<Semaphore>), NoPlace> {
+        let from = counted(address);
+        let neighbours = self.places.values().filter(|place| place.from == from);
+        let large = neighbours.clone().next().map(|place| place.large.clone());
+        let (most, here) = (limits.per_address, is_here(address));
+        let crowded = !here && neighbours.count() >= most;
+        if crowded && !self.evict(from, now, |place| place.from == from) {
+            return Err(NoPlace::OfAddress { address, most });
+        }
+        let most = limits.most;
+        if self.places.len() >= most && !self.evict(from, now, |_| true) {
+            return Err(NoPlace::AtAll { most });
+        }
+        let large = large.unwrap_or_else(|| {
+            let at_once = if here { Semaphore::MAX_PERMITS } else { 1 };
+            Arc::new(Semaphore::new(at_once))
+        });
+        let (number, evicted) = (self.next, Arc::new(Notify::new()));
+        self.next += 1;
+        let place = Place {
+            from,
+            node: None,
+            requests: 0,
+            came: now,
+            active: now,
+            evicted: evicted.clone(),
+            large: large.clone(),
+        };
+        self.places.insert(number, place);
+        Ok((number, evicted, large))
+    }
+
     /// Of these connections, the one that has been idle longest.
     fn idlest(&self, among: impl Fn(&Place) -> bool) -> Option<u64> {
         let places = self.places.iter().filter(|(_, place)| among(place));
@@ -198,9 +224,18 @@ impl Held {
         idlest.map(|(number, _)| *number)
     }
 
-    /// Takes the place of the stranger among these connections that has been idle longest. Returns whether there was one.
-    fn evict(&mut self, among: impl Fn(&Place) -> bool) -> bool {
-        let evicted = self.idlest(|place| place.node.is_none() && among(place));
+    /// Takes the place of a stranger among these connections, for one that comes from `newcomer`. Returns whether there was one.
+    fn evict(&mut self, newcomer: IpAddr, now: Instant, among: impl Fn(&Place) -> bool) -> bool {
+        let places = self.places.iter();
+        let places = places.filter(|(_, place)| place.node.is_none() && among(place));
+        let strangers = places.map(|(number, place)| Stranger {
+            number: *number,
+            from: place.from,
+            came: place.came,
+            requests: place.requests,
+            active: place.active,
+        });
+        let evicted = makes_room(strangers.collect(), newcomer, now);
         match evicted.and_then(|number| self.places.remove(&number)) {
             Some(place) => {
                 place.evicted.notify_one();
@@ -208,6 +243,17 @@ impl Held {
             }
             None => false,
         }
+    }
+
+    /// The turn of this node for its large messages.
+    fn turn_of(&mut self, node: NodeId) -> Arc<Semaphore> {
+        if let Some(turn) = self.turns.get(&node).and_then(Weak::upgrade) {
+            return turn;
+        }
+        self.turns.retain(|_, turn| turn.strong_count() > 0);
+        let turn = Arc::new(Semaphore::new(1));
+        self.turns.insert(node, Arc::downgrade(&turn));
+        turn
     }
 }
 
@@ -271,25 +317,88 @@ mod tests {
         seat.places.held().places.contains_key(&seat.number)
     }
 
-    #[tokio::test]
-    async fn the_stranger_that_has_been_idle_longest_makes_room() {
-        let places = places(3, 16);
-        let (first, second, third) = (
-            enter(&places, 1).await,
-            enter(&places, 2).await,
-            enter(&places, 3).await,
-        );
+    #[test]
+    fn the_stranger_that_has_been_idle_longest_makes_room() {
+        let limits = ConnectionLimits {
+            most: 3,
+            ..ConnectionLimits::default()
+        };
+        let (mut held, start) = (Held::default(), Instant::now());
+        let at = |seconds| start + Duration::from_secs(seconds);
+        let enter = |held: &mut Held, last, seconds| {
+            let entered = held.enter(&limits, from(last), at(seconds));
+            entered.unwrap().0
+        };
+        let [first, second, third] = [1, 2, 3].map(|last| enter(&mut held, last, last.into()));
         // The first has asked something since.
-        sleep(Duration::from_millis(2)).await;
-        places.begin(first.number);
-        places.end(first.number);
-        let _fourth = enter(&places, 4).await;
-        assert_eq!([&first, &second, &third].map(is_in), [true, false, true]);
-        second.evicted().await;
+        held.places
+            .entry(first)
+            .and_modify(|place| place.active = at(10));
+        let fourth = enter(&mut held, 4, 20);
+        let there: Vec<_> = held.places.keys().copied().collect();
+        assert_eq!(there, [first, third, fourth], "{second} made room");
         // A request in progress keeps its connection, if others are idle.
-        places.begin(third.number);
-        let _fifth = enter(&places, 5).await;
-        assert_eq!([&first, &third].map(is_in), [false, true]);
+        held.places
+            .entry(third)
+            .and_modify(|place| place.requests = 1);
+        let fifth = enter(&mut held, 5, 40);
+        let there: Vec<_> = held.places.keys().copied().collect();
+        assert_eq!(there, [third, fourth, fifth], "{first} made room");
+    }
+
+    #[tokio::test]
+    async fn whoever_makes_room_is_told() {
+        let places = places(1, 16);
+        let first = enter(&places, 1).await;
+        let _second = enter(&places, 2).await;
+        assert!(!is_in(&first));
+        first.evicted().await;
+    }
+
+    #[test]
+    fn an_address_with_all_its_connections_takes_no_place_of_others() {
+        let limits = ConnectionLimits {
+            most: 17,
+            ..ConnectionLimits::default()
+        };
+        let (mut held, start) = (Held::default(), Instant::now());
+        let (honest, ..) = held.enter(&limits, from(1), start).unwrap();
+        let later = start + Duration::from_secs(20);
+        let attacker = IpAddr::from([198, 51, 100, 1]);
+        let neighbour = IpAddr::from([198, 51, 100, 2]);
+        for at in 0..100 {
+            let address = if at % 2 == 0 { attacker } else { neighbour };
+            let (number, ..) = held.enter(&limits, address, later).unwrap();
+            held.places
+                .entry(number)
+                .and_modify(|place| place.requests = 1);
+        }
+        assert!(held.places.contains_key(&honest));
+        assert_eq!(held.places.len(), limits.most);
+    }
+
+    #[tokio::test]
+    async fn a_node_has_one_turn_for_all_its_connections() {
+        let places = places(16, 16);
+        let (first, second) = (enter(&places, 1).await, enter(&places, 2).await);
+        let third = enter(&places, 3).await;
+        assert!(places.turn_of_node(first.number).is_none());
+        for (seat, node) in [(&first, 1), (&second, 1), (&third, 2)] {
+            assert!(places.keep(seat.number, NodeId([node; 32])));
+        }
+        let turns = [&first, &second, &third].map(|seat| places.turn_of_node(seat.number).unwrap());
+        assert!(Arc::ptr_eq(&turns[0], &turns[1]) && !Arc::ptr_eq(&turns[0], &turns[2]));
+        let had = turns[0].clone().try_acquire_owned();
+        // The connection is a stranger's from now on, and what it has counts to the node.
+        let fourth = enter(&places, 4).await;
+        assert!(places.keep(fourth.number, NODE));
+        assert!(places.turn_of_node(first.number).is_none());
+        let turn = places.turn_of_node(fourth.number).unwrap();
+        assert!(turn.clone().try_acquire_owned().is_err());
+        drop((had, turn, turns));
+        // Nobody has a turn, so no node is remembered but the one that asks.
+        assert!(places.turn_of_node(third.number).is_some());
+        assert_eq!(places.held().turns.len(), 1);
     }
 
     #[tokio::test]

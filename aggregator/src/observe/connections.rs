@@ -17,7 +17,7 @@ pub(crate) enum Lost {
     OpenFiles,
     /// The TLS handshake failed, or took too long.
     Handshake,
-    /// It was idle, and another connection needed its place.
+    /// It was a stranger's, and another connection needed its place.
     MadeRoom,
 }
 

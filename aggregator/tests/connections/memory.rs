@@ -1,16 +1,25 @@
 //! The memory for large messages is bounded, and strangers cannot take what is for nodes.
 
+use crate::harness::{weights, Network, Node};
 use crate::relay::Counted;
 use crate::sockets::{begin_large_message, from};
 use crate::{network, registration, Test};
+use axum::body::{Body, Bytes};
+use std::future::poll_fn;
 use std::net::IpAddr;
 use std::time::{Duration, Instant};
+use tokio::sync::mpsc;
 use tokio::time::sleep;
-use tonic::transport::Endpoint;
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::codegen::http::{Request, Uri};
+use tonic::codegen::Service;
+use tonic::transport::{Channel, Endpoint};
 use tonic::Code;
 use zk0_aggregator::{Aggregator, Limits};
+use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::federation_client::FederationClient;
+use zk0_protocol::rpc::federation::upload_chunk::Part;
 
 /// A large message that the aggregator refuses after it has read it.
 fn large() -> proto::CommitRequest {
@@ -104,5 +113,104 @@ async fn an_address_sends_one_large_message_at_a_time() -> Test {
     }
     let first = Duration::from_millis(1000);
     assert!(took[0] < first && took[1] > first, "{took:?}");
+    Ok(())
+}
+
+type Sender = mpsc::Sender<Result<Bytes, std::io::Error>>;
+
+/// Connects, and shows that it is this node.
+async fn introduced(network: &Network, node: &Node) -> Channel {
+    let endpoint = Endpoint::try_from(network.address.clone()).unwrap();
+    let channel = endpoint.connect().await.unwrap();
+    let request = registration(network, node);
+    let mut client = FederationClient::new(channel.clone());
+    client.register_dataset(request).await.unwrap();
+    channel
+}
+
+/// Begins a message of 4 MiB, of which one byte comes as long as the connection and the sender are there.
+async fn begin_slow_message(mut channel: Channel, url: &str) -> (Channel, Sender) {
+    let (sender, receiver) = mpsc::channel(1);
+    let begun = [&[0][..], &(4u32 << 20).to_be_bytes(), &[0]].concat();
+    sender.send(Ok(begun.into())).await.unwrap();
+    let uri: Uri = format!("{url}/zk0.v1.Federation/Submit").parse().unwrap();
+    let body = Body::from_stream(ReceiverStream::new(receiver));
+    let request = Request::post(uri)
+        .header("content-type", "application/grpc")
+        .header("te", "trailers")
+        .body(tonic::body::Body::new(body))
+        .unwrap();
+    poll_fn(|context| channel.poll_ready(context))
+        .await
+        .unwrap();
+    let answer = channel.call(request);
+    tokio::spawn(answer);
+    (channel, sender)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_node_takes_no_memory_of_other_nodes() -> Test {
+    let (network, [greedy, other]) = network(Limits {
+        // So nodes have 8 MiB.
+        message_memory: 16 << 20,
+        message: Duration::from_secs(6),
+        ..Limits::default()
+    })
+    .await;
+    let mut client = FederationClient::new(introduced(&network, &other).await);
+    // The first connections are strangers' again when the last ones are the node's.
+    let mut slow = Vec::new();
+    for _ in 0..4 {
+        let channel = introduced(&network, &greedy).await;
+        slow.push(begin_slow_message(channel, &network.address).await);
+        sleep(Duration::from_millis(100)).await;
+    }
+    let begun = Instant::now();
+    let refused = client.commit(large()).await.unwrap_err();
+    assert_eq!(refused.code(), Code::InvalidArgument, "{refused}");
+    assert!(begun.elapsed() < Duration::from_secs(2));
+    assert_eq!(slow.len(), 4);
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_node_that_uploads_sends_a_large_message_meanwhile() -> Test {
+    let (network, [node, _]) = network(Limits {
+        message_memory: 0,
+        ..Limits::default()
+    })
+    .await;
+    node.register(&network).await?;
+    network.settle().await;
+    let update = weights(1);
+    let request = node.upload_request(&network.genesis.network_id(), 0, &update);
+    let request = Signed::new(request, &node.key);
+    // A node sends 16 KiB of an update at a time.
+    let (first, rest) = update.split_at(update.len().min(16 << 10));
+    let parts = [
+        Part::Request(borsh::to_vec(&request)?),
+        Part::Data(first.to_vec()),
+    ];
+    let (sender, receiver) = mpsc::channel(4);
+    let part = |part| proto::UploadChunk {
+        part: Some(part),
+        begins: 0,
+    };
+    for one in parts {
+        sender.send(part(one)).await?;
+    }
+    let mut uploader = FederationClient::new(introduced(&network, &node).await);
+    let uploaded = node.uploading(&network, &request, ReceiverStream::new(receiver));
+    let uploading = tokio::spawn(async move { uploader.upload(uploaded).await });
+    let mut client = FederationClient::new(introduced(&network, &node).await);
+    let begun = Instant::now();
+    let refused = client.commit(large()).await.unwrap_err();
+    assert_eq!(refused.code(), Code::InvalidArgument, "{refused}");
+    assert!(begun.elapsed() < Duration::from_secs(2));
+    for data in rest.chunks(16 << 10) {
+        sender.send(part(Part::Data(data.to_vec()))).await?;
+    }
+    drop(sender);
+    uploading.await??;
     Ok(())
 }

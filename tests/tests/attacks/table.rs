@@ -26,6 +26,7 @@ pub const ATTACKS: &[Attack] = &[
     operators::disclosed_losses::ATTACK,
     edge::silent_uploads::ATTACK,
     edge::idle_crowd::ATTACK,
+    edge::busy_crowd::ATTACK,
     edge::stolen_request::ATTACK,
     edge::changed_statement::ATTACK,
     edge::impostor::ATTACK,

@@ -232,6 +232,18 @@ pub const REMOVALS: &[Removal] = &[
     Removal {
         target: "connections",
         ..head(
+            "a node sends one large message at a time, over all its connections",
+            "aggregator/src/connections/places.rs",
+            &[(
+                "if let Some(turn) = self.turns.get(&node).and_then(Weak::upgrade) {",
+                "if let Some(turn) = None {",
+            )],
+            "a_node_takes_no_memory_of_other_nodes",
+        )
+    },
+    Removal {
+        target: "connections",
+        ..head(
             "strangers leave downloads to nodes",
             "aggregator/src/connections/transfers.rs",
             &[("false => &self.strangers,", "false => &self.nodes,")],

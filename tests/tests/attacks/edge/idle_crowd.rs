@@ -17,12 +17,12 @@ pub const ATTACK: Attack = Attack {
     reason: "a node was answered, and 1 idle connections had to make room",
     proof: Proof::NotNeeded,
     defence: Defence {
-        check: "the stranger that is idle longest makes room for a new connection",
+        check: "a stranger makes room for a new connection",
         out: &[Change {
             file: "aggregator/src/connections/places.rs",
             replacements: &[(
-                "if held.places.len() >= most && !held.evict(|_| true) {",
-                "if held.places.len() >= most && (OUT || !held.evict(|_| true)) {",
+                "if self.places.len() >= most && !self.evict(from, now, |_| true) {",
+                "if self.places.len() >= most && (OUT || !self.evict(from, now, |_| true)) {",
             )],
         }],
     },

@@ -1,0 +1,365 @@
+//! Which stranger makes room when all places are taken: one of those whose network holds most. Whoever wants to keep others out has many
+//! connections, but seldom many networks. Whether a connection is idle says little: a newcomer is idle until its first request has come,
+//! and an attacker can hold requests that cost it nothing.
+//!
+//! | what counts | for |
+//! |---|---|
+//! | strangers from the same /16 of IPv4, or /48 of IPv6; the newcomer is one of its own | the larger crowd makes room |
+//! | then those from the same /24, or /56; then from the same address, or /64 | the same |
+//! | then whether a connection has come within [`GRACE`] | it stays, while others can make room |
+//! | then, if all have come so lately, when | who came first makes room |
+//! | then requests in progress, and how long there were none | the idlest makes room |
+//!
+//! A few strangers are no crowd: up to [`FEW`] count as equally many.
+
+use crate::connections::limits::PLACES_PER_NODE;
+use std::cmp::Reverse;
+use std::net::IpAddr;
+use std::time::Duration;
+use tokio::time::Instant;
+
+/// For so long, a connection is about to send its first request: handshakes take some round trips. It is shorter than what
+/// [`crate::connections::limits::ConnectionLimits::handshake`] allows, so that silent connections are old before they are closed.
+const GRACE: Duration = Duration::from_secs(5);
+
+/// So many strangers from one network are no crowd: two nodes that come at once are not worse than one.
+const FEW: usize = 2 * PLACES_PER_NODE;
+
+/// The lengths of a network's prefix in IPv4 and in IPv6.
+type Lengths = (u32, u32);
+
+/// The networks that are counted.
+const WIDE: Lengths = (16, 48);
+const MIDDLE: Lengths = (24, 56);
+const NARROW: Lengths = (32, 64);
+
+/// A stranger's connection.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Stranger {
+    pub number: u64,
+    /// The address that counts: an IPv6 network stands for all its addresses.
+    pub from: IpAddr,
+    pub came: Instant,
+    pub requests: usize,
+    /// When it came, or a request last began or ended.
+    pub active: Instant,
+}
+
+/// The number of the stranger that makes room at `now` for a newcomer from this address. `None` if there is no stranger.
+///
+/// It takes as long as sorting the strangers. An attacker can have it done for each connection that it opens.
+pub(super) fn makes_room(
+    mut strangers: Vec<Stranger>,
+    newcomer: IpAddr,
+    now: Instant,
+) -> Option<u64> {
+    strangers.sort_unstable_by_key(|stranger| bits(stranger.from));
+    let size = |crowd: &[Stranger], lengths: Lengths| {
+        let newcomers = network(newcomer, lengths);
+        let its_own = crowd
+            .first()
+            .is_some_and(|one| network(one.from, lengths) == newcomers);
+        (crowd.len() + usize::from(its_own)).max(FEW)
+    };
+    let mut first = None;
+    for widely in strangers.chunk_by(together(WIDE)) {
+        for nearer in widely.chunk_by(together(MIDDLE)) {
+            for crowd in nearer.chunk_by(together(NARROW)) {
+                let sizes = (
+                    size(widely, WIDE),
+                    size(nearer, MIDDLE),
+                    size(crowd, NARROW),
+                );
+                let ranks = crowd
+                    .iter()
+                    .map(|stranger| (sizes, stranger.gives_way(now), Reverse(stranger.number)));
+                first = first.max(ranks.max());
+            }
+        }
+    }
+    first.map(|(_, _, Reverse(number))| number)
+}
+
+/// Whether two strangers are from one network.
+fn together(lengths: Lengths) -> impl Fn(&Stranger, &Stranger) -> bool {
+    move |one, other| network(one.from, lengths) == network(other.from, lengths)
+}
+
+impl Stranger {
+    /// The one with the greatest value makes room, among strangers of crowds that are equally large.
+    fn gives_way(&self, now: Instant) -> (bool, bool, Reverse<Instant>) {
+        match now.saturating_duration_since(self.came) < GRACE {
+            true => (false, false, Reverse(self.came)),
+            false => (true, self.requests == 0, Reverse(self.active)),
+        }
+    }
+}
+
+/// An address as IPv6 has it.
+fn bits(address: IpAddr) -> u128 {
+    match address {
+        IpAddr::V4(address) => address.to_ipv6_mapped().into(),
+        IpAddr::V6(address) => address.into(),
+    }
+}
+
+/// The network that an address is in.
+fn network(address: IpAddr, (v4, v6): Lengths) -> u128 {
+    let length = match address {
+        IpAddr::V4(_) => 96 + v4,
+        IpAddr::V6(_) => v6,
+    };
+    bits(address) >> (128 - length) << (128 - length)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::connections::limits::ConnectionLimits;
+    use std::net::Ipv6Addr;
+
+    /// Places of the simulated server, as many as a witness has.
+    const MOST: usize = 256;
+    /// A round trip of everybody.
+    const ROUND_TRIP_MS: u64 = 150;
+    /// How many honest newcomers come in a simulation, and how often.
+    const NEWCOMERS: usize = 50;
+    const EVERY_MS: u64 = 2_000;
+    /// When the first one comes: the attackers' connections are old by then.
+    const FIRST_MS: u64 = 20_000;
+
+    type Rule = fn(Vec<Stranger>, IpAddr, Instant) -> Option<u64>;
+
+    /// The rule that there was: the idlest goes, and who has a request in progress comes last.
+    fn idlest(strangers: Vec<Stranger>, _: IpAddr, _: Instant) -> Option<u64> {
+        let idlest = strangers
+            .iter()
+            .min_by_key(|stranger| (stranger.requests > 0, stranger.active));
+        idlest.map(|stranger| stranger.number)
+    }
+
+    /// The places of a server, all of strangers.
+    struct Server {
+        rule: Rule,
+        next: u64,
+        strangers: Vec<Stranger>,
+    }
+
+    impl Server {
+        fn new(rule: Rule) -> Self {
+            Self {
+                rule,
+                next: 0,
+                strangers: vec![],
+            }
+        }
+
+        /// A connection comes. Returns its number, and whoever made room.
+        fn enter(
+            &mut self,
+            from: IpAddr,
+            requests: usize,
+            now: Instant,
+        ) -> (u64, Option<Stranger>) {
+            let mut gone = None;
+            if self.strangers.len() >= MOST {
+                let number = (self.rule)(self.strangers.clone(), from, now).unwrap();
+                gone = self.leave(number);
+                assert!(gone.is_some());
+            }
+            let number = self.next;
+            self.next += 1;
+            self.strangers.push(Stranger {
+                number,
+                from,
+                came: now,
+                requests,
+                active: now,
+            });
+            (number, gone)
+        }
+
+        /// A connection ends. Returns it if it was there.
+        fn leave(&mut self, number: u64) -> Option<Stranger> {
+            let mut places = self.strangers.iter();
+            let at = places.position(|stranger| stranger.number == number)?;
+            Some(self.strangers.remove(at))
+        }
+    }
+
+    /// How many of 50 honest newcomers are answered, while an attacker at these addresses holds all places with requests. It takes a lost
+    /// place back after a round trip, and opens a silent connection each `churn_ms`. A newcomer sends its request after two round
+    /// trips, and has its answer after three.
+    fn answered(rule: Rule, attackers: &[IpAddr], churn_ms: Option<u64>, honest: IpAddr) -> usize {
+        let (mut server, start) = (Server::new(rule), Instant::now());
+        let mut attackers = attackers.iter().copied().cycle();
+        let mut attacker = || attackers.next().unwrap();
+        for _ in 0..MOST {
+            server.enter(attacker(), 1, start);
+        }
+        let mut again: Vec<(u64, IpAddr)> = vec![];
+        let (mut newcomer, mut answers) = (None, 0);
+        let end = FIRST_MS + NEWCOMERS as u64 * EVERY_MS;
+        for ms in (0..end).step_by(10) {
+            let now = start + Duration::from_millis(ms);
+            let due = |(at, _): &(u64, IpAddr)| *at <= ms;
+            let (come, later): (Vec<_>, Vec<_>) = again.into_iter().partition(due);
+            again = later;
+            let mut coming: Vec<_> = come.into_iter().map(|(_, from)| (from, 1)).collect();
+            if churn_ms.is_some_and(|churn| ms.is_multiple_of(churn)) {
+                coming.push((attacker(), 0));
+            }
+            let comes = ms >= FIRST_MS && ms.is_multiple_of(EVERY_MS);
+            coming.extend(comes.then_some((honest, 0)));
+            for (from, requests) in coming {
+                let (number, gone) = server.enter(from, requests, now);
+                let taken = gone.filter(|gone| gone.requests > 0 && gone.from != honest);
+                again.extend(taken.map(|gone| (ms + ROUND_TRIP_MS, gone.from)));
+                if from == honest {
+                    newcomer = Some((number, ms));
+                }
+            }
+            let Some((number, came)) = newcomer else {
+                continue;
+            };
+            if ms == came + 2 * ROUND_TRIP_MS {
+                let mut places = server.strangers.iter_mut();
+                if let Some(place) = places.find(|place| place.number == number) {
+                    (place.requests, place.active) = (1, now);
+                }
+            }
+            if ms == came + 3 * ROUND_TRIP_MS {
+                answers += usize::from(server.leave(number).is_some());
+            }
+        }
+        answers
+    }
+
+    fn ip(text: &str) -> IpAddr {
+        text.parse().unwrap()
+    }
+
+    /// All are answered under the rule, and nobody under the one that there was.
+    fn only_this_rule_helps(attackers: &[IpAddr], churn_ms: Option<u64>, honest: &str) {
+        let answers = [makes_room as Rule, idlest]
+            .map(|rule| answered(rule, attackers, churn_ms, ip(honest)));
+        assert_eq!(answers, [NEWCOMERS, 0]);
+    }
+
+    /// The networks of 64 bits of a /56.
+    fn networks() -> Vec<IpAddr> {
+        let first = u128::from("2001:db8:7:500::".parse::<Ipv6Addr>().unwrap());
+        let network = |at: u128| IpAddr::from(Ipv6Addr::from(first + (at << 64)));
+        (0..256).map(network).collect()
+    }
+
+    #[test]
+    fn sixteen_addresses_that_hold_requests_keep_nobody_out() {
+        let v4: Vec<IpAddr> = (1..=16).map(|last| [192, 0, 2, last].into()).collect();
+        only_this_rule_helps(&v4, None, "198.51.100.1");
+        only_this_rule_helps(&networks()[..16], None, "198.51.100.1");
+        // They need not be neighbours.
+        let apart: Vec<IpAddr> = (1..=16).map(|first| [first, 0, 2, 1].into()).collect();
+        only_this_rule_helps(&apart, None, "198.51.100.1");
+    }
+
+    #[test]
+    fn silent_connections_of_one_network_that_come_and_go_keep_nobody_out() {
+        for honest in ["198.51.100.1", "2001:db8:8::1"] {
+            only_this_rule_helps(&networks(), Some(50), honest);
+        }
+        // The newcomer is from the same /48 as the attacker.
+        only_this_rule_helps(&networks(), Some(50), "2001:db8:7:600::");
+    }
+
+    #[test]
+    fn a_newcomer_has_its_first_round_trips_beside_strangers_from_everywhere() {
+        let apart: Vec<IpAddr> = (0..=255).map(|second| [11, second, 0, 1].into()).collect();
+        only_this_rule_helps(&apart, None, "198.51.100.1");
+        only_this_rule_helps(&apart, Some(50), "198.51.100.1");
+        // So many come that all are young. Who came first makes room.
+        only_this_rule_helps(&apart, Some(20), "198.51.100.1");
+    }
+
+    fn stranger(number: u64, from: &str, came: Instant) -> Stranger {
+        Stranger {
+            number,
+            from: ip(from),
+            came,
+            requests: 0,
+            active: came,
+        }
+    }
+
+    #[test]
+    fn a_crowd_that_comes_and_goes_takes_no_place_of_others() {
+        let start = Instant::now();
+        let now = start + 4 * GRACE;
+        // It has been idle for long. All others are young, and have requests.
+        let mut strangers = vec![stranger(0, "198.51.100.1", start)];
+        for number in 1..=16 {
+            let mut young = stranger(number, "192.0.2.1", now);
+            young.requests = 1;
+            strangers.push(young);
+        }
+        let gone = makes_room(strangers, ip("192.0.2.2"), now);
+        assert_eq!(gone, Some(1));
+    }
+
+    #[test]
+    fn a_newcomer_counts_to_its_own_crowd() {
+        let now = Instant::now();
+        let crowds = ["192.0.2.1", "198.51.100.1"];
+        let strangers = (0..16).map(|number| stranger(number, crowds[number as usize % 2], now));
+        let strangers: Vec<_> = strangers.collect();
+        for (newcomer, gone) in [("192.0.2.1", 0), ("198.51.100.1", 1)] {
+            assert_eq!(makes_room(strangers.clone(), ip(newcomer), now), Some(gone));
+        }
+    }
+
+    #[test]
+    fn two_nodes_behind_one_address_are_no_crowd() {
+        let start = Instant::now();
+        let now = start + 2 * GRACE;
+        let mut strangers: Vec<_> = (0..8)
+            .map(|number| stranger(number, &format!("11.{number}.0.1"), start))
+            .collect();
+        strangers.push(stranger(8, "198.51.100.1", now));
+        assert_eq!(makes_room(strangers, ip("198.51.100.1"), now), Some(0));
+    }
+
+    #[test]
+    fn whoever_is_idle_longest_goes_where_crowds_are_equal() {
+        let start = Instant::now();
+        let now = start + 4 * GRACE;
+        let mut strangers: Vec<_> = (0..3)
+            .map(|number| stranger(number, "192.0.2.1", start))
+            .collect();
+        strangers[0].requests = 1;
+        strangers[1].active = now;
+        assert_eq!(makes_room(strangers, ip("192.0.2.1"), now), Some(2));
+        assert_eq!(makes_room(vec![], ip("192.0.2.1"), now), None);
+    }
+
+    #[test]
+    fn networks_are_those_of_ipv4_and_of_ipv6() {
+        let same = |one: &str, other: &str| {
+            let [one, other] = [one, other].map(ip);
+            let same = [WIDE, MIDDLE, NARROW].map(|of| network(one, of) == network(other, of));
+            same.into_iter().filter(|same| *same).count()
+        };
+        assert_eq!(same("192.0.2.1", "192.0.2.1"), 3);
+        assert_eq!(same("192.0.2.1", "192.0.2.2"), 2);
+        assert_eq!(same("192.0.2.1", "192.0.3.1"), 1);
+        assert_eq!(same("192.0.2.1", "192.1.2.1"), 0);
+        assert_eq!(same("2001:db8:1:101::", "2001:db8:1:101::1"), 3);
+        assert_eq!(same("2001:db8:1:101::", "2001:db8:1:102::"), 2);
+        assert_eq!(same("2001:db8:1:101::", "2001:db8:1:201::"), 1);
+        assert_eq!(same("2001:db8:1:101::", "2001:db8:2:101::"), 0);
+    }
+
+    #[test]
+    fn the_grace_is_shorter_than_a_handshake_may_take() {
+        assert!(GRACE < ConnectionLimits::default().handshake);
+    }
+}
