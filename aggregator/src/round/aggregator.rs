@@ -29,7 +29,7 @@ use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::pruning::rounds_before;
 use zk0_protocol::rules::closing::public_samples::PublicSamples;
 use zk0_protocol::rules::disclosed_blobs::BlobAccess;
-use zk0_protocol::rules::state::State;
+use zk0_protocol::rules::state::{Standing, State};
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::Refusal;
 use zk0_verifier::combine::bases;
@@ -269,8 +269,11 @@ impl Aggregator {
         {
             return Ok(Progress::Finished);
         }
+        let (all, least) = (state.nodes().values(), self.config.min_nodes);
+        let ready = all.filter(|node| node.dataset.is_some() && node.standing == Standing::Active);
         // A pause is counted in rounds, so that a network whose nodes all pause goes on.
-        if state.expected().count() + state.pausing().count() < self.config.min_nodes {
+        let mut some = state.expected().chain(state.pausing());
+        if ready.count() < least || (least > 0 && some.next().is_none()) {
             return Ok(Progress::Waiting);
         }
         if self.waits_for_more() {

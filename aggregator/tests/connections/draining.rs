@@ -94,16 +94,19 @@ async fn end_with_requests_behind_the_rounds(network: &mut Network, node: &Node)
         let _ = held.recv();
         Ok(())
     };
+    // The connections are there before somebody has the aggregator: a busy machine may take long to accept them.
+    let (mut first, mut second) = (network.client().await, network.client().await);
+    for client in [&mut first, &mut second] {
+        client.get_network(proto::GetNetworkRequest {}).await?;
+    }
     let service = network.service().clone();
     let holding = tokio::spawn(async move { service.with(hold).await });
     // The rounds look four times a second whether something is due.
     sleep(Duration::from_millis(600)).await;
-    let mut client = network.client().await;
     let request = registration(network, node);
-    let registering = tokio::spawn(async move { client.register_dataset(request).await });
-    let mut client = network.client().await;
-    let asking = tokio::spawn(async move { client.get_network(proto::GetNetworkRequest {}).await });
-    sleep(Duration::from_millis(300)).await;
+    let registering = tokio::spawn(async move { first.register_dataset(request).await });
+    let asking = tokio::spawn(async move { second.get_network(proto::GetNetworkRequest {}).await });
+    sleep(Duration::from_secs(1)).await;
     let let_go = async move {
         sleep(Duration::from_millis(300)).await;
         drop(let_go);

@@ -113,6 +113,7 @@ impl Model<'_> {
         let round = then.all(|event| *event == Event::Opened).len();
         self.active(key)
             && then.has_data(self.node(key))
+            && !self.registered_since(opened, self.node(key))
             && self.invited(key, opened)
             && !self.paused(self.node(key), round)
     }
@@ -134,9 +135,7 @@ impl Model<'_> {
         };
         match event {
             Event::Enrolled(key) => !self.used(*key),
-            Event::Registered(key) => {
-                self.active(*key) && (round.is_none() || !self.has_data(self.node(*key)))
-            }
+            Event::Registered(key) => self.active(*key) && !committed(*key),
             Event::Rotated(old, new) => self.active(*old) && self.may_move(*old, *new),
             Event::Opened => {
                 let due = |number: usize| {

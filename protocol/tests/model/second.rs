@@ -403,6 +403,12 @@ impl<'a> Model<'a> {
         self.any(|event| matches!(event, Event::Registered(key) if first(&changes, *key) == node))
     }
 
+    /// Whether a node has registered a dataset after this event.
+    pub fn registered_since(&self, event: usize, node: u8) -> bool {
+        let mut later = self.history[event..].iter();
+        later.any(|(_, event)| matches!(event, Event::Registered(key) if self.node(*key) == node))
+    }
+
     pub fn same(&self, one: Who, other: Who) -> bool {
         match (one, other) {
             (Who::Node(one), Who::Node(other)) => self.node(one) == self.node(other),
