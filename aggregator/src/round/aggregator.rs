@@ -272,8 +272,8 @@ impl Aggregator {
         let (all, least) = (state.nodes().values(), self.config.min_nodes);
         let ready = all.filter(|node| node.dataset.is_some() && node.standing == Standing::Active);
         // A pause is counted in rounds, so that a network whose nodes all pause goes on.
-        let mut some = state.expected().chain(state.pausing());
-        if ready.count() < least || (least > 0 && some.next().is_none()) {
+        let some = state.expected().chain(state.pausing()).next().is_some();
+        if ready.count() < least || (least > 0 && !some) {
             return Ok(Progress::Waiting);
         }
         if self.waits_for_more() {

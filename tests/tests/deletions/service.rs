@@ -458,7 +458,7 @@ pub const REMOVALS: &[Removal] = &[
     Removal {
         check: "a round waits for a node that may contribute to it",
         file: "aggregator/src/round/aggregator.rs",
-        replacements: &[("(least > 0 && some.next().is_none())", "(least > usize::MAX - 1 && some.next().is_none())")],
+        replacements: &[("(least > 0 && !some)", "(least > usize::MAX - 1 && !some)")],
         package: "zk0-aggregator",
         target: "served",
         test: "no_round_opens_where_no_node_with_a_dataset_may_contribute",
