@@ -100,7 +100,10 @@ fn datasets_do_not_change_under_a_commitment() {
         Refusal::Dataset(why) if why.contains("after round 0 opened")
     ));
     let closed = chain.state.next_commitments_closed(chain.time_ms + 1);
-    assert!(closed.is_some(), "nobody waits for a node that cannot commit");
+    assert!(
+        closed.is_some(),
+        "nobody waits for a node that cannot commit"
+    );
 }
 
 #[test]

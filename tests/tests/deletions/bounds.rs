@@ -22,7 +22,10 @@ pub const REMOVALS: &[Removal] = &[
     rule(
         "a dataset does not change under a commitment",
         "protocol/src/rules/apply/members.rs",
-        &[("Some(round) if round.commits.contains_key(&node) => Err(RuleViolation::DatasetInUse {", "Some(round) if round.number() == u64::MAX => Err(RuleViolation::DatasetInUse {")],
+        &[(
+            "Some(round) if round.commits.contains_key(&node) => Err(RuleViolation::DatasetInUse {",
+            "Some(round) if round.number() == u64::MAX => Err(RuleViolation::DatasetInUse {",
+        )],
         "datasets_do_not_change_under_a_commitment",
     ),
     rule(
