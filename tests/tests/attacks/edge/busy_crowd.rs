@@ -1,16 +1,15 @@
 //! Row 16. Strangers hold requests on all connections of the service, and open silent ones again and again. So the one newcomer whose
 //! request is still on its way looks idle.
 
+use super::crowds::{is_answered, with_places};
 use super::sockets::{begin_large_message, from};
 use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
-use crate::harness::{Network, Node};
+use crate::harness::Node;
 use std::net::{IpAddr, SocketAddr};
 use std::time::Duration;
 use tokio::io::copy_bidirectional;
 use tokio::net::{TcpListener, TcpSocket};
 use tokio::time::{sleep, timeout};
-use zk0_aggregator::{Config, ConnectionLimits, Limits};
-use zk0_protocol::rpc::federation::federation_client::FederationClient;
 use zk0_protocol::rpc::federation::GetNetworkRequest;
 use zk0_tests::changed_copy::Change;
 
@@ -68,29 +67,9 @@ async fn far_away(url: &str) -> String {
     url
 }
 
-/// Whether the aggregator answers somebody new at `url`.
-async fn answers_newcomer(url: String) -> bool {
-    let asked = timeout(PATIENCE, async {
-        let mut client = FederationClient::connect(url).await.ok()?;
-        client.get_network(GetNetworkRequest {}).await.ok()
-    });
-    asked.await.ok().flatten().is_some()
-}
-
 async fn carry_out() -> Outcome {
     let node = Node::new(1);
-    let config = Config {
-        rounds: Some(1),
-        min_nodes: 1,
-    };
-    let limits = Limits {
-        connections: ConnectionLimits {
-            most: PLACES,
-            ..ConnectionLimits::default()
-        },
-        ..Limits::default()
-    };
-    let network = Network::start_with(&[&node], config, limits).await;
+    let network = with_places(&node, PLACES).await;
     // The node shows who it is, and keeps its place.
     let mut member = network.client().await;
     let registration = node.registration(&network.genesis.network_id());
@@ -113,7 +92,7 @@ async fn carry_out() -> Outcome {
         }
     });
     sleep(10 * CHURN).await;
-    let newcomer = answers_newcomer(far_away(&network.address).await).await;
+    let newcomer = is_answered(far_away(&network.address).await, PATIENCE).await;
     let asked = timeout(PATIENCE, member.get_network(GetNetworkRequest {})).await;
     let member = asked.is_ok_and(|answer| answer.is_ok());
     churning.abort();

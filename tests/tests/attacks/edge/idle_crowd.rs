@@ -1,13 +1,11 @@
 //! Row 16. Strangers open as many connections as the service has places for, say nothing more, and keep nodes out.
 
+use super::crowds::{is_answered, with_places};
 use super::sockets::{closed, speaking};
 use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
-use crate::harness::{Network, Node};
+use crate::harness::Node;
 use std::time::Duration;
-use tokio::time::{sleep, timeout};
-use zk0_aggregator::{Config, ConnectionLimits, Limits};
-use zk0_protocol::rpc::federation::federation_client::FederationClient;
-use zk0_protocol::rpc::federation::GetNetworkRequest;
+use tokio::time::sleep;
 use zk0_tests::changed_copy::Change;
 
 pub const ATTACK: Attack = Attack {
@@ -35,31 +33,14 @@ const PATIENCE: Duration = Duration::from_secs(2);
 
 async fn carry_out() -> Outcome {
     let node = Node::new(1);
-    let config = Config {
-        rounds: Some(1),
-        min_nodes: 1,
-    };
-    let limits = Limits {
-        connections: ConnectionLimits {
-            most: PLACES,
-            ..ConnectionLimits::default()
-        },
-        ..Limits::default()
-    };
-    let network = Network::start_with(&[&node], config, limits).await;
+    let network = with_places(&node, PLACES).await;
     let mut crowd = Vec::new();
     for host in 1..=PLACES as u8 {
         // From addresses of their own, so that no limit of an address stops them.
         crowd.push(speaking([1, host], &network.address).await);
         sleep(Duration::from_millis(20)).await;
     }
-    let answered = timeout(PATIENCE, async {
-        let mut client = FederationClient::connect(network.address.clone())
-            .await
-            .ok()?;
-        client.get_network(GetNetworkRequest {}).await.ok()
-    });
-    let answered = answered.await.ok().flatten().is_some();
+    let answered = is_answered(network.address.clone(), PATIENCE).await;
     let mut gone = 0;
     for stream in &mut crowd {
         gone += usize::from(closed(stream).await);

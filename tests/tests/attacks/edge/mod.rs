@@ -2,6 +2,7 @@
 
 pub mod busy_crowd;
 pub mod changed_statement;
+mod crowds;
 pub mod idle_crowd;
 pub mod impostor;
 pub mod silent_uploads;
