@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use candle_core::Device;
@@ -115,6 +116,48 @@ fn prepared_frames_are_the_same_with_a_cache_and_without() {
         assert_eq!(prepared.into_samples().unwrap(), expected);
     }
     assert!(dir.path().join("files.json").exists());
+}
+
+const FULL: &str = "ZK0_TEST_THE_DISK_IS_FULL";
+
+#[test]
+fn a_full_disk_costs_time_and_changes_nothing() {
+    if std::env::var_os(FULL).is_none() {
+        // A limit on the size of files stands for the full disk. It is of a whole process, so the test runs in one of its own.
+        let name = concat!(
+            module_path!(),
+            "::a_full_disk_costs_time_and_changes_nothing"
+        );
+        let (_, name) = name.split_once("::").unwrap();
+        let output = Command::new("bash")
+            .args(["-c", "trap '' XFSZ; ulimit -f 0; exec \"$@\"", "bash"])
+            .arg(std::env::current_exe().unwrap())
+            .args(["--exact", name, "--nocapture"])
+            .env(FULL, "1")
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stdout);
+        let ran = output.status.success() && said.contains("1 passed");
+        assert!(ran, "{said}{}", String::from_utf8_lossy(&output.stderr));
+        return;
+    }
+    let (policy, count) = (policy(), 4);
+    let tokenizer = WordHash::new(&policy.config);
+    let datasets = [Dataset::open(recording()).unwrap()];
+    let dir = tempfile::tempdir().unwrap();
+    let cache = DiskCache::open(dir.path(), PLENTY).unwrap();
+    let space = KeySpace::new::<PreparedSample>(&policy, &FrozenPlace::default());
+    let mut names = FrameNames::new(space, &policy.config, &tokenizer, Some(&cache));
+    let indices: Vec<usize> = (0..count).collect();
+    let named = names.frames(0, &datasets[0], &indices).unwrap();
+    let maker = FrameMaker::new(&datasets, policy.config.chunk_size, || {
+        Preparer::new(&policy, &tokenizer)
+    });
+    let source = FrameSource::<PreparedSample>::new(&cache, &maker, named);
+    let filled = source.fill(|_, _| ()).unwrap();
+    assert_eq!((filled.made, filled.beyond), (0, count));
+    assert_eq!(all(&source), direct(&policy, &datasets[0], count));
+    assert_eq!(cache.bytes(), 0);
 }
 
 #[test]

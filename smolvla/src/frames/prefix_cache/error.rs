@@ -29,7 +29,7 @@ pub enum CacheError {
 
 pub(super) fn at(path: &Path) -> impl Fn(io::Error) -> CacheError + '_ {
     move |source| match source.kind() {
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded | io::ErrorKind::FileTooLarge => {
             CacheError::Full { path: path.into() }
         }
         _ => CacheError::Io {

@@ -101,18 +101,12 @@ impl<'c, 'a, S: FromFrame + Entry> PreparedFrames<'c, 'a, S> {
         let source = FrameSource::new(cache, maker, frames);
         let filled = source.fill(progress)?;
         tracing::info!(
-            "the prefix cache {} has {} of the samples; {} were computed and stored",
+            "the prefix cache {} has {} of the samples; {} were computed and stored; {} did not fit",
             cache.root().display(),
             filled.found,
-            filled.made
+            filled.made,
+            filled.beyond
         );
-        if filled.beyond > 0 {
-            tracing::warn!(
-                "{} samples do not fit into the prefix cache, so they are computed whenever they are needed; a larger cache \
-                 (--cache-budget) is faster",
-                filled.beyond
-            );
-        }
         Ok(Self::Cached(source))
     }
 

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 use std::marker::PhantomData;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
 use crate::error::{PolicyError, Result};
@@ -23,7 +23,7 @@ pub struct Filled {
     pub found: usize,
     /// Computed and stored.
     pub made: usize,
-    /// Beyond the budget: computed again whenever they are needed.
+    /// The cache did not take them: they are computed again whenever they are needed.
     pub beyond: usize,
 }
 
@@ -34,8 +34,6 @@ pub struct FrameSource<'c, 'a, S> {
     frames: Vec<FrameRef>,
     /// All frames before this one are in the cache.
     kept: AtomicUsize,
-    /// Whether the cache refused a sample for its budget, which is said once.
-    full: AtomicBool,
     kind: PhantomData<fn() -> S>,
 }
 
@@ -55,12 +53,11 @@ impl<'c, 'a, S: FromFrame + Entry> FrameSource<'c, 'a, S> {
             maker,
             frames,
             kept: AtomicUsize::new(0),
-            full: AtomicBool::new(false),
             kind: PhantomData,
         }
     }
 
-    /// Computes and stores what is missing, as far as the budget goes. Another thread decodes the next frame meanwhile. `progress` is
+    /// Computes and stores what is missing, as far as budget and disk go. Another thread decodes the next frame meanwhile. `progress` is
     /// called with the frames done and their total.
     ///
     /// # Errors
@@ -136,14 +133,8 @@ impl<'c, 'a, S: FromFrame + Entry> FrameSource<'c, 'a, S> {
         let Some(cache) = self.cache else {
             return Ok(sample);
         };
-        match cache.put(&frame.key, &sample)? {
-            true => self.rest_when_all_are_kept(cache),
-            false if !self.full.swap(true, Ordering::Relaxed) => tracing::warn!(
-                "the prefix cache {} is full, so samples that are not in it are computed whenever they are needed; a larger cache \
-                 (--cache-budget) is faster",
-                cache.root().display()
-            ),
-            false => {}
+        if cache.put(&frame.key, &sample)? {
+            self.rest_when_all_are_kept(cache);
         }
         Ok(sample)
     }

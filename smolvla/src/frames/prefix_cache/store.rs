@@ -4,6 +4,7 @@ use std::collections::{HashMap, HashSet};
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime};
 
@@ -23,6 +24,8 @@ pub struct DiskCache {
     root: PathBuf,
     budget: u64,
     state: Mutex<State>,
+    /// Whether it has said that it is full, which is said once.
+    said: AtomicBool,
 }
 
 #[derive(Default)]
@@ -75,6 +78,7 @@ impl DiskCache {
             root: root.into(),
             budget,
             state: Mutex::new(state),
+            said: AtomicBool::new(false),
         })
     }
 
@@ -93,12 +97,16 @@ impl DiskCache {
         FileDigests::load(&self.root.join("files.json"))
     }
 
-    /// Writes them down.
+    /// Writes them down, unless the disk is full: then the next process computes them again.
     ///
     /// # Errors
     /// They cannot be written.
     pub fn remember(&self, digests: &mut FileDigests) -> Result<(), CacheError> {
-        digests.save(&self.root.join("files.json"))
+        match digests.save(&self.root.join("files.json")) {
+            Err(CacheError::Full { .. }) => self.say("its disk is full", "free some space"),
+            other => other?,
+        }
+        Ok(())
     }
 
     /// Keeps these entries from being removed as long as this is open, those to come as well.
@@ -160,24 +168,45 @@ impl DiskCache {
         }
     }
 
-    /// Stores a sample; `false` when the budget does not allow it even with everything removed that is not pinned.
+    /// Stores a sample; `false` when the budget does not allow it even with everything removed that is not pinned, or when the disk is
+    /// full. The first time, it says so in the log.
     ///
     /// # Errors
-    /// It cannot be written; [`CacheError::Full`] when the disk is.
+    /// It cannot be written.
     pub fn put<E: Entry>(&self, key: &Key, sample: &E) -> Result<bool, CacheError> {
         let bytes = encode(key, sample);
         let size = bytes.len() as u64;
         if !self.make_room(size)? {
+            self.say("its budget is used up", "give it more (--cache-budget)");
             return Ok(false);
         }
+        match self.write(key, &bytes) {
+            Err(CacheError::Full { .. }) => {
+                self.say("its disk is full", "free some space");
+                return Ok(false);
+            }
+            other => other?,
+        }
+        self.state().add(*key, size, SystemTime::now(), true);
+        Ok(true)
+    }
+
+    fn write(&self, key: &Key, bytes: &[u8]) -> Result<(), CacheError> {
         let path = self.path(key);
         let folder = path.parent().unwrap_or(&self.root);
         fs::create_dir_all(folder).map_err(at(folder))?;
         // Readers check the checksum, and a lost entry is computed again.
-        atomic_file::write(&path, Durability::Cache, |out| out.write_all(&bytes))
-            .map_err(at(&path))?;
-        self.state().add(*key, size, SystemTime::now(), true);
-        Ok(true)
+        atomic_file::write(&path, Durability::Cache, |out| out.write_all(bytes)).map_err(at(&path))
+    }
+
+    fn say(&self, full: &str, remedy: &str) {
+        if !self.said.swap(true, Ordering::Relaxed) {
+            tracing::warn!(
+                "the prefix cache {} takes no more samples: {full}. Samples that are not in it are computed whenever they are needed, \
+                 which is slower. To change that, {remedy}",
+                self.root.display()
+            );
+        }
     }
 
     /// Removes entries, those longest not used first, until `size` more bytes fit.
