@@ -103,7 +103,7 @@ async fn serve(
     network: &NetworkArguments,
 ) -> Result<()> {
     let certificate = certificate.load()?;
-    let (listener, address) = listening(listen).await?;
+    let (listener, address) = listening(listen)?;
     keep_current(certificate.as_ref(), "proving service", address);
     let network = NetworkOptions {
         strategy: network.network_strategy,

@@ -8,6 +8,7 @@ use std::net::SocketAddr;
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
+use zk0_aggregator::connections::listening;
 use zk0_aggregator::publish::http::{self, Limits, Router};
 
 /// How long work that cannot be told to end may take after the connections of a server have ended. Whatever was acknowledged is on disk.
@@ -28,8 +29,8 @@ pub fn online_until<T>(patience: Duration, work: impl Future<Output = Result<T>>
 }
 
 /// Listens on this address, or on a free port of it. Returns the listener with its address.
-pub async fn listening(listen: SocketAddr) -> Result<(TcpListener, SocketAddr)> {
-    let listener = match TcpListener::bind(listen).await {
+pub fn listening(listen: SocketAddr) -> Result<(TcpListener, SocketAddr)> {
+    let listener = match listening::listen(listen) {
         Err(error) if error.kind() == ErrorKind::AddrInUse => {
             bail!("another process listens on {listen} already: stop it, or choose another address")
         }
@@ -40,9 +41,9 @@ pub async fn listening(listen: SocketAddr) -> Result<(TcpListener, SocketAddr)> 
 }
 
 /// [`listening`], if there is an address.
-pub async fn listening_if(listen: Option<SocketAddr>) -> Result<Option<(TcpListener, SocketAddr)>> {
+pub fn listening_if(listen: Option<SocketAddr>) -> Result<Option<(TcpListener, SocketAddr)>> {
     Ok(match listen {
-        Some(listen) => Some(listening(listen).await?),
+        Some(listen) => Some(listening(listen)?),
         None => None,
     })
 }
@@ -59,7 +60,7 @@ pub fn serve_http(
     let certificate = certificate.as_ref();
     online_until(ENDING, async {
         let stop = interrupted();
-        let (listener, address) = listening(listen).await?;
+        let (listener, address) = listening(listen)?;
         keep_current(certificate, what, address);
         let scheme = scheme(certificate);
         tracing::info!(listening = %address, "the {what} is served on {scheme}://{address}");

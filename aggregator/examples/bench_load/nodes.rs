@@ -1,6 +1,7 @@
 //! Many nodes that ask at once.
 
 use crate::harness::{Network, Node};
+use std::error::Error;
 use std::future::Future;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::Arc;
@@ -17,11 +18,11 @@ pub struct Answers<T> {
     /// By number of the node.
     pub all: Vec<T>,
     pub seconds: f64,
-    /// How often a node asked again, because it was told to.
+    /// How often a node asked again.
     pub repeated: usize,
 }
 
-/// Lets all nodes ask. A node that is told to ask later does so, as `zk0 node` would.
+/// Lets all nodes ask. A node that is told to ask later, or whose connection is lost, asks again, as `zk0 node` would.
 pub async fn all_ask<T, F>(
     network: &Arc<Network>,
     nodes: &[Arc<Node>],
@@ -64,5 +65,7 @@ where
 }
 
 fn may_be_repeated(status: &Status) -> bool {
-    matches!(status.code(), Code::Unavailable | Code::ResourceExhausted)
+    // What an aggregator answers has no source.
+    let lost = status.source().is_some();
+    lost || matches!(status.code(), Code::Unavailable | Code::ResourceExhausted)
 }

@@ -2,6 +2,9 @@
 
 use std::time::Duration;
 
+/// How many connections a server has at most, if nobody says otherwise.
+pub(super) const MOST: usize = 4096;
+
 /// What a server allows its connections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ConnectionLimits {
@@ -23,7 +26,7 @@ pub struct ConnectionLimits {
 impl Default for ConnectionLimits {
     fn default() -> Self {
         Self {
-            most: 4096,
+            most: MOST,
             per_address: 16,
             handshake: Duration::from_secs(10),
             stranger_idle: Duration::from_secs(30),

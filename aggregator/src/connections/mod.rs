@@ -1,5 +1,6 @@
 //! Connections that nobody can exhaust, for the gRPC service and for the HTTP servers.
 //!
+//! - [`listening`]: where connections come, and wait until they are taken.
 //! - [`limits`]: how many connections there may be, and how long they may last without a request.
 //! - [`places`]: who holds a place. A connection is a stranger's until a node has shown on it who it is. A stranger's place goes to
 //!   whoever comes while all are taken; a node keeps its place. [`crowds`]: which stranger makes room.
@@ -15,6 +16,7 @@ pub(crate) mod answer_body;
 pub(crate) mod caller;
 mod crowds;
 pub mod limits;
+pub mod listening;
 mod message_body;
 pub(crate) mod message_memory;
 pub mod open_files;

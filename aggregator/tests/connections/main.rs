@@ -16,6 +16,7 @@ mod metrics;
 mod relay;
 mod silent;
 mod sockets;
+mod waiting;
 
 use harness::{Network, Node};
 use zk0_aggregator::{Config, ConnectionLimits, Limits};

@@ -8,11 +8,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
 use std::time::Duration;
 use tempfile::TempDir;
-use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use tonic::transport::{Channel, Endpoint};
 use tonic::Status;
+use zk0_aggregator::connections::listening::listen;
 use zk0_aggregator::publish::beacon::BeaconServers;
 use zk0_aggregator::publish::cosigning::Witnesses;
 use zk0_aggregator::round::recording::statements::Said;
@@ -119,7 +119,7 @@ impl Network {
     }
 
     async fn serve(&mut self) {
-        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let listener = listen(([127, 0, 0, 1], 0).into()).unwrap();
         self.address = format!("http://{}", listener.local_addr().unwrap());
         let (stop, stopped) = oneshot::channel::<()>();
         let service = self.service().clone();
@@ -359,5 +359,14 @@ impl Network {
 
     pub fn uploads(&self) -> usize {
         files(&self.dir.path().join("uploads"))
+    }
+}
+
+impl Drop for Network {
+    /// The server ends at once. Otherwise the end of the runtime would interrupt what it does while it drains.
+    fn drop(&mut self) {
+        if let Some((_, task)) = self.running.take() {
+            task.abort();
+        }
     }
 }

@@ -133,9 +133,9 @@ pub fn serve(options: &Serve) -> Result<()> {
     online_until(ENDING, async {
         let stop = interrupted();
         // Nothing says that the aggregator listens before it has all of its addresses.
-        let (listener, address) = listening(options.listen).await?;
-        let log_listener = listening_if(options.log_listen).await?;
-        let metrics_listener = listening_if(options.metrics.metrics).await?;
+        let (listener, address) = listening(options.listen)?;
+        let log_listener = listening_if(options.log_listen)?;
+        let metrics_listener = listening_if(options.metrics.metrics)?;
         let network = *aggregator.state().network();
         let patience = Duration::from_secs(options.beacon_seconds);
         let beacons = match options.beacons.is_empty() {

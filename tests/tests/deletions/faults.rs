@@ -184,6 +184,29 @@ pub const REMOVALS: &[Removal] = &[
             "an_upload_and_a_submission_go_on_when_there_is_room_again",
         )
     },
+    Removal {
+        package: "zk0-smolvla",
+        target: "frames",
+        ..fault(
+            "a full disk ends no training",
+            "smolvla/src/frames/prefix_cache/store.rs",
+            &[(
+                "        match self.write(key, &bytes) {\n            Err(CacheError::Full { .. }) => {",
+                "        match self.write(key, &bytes) {\n            Err(CacheError::Full { .. }) if false => {",
+            )],
+            "a_full_disk_costs_time_and_changes_nothing",
+        )
+    },
+    Removal {
+        package: "zk0-aggregator",
+        target: "connections",
+        ..fault(
+            "connections that come faster than they are taken wait",
+            "aggregator/src/connections/listening.rs",
+            &[("socket.listen(MOST as u32)", "socket.listen(MOST as u32 / 4)")],
+            "connections_that_are_not_taken_yet_wait",
+        )
+    },
     certificate(
         "a reader of a log believes the authorities that it was told, and no others",
         "ledger/src/published/http_client.rs",
