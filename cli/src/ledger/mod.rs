@@ -78,7 +78,7 @@ pub enum Command {
     /// Check that a ledger's folder is not damaged: its entries, tree and checkpoints, and all files of weights and proofs that are there.
     /// This checks no proofs; `zk0 audit replay` does. The exit code is 0 if the folder is whole, and 1 if it is not.
     Fsck {
-        /// The ledger's folder. A mirror or a backup is one, too. An export is none.
+        /// The ledger's folder. A mirror or a backup is one, too. An export is not a ledger's folder.
         dir: PathBuf,
     },
 }
