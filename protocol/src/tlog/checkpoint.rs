@@ -28,7 +28,10 @@ pub struct Checkpoint {
 /// Why a text is not a valid checkpoint of the log.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CheckpointError {
-    /// The text is not a C2SP signed note with a checkpoint.
+    /// The text is not a C2SP signed note at all, so it is nobody's checkpoint.
+    #[error("this is not a signed note: {0}")]
+    NoNote(String),
+    /// The text is too long, or it is a C2SP signed note of something else.
     #[error("this is not a signed checkpoint: {0}")]
     Malformed(String),
     /// The checkpoint is of another log.
@@ -107,8 +110,8 @@ impl Parsed {
         if text.len() > MAX_NOTE_BYTES {
             return Err(CheckpointError::Malformed(format!("{} bytes", text.len())));
         }
-        let note = Note::from_bytes(text)
-            .map_err(|error| CheckpointError::Malformed(error.to_string()))?;
+        let note =
+            Note::from_bytes(text).map_err(|error| CheckpointError::NoNote(error.to_string()))?;
         let body = Body::from_bytes(note.text())
             .map_err(|error| CheckpointError::Malformed(error.to_string()))?;
         if !body.extension().is_empty() || body.to_bytes() != note.text() {
