@@ -124,10 +124,12 @@ fn a_page_for_browsers_is_no_log_but_a_checkpoint_of_another_log_is_a_fault() {
     export(&dir, &out);
     let signed = fs::read_to_string(out.join("checkpoint")).unwrap();
     let (origin, rest) = signed.split_once('\n').unwrap();
-    let mut resigned = signed.clone().into_bytes();
-    let at = resigned.len() - 20;
+    let (mut resigned, mut damaged) = (signed.clone().into_bytes(), signed.clone().into_bytes());
+    let at = signed.len() - 20;
     resigned[at] = if resigned[at] == b'A' { b'B' } else { b'A' };
-    for forged in [format!("{origin}x\n{rest}").into_bytes(), resigned] {
+    damaged[at] = b'!';
+    let renamed = format!("{origin}x\n{rest}").into_bytes();
+    for forged in [renamed, resigned, damaged] {
         fs::write(out.join("checkpoint"), forged).unwrap();
         ends(1, &["audit", "replay", text(&out)]);
         let watch = ["audit", "watch", text(&out)];

@@ -316,4 +316,10 @@ pub const REMOVALS: &[Removal] = &[
         )],
         "a_page_for_browsers_is_no_log_but_a_checkpoint_of_another_log_is_a_fault",
     ),
+    audited(
+        "a checkpoint with a damaged signature is a fault",
+        "protocol/src/tlog/checkpoint.rs",
+        &[("match claims_signature {", "match false && claims_signature {")],
+        "a_page_for_browsers_is_no_log_but_a_checkpoint_of_another_log_is_a_fault",
+    ),
 ];
