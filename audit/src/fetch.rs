@@ -1,13 +1,15 @@
 //! Finds the ledger to audit. A ledger's folder is read where it lies. An export or a served log is fetched into a mirror, with as
 //! many blobs as the audit reads.
 
+pub mod temporary;
+
 use crate::depth::Depth;
 use crate::log_source::{source, Trust, WrongUsage};
 use anyhow::{Context, Result};
 use std::collections::BTreeSet;
 use std::io::Read;
 use std::path::{Path, PathBuf};
-use tempfile::TempDir;
+use temporary::Temporary;
 use zk0_circuits::Digest;
 use zk0_ledger::error::LedgerError;
 use zk0_ledger::folder;
@@ -16,6 +18,7 @@ use zk0_ledger::published::reader::PublishedError;
 use zk0_ledger::published::source::{Source, SourceError};
 use zk0_ledger::store::Store;
 use zk0_protocol::rules::named_blobs::{named_blobs, BlobKind};
+use zk0_protocol::tlog::checkpoint::CheckpointError;
 use zk0_protocol::tlog::layout::Resource;
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;
 use zk0_protocol::{Body, Entry};
@@ -46,7 +49,7 @@ pub struct Located {
     pub dir: PathBuf,
     /// Whether it is the ledger's own folder. Its newest entries may not be published yet.
     pub lies_here: bool,
-    _made: Option<TempDir>,
+    _made: Option<Temporary>,
 }
 
 /// Finds `ledger`. If it is not a ledger's folder, fetches it to `keep`, or to a temporary folder.
@@ -85,7 +88,7 @@ pub fn locate(ledger: &str, keep: Option<&Path>, trust: &Trust, wanted: Wanted) 
             (dir.to_owned(), None)
         }
         None => {
-            let made = tempfile::tempdir().context("making a temporary directory")?;
+            let made = Temporary::make().context("making a temporary directory")?;
             (made.path().to_owned(), Some(made))
         }
     };
@@ -170,7 +173,11 @@ pub fn is_wrong(error: &MirrorError) -> bool {
     match error {
         MirrorError::Published(error) => !matches!(
             error,
-            PublishedError::Source(_) | PublishedError::Missing(..) | PublishedError::NoCheckpoint
+            PublishedError::Source(_)
+                | PublishedError::Missing(..)
+                | PublishedError::NoCheckpoint
+                // Something else answers under this address, such as a page for browsers.
+                | PublishedError::Checkpoint(CheckpointError::NoNote(_))
         ),
         MirrorError::Ledger(error) => matches!(
             error,

@@ -5,7 +5,8 @@
 //!   ([`checks`]). Several threads do the checks ([`queue`]), and an account says what was checked and what was not ([`account`]).
 //!   [`depth`] says how much an audit reads, and [`named`] what the auditor answers for.
 //! - [`blob_check`]: checks that the blobs of a ledger's folder have the digests that the ledger names.
-//! - [`log_source`]: finds logs by their address or folder. [`fetch`]: fetches what an audit reads.
+//! - [`log_source`]: finds logs by their address or folder. [`fetch`]: fetches what an audit reads, into [`fetch::temporary`] folders where
+//!   nobody names one.
 //! - [`run`]: one run of an audit. [`watch`]: one run after another, each over what is new.
 //! - [`verified_entries`]: an audit of a ledger's folder that hands out the entries. [`fsck`]: a check that a folder is whole.
 //!   [`known_checkpoint`]: reads a checkpoint that somebody has.

@@ -10,8 +10,26 @@ use anyhow::Result;
 use std::num::NonZeroUsize;
 use std::path::Path;
 use zk0_circuits::Digest;
+use zk0_files::atomic_file;
 use zk0_ledger::replay::{self, replay_with, Keep, Options as Replaying, Saved, SavedError};
 use zk0_ledger::Blobs;
+use zk0_protocol::tlog::checkpoint::Checkpoint;
+
+/// Checks before an audit, which may take hours, that a state file can be where the auditor wants it.
+///
+/// # Errors
+/// There is no such folder, or the path names a folder.
+pub fn check_state_file(path: &Path) -> Result<(), WrongUsage> {
+    let folder = atomic_file::folder_of(path);
+    let wrong = |why: String| Err(WrongUsage(format!("--state {}: {why}", path.display())));
+    if !folder.is_dir() {
+        return wrong(format!("there is no folder {}", folder.display()));
+    }
+    if path.is_dir() {
+        return wrong("this is a folder; name a file in it".into());
+    }
+    Ok(())
+}
 
 /// How to audit.
 #[derive(Clone)]
@@ -26,6 +44,8 @@ pub struct Audit<'a> {
     pub threads: Option<NonZeroUsize>,
     /// The state file, which keeps what was verified. `None` to start from the first entry and keep nothing.
     pub state_file: Option<Keep>,
+    /// What the caller has seen of the log before. The log has to continue it, whatever the state file knows.
+    pub seen: Option<Checkpoint>,
     /// Called from several threads with the number of verified entries and of all entries. `None` if nobody watches.
     pub progress: Option<&'a (dyn Fn(u64, u64) + Sync)>,
 }
@@ -61,6 +81,7 @@ impl Audit<'_> {
             progress: self.progress,
             from,
             known,
+            seen: self.seen,
             keep: self.state_file.clone(),
         };
         let report = replay_with(dir, options, &mut auditor);

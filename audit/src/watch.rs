@@ -1,19 +1,20 @@
 //! Audits a log again and again. What was seen once has to stay: the watch raises an alarm when the log forks, is rolled back or breaks a
 //! rule.
 
+use crate::fetch::temporary::Temporary;
 use crate::fetch::{fetch, is_wrong};
 use crate::log_source::{source, Trust, WrongUsage};
 use crate::named::Named;
 use crate::report::history;
-use crate::report::verdict::{verdict, Audited};
-use crate::run::Audit;
+use crate::report::verdict::{faults, sentence, Audited};
+use crate::run::{check_state_file, Audit};
 use crate::Depth;
-use anyhow::{Context, Result};
+use anyhow::{bail, Context, Result};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use tempfile::TempDir;
 use zk0_ledger::folder;
 use zk0_ledger::replay::{Keep, Saved, Verdict};
+use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::Entry;
 
 /// The result of one look at the log.
@@ -21,8 +22,8 @@ use zk0_protocol::Entry;
 pub enum Look {
     /// The log continues what was seen before, and nothing new is wrong.
     Continues,
-    /// The log cannot be trusted, for this reason.
-    Alarm(String),
+    /// The log cannot be trusted, for these reasons. There is at least one.
+    Alarm(Vec<String>),
 }
 
 /// What a watch reports while it looks.
@@ -69,7 +70,9 @@ pub struct Watch {
     /// Where the log is fetched to; `None` when it is read where it lies.
     mirror: Option<PathBuf>,
     state: PathBuf,
-    _made: TempDir,
+    /// The newest log that was verified. The state file may not know it, because it could not be written or somebody has removed it.
+    seen: Option<Checkpoint>,
+    _made: Temporary,
 }
 
 impl Watch {
@@ -78,7 +81,10 @@ impl Watch {
     /// # Errors
     /// The state file cannot be read, there is no folder to watch, or the options contradict one another.
     pub fn begin(options: WatchOptions) -> Result<Self> {
-        let made = tempfile::tempdir().context("making a temporary directory")?;
+        if let Some(state) = &options.state {
+            check_state_file(state)?;
+        }
+        let made = Temporary::make().context("making a temporary directory")?;
         let lies_here = folder::database(Path::new(&options.ledger)).exists();
         // A folder's own checkpoint is not cosigned. With a witness policy, the folder is read as it would be published.
         let mirror = match lies_here && options.trust.witness_policy.is_none() {
@@ -113,6 +119,7 @@ impl Watch {
             options,
             mirror,
             state,
+            seen: None,
             _made: made,
         })
     }
@@ -120,9 +127,10 @@ impl Watch {
     /// Fetches what is new, verifies it, and reports it to `seen`. `progress` hears how many entries of how many are verified.
     ///
     /// # Errors
-    /// The log gives no answer, or the file system fails.
+    /// The log gives no answer, or the file system fails. If the state file cannot be written, that is an error, too: the next watch would
+    /// not notice a rollback. This watch remembers what it has seen.
     pub fn look(
-        &self,
+        &mut self,
         progress: Option<&(dyn Fn(u64, u64) + Sync)>,
         mut seen: impl FnMut(Seen<'_>),
     ) -> Result<Look> {
@@ -144,13 +152,14 @@ impl Watch {
                 );
                 match fetched {
                     Ok(()) => {}
-                    Err(error) if is_wrong(&error) => return Ok(Look::Alarm(error.to_string())),
+                    Err(error) if is_wrong(&error) => return Ok(alarm(&error)),
                     Err(error) => return Err(error.into()),
                 }
                 dir.clone()
             }
         };
-        let before = Saved::read(&self.state)?.map(|saved| saved.size);
+        let saved = Saved::read(&self.state)?.map(|saved| saved.size);
+        let before = saved.max(self.seen.map(|seen| seen.size));
         let audit = Audit {
             depth: self.options.depth,
             named: self.options.named.clone(),
@@ -160,19 +169,46 @@ impl Watch {
                 path: self.state.clone(),
                 every: Duration::from_secs(30),
             }),
+            seen: self.seen,
             progress,
         };
         let audited = match audit.run(&dir) {
             // What was seen once has to stay, so another network is an alarm here.
-            Err(error) if error.is::<WrongUsage>() => return Ok(Look::Alarm(error.to_string())),
+            Err(error) if error.is::<WrongUsage>() => return Ok(alarm(&error)),
             audited => audited?,
         };
+        if audited.holds() {
+            self.remember(&audited);
+        }
         report(&dir, before, &audited, &mut seen)?;
-        match audited.holds() {
-            true => Ok(Look::Continues),
-            false => Ok(Look::Alarm(verdict(&audited))),
+        if !audited.holds() {
+            let faults = faults(&audited);
+            return Ok(match faults.is_empty() {
+                false => Look::Alarm(faults),
+                true => alarm(&sentence(&audited).1),
+            });
+        }
+        match &audited.unsaved {
+            None => Ok(Look::Continues),
+            Some(why) => bail!(
+                "the state of this watch cannot be saved, so that after a restart it would not notice a fork or a rollback: {why}. Free \
+                 the disk, or name another file with --state"
+            ),
         }
     }
+
+    /// Remembers which log was verified.
+    fn remember(&mut self, audited: &Audited) {
+        if let Some(root) = audited.root.as_deref().and_then(|root| root.parse().ok()) {
+            let size = audited.entries;
+            self.seen = Some(Checkpoint { size, root });
+        }
+    }
+}
+
+/// The log cannot be trusted for one reason.
+fn alarm(why: &impl ToString) -> Look {
+    Look::Alarm(vec![why.to_string()])
 }
 
 /// Reports what the audit verified and the watch had not seen before.

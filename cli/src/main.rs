@@ -1,5 +1,6 @@
 //! The one binary. Its exit codes are 0 for success, 1 for a failure (an audit that fails, a refusal, an error), and 2 for a wrong command
-//! line. `zk0 audit replay` also has 3 for an incomplete audit. It and `zk0 audit watch` have 4 for an error, which is no verdict.
+//! line. `zk0 audit replay` also has 3 for an incomplete audit. It, `zk0 audit watch`, `zk0 audit recording` and `zk0 audit verify-proof`
+//! have 4 for an error, which is no verdict.
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;

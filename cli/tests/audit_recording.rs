@@ -82,15 +82,17 @@ fn an_auditor_with_the_recording_finds_the_registered_samples() {
     let said = compared(&network, 1, entry, RECORDING, &forged);
     assert!(said.contains("did not commit with the salt"), "{said}");
     fs::write(&forged, [7; 31]).unwrap();
-    let said = compared(&network, 1, entry, RECORDING, &forged);
+    let said = compared(&network, 2, entry, RECORDING, &forged);
     assert!(said.contains("has 31 bytes, but a salt has 32"), "{said}");
-    let said = compared(&network, 1, 0, RECORDING, &salt);
+    let said = compared(&network, 2, 0, RECORDING, &salt);
     assert!(
         said.contains("entry 0 does not register a dataset"),
         "{said}"
     );
-    let said = compared(&network, 1, 99, RECORDING, &salt);
+    let said = compared(&network, 2, 99, RECORDING, &salt);
     assert!(said.contains("there is no entry 99"), "{said}");
+    let said = compared(&network, 2, entry, "no-such-recording", &salt);
+    assert!(said.contains("there is no such folder"), "{said}");
 }
 
 #[test]

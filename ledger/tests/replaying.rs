@@ -16,6 +16,7 @@ use zk0_ledger::replay::{
     replay, replay_with, Keep, Options, Recheck, Report, Saved, SavedError, Verdict,
 };
 use zk0_ledger::{Blobs, Finding};
+use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::{Entry, State};
 
 /// Finds something in every fiftieth entry, and panics at the entry that it is told. It reports one entry late, as other threads
@@ -318,6 +319,42 @@ fn a_memory_that_cannot_be_written_is_said_and_spoils_nothing() {
     assert_eq!(report.verdict, Verdict::Verified);
     let said = |finding: &Finding| finding.text.contains("cannot be saved");
     assert!(report.findings.iter().any(said), "{:?}", report.findings);
+    let why = report
+        .unsaved
+        .expect("a caller can tell it from other notes");
+    assert!(why.contains("no/such/folder"), "{why}");
+}
+
+#[test]
+fn what_was_seen_has_to_stay_even_if_it_was_not_saved() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (one, short) = (scratch.path().join("one"), scratch.path().join("short"));
+    let (fork, state) = (scratch.path().join("fork"), scratch.path().join("state"));
+    let mut long = Long::found(&one, 0);
+    long.rounds(3);
+    copy(&one, &short);
+    long.rounds(20);
+    Long::found(&fork, 1).rounds(30);
+    let report = replay(&one, None, &mut ());
+    let seen = Some(Checkpoint {
+        size: report.entries,
+        root: report.root.unwrap().parse().unwrap(),
+    });
+    let says = |dir: &Path, verdict: Verdict, words: &str| {
+        let options = Options {
+            seen,
+            keep: keep(&state, Duration::ZERO),
+            ..Options::default()
+        };
+        let report = replay_with(dir, options, &mut Finder::default());
+        assert_eq!(report.verdict, verdict);
+        let last = report.findings.last().unwrap();
+        assert!(last.text.contains(words), "{last:?}");
+    };
+    says(&short, Verdict::Failed, "ROLLED BACK");
+    says(&fork, Verdict::Failed, "FORKED");
+    assert!(!state.exists(), "nothing of these logs is saved");
+    says(&one, Verdict::Verified, "that was all");
 }
 
 #[test]

@@ -5,7 +5,7 @@ use crate::auditor::Auditor;
 use crate::depth::Depth;
 use crate::report::describe::printable;
 use serde::Serialize;
-use zk0_ledger::replay::{Report, Severity, Verdict};
+use zk0_ledger::replay::{Finding, Report, Severity, Verdict};
 use zk0_protocol::counted::counted;
 
 /// The report of an audit: what the replay found, what was checked, and what was not.
@@ -68,15 +68,28 @@ pub fn verdict(audited: &Audited) -> String {
             Severity::NotChecked => "not checked",
             Severity::Fault => "FAULT",
         };
-        let place = finding
-            .index
-            .map(|index| format!("entry {index}: "))
-            .unwrap_or_default();
-        line(label, &format!("{place}{}", printable(&finding.text)));
+        line(label, &printable(&placed(finding)));
     }
     let (label, says) = sentence(audited);
     line(label, says);
     text
+}
+
+/// What is wrong, one text for each fault, with its entry. The texts may hold anything that an entry holds.
+pub fn faults(audited: &Audited) -> Vec<String> {
+    let findings = audited.report.findings.iter();
+    findings
+        .filter(|finding| finding.severity == Severity::Fault)
+        .map(placed)
+        .collect()
+}
+
+/// A finding with the entry that it is about.
+fn placed(finding: &Finding) -> String {
+    match finding.index {
+        Some(index) => format!("entry {index}: {}", finding.text),
+        None => finding.text.clone(),
+    }
 }
 
 /// The verdict in a word and a sentence.

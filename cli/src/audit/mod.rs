@@ -9,7 +9,9 @@ mod replay;
 mod show;
 mod watch;
 
+use crate::output;
 use anyhow::Result;
+use std::fmt;
 use std::process::ExitCode;
 use zk0_audit::fetch::is_fault;
 use zk0_audit::log_source::WrongUsage;
@@ -29,11 +31,12 @@ pub enum Command {
     Watch(watch::Options),
     /// Make a file that proves that an entry is in a log (C2SP tlog-proof). `zk0 audit verify-proof` checks it without a network.
     Prove(proof::Prove),
-    /// Check such a file. The exit code is 0 if the entry is in the log, and 1 if the file does not prove it.
+    /// Check such a file. The exit code is 0 if the entry is in the log, 1 if the file does not prove it, 2 if an option is wrong, and 4 if
+    /// the file cannot be read.
     VerifyProof(proof::Verify),
     /// Compare a registered dataset with the recording that it is of. This needs the recording and the node's salt. It draws the frames,
     /// makes their samples with the network's policy, and compares their leaves with those that the node registered. The exit code is 0
-    /// if they are the same, and 1 if not.
+    /// if they are the same, 1 if not, 2 if an option is wrong, and 4 if there is no verdict, because something cannot be read.
     #[cfg(feature = "full")]
     Recording(Box<recording::Options>),
 }
@@ -49,20 +52,37 @@ pub fn run(command: &Command) -> Result<ExitCode> {
         #[cfg(feature = "full")]
         Command::Recording(options) => recording::run(options)?,
     };
-    Ok(match holds {
-        true => ExitCode::SUCCESS,
-        false => ExitCode::FAILURE,
-    })
+    if holds {
+        return Ok(ExitCode::SUCCESS);
+    }
+    // If the verdict cannot be written, it stands all the same.
+    output::finish().map_err(|error| {
+        let why = "the verdict is FAILED, but not all that this audit found could be written";
+        error.context(Failed(why.into()))
+    })?;
+    Ok(ExitCode::FAILURE)
+}
+
+/// What an error says first if something is wrong with what was audited. The exit code is that of the verdict FAILED.
+#[derive(Debug)]
+struct Failed(String);
+
+impl fmt::Display for Failed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
 }
 
 impl Command {
-    /// The exit code of an error. If an audit cannot read the ledger, there is no verdict.
+    /// The exit code of an error. If an audit cannot read what it is of, there is no verdict.
     pub fn error_code(&self, error: &anyhow::Error) -> ExitCode {
-        let failed = is_fault(error) || error.is::<replay::StillFailed>();
-        match self {
-            _ if error.is::<WrongUsage>() => ExitCode::from(2),
-            Self::Replay(_) | Self::Watch(_) if !failed => ExitCode::from(4),
-            _ => ExitCode::FAILURE,
-        }
+        ExitCode::from(match self {
+            _ if error.is::<WrongUsage>() => 2,
+            _ if is_fault(error) || error.is::<Failed>() => 1,
+            Self::Replay(_) | Self::Watch(_) | Self::VerifyProof(_) => 4,
+            #[cfg(feature = "full")]
+            Self::Recording(_) => 4,
+            Self::Show(_) | Self::Prove(_) => 1,
+        })
     }
 }

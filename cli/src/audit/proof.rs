@@ -2,9 +2,10 @@
 
 use crate::ledger::TrustOptions;
 use crate::output::{print, println};
-use anyhow::{bail, Context, Result};
+use anyhow::{Context, Result};
+use std::io::ErrorKind;
 use std::path::PathBuf;
-use zk0_audit::log_source::open_log;
+use zk0_audit::log_source::{open_log, WrongUsage};
 use zk0_audit::report::describe::{describe, printable};
 use zk0_files::{atomic_file, bounded_file};
 use zk0_ledger::witness_policy_file;
@@ -63,22 +64,41 @@ pub fn prove(options: &Prove) -> Result<()> {
 /// Checks a proof. Returns `false` if it does not hold.
 pub fn verify(options: &Verify) -> Result<bool> {
     let file = &options.file;
-    let policy = options.witness_policy.as_deref();
-    let policy = policy.map_or_else(|| Ok(WitnessPolicy::none()), witness_policy_file::read)?;
-    let reading = || format!("reading {}", file.display());
-    let proof = bounded_file::read(file, MAX_PROOF_BYTES as u64).with_context(reading)?;
-    let proof = TlogProof::decode(&proof).with_context(reading)?;
+    let policy = match &options.witness_policy {
+        Some(path) => witness_policy_file::read(path)
+            .map_err(|error| WrongUsage(format!("--witness-policy {error}")))?,
+        None => WitnessPolicy::none(),
+    };
     let keys: Vec<&VerifierKey> = match &options.log_key {
         Some(key) if key.role() == Role::Log => vec![key],
-        Some(key) => bail!(
-            "{} is the key of a witness; give the key of a log",
-            key.name()
-        ),
+        Some(key) => {
+            let name = key.name();
+            return Err(WrongUsage(format!(
+                "{name} is the key of a witness; give the key of a log"
+            ))
+            .into());
+        }
         None => policy.logs().iter().collect(),
     };
     if keys.is_empty() {
-        bail!("the witness policy does not name the log: give the log's key with --log-key");
+        return Err(WrongUsage(
+            "the witness policy does not name the log: give the log's key with --log-key".into(),
+        )
+        .into());
     }
+    let proof = match bounded_file::read(file, MAX_PROOF_BYTES as u64) {
+        Ok(bytes) => TlogProof::decode(&bytes).map_err(|error| error.to_string()),
+        // No proof is so long.
+        Err(error) if error.kind() == ErrorKind::FileTooLarge => Err(error.to_string()),
+        Err(error) => return Err(error).with_context(|| format!("reading {}", file.display())),
+    };
+    let proof = match proof {
+        Ok(proof) => proof,
+        Err(why) => {
+            println!("FAILED       {}: {}", file.display(), printable(&why));
+            return Ok(false);
+        }
+    };
     let mut refused = Vec::new();
     for key in keys {
         match proof.verify(key, &policy) {

@@ -1,19 +1,21 @@
 //! `zk0 audit recording`: compares a registered dataset with the recording that it is of. For an auditor to whom the node has given both
 //! the recording and its salt.
 
+use super::Failed;
 use crate::dataset::RecordingName;
 use crate::ledger::TrustOptions;
 use crate::output::println;
 use crate::policy::{cache_failed, CacheOptions};
-use anyhow::{bail, Context, Result};
+use anyhow::{Context, Error, Result};
 use std::path::{Path, PathBuf};
 use zk0_audit::fetch::{locate, Wanted};
+use zk0_audit::log_source::WrongUsage;
 use zk0_audit::report::history;
 use zk0_circuits::claim::dataset::check_leaves;
 use zk0_circuits::EvalSpec;
 use zk0_files::bounded_file;
-use zk0_ledger::blobs::Blobs;
-use zk0_ledger::replay::Severity;
+use zk0_ledger::blobs::{BlobError, Blobs};
+use zk0_ledger::replay::{self, replay_with, Severity};
 use zk0_node::error::ParticipantError;
 use zk0_node::recording::recompute::{recompute, Recomputed};
 use zk0_node::recording::Recording;
@@ -49,31 +51,45 @@ pub struct Options {
 /// Runs the command. Returns `false` if the registered samples are not those of the recording.
 pub fn run(options: &Options) -> Result<bool> {
     let trust = options.trust.read()?;
+    // Fetching and reading the ledger may take hours, so a wrong salt is named before it.
+    let salt = salt(&options.salt)?;
     let mirror = options.mirror.as_deref();
     let located = locate(&options.ledger, mirror, &trust, Wanted::Everything)?;
     let dir = &located.dir;
-    let report = zk0_ledger::replay(dir, trust.network.as_ref(), &mut ());
+    let replaying = replay::Options {
+        opened: replay::open(dir)?,
+        network: trust.network,
+        ..replay::Options::default()
+    };
+    let report = replay_with(dir, replaying, &mut ());
     let mut faults = report.findings.iter();
     if let Some(fault) = faults.find(|finding| finding.severity == Severity::Fault) {
-        bail!("the ledger is not right: {}", fault.text);
+        let why = format!("the ledger is not right: {}", fault.text);
+        return Err(Error::msg(Failed(why)));
     }
     let root = report.root.clone().unwrap_or_default();
     let (genesis, registration) = registered(dir, report.entries, &root, options.entry)?;
     let blobs = Blobs::at(dir);
     let most = registration.drawn() * DRAWN_LEAF_BYTES as u64;
-    let list = blobs
-        .get(&registration.leaves, most)
-        .context("reading the list of drawn frames")?;
-    let list = registration.read_list(&list)?;
-    check_leaves(&registration.dataset, &distinct(&list))?;
-    blobs
-        .check(&genesis.policy)
-        .context("checking the network's policy")?;
-    let salt = salt(&options.salt)?;
+    let list = whole(
+        blobs.get(&registration.leaves, most),
+        "reading the list of drawn frames",
+    )?;
+    let not_right = || Failed("the registered list of drawn frames is not right".into());
+    let list = registration.read_list(&list).with_context(not_right)?;
+    check_leaves(&registration.dataset, &distinct(&list)).with_context(not_right)?;
+    whole(
+        blobs.check(&genesis.policy),
+        "checking the network's policy",
+    )?;
     let cache = options.cache.open()?;
     let spec = EvalSpec::decode(&genesis.evaluation)?;
     let policy = blobs.path(&genesis.policy);
     let recording = options.recording.locate()?;
+    if !recording.is_dir() {
+        let recording = recording.display();
+        return Err(WrongUsage(format!("--recording {recording}: there is no such folder")).into());
+    }
     let found = (|| {
         let recording = Recording::open(&recording, &policy, cache.as_ref())?;
         let maker = recording.maker();
@@ -111,22 +127,42 @@ fn registered(
     let genesis = genesis.context("the ledger has no genesis")?;
     match wanted {
         Some(registration) => Ok((genesis, registration)),
-        None if index >= entries => bail!("there is no entry {index}: the ledger has {entries}"),
-        None => bail!("entry {index} does not register a dataset: `zk0 audit show LEDGER --entries` says what it is"),
+        None if index >= entries => Err(WrongUsage(format!(
+            "--entry {index}: there is no entry {index}: the ledger has {entries}"
+        ))
+        .into()),
+        None => Err(WrongUsage(format!(
+            "--entry {index}: entry {index} does not register a dataset: `zk0 audit show LEDGER --entries` says what it is"
+        ))
+        .into()),
     }
 }
 
-fn salt(path: &Path) -> Result<[u8; 32]> {
-    let bytes = bounded_file::read(path, 32)
-        .with_context(|| format!("reading the salt {}", path.display()))?;
-    let count = bytes.len();
-    match <[u8; 32]>::try_from(bytes) {
-        Ok(salt) => Ok(salt),
-        Err(_) => bail!(
-            "{} has {count} bytes, but a salt has 32: it is the file `salt` of the node's state folder",
-            path.display()
-        ),
+/// What was read of a blob. A blob that is missing says nothing about the ledger, but one with other bytes than its name says is a fault.
+fn whole<T>(read: Result<T, BlobError>, what: &'static str) -> Result<T> {
+    let wrong = matches!(
+        read,
+        Err(BlobError::WrongDigest { .. } | BlobError::TooLarge { .. })
+    );
+    let read = read.context(what);
+    match wrong {
+        true => {
+            read.with_context(|| Failed("a file of the ledger is not what its name says".into()))
+        }
+        false => read,
     }
+}
+
+fn salt(path: &Path) -> Result<[u8; 32], WrongUsage> {
+    let shown = path.display();
+    let bytes = bounded_file::read(path, 32)
+        .map_err(|error| WrongUsage(format!("--salt {shown}: {error}")))?;
+    let count = bytes.len();
+    <[u8; 32]>::try_from(bytes).map_err(|_| {
+        WrongUsage(format!(
+            "--salt {shown} has {count} bytes, but a salt has 32: it is the file `salt` of the node's state folder"
+        ))
+    })
 }
 
 /// The result in words.

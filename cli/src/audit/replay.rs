@@ -2,10 +2,12 @@
 
 use super::named_options::NamedOptions;
 use super::progress_bar::Bar;
+use super::Failed;
 use crate::ledger::TrustOptions;
 use crate::output::{self, print, println};
-use anyhow::{Context, Result};
-use std::fmt;
+use anyhow::{anyhow, Context, Result};
+use std::fs;
+use std::io;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -15,7 +17,7 @@ use zk0_audit::log_source::WrongUsage;
 use zk0_audit::report::rollouts::Rollouts;
 use zk0_audit::report::verdict::{verdict, Audited};
 use zk0_audit::report::{history, html};
-use zk0_audit::run::Audit;
+use zk0_audit::run::{check_state_file, Audit};
 use zk0_audit::Depth;
 use zk0_files::atomic_file;
 use zk0_ledger::replay::{Finding, Keep, Verdict};
@@ -40,7 +42,8 @@ pub struct Options {
     /// Keep what is fetched from an address or an export in this folder, so that the next audit fetches only what is new.
     #[arg(long, value_name = "DIR")]
     mirror: Option<PathBuf>,
-    /// Write a report to this file, for reading in a browser without a network. Its data goes beside it as JSON.
+    /// Write a report to this file, for reading in a browser without a network. Its data goes beside it, into a file of the same name that
+    /// ends with `.json`.
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
     /// List in that report what a policy did in a simulation: a folder that `scripts/rollout` wrote. The audit does not check it. Repeat the
@@ -57,16 +60,6 @@ pub struct Options {
     trust: TrustOptions,
     #[command(flatten)]
     named: NamedOptions,
-}
-
-/// What an error says first if it comes after the verdict FAILED. The exit code is still that of the verdict.
-#[derive(Debug)]
-pub struct StillFailed;
-
-impl fmt::Display for StillFailed {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("the verdict is FAILED, but its report is not all written")
-    }
 }
 
 /// Runs the command. Each verdict has an exit code of its own.
@@ -89,6 +82,7 @@ pub fn run(options: &Options) -> Result<ExitCode> {
         network: trust.network,
         threads: options.threads,
         state_file,
+        seen: None,
         progress: (!options.json).then_some(&progress),
     };
     let mut audited = audit.run(&located.dir)?;
@@ -108,10 +102,23 @@ pub fn run(options: &Options) -> Result<ExitCode> {
         Some(path) => write_page(path, &options.rollouts, &located.dir, &audited),
         None => Ok(()),
     };
+    // Whoever passes on the verdict of an audit with --state relies on what the next one will notice.
+    let saved = match &audited.unsaved {
+        Some(why) => Err(anyhow!(
+            "the state of this audit cannot be saved, so that the next one would not notice a fork or a rollback: {why}. Free the disk, \
+             or name another file with --state, and repeat the audit"
+        )),
+        None => Ok(()),
+    };
     output::finish()
         .and(page)
+        .and(saved)
         .map_err(|error| match audited.verdict {
-            Verdict::Failed => error.context(StillFailed),
+            Verdict::Failed => {
+                let why =
+                    "the verdict is FAILED, but not all that this audit found could be written";
+                error.context(Failed(why.into()))
+            }
             Verdict::Verified | Verdict::Incomplete => error,
         })?;
     Ok(ExitCode::from(match audited.verdict {
@@ -122,8 +129,11 @@ pub fn run(options: &Options) -> Result<ExitCode> {
 }
 
 impl Options {
-    /// Checks that the folders are there which the report for browsers needs.
+    /// Checks that the folders are there which the state and the report for browsers need, and that no file of this audit replaces another.
     fn check_paths(&self) -> Result<(), WrongUsage> {
+        if let Some(state) = &self.state {
+            check_state_file(state)?;
+        }
         if let Some(path) = &self.html {
             let folder = atomic_file::folder_of(path);
             if !folder.is_dir() {
@@ -138,6 +148,7 @@ impl Options {
                     "--html {path}: this is a folder; name a file in it"
                 )));
             }
+            self.check_data(path)?;
         }
         match self.rollouts.iter().find(|folder| !folder.is_dir()) {
             Some(missing) => Err(WrongUsage(format!(
@@ -147,6 +158,45 @@ impl Options {
             None => Ok(()),
         }
     }
+
+    /// Checks that neither the report for browsers in `page` nor its data replaces another file of this audit.
+    fn check_data(&self, page: &Path) -> Result<(), WrongUsage> {
+        let data = data_of(page);
+        let (named, beside) = (page.display(), data.display());
+        if same_file(page, &data) {
+            return Err(WrongUsage(format!(
+                "--html {named}: the data of the report goes into {beside}, so give the report another name, such as one that ends with .html"
+            )));
+        }
+        match &self.state {
+            Some(state) if same_file(page, state) || same_file(&data, state) => {
+                let state = state.display();
+                Err(WrongUsage(format!(
+                    "--html {named}: the report goes into {named} and its data into {beside}, and one of them is the file of --state \
+                     {state}: give one of them another name"
+                )))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Whether two paths name the same file. The folders of both are there.
+fn same_file(one: &Path, other: &Path) -> bool {
+    let place = |path: &Path| {
+        // A file that is not there yet has no real path, but its folder has one.
+        let real: io::Result<PathBuf> = fs::canonicalize(path).or_else(|_| {
+            let folder = fs::canonicalize(atomic_file::folder_of(path))?;
+            Ok(folder.join(path.file_name().unwrap_or_default()))
+        });
+        real.unwrap_or_else(|_| path.to_owned())
+    };
+    place(one) == place(other)
+}
+
+/// The file beside the report for browsers that has its data.
+fn data_of(page: &Path) -> PathBuf {
+    page.with_extension("json")
 }
 
 /// Writes the report for browsers, and its data beside it.
@@ -156,7 +206,7 @@ fn write_page(path: &Path, rollouts: &[PathBuf], dir: &Path, audited: &Audited) 
     let rollouts = rollouts.iter();
     let rollouts = rollouts.map(|folder| Rollouts::read(folder, dir, audited.entries, root));
     let rollouts: Vec<Rollouts> = rollouts.collect::<Result<_>>()?;
-    let data = path.with_extension("json");
+    let data = data_of(path);
     let json = serde_json::to_vec_pretty(&html::Data {
         audit: audited,
         history: &history,

@@ -5,7 +5,7 @@ use super::named_options::NamedOptions;
 use super::progress_bar::Bar;
 use super::show;
 use crate::ledger::TrustOptions;
-use anyhow::{bail, Context, Result};
+use anyhow::{Context, Result};
 use serde_json::json;
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -47,7 +47,7 @@ pub struct Options {
     named: NamedOptions,
 }
 
-/// How many checks in a row may fail because nobody answers or a file is missing.
+/// How many checks in a row may give no verdict, because nobody answers, or a file is missing or cannot be written.
 const PATIENCE: u32 = 5;
 
 /// Why a watch ends whose standard output fails.
@@ -55,7 +55,7 @@ const UNHEARD: &str = "what the watch finds cannot be written to standard output
 
 /// Runs the command. Returns `false` if something is wrong with the log.
 pub fn run(options: &Options) -> Result<bool> {
-    let watch = Watch::begin(WatchOptions {
+    let mut watch = Watch::begin(WatchOptions {
         ledger: options.ledger.clone(),
         trust: options.trust.read()?,
         depth: Depth::of(options.light),
@@ -65,6 +65,7 @@ pub fn run(options: &Options) -> Result<bool> {
     })?;
     let mut failed = 0;
     let mut look = 0;
+    let log = &options.ledger;
     loop {
         let bar = Bar::default();
         let progress = |done, total| bar.at(done, total);
@@ -79,24 +80,27 @@ pub fn run(options: &Options) -> Result<bool> {
         told.context(UNHEARD)?;
         match looked {
             Ok(Look::Continues) => failed = 0,
-            Ok(Look::Alarm(why)) => {
-                options.say("ALARM", &why).context(UNHEARD)?;
+            Ok(Look::Alarm(faults)) => {
+                for fault in faults {
+                    options.say("ALARM", &fault).context(UNHEARD)?;
+                }
                 return Ok(false);
             }
             Err(error) => {
                 failed += 1;
-                tracing::warn!("check {failed} of {PATIENCE} failed, and is repeated: {error:#}");
+                // What was not read is not verified, and what is not remembered is not watched.
                 if failed == PATIENCE {
-                    return Err(error.context(format!("{} gives no answer", options.ledger)));
+                    let times = format!("{PATIENCE} checks of {log} in a row gave no verdict");
+                    return Err(error.context(times));
                 }
+                if options.looks == Some(look + 1) {
+                    return Err(error.context(format!("the last check of {log} gave no verdict")));
+                }
+                tracing::warn!("check {failed} of {PATIENCE} failed, and is repeated: {error:#}");
             }
         }
         look += 1;
         if options.looks == Some(look) {
-            // What was not read is not verified.
-            if failed > 0 {
-                bail!("{} gave no answer at the last check", options.ledger);
-            }
             return Ok(true);
         }
         sleep(Duration::from_secs(options.interval));
@@ -130,10 +134,9 @@ impl Options {
     }
 
     fn say(&self, label: &str, text: &str) -> io::Result<()> {
-        let text = printable(text);
         write(&match self.json {
             true => json!({ "event": label.to_lowercase(), "text": text }).to_string(),
-            false => format!("{label:<12} {text}"),
+            false => format!("{label:<12} {}", printable(text)),
         })
     }
 }

@@ -1,12 +1,14 @@
 //! `zk0 audit` as its users run it: on the committed ledger, which holds a real proof, and on ledgers that the tests make, whose nodes have
 //! hostile names and whose log forks.
 
+mod ended;
 #[path = "../harness/mod.rs"]
 mod harness;
 mod replay;
 mod report;
 mod show;
 mod unread;
+mod unsaved;
 mod usage;
 mod watch;
 mod witnesses;

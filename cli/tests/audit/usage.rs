@@ -1,8 +1,9 @@
 //! What the auditor mistypes is an error that says so. It is no fault of the ledger.
 
 use crate::harness::made_ledger::Made;
-use crate::harness::{text, LEDGER};
+use crate::harness::{prints, text, LEDGER, RECORDING};
 use crate::{ends, export};
+use std::fs;
 use std::io::{Read, Write};
 use std::net::TcpListener;
 use std::path::Path;
@@ -15,7 +16,7 @@ fn what_the_auditor_mistypes_gets_no_verdict() {
     let (out, missing, kept) = (place("out"), place("missing"), place("kept"));
     export(Path::new(LEDGER), &out);
     let (elsewhere, page) = ("00".repeat(32), missing.join("page.html"));
-    let (missing, there) = (text(&missing), place("page.html"));
+    let (missing, there, data) = (text(&missing), place("page.html"), place("page.json"));
     for ledger in [LEDGER, text(&out)] {
         for (options, why) in [
             (&["--network", &elsewhere][..], "but --network names"),
@@ -26,6 +27,15 @@ fn what_the_auditor_mistypes_gets_no_verdict() {
             (
                 &["--html", text(&there), "--rollouts", missing][..],
                 "there is no such folder",
+            ),
+            (&["--html", text(&data)][..], "goes into"),
+            (
+                &["--html", text(&there), "--state", text(&data)][..],
+                "is the file of --state",
+            ),
+            (
+                &["--html", text(&there), "--state", text(&there)][..],
+                "is the file of --state",
             ),
         ] {
             let arguments = [&["audit", "replay", ledger][..], options].concat();
@@ -80,4 +90,82 @@ fn the_aggregators_own_port_is_told_from_a_log() {
         let (_, why) = ends(code, arguments);
         assert!(why.contains("--log-listen"), "{arguments:?}: {why}");
     }
+}
+
+/// A server that answers each request with this page, whatever it is for.
+fn answers(page: &'static str) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = format!("http://{}", listener.local_addr().unwrap());
+    thread::spawn(move || {
+        for stream in listener.incoming() {
+            let mut stream = stream.unwrap();
+            assert!(stream.read(&mut [0; 1 << 12]).unwrap() > 0);
+            let (length, more) = (page.len(), "content-type: text/html\r\nconnection: close");
+            let head = format!("HTTP/1.1 200 OK\r\ncontent-length: {length}\r\n{more}\r\n\r\n");
+            stream.write_all((head + page).as_bytes()).unwrap();
+        }
+    });
+    address
+}
+
+#[test]
+fn a_page_for_browsers_is_no_log_but_a_checkpoint_of_another_log_is_a_fault() {
+    let address = answers("<!doctype html>\n<html><body>Welcome</body></html>\n");
+    let (said, why) = ends(4, &["audit", "replay", &address]);
+    assert!(why.contains("this is not a signed note"), "{why}");
+    assert!(said.is_empty(), "{said}");
+    let once = ["--looks", "1", "--interval", "1"];
+    let (said, _) = ends(4, &[&["audit", "watch", &address][..], &once].concat());
+    assert!(said.is_empty(), "{said}");
+    // A signed note with another name or signature says that somebody has changed the log.
+    let scratch = tempfile::tempdir().unwrap();
+    let (dir, out) = (scratch.path().join("ledger"), scratch.path().join("out"));
+    drop(Made::found(&dir, 0).ledger);
+    export(&dir, &out);
+    let signed = fs::read_to_string(out.join("checkpoint")).unwrap();
+    let (origin, rest) = signed.split_once('\n').unwrap();
+    let (mut resigned, mut damaged) = (signed.clone().into_bytes(), signed.clone().into_bytes());
+    let at = signed.len() - 20;
+    resigned[at] = if resigned[at] == b'A' { b'B' } else { b'A' };
+    damaged[at] = b'!';
+    let renamed = format!("{origin}x\n{rest}").into_bytes();
+    for forged in [renamed, resigned, damaged] {
+        fs::write(out.join("checkpoint"), forged).unwrap();
+        ends(1, &["audit", "replay", text(&out)]);
+        let watch = ["audit", "watch", text(&out)];
+        let (said, _) = ends(1, &[&watch[..], &once].concat());
+        assert!(said.contains("ALARM"), "{said}");
+    }
+}
+
+#[test]
+fn what_cannot_be_read_gets_no_verdict_on_proofs_and_recordings() {
+    let scratch = tempfile::tempdir().unwrap();
+    let place = |name: &str| scratch.path().join(name);
+    let (missing, garbage, salt) = (place("missing"), place("garbage"), place("salt"));
+    fs::write(&garbage, "not a proof").unwrap();
+    fs::write(&salt, [7; 32]).unwrap();
+    let key = prints(&["ledger", "vkey", LEDGER]);
+    let file = place("w.key");
+    let keygen = ["witness", "keygen", text(&file), "--name"];
+    let witness = prints(&[&keygen[..], &["witness.example/w"]].concat());
+    let verify = |code, file: &Path, more: &[&str]| {
+        let begin = ["audit", "verify-proof", text(file)];
+        ends(code, &[&begin[..], more].concat())
+    };
+    verify(4, &missing, &["--log-key", key.trim()]);
+    verify(2, &garbage, &["--log-key", witness.trim()]);
+    verify(2, &garbage, &["--witness-policy", text(&missing)]);
+    let (said, _) = verify(1, &garbage, &["--log-key", key.trim()]);
+    assert!(said.contains("FAILED"), "{said}");
+    let recording = |code, ledger: &str, salt: &Path, words: &str| {
+        let begin = ["audit", "recording", ledger, "--entry", "0"];
+        let more = ["--recording", RECORDING, "--salt", text(salt)];
+        let (said, why) = ends(code, &[&begin[..], &more].concat());
+        assert!(said.is_empty() && why.contains(words), "{said}{why}");
+    };
+    recording(4, text(&missing), &salt, "is neither a directory nor");
+    recording(2, LEDGER, &missing, "--salt");
+    recording(2, LEDGER, &garbage, "a salt has 32");
+    recording(2, LEDGER, &salt, "does not register a dataset");
 }

@@ -38,7 +38,10 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
         "{said}"
     );
     let said = look(1, &first, &state, &["--json"]);
-    assert!(said.contains("\"event\":\"alarm\""), "{said}");
+    let alarm: serde_json::Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(alarm["event"], "alarm");
+    let text = alarm["text"].as_str().unwrap();
+    assert!(text.starts_with("ROLLED BACK"), "{text}");
     let (forked, fork) = (place("forked"), place("fork"));
     let mut made = Made::found(&forked, 0x0c);
     (0..3).for_each(|_| made.round());
@@ -101,7 +104,37 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
     ];
     let (said, why) = ends(4, &arguments);
     assert!(
-        !said.contains("ALARM") && why.contains("gave no answer"),
+        !said.contains("ALARM") && why.contains("gave no verdict"),
         "{said}{why}"
     );
+}
+
+#[test]
+fn an_alarm_has_a_line_for_each_fault() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (dir, state) = (scratch.path().join("ledger"), scratch.path().join("state"));
+    let mut made = Made::found(&dir, 0);
+    // The proofs are none, but the aggregator says that two contributions are accepted.
+    made.lie = Some("no reason");
+    made.round();
+    drop(made.ledger);
+    let said = look(1, &dir, &state, &[]);
+    // The first line is that of the first look.
+    let lines: Vec<_> = said.lines().skip(1).collect();
+    assert!(lines.len() > 1, "{said}");
+    for line in &lines {
+        assert!(line.starts_with("ALARM        "), "{said}");
+        assert!(!line.contains("\\n"), "{said}");
+    }
+    let said = look(1, &dir, &scratch.path().join("other"), &["--json"]);
+    let events = said.lines().skip(1);
+    let texts: Vec<_> = events
+        .map(|line| {
+            let event: serde_json::Value = serde_json::from_str(line).unwrap();
+            assert_eq!(event["event"], "alarm");
+            event["text"].as_str().unwrap().to_owned()
+        })
+        .collect();
+    assert_eq!(texts.len(), lines.len(), "{said}");
+    assert!(!texts.concat().contains('\n'), "{said}");
 }

@@ -6,6 +6,7 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::time::Duration;
 use zk0_circuits::Digest;
+use zk0_protocol::tlog::checkpoint::Checkpoint;
 
 /// Options of a replay.
 #[derive(Default)]
@@ -23,11 +24,13 @@ pub struct Options<'a> {
     /// An earlier replay from which this one cannot go on, because the caller's own checks were others. This one starts with the genesis,
     /// and the log has to continue what was verified then.
     pub known: Option<Saved>,
+    /// What the caller has seen of the log before, whether or not that could be saved. The log has to continue it, too.
+    pub seen: Option<Checkpoint>,
     /// Where the result is saved, so that a later replay can go on from it.
     pub keep: Option<Keep>,
 }
 
-/// Where a replay is saved, and how often. It is always saved at the end.
+/// Where a replay is saved, and how often. It is always saved at the end. If that fails, [`super::Report::unsaved`] says so.
 #[derive(Clone, Debug)]
 pub struct Keep {
     /// The file.

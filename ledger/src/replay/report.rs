@@ -60,6 +60,9 @@ pub struct Report {
     pub state: Option<String>,
     /// The rules in force after the last verified entry.
     pub rules: Option<Rules>,
+    /// Why the replay could not be saved, if that failed. The next replay then knows nothing of this one, and notices no rollback.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unsaved: Option<String>,
     /// The findings in the order of the entries, then what was not checked, and at last why the replay stopped, if it did.
     pub findings: Vec<Finding>,
 }

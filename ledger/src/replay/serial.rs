@@ -28,8 +28,11 @@ pub struct Serial<'a> {
     recheck: &'a mut dyn Recheck,
     from: Option<Saved>,
     known: Option<Saved>,
+    seen: Option<Checkpoint>,
     keep: Option<Keep>,
     kept: Instant,
+    /// Why the newest write to the file of `keep` failed.
+    unsaved: Option<String>,
     blobs: Blobs,
     /// Entries in the database.
     size: u64,
@@ -56,8 +59,10 @@ impl<'a> Serial<'a> {
             recheck,
             from: options.from,
             known: options.known,
+            seen: options.seen,
             keep: options.keep,
             kept: Instant::now(),
+            unsaved: None,
             blobs: Blobs::at(dir),
             size: 0,
             tree: Frontier::default(),
@@ -75,6 +80,9 @@ impl<'a> Serial<'a> {
     pub fn begin(&mut self, store: &Store, size: u64) -> Result<u64, Finding> {
         self.size = size;
         self.recheck.begin(size);
+        if let Some(seen) = self.seen {
+            self.check_root(store, &seen)?;
+        }
         if let Some(known) = self.known.take() {
             self.check_continues(store, &known)?;
             self.known_size = known.size;
@@ -130,6 +138,14 @@ impl<'a> Serial<'a> {
         }
         check_network(&self.dir, &found, self.network.as_ref())
             .map_err(|error| fault(error.to_string()))?;
+        let (size, root) = (saved.size, saved.root);
+        let tree = self.check_root(store, &Checkpoint { size, root })?;
+        Ok((root, tree))
+    }
+
+    /// Checks that the log has the root that an earlier audit verified at that size. Returns the tree of that size.
+    fn check_root(&self, store: &Store, saved: &Checkpoint) -> Result<Frontier, Finding> {
+        let fault = |text: String| Finding::fault(None, text);
         if saved.size > self.size {
             return Err(fault(format!(
                 "ROLLED BACK: an earlier audit verified {} entries, but now there are {}",
@@ -149,7 +165,7 @@ impl<'a> Serial<'a> {
                 saved.size, saved.root
             )));
         }
-        Ok((root, tree))
+        Ok(tree)
     }
 
     /// Goes on from an earlier replay.
@@ -281,13 +297,9 @@ impl<'a> Serial<'a> {
             findings: &self.findings,
             recheck: self.recheck.save(),
         };
-        if let Err(error) = saving.write(&keep.path) {
-            self.findings.push(Finding::note(
-                None,
-                format!("the state of the audit cannot be saved, so a later audit starts from the beginning: {error}"),
-            ));
-            self.keep = None;
-        }
+        // A later write may succeed, when the disk has room again. The last one decides what the next replay knows.
+        let written = saving.write(&keep.path);
+        self.unsaved = written.err().map(|error| error.to_string());
         self.kept = Instant::now();
     }
 
@@ -302,6 +314,10 @@ impl<'a> Serial<'a> {
         }
         let mut findings = self.findings;
         findings.extend(self.recheck.summary());
+        findings.extend(self.unsaved.as_ref().map(|why| {
+            let text = "the state of this audit cannot be saved, so the next audit does not know what this one has verified";
+            Finding::note(None, format!("{text}: {why}"))
+        }));
         findings.extend(stopped);
         let worst = findings.iter().map(|finding| finding.severity).max();
         Report {
@@ -321,6 +337,7 @@ impl<'a> Serial<'a> {
             root: self.verified.map(|(_, root)| root.to_string()),
             state: self.state.as_ref().map(|state| state.digest().to_string()),
             rules: self.state.as_ref().map(|state| state.rules().clone()),
+            unsaved: self.unsaved,
             findings,
         }
     }

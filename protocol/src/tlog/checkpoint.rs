@@ -16,6 +16,9 @@ pub const MAX_CHECKPOINT_BYTES: usize = 4096;
 /// Longest checkpoint with cosignatures that is read, in bytes. It has room for a hundred of them.
 pub const MAX_NOTE_BYTES: usize = 64 * 1024;
 
+/// What stands in a C2SP signed note before its first signature.
+const SIGNED: &[u8] = "\n\n— ".as_bytes();
+
 /// A checkpoint: the log's first `size` entries have this root.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Checkpoint {
@@ -28,7 +31,10 @@ pub struct Checkpoint {
 /// Why a text is not a valid checkpoint of the log.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CheckpointError {
-    /// The text is not a C2SP signed note with a checkpoint.
+    /// The text has no signature, not even a damaged one, so it is not a C2SP signed note and nobody's checkpoint.
+    #[error("this is not a signed note: {0}")]
+    NoNote(String),
+    /// The text is too long, damaged, or a C2SP signed note of something else.
     #[error("this is not a signed checkpoint: {0}")]
     Malformed(String),
     /// The checkpoint is of another log.
@@ -107,8 +113,13 @@ impl Parsed {
         if text.len() > MAX_NOTE_BYTES {
             return Err(CheckpointError::Malformed(format!("{} bytes", text.len())));
         }
-        let note = Note::from_bytes(text)
-            .map_err(|error| CheckpointError::Malformed(error.to_string()))?;
+        let note = Note::from_bytes(text).map_err(|error| {
+            let claims_signature = text.windows(SIGNED.len()).any(|part| part == SIGNED);
+            match claims_signature {
+                true => CheckpointError::Malformed(error.to_string()),
+                false => CheckpointError::NoNote(error.to_string()),
+            }
+        })?;
         let body = Body::from_bytes(note.text())
             .map_err(|error| CheckpointError::Malformed(error.to_string()))?;
         if !body.extension().is_empty() || body.to_bytes() != note.text() {

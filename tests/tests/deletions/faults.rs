@@ -1,4 +1,4 @@
-//! Checks that hold when the machine or the network fails, and checks of certificates.
+//! Checks that hold when the machine or the network fails, also under an auditor, and checks of certificates.
 
 use crate::Removal;
 
@@ -15,6 +15,33 @@ const fn fault(
         package: "zk0-tests",
         target: "service_faults",
         test,
+    }
+}
+
+/// A removal that a test of `zk0 audit` notices.
+const fn audited(
+    check: &'static str,
+    file: &'static str,
+    replacements: &'static [(&'static str, &'static str)],
+    test: &'static str,
+) -> Removal {
+    Removal {
+        package: "zk0",
+        target: "audit",
+        ..fault(check, file, replacements, test)
+    }
+}
+
+/// A removal that a test of replays notices.
+const fn replayed(
+    check: &'static str,
+    replacements: &'static [(&'static str, &'static str)],
+    test: &'static str,
+) -> Removal {
+    Removal {
+        package: "zk0-ledger",
+        target: "replaying",
+        ..fault(check, "ledger/src/replay/serial.rs", replacements, test)
     }
 }
 
@@ -224,5 +251,75 @@ pub const REMOVALS: &[Removal] = &[
             "while handshakes.join_next().await.is_some() {}",
         )],
         "a_proving_service_shows_its_certificate",
+    ),
+    replayed(
+        "a replay says that it could not be saved",
+        &[(
+            "self.unsaved = written.err().map(|error| error.to_string());",
+            "self.unsaved = written.err().and(None);",
+        )],
+        "a_memory_that_cannot_be_written_is_said_and_spoils_nothing",
+    ),
+    replayed(
+        "what was seen of a log has to stay, even if it was not saved",
+        &[("self.check_root(store, &seen)?;", "let _ = seen;")],
+        "what_was_seen_has_to_stay_even_if_it_was_not_saved",
+    ),
+    audited(
+        "an audit whose state is not saved does not pass",
+        "cli/src/audit/replay.rs",
+        &[(
+            "let saved = match &audited.unsaved {",
+            "let saved = match &None::<String> {",
+        )],
+        "an_audit_whose_state_cannot_be_saved_says_so_and_does_not_pass",
+    ),
+    audited(
+        "a watch whose state is not saved gives no verdict",
+        "audit/src/watch.rs",
+        &[(
+            "match &audited.unsaved {",
+            "match &None::<String> {",
+        )],
+        "a_watch_whose_state_cannot_be_saved_gives_no_verdict_and_still_notices_a_rollback",
+    ),
+    audited(
+        "a watch remembers what it has seen without its state file",
+        "audit/src/watch.rs",
+        &[("seen: self.seen,", "seen: None,")],
+        "a_watch_whose_state_file_is_removed_still_notices_a_rollback",
+    ),
+    audited(
+        "the folder of a state file is there before an audit begins",
+        "audit/src/run.rs",
+        &[("if !folder.is_dir() {", "if false {")],
+        "an_audit_whose_state_cannot_be_saved_says_so_and_does_not_pass",
+    ),
+    audited(
+        "a report replaces no other file of its audit",
+        "cli/src/audit/replay.rs",
+        &[("            self.check_data(path)?;\n", "")],
+        "what_the_auditor_mistypes_gets_no_verdict",
+    ),
+    audited(
+        "an audit that is told to end removes what it has fetched",
+        "audit/src/fetch/temporary.rs",
+        &[("LISTENING.call_once(listen);", "let _ = (&LISTENING, listen);")],
+        "an_audit_that_is_told_to_end_removes_what_it_has_fetched",
+    ),
+    audited(
+        "a checkpoint with a wrong name or signature is a fault",
+        "audit/src/fetch.rs",
+        &[(
+            "PublishedError::Checkpoint(CheckpointError::NoNote(_))",
+            "PublishedError::Checkpoint(_)",
+        )],
+        "a_page_for_browsers_is_no_log_but_a_checkpoint_of_another_log_is_a_fault",
+    ),
+    audited(
+        "a checkpoint with a damaged signature is a fault",
+        "protocol/src/tlog/checkpoint.rs",
+        &[("match claims_signature {", "match false && claims_signature {")],
+        "a_page_for_browsers_is_no_log_but_a_checkpoint_of_another_log_is_a_fault",
     ),
 ];
