@@ -5,11 +5,13 @@ use std::fmt;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
+use zk0_ledger::error::LedgerError;
 use zk0_ledger::folder;
 use zk0_ledger::published::publication::Publication;
 use zk0_ledger::published::reader::{first_entry, PublishedLog};
 use zk0_ledger::published::source::{Folder, Source, SourceError};
 use zk0_ledger::published::web::Web;
+use zk0_ledger::store::Store;
 use zk0_protocol::{Body, Entry, Genesis, VerifierKey, WitnessPolicy};
 
 /// Whom an auditor trusts.
@@ -85,15 +87,37 @@ pub fn source(text: &str, ca: Option<&Path>) -> Result<Box<dyn Source>> {
 
 /// Reads the genesis of a log. Without `network`, nothing shows that it is the genesis of the network that was meant.
 pub fn genesis(source: &dyn Source, network: Option<&Digest>) -> Result<Genesis> {
-    let Body::Genesis(genesis) = Entry::decode(&first_entry(source)?)?.body else {
-        bail!("the log's first entry is not a genesis");
-    };
+    let genesis = founder(&first_entry(source)?)?;
     let found = genesis.network_id();
     match network {
         Some(expected) if *expected != found => {
             Err(WrongUsage::other_network("the log", &found, expected).into())
         }
         _ => Ok(genesis),
+    }
+}
+
+/// Reads the genesis of the log at an address or in a folder. Of a ledger's folder this reads the first entry itself, which need not be
+/// published yet: the operator of a witness needs the log's key before the witness cosigns anything.
+///
+/// # Errors
+/// Those of [`source`]; or the first entry cannot be read, or is not a genesis.
+pub fn genesis_at(from: &str, ca: Option<&Path>) -> Result<Genesis> {
+    let dir = Path::new(from);
+    let database = folder::database(dir);
+    if !database.exists() {
+        return genesis(source(from, ca)?.as_ref(), None);
+    }
+    let first = Store::open_read_only(&database)?.entry(0)?;
+    let first = first.ok_or_else(|| LedgerError::NoLedger(dir.into()))?;
+    founder(&first)
+}
+
+/// The genesis in the bytes of a log's first entry.
+fn founder(first: &[u8]) -> Result<Genesis> {
+    match Entry::decode(first)?.body {
+        Body::Genesis(genesis) => Ok(genesis),
+        _ => bail!("the log's first entry is not a genesis"),
     }
 }
 

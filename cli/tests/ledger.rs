@@ -12,6 +12,7 @@ use std::fs;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use zk0_ledger::Ledger;
+use zk0_protocol::tlog::cosigner::Cosigner;
 
 /// Runs a command that has to fail, and to say `words`.
 #[track_caller]
@@ -115,6 +116,31 @@ fn a_backup_is_restored_unless_something_newer_was_signed() {
     let refused: Vec<&str> = refused.iter().map(String::as_str).collect();
     fails(&refused, "known checkpoint");
     assert!(!stranger.exists());
+}
+
+#[test]
+fn a_ledger_that_no_witness_has_cosigned_yet_is_whole_and_tells_its_key() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (dir, saved) = (scratch.path().join("ledger"), scratch.path().join("backup"));
+    let witness = SigningKey::from_bytes(&[55; 32]);
+    let witness = Cosigner::new("witness.example/w", witness).unwrap();
+    let policy = format!("witness W {} http://127.0.0.1:1\nquorum W\n", witness.key());
+    let made = Made::found_with(&dir, 0, [9; 32], policy);
+    let key = made.ledger.state().genesis().verifier_key().unwrap();
+    drop(made.ledger);
+    // The operator of the witness needs the key before the first cosignature.
+    let said = prints(&["ledger", "vkey", text(&dir)]);
+    assert_eq!(said.trim(), key.to_string());
+    prints(&["ledger", "backup", text(&dir), text(&saved)]);
+    for folder in [&dir, &saved] {
+        let said = prints(&["ledger", "fsck", text(folder)]);
+        let note = said.lines().find(|line| line.starts_with("note  "));
+        let waits = note.is_some_and(|note| note.contains("before the witnesses have cosigned"));
+        assert!(waits && said.contains("WHOLE"), "{said}");
+    }
+    // What somebody else has put in the place of a cosigned checkpoint is damage.
+    fs::write(dir.join("cosigned"), b"cosigned").unwrap();
+    fails(&["ledger", "fsck", text(&dir)], "DAMAGED");
 }
 
 /// The first blob of a folder in the list of the file system.

@@ -8,6 +8,7 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 use axum::routing::{get, post};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 use tokio::task::spawn_blocking;
 use tracing::field::Empty;
 use tracing::{info_span, Span};
@@ -15,11 +16,16 @@ use zk0_ledger::witness_store::{AddError, WitnessStore};
 use zk0_protocol::tlog::witness::{WitnessRefusal, MAX_REQUEST_BYTES};
 use zk0_traces::carried;
 
+/// How often the log says that a request has no valid consistency proof.
+const SAY_AGAIN: Duration = Duration::from_secs(60);
+
 /// Serves one witness.
 pub struct WitnessServer {
     /// Locked for a whole request: nobody else may look at the last checkpoint of a log before this request has replaced it.
     witness: Mutex<WitnessStore>,
     clock: Arc<dyn Clock>,
+    /// When the log said last that a request has no valid consistency proof.
+    said: Mutex<Option<Duration>>,
 }
 
 impl WitnessServer {
@@ -28,6 +34,7 @@ impl WitnessServer {
         Self {
             witness: Mutex::new(witness),
             clock,
+            said: Mutex::new(None),
         }
     }
 
@@ -63,10 +70,7 @@ impl WitnessServer {
                 format!("{last}\n"),
             ),
             Err(AddError::Refused(refusal)) => {
-                use WitnessRefusal::{Inconsistent, OtherTree};
-                if let Inconsistent { .. } | OtherTree { .. } = refusal {
-                    tracing::error!("a log shows two histories: {refusal}");
-                }
+                self.log_refusal(&refusal);
                 text(refusal.status(), format!("{refusal}\n"))
             }
             Err(AddError::Failed(error)) => {
@@ -74,6 +78,35 @@ impl WitnessServer {
                 text(500, "the witness failed; its log says why\n")
             }
         }
+    }
+
+    /// Logs a refusal that the witness' operator has to know of.
+    fn log_refusal(&self, refusal: &WitnessRefusal) {
+        match refusal {
+            // The log has signed two roots of one size. That is evidence.
+            WitnessRefusal::OtherTree { .. } => {
+                tracing::error!("a log shows two histories: {refusal}");
+            }
+            // Anybody can send a genuine checkpoint with a wrong proof or with none. So this shows nothing about the log, and strangers
+            // must not fill the witness' disk with it.
+            WitnessRefusal::Inconsistent { .. } if self.says_again() => {
+                tracing::warn!("a request has no valid consistency proof: {refusal}");
+            }
+            _ => {}
+        }
+    }
+
+    /// Whether the log may say once more that a request has no valid consistency proof. It then counts as said.
+    fn says_again(&self) -> bool {
+        let Ok(mut said) = self.said.lock() else {
+            return false;
+        };
+        let now = self.clock.steady();
+        let may = said.is_none_or(|at| now.saturating_sub(at) >= SAY_AGAIN);
+        if may {
+            *said = Some(now);
+        }
+        may
     }
 
     fn last(&self, origin_hash: &str) -> Response {

@@ -2,11 +2,13 @@
 
 use super::*;
 use std::fs;
-use zk0_audit::fetch::{fetch, Wanted};
+use zk0_audit::fetch::{fetch, is_wrong, Wanted};
 use zk0_audit::log_source::source;
 use zk0_ledger::backup::backup;
 use zk0_ledger::published::export::export;
+use zk0_ledger::published::mirror::MirrorError;
 use zk0_ledger::published::publication::Publication;
+use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::pruning::Pruning;
 use zk0_protocol::Signed;
 
@@ -19,8 +21,17 @@ fn statement(dir: &Path) -> Pruning {
 }
 
 fn write(dir: &Path, statement: Pruning, key: &ed25519_dalek::SigningKey) {
-    let signed = Signed::new(statement, key);
-    fs::write(dir.join("pruned"), borsh::to_vec(&signed).unwrap()).unwrap();
+    fs::write(dir.join("pruned"), signed(statement, key)).unwrap();
+}
+
+fn signed(statement: Pruning, key: &ed25519_dalek::SigningKey) -> Vec<u8> {
+    borsh::to_vec(&Signed::new(statement, key)).unwrap()
+}
+
+/// Brings the mirror `to` up to date from the log in the folder `from`.
+fn follow(from: &Path, to: &Path) -> Result<(), MirrorError> {
+    let source = source(from.to_str().unwrap(), None).unwrap();
+    fetch(source.as_ref(), to, None, None, Wanted::Everything)
 }
 
 #[test]
@@ -108,17 +119,13 @@ fn every_copy_of_the_log_says_what_was_pruned() {
     let scratch = tempfile::tempdir().unwrap();
     let at = |name: &str| scratch.path().join(name);
     // This mirror is older, and keeps what the log prunes later.
-    let follow = |from: &Path, to: &Path| {
-        let source = source(from.to_str().unwrap(), None).unwrap();
-        fetch(source.as_ref(), to, None, None, Wanted::Everything).unwrap();
-    };
-    follow(dir, &at("older"));
+    follow(dir, &at("older")).unwrap();
     prune(dir, &TWO_ROUNDS, now_ms);
     let said = statement(dir);
     export(&Publication::open(dir, None).unwrap(), &at("export")).unwrap();
     backup(dir, &at("backup")).unwrap();
-    follow(&at("export"), &at("mirror"));
-    follow(dir, &at("older"));
+    follow(&at("export"), &at("mirror")).unwrap();
+    follow(dir, &at("older")).unwrap();
     for copy in ["backup", "mirror", "older"] {
         assert_eq!(statement(&at(copy)), said, "{copy}");
         let (report, auditor) = audit(&at(copy), Depth::Full);
@@ -128,17 +135,71 @@ fn every_copy_of_the_log_says_what_was_pruned() {
     }
     // A source without the statement does not take it away.
     fs::remove_file(at("export").join("zk0/pruned")).unwrap();
-    follow(&at("export"), &at("mirror"));
+    follow(&at("export"), &at("mirror")).unwrap();
     assert_eq!(statement(&at("mirror")), said);
     // One that does not count is refused.
     fs::write(at("export").join("zk0/pruned"), b"pruned").unwrap();
-    let source = source(at("export").to_str().unwrap(), None).unwrap();
-    let refused = fetch(
-        source.as_ref(),
-        &at("mirror"),
-        None,
-        None,
-        Wanted::Everything,
-    );
-    assert!(zk0_audit::fetch::is_wrong(&refused.unwrap_err()));
+    let refused = follow(&at("export"), &at("mirror"));
+    assert!(is_wrong(&refused.unwrap_err()));
+}
+
+#[test]
+fn an_export_that_is_being_updated_is_not_called_rolled_back() {
+    let (dir, now_ms) = four_rounds();
+    let dir = dir.path();
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    let (out, mirror) = (at("export"), at("mirror"));
+    let publish = || export(&Publication::open(dir, None).unwrap(), &out).map(drop);
+    prune(dir, &TWO_ROUNDS, now_ms);
+    publish().unwrap();
+    let size = Publication::open(dir, None).unwrap().checkpoint().size;
+    let earlier = fs::read(out.join("checkpoint")).unwrap();
+    // The next export has written its statement and not its checkpoint. Perhaps it was killed there.
+    let later = Pruning {
+        entries: size + 1,
+        ..statement(dir)
+    };
+    fs::write(out.join("zk0/pruned"), signed(later, &log_key())).unwrap();
+    for _ in 0..2 {
+        let unfinished = follow(&out, &mirror).unwrap_err();
+        assert!(!is_wrong(&unfinished), "{unfinished}");
+        let words = format!(
+            "is about {} entries, but the checkpoint is of {size}",
+            size + 1
+        );
+        assert!(unfinished.to_string().contains(&words), "{unfinished}");
+    }
+    assert!(!mirror.join("pruned").exists());
+
+    let mut operator = Operator {
+        ledger: Ledger::open(dir, None, log_key()).unwrap(),
+        time_ms: now_ms,
+    };
+    operator.append(Body::NodeEnrolled(NodeEnrolled {
+        node: Node::new(8).id(),
+        name: "late".into(),
+    }));
+    assert_eq!(operator.ledger.size(), size + 1);
+    drop(operator);
+    write(dir, later, &log_key());
+    publish().unwrap();
+    follow(&out, &mirror).unwrap();
+    assert_eq!(statement(&mirror), later);
+    let (report, _) = audit(&mirror, Depth::Full);
+    assert_eq!(faults(&report), [] as [&str; 0]);
+
+    // A mirror that has more entries knows that the log was rolled back, whatever the statement is about.
+    fs::write(out.join("checkpoint"), earlier).unwrap();
+    let rolled_back = follow(&out, &mirror).unwrap_err();
+    assert!(is_wrong(&rolled_back), "{rolled_back}");
+    assert!(rolled_back.to_string().contains("ROLLED BACK"));
+    // So does whoever audits a folder with such a statement.
+    let beyond = Pruning {
+        entries: size + 2,
+        ..later
+    };
+    write(&mirror, beyond, &log_key());
+    let (report, _) = audit(&mirror, Depth::Full);
+    assert!(faults(&report)[0].contains("ROLLED BACK"));
 }

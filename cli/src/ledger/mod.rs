@@ -15,13 +15,13 @@ use anyhow::{bail, Result};
 use std::path::{Path, PathBuf};
 use zk0_audit::fsck::{fsck, is_export};
 use zk0_audit::known_checkpoint::known_checkpoint;
-use zk0_audit::log_source::{genesis, source};
+use zk0_audit::log_source::{genesis_at, source};
 use zk0_circuits::Digest;
 use zk0_ledger::backup::{self, OldBlobs};
 use zk0_ledger::blobs::damaged::DamagedBlob;
 use zk0_ledger::published::export::export;
 use zk0_ledger::published::mirror::{mirror, Mirrored};
-use zk0_ledger::published::publication::Publication;
+use zk0_ledger::published::publication::{Publication, PublicationError};
 use zk0_ledger::replay::Severity;
 use zk0_ledger::{folder, LedgerError};
 use zk0_protocol::counted::counted;
@@ -124,8 +124,7 @@ pub struct Restore {
 pub fn run(command: &Command) -> Result<bool> {
     match command {
         Command::Vkey { from, ca } => {
-            let genesis = genesis(source(from, ca.as_deref())?.as_ref(), None)?;
-            println!("{}", genesis.verifier_key()?);
+            println!("{}", genesis_at(from, ca.as_deref())?.verifier_key()?);
         }
         Command::Export {
             dir,
@@ -261,6 +260,7 @@ fn check(dir: &Path) -> bool {
     let found = fsck(dir);
     match &found.published {
         Ok(entries) => println!("published    {}", counted(*entries, "entry", "entries")),
+        Err(error @ PublicationError::NotCosigned(_)) => println!("note         {error}"),
         Err(error) => println!("FAULT        {error}"),
     }
     println!("entries      {}", found.report.entries);

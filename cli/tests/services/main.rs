@@ -1,9 +1,10 @@
-//! What operators of services have: settings in files and variables, metrics, a status, units for systemd, and what is printed when
-//! something fails.
+//! What operators of services have: settings in files and variables, metrics, a status, units for systemd, and what is printed or logged
+//! when something fails.
 
 #[path = "../harness/mod.rs"]
 mod harness;
 
+mod accused;
 mod examples;
 mod observed;
 mod packaging;

@@ -139,7 +139,7 @@ pub(crate) fn mirror_with(
     };
     let genesis = genesis(&known.map_or_else(|| first_entry(source), Ok)?)?;
     check_network(dir, &genesis.network_id(), network)?;
-    // This is read before the checkpoint, which then covers what it is about.
+    // This is read before the checkpoint, which then covers what it is about, unless an export is being updated.
     let pruned = served_pruning(source, &genesis)?;
     let key = genesis.verifier_key().map_err(PublishedError::from)?;
     let log = PublishedLog::open(source, &key, policy.unwrap_or(&WitnessPolicy::none()))?;
@@ -185,6 +185,9 @@ pub(crate) fn mirror_with(
         folder::remove_policy(dir)?;
     }
     if let Some(signed) = pruned {
+        if let BlobSource::Served(_) = blob_source {
+            covered(&signed.statement, size)?;
+        }
         pruned::keep_newer(dir, &genesis, &signed)?;
     }
     let mut done = Mirrored {
@@ -212,6 +215,23 @@ fn served_pruning(
     let bytes = bounded_file::read_from(file, PRUNING_BYTES as u64)
         .map_err(|error| SourceError::new(&path, error.to_string()))?;
     Ok(Some(pruned::decode(&path, &bytes, genesis)?))
+}
+
+/// Refuses a served statement that is about more entries than the served checkpoint of `size` entries. An export writes the statement first,
+/// so a reader finds it beside the older checkpoint until the export is finished. That is no verdict about the log, and a later try may
+/// succeed. In the mirror, the statement would be a fault that stays.
+fn covered(statement: &Pruning, size: u64) -> Result<(), SourceError> {
+    match statement.entries > size {
+        false => Ok(()),
+        true => Err(SourceError::new(
+            &Resource::Pruned.to_string(),
+            format!(
+                "the log is being updated: this statement about pruned blobs is about {} entries, but the checkpoint is of {size}. Try again \
+                 later. If this stays, an update of the log was interrupted, or entries are gone: ask its operator to export the log again",
+                statement.entries
+            ),
+        )),
+    }
 }
 
 /// The genesis in a log's first entry.

@@ -46,7 +46,8 @@ pub enum WitnessRefusal {
     /// The witness has cosigned another tree of the same size: the log shows two histories.
     #[error("this witness has cosigned another tree of {size} entries")]
     OtherTree { size: u64 },
-    /// The proof does not show that the new tree continues the old one. Perhaps the log shows two histories.
+    /// The proof does not show that the new tree continues the old one. Anybody can send a checkpoint of an honest log without its proof, so
+    /// this is no evidence against the log.
     #[error("the proof does not show that the tree of {size} entries continues the one of {last} entries that this witness cosigned: {why}")]
     Inconsistent { last: u64, size: u64, why: String },
 }
