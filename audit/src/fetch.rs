@@ -16,6 +16,7 @@ use zk0_ledger::folder;
 use zk0_ledger::published::mirror::{mirror, MirrorError};
 use zk0_ledger::published::reader::PublishedError;
 use zk0_ledger::published::source::{Source, SourceError};
+use zk0_ledger::replay::Saved;
 use zk0_ledger::store::Store;
 use zk0_protocol::rules::named_blobs::{named_blobs, BlobKind};
 use zk0_protocol::tlog::checkpoint::CheckpointError;
@@ -189,9 +190,25 @@ pub fn is_wrong(error: &MirrorError) -> bool {
                 | LedgerError::Rule(_)
                 | LedgerError::CheckpointFile { .. }
         ),
+        MirrorError::BeingUpdated { .. } => false,
         MirrorError::Checkpoint { .. }
         | MirrorError::Witnesses(_)
         | MirrorError::WrongBlob { .. } => true,
+    }
+}
+
+/// What is wrong with a log that is being updated, if it has fewer entries than an earlier audit has seen: it was rolled back all the same.
+pub fn rolled_back(error: &MirrorError, saved: &Saved) -> Option<String> {
+    match error {
+        MirrorError::BeingUpdated { network, size, .. }
+            if network == saved.network() && *size < saved.size =>
+        {
+            Some(format!(
+                "ROLLED BACK: the log has a checkpoint of {size} entries, but {} were verified before",
+                saved.size
+            ))
+        }
+        _ => None,
     }
 }
 

@@ -2,7 +2,7 @@
 //! rule.
 
 use crate::fetch::temporary::Temporary;
-use crate::fetch::{fetch, is_wrong};
+use crate::fetch::{fetch, is_wrong, rolled_back};
 use crate::log_source::{source, Trust, WrongUsage};
 use crate::named::Named;
 use crate::report::history;
@@ -139,6 +139,7 @@ impl Watch {
             witness_policy,
             ca,
         } = &self.options.trust;
+        let saved = Saved::read(&self.state)?;
         let dir = match &self.mirror {
             None => PathBuf::from(&self.options.ledger),
             Some(dir) => {
@@ -153,12 +154,16 @@ impl Watch {
                 match fetched {
                     Ok(()) => {}
                     Err(error) if is_wrong(&error) => return Ok(alarm(&error)),
-                    Err(error) => return Err(error.into()),
+                    Err(error) => match saved.as_ref().and_then(|saved| rolled_back(&error, saved))
+                    {
+                        Some(why) => return Ok(alarm(&why)),
+                        None => return Err(error.into()),
+                    },
                 }
                 dir.clone()
             }
         };
-        let saved = Saved::read(&self.state)?.map(|saved| saved.size);
+        let saved = saved.map(|saved| saved.size);
         let before = saved.max(self.seen.map(|seen| seen.size));
         let audit = Audit {
             depth: self.options.depth,

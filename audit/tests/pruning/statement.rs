@@ -2,12 +2,16 @@
 
 use super::*;
 use std::fs;
-use zk0_audit::fetch::{fetch, is_wrong, Wanted};
+use std::time::Duration;
+use zk0_audit::fetch::{fetch, is_wrong, rolled_back, Wanted};
 use zk0_audit::log_source::source;
+use zk0_audit::named::Named;
+use zk0_audit::run::Audit;
 use zk0_ledger::backup::backup;
 use zk0_ledger::published::export::export;
 use zk0_ledger::published::mirror::MirrorError;
 use zk0_ledger::published::publication::Publication;
+use zk0_ledger::replay::{Keep, Saved};
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::pruning::Pruning;
 use zk0_protocol::Signed;
@@ -194,6 +198,26 @@ fn an_export_that_is_being_updated_is_not_called_rolled_back() {
     let rolled_back = follow(&out, &mirror).unwrap_err();
     assert!(is_wrong(&rolled_back), "{rolled_back}");
     assert!(rolled_back.to_string().contains("ROLLED BACK"));
+    // So does a state file.
+    let state = at("state");
+    let audit_it = Audit {
+        depth: Depth::Full,
+        named: Named::default(),
+        network: None,
+        threads: None,
+        state_file: Some(Keep {
+            path: state.clone(),
+            every: Duration::from_secs(30),
+        }),
+        seen: None,
+        progress: None,
+    };
+    assert!(audit_it.run(&mirror).unwrap().holds());
+    let saved = Saved::read(&state).unwrap().unwrap();
+    let unfinished = follow(&out, &at("another")).unwrap_err();
+    let why = rolled_back(&unfinished, &saved).unwrap();
+    assert!(why.contains("ROLLED BACK"), "{why}");
+
     // So does whoever audits a folder with such a statement.
     let beyond = Pruning {
         entries: size + 2,

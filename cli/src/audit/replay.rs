@@ -12,7 +12,7 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
-use zk0_audit::fetch::locate;
+use zk0_audit::fetch::{locate, rolled_back};
 use zk0_audit::log_source::WrongUsage;
 use zk0_audit::report::rollouts::Rollouts;
 use zk0_audit::report::verdict::{verdict, Audited};
@@ -20,7 +20,7 @@ use zk0_audit::report::{history, html};
 use zk0_audit::run::{check_state_file, Audit};
 use zk0_audit::Depth;
 use zk0_files::atomic_file;
-use zk0_ledger::replay::{Finding, Keep, Verdict};
+use zk0_ledger::replay::{Finding, Keep, Saved, Verdict};
 
 /// `zk0 audit replay`.
 #[derive(Debug, clap::Args)]
@@ -69,7 +69,8 @@ pub fn run(options: &Options) -> Result<ExitCode> {
     let depth = Depth::of(options.light);
     let mirror = options.mirror.as_deref();
     let trust = options.trust.read()?;
-    let located = locate(&options.ledger, mirror, &trust, depth.into())?;
+    let located = locate(&options.ledger, mirror, &trust, depth.into())
+        .map_err(|error| options.rolled_back(error))?;
     let state_file = options.state.as_ref().map(|path| Keep {
         path: path.clone(),
         every: Duration::from_secs(options.state_every),
@@ -129,6 +130,20 @@ pub fn run(options: &Options) -> Result<ExitCode> {
 }
 
 impl Options {
+    /// Adds to an error that the log was rolled back, if the state file shows that.
+    fn rolled_back(&self, error: anyhow::Error) -> anyhow::Error {
+        let saved = self.state.as_deref().map(Saved::read);
+        let Some(Ok(Some(saved))) = saved else {
+            return error;
+        };
+        let mut causes = error.chain();
+        let why = causes.find_map(|cause| rolled_back(cause.downcast_ref()?, &saved));
+        match why {
+            Some(why) => error.context(Failed(why)),
+            None => error,
+        }
+    }
+
     /// Checks that the folders are there which the state and the report for browsers need, and that no file of this audit replaces another.
     fn check_paths(&self) -> Result<(), WrongUsage> {
         if let Some(state) = &self.state {

@@ -91,6 +91,18 @@ pub enum MirrorError {
     /// The checkpoint after an entry is not valid.
     #[error("the checkpoint after entry {index}: {why}")]
     Checkpoint { index: u64, why: String },
+    /// The log serves a statement about pruned blobs that is about more entries than the served checkpoint. An export writes the statement
+    /// first, so a reader finds it beside the older checkpoint until the export is finished. That is no verdict about the log, and a later
+    /// try may succeed. In the mirror, the statement would be a fault that stays.
+    #[error(
+        "the log is being updated: its statement about pruned blobs is about {entries} entries, but the checkpoint is of {size}. Try again \
+         later. If this stays, an update of the log was interrupted, or entries are gone: ask its operator to export the log again"
+    )]
+    BeingUpdated {
+        network: Digest,
+        entries: u64,
+        size: u64,
+    },
 }
 
 impl From<SourceError> for MirrorError {
@@ -185,8 +197,13 @@ pub(crate) fn mirror_with(
         folder::remove_policy(dir)?;
     }
     if let Some(signed) = pruned {
-        if let BlobSource::Served(_) = blob_source {
-            covered(&signed.statement, size)?;
+        let entries = signed.statement.entries;
+        if matches!(blob_source, BlobSource::Served(_)) && entries > size {
+            return Err(MirrorError::BeingUpdated {
+                network: genesis.network_id(),
+                entries,
+                size,
+            });
         }
         pruned::keep_newer(dir, &genesis, &signed)?;
     }
@@ -215,23 +232,6 @@ fn served_pruning(
     let bytes = bounded_file::read_from(file, PRUNING_BYTES as u64)
         .map_err(|error| SourceError::new(&path, error.to_string()))?;
     Ok(Some(pruned::decode(&path, &bytes, genesis)?))
-}
-
-/// Refuses a served statement that is about more entries than the served checkpoint of `size` entries. An export writes the statement first,
-/// so a reader finds it beside the older checkpoint until the export is finished. That is no verdict about the log, and a later try may
-/// succeed. In the mirror, the statement would be a fault that stays.
-fn covered(statement: &Pruning, size: u64) -> Result<(), SourceError> {
-    match statement.entries > size {
-        false => Ok(()),
-        true => Err(SourceError::new(
-            &Resource::Pruned.to_string(),
-            format!(
-                "the log is being updated: this statement about pruned blobs is about {} entries, but the checkpoint is of {size}. Try again \
-                 later. If this stays, an update of the log was interrupted, or entries are gone: ask its operator to export the log again",
-                statement.entries
-            ),
-        )),
-    }
 }
 
 /// The genesis in a log's first entry.
