@@ -11,7 +11,7 @@ use zk0_ledger::backup::backup;
 use zk0_ledger::published::export::export;
 use zk0_ledger::published::mirror::MirrorError;
 use zk0_ledger::published::publication::Publication;
-use zk0_ledger::replay::{Keep, Saved};
+use zk0_ledger::replay::{Keep as KeepState, Saved};
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::pruning::Pruning;
 use zk0_protocol::Signed;
@@ -205,7 +205,7 @@ fn an_export_that_is_being_updated_is_not_called_rolled_back() {
         named: Named::default(),
         network: None,
         threads: None,
-        state_file: Some(Keep {
+        state_file: Some(KeepState {
             path: state.clone(),
             every: Duration::from_secs(30),
         }),
