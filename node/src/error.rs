@@ -111,7 +111,7 @@ pub enum ParticipantError {
     #[error(transparent)]
     Node(#[from] NodeError),
     /// A request to the proving service fails.
-    #[error("the proving service: {0}")]
+    #[error(transparent)]
     Prover(#[from] ClientError),
     /// The rules ask for SCAFFOLD, and an option of the node does not go with it.
     #[error("the rules of round {round} ask for SCAFFOLD, which does not go with {option}: start the node without it")]
@@ -159,6 +159,15 @@ pub enum ParticipantError {
         kept: PathBuf,
         /// The proof of the other entry.
         beside: PathBuf,
+    },
+    /// Another node has the state folder.
+    #[error(
+        "another zk0 node uses {}: stop it first, or choose another folder with --state",
+        folder.display()
+    )]
+    StateInUse {
+        /// The state folder.
+        folder: PathBuf,
     },
     /// A file of the node's own cannot be read or written.
     #[error("{path}: {error}")]

@@ -167,6 +167,17 @@ pub const REMOVALS: &[Removal] = &[
         test: "a_node_that_is_cut_off_until_its_round_has_ended_takes_part_in_the_next",
     },
     Removal {
+        check: "no two nodes use one state folder",
+        file: "node/src/state_files/lock.rs",
+        replacements: &[(
+            "Err(TryLockError::WouldBlock) => Err(ParticipantError::StateInUse {\n                folder: state.into(),\n            }),",
+            "Err(TryLockError::WouldBlock) => Ok(Self { _file: file }),",
+        )],
+        package: "zk0",
+        target: "killed",
+        test: "a_second_node_on_a_state_folder_is_refused",
+    },
+    Removal {
         check: "training that diverges ends no node",
         file: "node/src/participant.rs",
         replacements: &[("Err(error) if error.is_of_training() =>", "Err(error) if false =>")],
