@@ -113,6 +113,14 @@ pub enum ParticipantError {
     /// A request to the proving service fails.
     #[error(transparent)]
     Prover(#[from] ClientError),
+    /// The proving service could not make a proof for as long as one would have counted.
+    #[error("round {round}: the node has no proof in time, and goes on with the next round: {error}")]
+    NoProofInTime {
+        /// The round.
+        round: u64,
+        /// Why there is no proof.
+        error: Box<ClientError>,
+    },
     /// The rules ask for SCAFFOLD, and an option of the node does not go with it.
     #[error("the rules of round {round} ask for SCAFFOLD, which does not go with {option}: start the node without it")]
     BesideScaffold {

@@ -2,7 +2,7 @@
 //!
 //! A short tour:
 //! - [`participant`]: takes part in a network, round after round; [`error`]: what can end that; [`turn`]: one node's part in one round;
-//!   [`turn::prepared_claim`]: what it computes for a claim before SP1 starts.
+//!   [`turn::prepared_claim`]: what it computes for a claim before SP1 starts; `turn::proving`: has it proven, and waits for the proving service.
 //! - [`recording`]: the node's data, and the evaluation set that it commits to; [`samples`]: frames of recordings as samples, through the prefix cache;
 //!   [`progress`]: how long work reports how far it is.
 //! - [`exchanged_weights`]: between the float32 weights that a node trains and the int16 weights that travel.

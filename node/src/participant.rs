@@ -182,7 +182,8 @@ impl Participant {
                 }
                 Err(
                     error @ (ParticipantError::NoControlVariates { .. }
-                    | ParticipantError::TooLate { .. }),
+                    | ParticipantError::TooLate { .. }
+                    | ParticipantError::NoProofInTime { .. }),
                 ) => {
                     tracing::warn!("{error}");
                 }
