@@ -114,7 +114,9 @@ pub enum ParticipantError {
     #[error(transparent)]
     Prover(#[from] ClientError),
     /// The proving service could not make a proof for as long as one would have counted.
-    #[error("round {round}: the node has no proof in time, and goes on with the next round: {error}")]
+    #[error(
+        "round {round}: the node has no proof in time, and goes on with the next round: {error}"
+    )]
     NoProofInTime {
         /// The round.
         round: u64,
