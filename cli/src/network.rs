@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
 use zk0_node::client::Node;
 use zk0_node::participant::Participant;
+use zk0_node::state_files::lock::StateLock;
 use zk0_tls::service_address::ServiceAddress;
 
 /// The network that is meant.
@@ -76,16 +77,19 @@ impl Signer {
 }
 
 impl Membership {
-    /// Who takes part, and the connection to the network.
+    /// Who takes part, and the connection to the network. Another node on the same state folder is an error.
     pub async fn begin(&self) -> Result<(Participant, Node)> {
         let state = &self.state;
         make_state(state).with_context(|| format!("creating {}", state.display()))?;
+        // Everything that follows reads and removes files there.
+        let lock = StateLock::take(state)?;
         let participant = Participant {
             dataset: self.dataset.locate()?,
             state: state.clone(),
             cache: self.cache.open_in(state)?,
             eval_samples: self.eval_samples,
             variants: None,
+            lock,
         };
         Ok((participant, self.signer.connect().await?))
     }

@@ -111,8 +111,18 @@ pub enum ParticipantError {
     #[error(transparent)]
     Node(#[from] NodeError),
     /// A request to the proving service fails.
-    #[error("the proving service: {0}")]
+    #[error(transparent)]
     Prover(#[from] ClientError),
+    /// The proving service could not make a proof for as long as one would have counted.
+    #[error(
+        "round {round}: the node has no proof in time, and goes on with the next round: {error}"
+    )]
+    NoProofInTime {
+        /// The round.
+        round: u64,
+        /// Why there is no proof.
+        error: Box<ClientError>,
+    },
     /// The rules ask for SCAFFOLD, and an option of the node does not go with it.
     #[error("the rules of round {round} ask for SCAFFOLD, which does not go with {option}: start the node without it")]
     BesideScaffold {
@@ -159,6 +169,15 @@ pub enum ParticipantError {
         kept: PathBuf,
         /// The proof of the other entry.
         beside: PathBuf,
+    },
+    /// Another node has the state folder.
+    #[error(
+        "another zk0 node uses {}: stop it first, or choose another folder with --state",
+        folder.display()
+    )]
+    StateInUse {
+        /// The state folder.
+        folder: PathBuf,
     },
     /// A file of the node's own cannot be read or written.
     #[error("{path}: {error}")]

@@ -6,6 +6,7 @@ use crate::client_error::NodeError;
 use crate::error::ParticipantError;
 use crate::recording::evaluation_set::{Commitment, EvaluationSet};
 use crate::recording::Recording;
+use crate::state_files::lock::StateLock;
 use crate::turn::{Entered, Training, Turn};
 use crate::{receipts, state_files};
 use std::fs::File;
@@ -50,6 +51,8 @@ pub struct Participant {
     pub eval_samples: Option<u32>,
     /// Transformed variants of frames to train on, if the operator wants them. Nothing else is transformed.
     pub variants: Option<Variants>,
+    /// Keeps other nodes from the state folder.
+    pub lock: StateLock,
 }
 
 impl Participant {
@@ -179,7 +182,8 @@ impl Participant {
                 }
                 Err(
                     error @ (ParticipantError::NoControlVariates { .. }
-                    | ParticipantError::TooLate { .. }),
+                    | ParticipantError::TooLate { .. }
+                    | ParticipantError::NoProofInTime { .. }),
                 ) => {
                     tracing::warn!("{error}");
                 }

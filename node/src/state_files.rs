@@ -1,5 +1,7 @@
 //! A node's own files in its state folder. A file is written whole or not at all. Whoever reads it gets what was written, or an error.
 
+pub mod lock;
+
 use crate::error::ParticipantError;
 use serde::de::DeserializeOwned;
 use serde::Serialize;
@@ -65,7 +67,7 @@ pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Participant
     write(path, &json)
 }
 
-/// Removes what killed processes have left unfinished in a folder. No other process may write there.
+/// Removes what killed processes have left unfinished in a folder. No other process may write there: see [`lock`].
 pub fn remove_unfinished(folder: &Path) -> Result<(), ParticipantError> {
     for file in fs::read_dir(folder).map_err(at(folder))? {
         let path = file.map_err(at(folder))?.path();

@@ -4,6 +4,7 @@ mod control_variates;
 mod curves;
 mod last_step;
 pub mod prepared_claim;
+mod proving;
 mod room;
 mod scaffold;
 pub mod unfinished;
@@ -12,7 +13,7 @@ use crate::base_losses::BaseLosses;
 use crate::client::Node;
 use crate::error::ParticipantError;
 use crate::exchanged_weights::Base;
-use crate::progress::{self, Progress};
+use crate::progress::Progress;
 use crate::recording::evaluation_set::EvaluationSet;
 use crate::training_history::TrainingHistory;
 use crate::{receipts, state_files};
@@ -29,7 +30,6 @@ use zk0_protocol::entries::refusal::Refusal;
 use zk0_protocol::rules::bindings::ExpectedClaim;
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_prover::program::Prepared;
-use zk0_prover::rpc;
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::sample::PreparedSample;
@@ -44,6 +44,7 @@ use zk0_weights::Format;
 
 use curves::Curves;
 use prepared_claim::prepare;
+use proving::have_proven;
 use room::{check_room_of_argument, check_room_of_update};
 use unfinished::{Decided, Part, Proven, UnfinishedUpdate};
 
@@ -166,7 +167,7 @@ impl Turn<'_> {
                 kept
             }
             None => {
-                let proven = self.prove(prover, mode, &expected, base.quantised, update);
+                let proven = self.prove(prover, node, &expected, base.quantised, update);
                 let proven = proven.await?;
                 // The aggregator answers the same proof once more, but no other one of the same claim.
                 if let Err(error) = proven.keep(self.state) {
@@ -191,11 +192,12 @@ impl Turn<'_> {
     async fn prove(
         &self,
         prover: &mut ProvingClient,
-        mode: Mode,
+        node: &mut Node,
         expected: &ExpectedClaim,
         base: QuantisedWeights,
         update: QuantisedWeights,
     ) -> Result<Proven, ParticipantError> {
+        let mode = node.genesis().mode;
         let Prepared {
             claim,
             weight_check,
@@ -213,7 +215,7 @@ impl Turn<'_> {
                 prepared
             }
         };
-        let proof = prover.prove(input, proving_progress).await?;
+        let proof = have_proven(prover, node, self.opened, input).await?;
         tracing::info!(
             "round {}: the claim is proven: {} cycles in {} s; the proof has {} bytes",
             self.opened.round,
@@ -423,16 +425,4 @@ impl Turn<'_> {
         }
         Ok(trained.weights)
     }
-}
-
-/// Reports how far the proving service is with a claim.
-fn proving_progress(event: rpc::Progress) {
-    let phase = match event.phase() {
-        rpc::progress::Phase::Queued => "waiting for the prover",
-        rpc::progress::Phase::Proving => "proving",
-        // This phase takes a second, and the time of the proof is not known yet.
-        _ => return,
-    };
-    let total = event.estimated_total_ms.max(event.elapsed_ms + 1);
-    progress::report(phase, event.elapsed_ms, total, total - event.elapsed_ms);
 }

@@ -20,7 +20,7 @@ use zk0_prover::rpc::prover_client::ProverClient;
 use zk0_prover::rpc::{prove_request, Progress, ProvePart, ProveRequest};
 use zk0_prover::service::upload::{self, Announced, Patience, MAX_INPUT_BYTES};
 use zk0_prover::service::{
-    Backend, ClientError, JobError, Pace, ProvingClient, ProvingService, Waiting,
+    Backend, ClientError, GivenUp, JobError, Pace, ProvingClient, ProvingService, Waiting,
 };
 use zk0_tls::service_address::ServiceAddress;
 
@@ -62,9 +62,13 @@ impl Backend for Fake {
         &self,
         input: &GuestInput,
         _: &Execution,
-        _: &Waiting,
+        waiting: &Waiting,
     ) -> Result<Proof, JobError> {
         let input = &input.buffers;
+        if input[0] == b"until it stops" {
+            waiting.stopping().await;
+            return Err(GivenUp::Stopping.into());
+        }
         let now = self.at_once.fetch_add(1, Ordering::SeqCst) + 1;
         self.most_at_once.fetch_max(now, Ordering::SeqCst);
         self.allowed.acquire().await.unwrap().forget();
@@ -141,7 +145,7 @@ impl Service {
 
 fn refusal(result: Result<zk0_prover::rpc::Proof, ClientError>) -> (tonic::Code, String) {
     match result {
-        Err(ClientError::Refused(status)) => (status.code(), status.message().into()),
+        Err(ClientError::Refused { status, .. }) => (status.code(), status.message().into()),
         other => panic!("not refused: {other:?}"),
     }
 }
@@ -422,6 +426,26 @@ async fn a_service_that_stops_waits_for_no_private_input() {
     let told = silent.await.unwrap();
     assert_eq!(told.code(), tonic::Code::Unavailable, "{told}");
     assert!(told.message().contains("is stopping"), "{told}");
+}
+
+/// A client asks again only where the service says that it may take the claim later.
+#[tokio::test]
+async fn a_service_that_stops_tells_who_waits_for_a_proof_to_ask_again() {
+    let service = service(4, 0).await;
+    let refused = service.prove("false").await.unwrap_err();
+    assert!(!refused.may_pass(), "{refused}");
+    let mut client = ProvingClient::connect(service.address()).await.unwrap();
+    let input = input(vec![b"until it stops".to_vec()]);
+    let waiting = tokio::spawn(async move { client.prove(input, |_| {}).await });
+    sleep(Duration::from_millis(500)).await;
+    service.stop.send(()).unwrap();
+    let told = timeout(Duration::from_secs(4), waiting).await;
+    let told = told.expect("it is told").unwrap().unwrap_err();
+    let said = told.to_string();
+    for words in [&*service.address, "the proving service is stopping"] {
+        assert!(said.contains(words), "{said}");
+    }
+    assert!(told.may_pass(), "{said}");
 }
 
 #[tokio::test]

@@ -138,7 +138,7 @@ enrol_the_node() {
     within 120 logged prover 'the claim holds; queued'
 }
 
-# What the proving service began does not keep it from ending. The node fails meanwhile, and is started again until it finds the service.
+# What the proving service began does not keep it from ending. The node asks again meanwhile, until it finds the service.
 restart_the_prover() {
     stops prover
     systemctl start zk0-prover

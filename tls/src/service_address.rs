@@ -203,6 +203,12 @@ impl ServiceAddress {
         }))
     }
 
+    /// What the failure of a later request means: the connection was lost, or could not be made again. `None` if the service itself refused.
+    pub fn lost(&self, status: &Status) -> Option<ConnectError> {
+        // What a service answers has no source.
+        Some(self.unreachable(status.source()?))
+    }
+
     /// The service cannot be reached, because of `why`.
     pub fn because(&self, why: String) -> ConnectError {
         ConnectError::Unreachable {

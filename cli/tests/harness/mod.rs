@@ -92,6 +92,17 @@ pub fn words(owned: &[String]) -> Vec<&str> {
     owned.iter().map(String::as_str).collect()
 }
 
+/// Checks that the output has the words, and that the runbook has them, too.
+#[track_caller]
+pub fn as_in_the_runbook(output: &str, symptom: &str) {
+    assert!(output.contains(symptom), "{symptom:?} is not in {output}");
+    let page = fs::read_to_string(root().join("docs/runbook.md")).unwrap();
+    assert!(
+        page.contains(symptom),
+        "{symptom:?} is not in docs/runbook.md"
+    );
+}
+
 /// Copies a folder with all that is in it.
 pub fn copy(from: &Path, to: &Path) {
     fs::create_dir_all(to).unwrap();

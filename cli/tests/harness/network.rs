@@ -173,31 +173,7 @@ impl LocalNetwork {
 
     /// A prover that serves until it is dropped, over TLS if there is a certificate.
     pub fn prover_with(&self, certificate: Option<Arc<ServerCertificate>>) -> Prover {
-        let runtime = Runtime::new().unwrap();
-        let address = runtime.block_on(async {
-            let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-            let address = listener.local_addr().unwrap();
-            let prover = ProvingService::start(NoProver::default(), 4, Pace::of_cores(2));
-            let forever = std::future::pending();
-            match certificate {
-                Some(certificate) => {
-                    tokio::spawn(async move {
-                        prover
-                            .serve_encrypted(listener, &certificate, forever)
-                            .await
-                    });
-                    format!("https://{address}")
-                }
-                None => {
-                    tokio::spawn(async move { prover.serve(listener, forever).await });
-                    format!("http://{address}")
-                }
-            }
-        });
-        Prover {
-            address,
-            _runtime: runtime,
-        }
+        Prover::start(NoProver::default(), 4, "127.0.0.1:0", certificate)
     }
 
     /// Runs something with an aggregator and a prover, which end afterwards. It gets their addresses, and the network's id.
@@ -265,6 +241,42 @@ pub struct Prover {
     _runtime: Runtime,
 }
 
+impl Prover {
+    /// Serves `backend` with a queue of this length, until it is dropped. Its connections break then, as those of a killed process do.
+    pub fn start(
+        backend: impl Backend,
+        queue: usize,
+        listen: &str,
+        certificate: Option<Arc<ServerCertificate>>,
+    ) -> Self {
+        let runtime = Runtime::new().unwrap();
+        let address = runtime.block_on(async {
+            let listener = TcpListener::bind(listen).await.unwrap();
+            let address = listener.local_addr().unwrap();
+            let prover = ProvingService::start(backend, queue, Pace::of_cores(2));
+            let forever = std::future::pending();
+            match certificate {
+                Some(certificate) => {
+                    tokio::spawn(async move {
+                        prover
+                            .serve_encrypted(listener, &certificate, forever)
+                            .await
+                    });
+                    format!("https://{address}")
+                }
+                None => {
+                    tokio::spawn(async move { prover.serve(listener, forever).await });
+                    format!("http://{address}")
+                }
+            }
+        });
+        Self {
+            address,
+            _runtime: runtime,
+        }
+    }
+}
+
 /// The roots of all datasets on the ledger.
 pub fn committed(entries: &[Entry]) -> Vec<Digest> {
     let roots = entries.iter().filter_map(|entry| match &entry.body {
@@ -276,7 +288,7 @@ pub fn committed(entries: &[Entry]) -> Vec<Digest> {
 
 /// Makes something that is not a proof, at once. As with SP1, two proofs of one claim are different.
 #[derive(Default)]
-struct NoProver {
+pub struct NoProver {
     made: AtomicU64,
 }
 

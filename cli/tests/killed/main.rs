@@ -1,8 +1,11 @@
-//! Processes are killed (SIGKILL) at each step of a round, and started again.
+//! Processes are killed (SIGKILL) at each step of a round, and started again. So is the proving service; and no node starts beside another one in
+//! its state folder.
 
 #[path = "../harness/mod.rs"]
 mod harness;
 
 mod accepting;
+mod locked;
+mod proving;
 mod refused;
 mod relay;

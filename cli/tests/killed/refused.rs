@@ -19,7 +19,7 @@ enum Killed {
 }
 
 /// A network of these nodes. The key of each is in the file `NAME.key`.
-fn founded(nodes: &[&str]) -> LocalNetwork {
+pub fn founded(nodes: &[&str]) -> LocalNetwork {
     let network = LocalNetwork::new();
     let mut rules = vec![
         ["--commit-minutes", "10"],
@@ -40,7 +40,7 @@ fn founded(nodes: &[&str]) -> LocalNetwork {
 }
 
 /// Starts the aggregator of a network. `more` are further options.
-fn serve(network: &LocalNetwork, listen: &str, more: &[&str]) -> Process {
+pub fn serve(network: &LocalNetwork, listen: &str, more: &[&str]) -> Process {
     let (ledger, key) = (network.path("ledger"), network.path("log.key"));
     let serve = ["aggregator", "serve", &ledger, "--key", &key];
     let arguments = [&serve[..], &["--listen", listen], more].concat();
@@ -53,7 +53,7 @@ fn serve(network: &LocalNetwork, listen: &str, more: &[&str]) -> Process {
 }
 
 /// The command by which a node joins. The node `other` has another recording.
-fn join(network: &LocalNetwork, name: &str, aggregator: &str, prover: &str) -> Vec<String> {
+pub fn join(network: &LocalNetwork, name: &str, aggregator: &str, prover: &str) -> Vec<String> {
     let id = network.genesis().network_id().to_string();
     let url = format!("http://{aggregator}");
     let key = network.path(&format!("{name}.key"));

@@ -2,7 +2,7 @@
 
 use crate::harness::network::LocalNetwork;
 use crate::harness::serving::Serving;
-use crate::harness::{copy, fails, prints, root, words, zk0, RECORDING};
+use crate::harness::{as_in_the_runbook, copy, fails, prints, words, zk0, RECORDING};
 use serde_json::Value;
 use std::fs;
 use std::io::{BufRead, BufReader};
@@ -11,17 +11,6 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::Stdio;
 use std::time::Duration;
-
-/// Checks that the output has the words, and that the page has them, too.
-#[track_caller]
-fn as_in_the_runbook(output: &str, symptom: &str) {
-    assert!(output.contains(symptom), "{symptom:?} is not in {output}");
-    let page = fs::read_to_string(root().join("docs/runbook.md")).unwrap();
-    assert!(
-        page.contains(symptom),
-        "{symptom:?} is not in docs/runbook.md"
-    );
-}
 
 fn founded() -> LocalNetwork {
     let network = LocalNetwork::new();

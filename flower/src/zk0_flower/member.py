@@ -89,14 +89,16 @@ class Member:
     def prove(self, request: Request) -> None:
         """Proves the claim of the round in which the node has committed, and submits it. Returns when the round has closed.
 
-        Raises `BadSettings` if another network is meant, `ProgramError` if the program cannot be started, and `NodeFailed` if the node fails
-        or its time is over. Only the ledger says whether a contribution was accepted.
+        Raises `BadSettings` if another network is meant, `ProgramError` if the program cannot be started, and `NodeFailed` if the node fails,
+        has no proof in time, or its time is over. Only the ledger says whether a contribution was accepted.
         """
         self._check_network(request)
         with self._running() as node:
             for _ in _until(request.seconds):
                 code = node.poll()
                 if code == 0:
+                    if reason := self._no_proof():
+                        raise NodeFailed(reason)
                     return
                 if code is not None:
                     raise NodeFailed(f"the node ended with exit code {code}: {self._last_words()}")
@@ -159,6 +161,13 @@ class Member:
                 except subprocess.TimeoutExpired:
                     node.kill()
                     node.wait()
+
+    def _no_proof(self) -> str | None:
+        """Why the node had no proof in time, if it says so. It ends well all the same, when its round has closed."""
+        for line in self._log.read_text(errors="replace").splitlines():
+            if (at := line.find("the node has no proof in time")) >= 0:
+                return line[at:]
+        return None
 
     def _last_words(self) -> str:
         return last_words(self._log.read_text(errors="replace"))

@@ -3,6 +3,7 @@
 use crate::client::heads::About;
 use crate::client::{is_lost, program, unexpected, Node, APART, ATTEMPTS};
 use crate::client_error::NodeError;
+use std::time::Duration;
 use tonic::Streaming;
 use zk0_protocol::entries::entry::{Body, RoundClosed, RoundOpened};
 use zk0_protocol::entries::program::Program;
@@ -82,6 +83,26 @@ impl Node {
         let mut watch = Watch::of(Some(round), Vec::new());
         let info = self.next_stage(&mut watch).await?;
         Ok(info.commitments_closed.is_some() || info.closed.is_some())
+    }
+
+    /// How long the round that has opened like this still takes submissions, as the aggregator says: no time if it has closed.
+    pub(crate) async fn submissions_end_in(
+        &mut self,
+        opened: &RoundOpened,
+    ) -> Result<Duration, NodeError> {
+        let mut watch = Watch::of(Some(opened.round), Vec::new());
+        let info = self.next_stage(&mut watch).await?;
+        let window_ms = opened.rules.submit_window_ms;
+        let left_ms = match (info.closed, info.randomness) {
+            (Some(_), _) => 0,
+            (None, Some(drawn)) => {
+                let drawn_ms = self.entry(drawn)?.1.time_ms;
+                let ends_ms = drawn_ms.saturating_add(window_ms);
+                ends_ms.saturating_sub(info.now_ms)
+            }
+            (None, None) => window_ms,
+        };
+        Ok(Duration::from_millis(left_ms))
     }
 
     /// How a round opened and closed that is over.

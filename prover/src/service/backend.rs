@@ -1,6 +1,6 @@
 //! What checks and proves claims behind the service. Tests play it, so that they need no SP1.
 
-use super::waiting::Waiting;
+use super::waiting::{GivenUp, Waiting};
 use crate::program::{Execution, GuestInput, GuestInputError, HoldsRecording};
 use crate::prove::Proof;
 use tonic::Status;
@@ -14,6 +14,9 @@ pub enum JobError {
     /// The private input must not leave this machine, and the prover is elsewhere.
     #[error(transparent)]
     Private(#[from] HoldsRecording),
+    /// Nobody waits for the proof any more: the service stops, so that the client has to ask again.
+    #[error(transparent)]
+    GivenUp(#[from] GivenUp),
     /// The prover failed.
     #[error("proving failed: {0}")]
     Failed(String),
@@ -32,6 +35,7 @@ impl From<JobError> for Status {
             JobError::Input(GuestInputError::Unreadable(_)) => Self::invalid_argument(text),
             JobError::Input(GuestInputError::Statement(_) | GuestInputError::NotShown(_))
             | JobError::Private(_) => Self::failed_precondition(text),
+            JobError::GivenUp(_) => Self::unavailable(text),
             JobError::Failed(_) => Self::internal(text),
         }
     }

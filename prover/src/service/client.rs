@@ -4,6 +4,7 @@ use super::upload;
 use crate::program::GuestInput;
 use crate::rpc;
 use crate::rpc::prover_client::ProverClient;
+use std::sync::Arc;
 use std::time::Duration;
 use tonic::service::interceptor::InterceptedService;
 use tonic::{transport, Code, Status};
@@ -14,6 +15,7 @@ use zk0_traces::carried::Carrier;
 /// A connection to a proving service.
 #[derive(Clone)]
 pub struct ProvingClient {
+    address: ServiceAddress,
     client: ProverClient<InterceptedService<transport::Channel, Carrier>>,
 }
 
@@ -23,12 +25,46 @@ pub enum ClientError {
     /// There is no connection.
     #[error("{0}; `zk0 prover serve` runs it")]
     Connect(#[from] ConnectError),
+    /// The connection broke before the proof came, and may be made again.
+    #[error("{0}; `zk0 prover serve` runs it")]
+    Lost(ConnectError),
     /// The service refuses. Code and reason are those of `proto/prover.proto`.
-    #[error("{}", .0.message())]
-    Refused(Box<Status>),
-    /// The connection broke.
-    #[error("the proving service ended the stream without a proof")]
-    NoProof,
+    #[error(
+        "the proving service at {url} {}: {}",
+        match may_pass(status) { true => "cannot take the claim now", false => "gives no proof" },
+        status.message()
+    )]
+    Refused {
+        /// The service's address.
+        url: String,
+        /// What it says.
+        status: Box<Status>,
+    },
+    /// The service ended before the proof came.
+    #[error("the proving service at {url} ended without a proof; `zk0 prover serve` runs it")]
+    NoProof {
+        /// The service's address.
+        url: String,
+    },
+}
+
+impl ClientError {
+    /// Whether the service may prove the claim when it is asked again: it was lost, it is stopping, or its queue is full.
+    pub fn may_pass(&self) -> bool {
+        match self {
+            Self::Lost(_) | Self::NoProof { .. } => true,
+            Self::Refused { status, .. } => may_pass(status),
+            Self::Connect(_) => false,
+        }
+    }
+}
+
+/// Whether a refusal says something about the service and not about the claim. The private input comes too late where the connection is cut.
+fn may_pass(refusal: &Status) -> bool {
+    matches!(
+        refusal.code(),
+        Code::Unavailable | Code::ResourceExhausted | Code::DeadlineExceeded
+    )
 }
 
 impl ProvingClient {
@@ -58,31 +94,45 @@ impl ProvingClient {
                 return Err(address.because(why).into());
             }
         }
-        Ok(Self { client })
+        Ok(Self { address, client })
     }
 
-    /// Has a claim proven. `progress` is called with every event on the way. The proof is not verified here.
+    /// Has a claim proven. `progress` is called with every event on the way. The proof is not verified here. Whoever may ask again keeps an `Arc`
+    /// of the input. A lost connection is made again then.
     #[instrument(name = "have it proven", skip_all)]
     pub async fn prove(
         &mut self,
-        input: GuestInput,
+        input: impl Into<Arc<GuestInput>>,
         mut progress: impl FnMut(rpc::Progress),
     ) -> Result<rpc::Proof, ClientError> {
-        let refused = |status| ClientError::Refused(Box::new(status));
+        let input: Arc<GuestInput> = input.into();
         let request = tokio_stream::iter(upload::parts(input));
-        let mut events = self
-            .client
-            .prove(request)
+        let begun = self.client.prove(request).await;
+        let mut events = begun.map_err(|status| self.failed(status))?.into_inner();
+        while let Some(event) = events
+            .message()
             .await
-            .map_err(refused)?
-            .into_inner();
-        while let Some(event) = events.message().await.map_err(refused)? {
+            .map_err(|status| self.failed(status))?
+        {
             match event.event {
                 Some(rpc::prove_event::Event::Progress(event)) => progress(event),
                 Some(rpc::prove_event::Event::Proof(proof)) => return Ok(proof),
                 None => {}
             }
         }
-        Err(ClientError::NoProof)
+        Err(ClientError::NoProof {
+            url: self.address.url().into(),
+        })
+    }
+
+    /// Why a request gave no proof.
+    fn failed(&self, status: Status) -> ClientError {
+        match self.address.lost(&status) {
+            Some(error) => ClientError::Lost(error),
+            None => ClientError::Refused {
+                url: self.address.url().into(),
+                status: Box::new(status),
+            },
+        }
     }
 }

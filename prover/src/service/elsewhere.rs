@@ -1,8 +1,8 @@
 //! Proofs of the service that a prover network makes. They need no memory here, and so no lock.
 
 use super::backend::JobError;
-use super::waiting::Waiting;
-use crate::network::{Account, NetworkOptions, NetworkProver};
+use super::waiting::{GivenUp, Waiting};
+use crate::network::{Account, NetworkError, NetworkOptions, NetworkProver};
 use crate::program::{Execution, Executor, GuestInput, Shareable};
 use crate::prove::Proof;
 use tokio::sync::OnceCell;
@@ -52,6 +52,10 @@ impl Elsewhere {
         prover
             .prove(input, execution, waiting.given_up(), taken)
             .await
-            .map_err(JobError::failed)
+            .map_err(|error| match error {
+                // A client that has gone hears nothing, so it is the service that stops.
+                NetworkError::GivenUp(_) => JobError::GivenUp(GivenUp::Stopping),
+                error => JobError::failed(error),
+            })
     }
 }

@@ -232,13 +232,13 @@ impl<B> ProvingService<B> {
         // Whoever announces nothing takes nothing.
         let announced = Announced::receive(&mut parts).await?;
         let slot = self.shared.slots.clone().try_acquire_owned().map_err(|_| {
-            Status::resource_exhausted("the prover's queue is full: try again when a proof is done")
+            Status::resource_exhausted("the prover's queue is full until a proof is done")
         })?;
         let mebibytes = announced.bytes().div_ceil(1 << 20).min(MEMORY_MIB.into()) as u32;
         let memory = self.shared.memory.clone().try_acquire_many_owned(mebibytes);
         let memory = memory.map_err(|_| {
             Status::resource_exhausted(
-                "the private inputs in the prover's queue fill its memory: try again when a proof is done",
+                "the private inputs in the prover's queue fill its memory until a proof is done",
             )
         })?;
         let input = announced.rest(&mut parts).await?;

@@ -144,7 +144,7 @@ impl Backend for Sp1Backend {
                 tokio::select! {
                     proven = proven => proven,
                     // SP1 cannot be interrupted. It goes on until the process ends, and nothing waits for it.
-                    () = waiting.stopping() => Err(JobError::failed(GivenUp::Stopping)),
+                    () = waiting.stopping() => Err(GivenUp::Stopping.into()),
                 }
             }
             #[cfg(feature = "network")]

@@ -3,6 +3,7 @@
 use crate::program::GuestInput;
 use crate::rpc::prove_part::Part;
 use crate::rpc::{prove_request, ProvePart, ProveRequest};
+use std::sync::Arc;
 use std::time::Duration;
 use tokio_stream::{Stream, StreamExt};
 use tonic::Status;
@@ -43,8 +44,9 @@ pub struct Announced {
     sizes: Vec<u64>,
 }
 
-/// The messages that carry `input`.
-pub fn parts(input: GuestInput) -> impl Iterator<Item = ProvePart> + Send {
+/// The messages that carry `input`. Each is made when it is sent.
+pub fn parts(input: impl Into<Arc<GuestInput>>) -> impl Iterator<Item = ProvePart> + Send {
+    let input: Arc<GuestInput> = input.into();
     let mode = match input.mode {
         Mode::Direct => prove_request::Mode::Direct,
         Mode::Succinct => prove_request::Mode::Succinct,
@@ -53,9 +55,13 @@ pub fn parts(input: GuestInput) -> impl Iterator<Item = ProvePart> + Send {
         mode: mode.into(),
         buffers: input.buffers.iter().map(|b| b.len() as u64).collect(),
     });
-    let chunks = input.buffers.into_iter().flat_map(|buffer| {
-        let starts = (0..buffer.len()).step_by(CHUNK_BYTES);
-        starts.map(move |at| buffer[at..buffer.len().min(at + CHUNK_BYTES)].to_vec())
+    let chunks = (0..input.buffers.len()).flat_map(move |number| {
+        let input = input.clone();
+        let starts = (0..input.buffers[number].len()).step_by(CHUNK_BYTES);
+        starts.map(move |at| {
+            let buffer = &input.buffers[number];
+            buffer[at..buffer.len().min(at + CHUNK_BYTES)].to_vec()
+        })
     });
     std::iter::once(request)
         .chain(chunks.map(Part::Data))

@@ -57,7 +57,9 @@ async fn refusal(address: String, input: GuestInput, progress: impl FnMut(Progre
         .await
         .unwrap();
     match client.prove(input, progress).await {
-        Err(ClientError::Refused(status)) => format!("{}: {}", status.code(), status.message()),
+        Err(ClientError::Refused { status, .. }) => {
+            format!("{}: {}", status.code(), status.message())
+        }
         other => panic!("not refused: {other:?}"),
     }
 }

@@ -1,0 +1,81 @@
+//! Has a claim proven. A commitment cannot be taken back, so a node whose proving service is full or gone asks again for as long as a proof counts.
+
+use crate::client::Node;
+use crate::error::ParticipantError;
+use crate::progress;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::time::sleep;
+use zk0_protocol::entries::entry::RoundOpened;
+use zk0_prover::program::GuestInput;
+use zk0_prover::rpc;
+use zk0_prover::service::ProvingClient;
+
+/// Time until the service is asked for the second time. Each further pause is twice as long.
+const FIRST_PAUSE: Duration = Duration::from_secs(1);
+/// The longest of these pauses.
+const LONGEST_PAUSE: Duration = Duration::from_secs(30);
+
+/// Has the claim of `input` proven in the round that has opened like this. If the proving service cannot do it now, the node asks again for
+/// as long as the round takes submissions.
+///
+/// # Errors
+/// The service refuses the claim, or it gives no proof in time; or the aggregator fails.
+pub async fn have_proven(
+    prover: &mut ProvingClient,
+    node: &mut Node,
+    opened: &RoundOpened,
+    input: GuestInput,
+) -> Result<rpc::Proof, ParticipantError> {
+    let round = opened.round;
+    let input = Arc::new(input);
+    let mut pause = FIRST_PAUSE;
+    let mut said: Option<String> = None;
+    loop {
+        let mut taken = false;
+        let progress = |event: rpc::Progress| {
+            taken = true;
+            report(event);
+        };
+        let proven = prover.prove(input.clone(), progress).await;
+        let error = match proven {
+            Ok(proof) => return Ok(proof),
+            Err(error) if error.may_pass() => error,
+            Err(error) => return Err(error.into()),
+        };
+        if taken {
+            // The service was well meanwhile, so this is another trouble than the one before.
+            (pause, said) = (FIRST_PAUSE, None);
+        }
+        // A further pause would end too late.
+        if node.submissions_end_in(opened).await? <= pause {
+            return Err(ParticipantError::NoProofInTime {
+                round,
+                error: Box::new(error),
+            });
+        }
+        let why = error.to_string();
+        match &said {
+            None => tracing::warn!(
+                "round {round}: {why}. The node asks again while the round takes submissions, and goes on as soon as the service takes the claim"
+            ),
+            Some(before) if *before != why => tracing::info!("round {round}: no proof yet: {why}"),
+            Some(_) => {}
+        }
+        said = Some(why);
+        sleep(pause).await;
+        pause = pause.saturating_mul(2).min(LONGEST_PAUSE);
+    }
+}
+
+/// Reports how far the proving service is with a claim.
+fn report(event: rpc::Progress) {
+    let phase = match event.phase() {
+        rpc::progress::Phase::Queued => "waiting for the prover",
+        rpc::progress::Phase::Proving => "proving",
+        // This phase takes a second, and the time of the proof is not known yet.
+        _ => return,
+    };
+    let total = event.estimated_total_ms.max(event.elapsed_ms + 1);
+    progress::report(phase, event.elapsed_ms, total, total - event.elapsed_ms);
+}
