@@ -46,6 +46,8 @@ pub struct Located {
     pub dir: PathBuf,
     /// Whether it is the ledger's own folder. Its newest entries may not be published yet.
     pub lies_here: bool,
+    /// Fetches again what is missing in the folder; `None` if nothing was fetched.
+    pub fetch_again: Option<Box<dyn Fn() -> Result<()>>>,
     _made: Option<TempDir>,
 }
 
@@ -75,6 +77,7 @@ pub fn locate(ledger: &str, keep: Option<&Path>, trust: &Trust, wanted: Wanted) 
         return Ok(Located {
             dir,
             lies_here: true,
+            fetch_again: None,
             _made: None,
         });
     }
@@ -89,22 +92,32 @@ pub fn locate(ledger: &str, keep: Option<&Path>, trust: &Trust, wanted: Wanted) 
             (made.path().to_owned(), Some(made))
         }
     };
-    fetch(
-        source.as_ref(),
-        &dir,
-        trust.witness_policy.as_ref(),
-        network,
-        wanted,
-    )
-    .map_err(|error| match error {
-        MirrorError::Ledger(LedgerError::OtherNetwork {
-            found, expected, ..
-        }) => anyhow::Error::from(WrongUsage::other_network(ledger, &found, &expected)),
-        error => anyhow::Error::from(error).context(format!("fetching {ledger}")),
-    })?;
+    let (ledger, to, trust) = (ledger.to_owned(), dir.clone(), trust.clone());
+    let fetch_again = move || {
+        let Trust {
+            network,
+            witness_policy,
+            ..
+        } = &trust;
+        let fetched = fetch(
+            source.as_ref(),
+            &to,
+            witness_policy.as_ref(),
+            network.as_ref(),
+            wanted,
+        );
+        fetched.map_err(|error| match error {
+            MirrorError::Ledger(LedgerError::OtherNetwork {
+                found, expected, ..
+            }) => anyhow::Error::from(WrongUsage::other_network(&ledger, &found, &expected)),
+            error => anyhow::Error::from(error).context(format!("fetching {ledger}")),
+        })
+    };
+    fetch_again()?;
     Ok(Located {
         dir,
         lies_here: false,
+        fetch_again: Some(Box::new(fetch_again)),
         _made: made,
     })
 }

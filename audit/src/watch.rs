@@ -1,7 +1,7 @@
 //! Audits a log again and again. What was seen once has to stay: the watch raises an alarm when the log forks, is rolled back or breaks a
 //! rule.
 
-use crate::fetch::{fetch, is_wrong};
+use crate::fetch::{fetch, is_fault};
 use crate::log_source::{source, Trust, WrongUsage};
 use crate::named::Named;
 use crate::report::history;
@@ -126,45 +126,36 @@ impl Watch {
         progress: Option<&(dyn Fn(u64, u64) + Sync)>,
         mut seen: impl FnMut(Seen<'_>),
     ) -> Result<Look> {
-        let Trust {
-            network,
-            witness_policy,
-            ca,
-        } = &self.options.trust;
+        let network = self.options.trust.network;
         let dir = match &self.mirror {
             None => PathBuf::from(&self.options.ledger),
             Some(dir) => {
-                let source = source(&self.options.ledger, ca.as_deref())?;
-                let fetched = fetch(
-                    source.as_ref(),
-                    dir,
-                    witness_policy.as_ref(),
-                    network.as_ref(),
-                    self.options.depth.into(),
-                );
-                match fetched {
-                    Ok(()) => {}
-                    Err(error) if is_wrong(&error) => return Ok(Look::Alarm(error.to_string())),
-                    Err(error) => return Err(error.into()),
+                match self.fetch(dir) {
+                    Err(error) if is_fault(&error) => return Ok(Look::Alarm(error.to_string())),
+                    fetched => fetched?,
                 }
                 dir.clone()
             }
         };
         let before = Saved::read(&self.state)?.map(|saved| saved.size);
+        let fetch_again = || self.fetch(&dir);
+        let copied = self.mirror.is_some();
         let audit = Audit {
             depth: self.options.depth,
             named: self.options.named.clone(),
-            network: *network,
+            network,
             threads: None,
             state_file: Some(Keep {
                 path: self.state.clone(),
                 every: Duration::from_secs(30),
             }),
+            fetch_again: copied.then_some(&fetch_again),
             progress,
         };
         let audited = match audit.run(&dir) {
             // What was seen once has to stay, so another network is an alarm here.
             Err(error) if error.is::<WrongUsage>() => return Ok(Look::Alarm(error.to_string())),
+            Err(error) if is_fault(&error) => return Ok(Look::Alarm(error.to_string())),
             audited => audited?,
         };
         report(&dir, before, &audited, &mut seen)?;
@@ -172,6 +163,24 @@ impl Watch {
             true => Ok(Look::Continues),
             false => Ok(Look::Alarm(verdict(&audited))),
         }
+    }
+
+    /// Brings the mirror in `dir` up to date.
+    fn fetch(&self, dir: &Path) -> Result<()> {
+        let Trust {
+            network,
+            witness_policy,
+            ca,
+        } = &self.options.trust;
+        let source = source(&self.options.ledger, ca.as_deref())?;
+        fetch(
+            source.as_ref(),
+            dir,
+            witness_policy.as_ref(),
+            network.as_ref(),
+            self.options.depth.into(),
+        )?;
+        Ok(())
     }
 }
 

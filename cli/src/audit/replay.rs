@@ -89,6 +89,7 @@ pub fn run(options: &Options) -> Result<ExitCode> {
         network: trust.network,
         threads: options.threads,
         state_file,
+        fetch_again: located.fetch_again.as_deref(),
         progress: (!options.json).then_some(&progress),
     };
     let mut audited = audit.run(&located.dir)?;
