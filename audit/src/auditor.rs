@@ -9,7 +9,11 @@
 //! are begun and not yet reported. For the average of a round, the weights of its contributions are read from their files again, which
 //! their verification has sealed ([`zk0_verifier::combine::sealed`]).
 
+mod found;
+mod saved;
+
 use crate::account::{Account, Checked, NotChecked, What, Why};
+use crate::auditor::found::Found;
 use crate::checks::closings;
 use crate::checks::excuse::{Excuse, Rounds};
 use crate::checks::{self, Check, Examined, Missing, Recorded};
@@ -17,9 +21,10 @@ use crate::depth::Depth;
 use crate::named::Named;
 use crate::queue::{Panicked, Queue};
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroUsize;
 use std::thread;
+use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::replay::{Finding, Recheck};
 use zk0_protocol::entries::entry::{Body, Entry, RoundClosed};
@@ -56,19 +61,8 @@ pub struct Auditor {
     /// The rounds whose average nobody can compute again from these blobs, because some of them were pruned.
     unrepeatable: Rounds,
     queue: Queue<Outcome>,
-    found: Vec<Finding>,
+    found: Found,
 }
-
-/// What a state file keeps of an auditor.
-type Saved = (
-    Depth,
-    Named,
-    Account,
-    Vec<Recorded>,
-    BTreeMap<u64, Option<Refusal>>,
-    Rounds,
-    Vec<(Recorded, Refusal)>,
-);
 
 /// The outcome of a job of the queue.
 enum Outcome {
@@ -108,7 +102,7 @@ impl Auditor {
             pruning: None,
             unrepeatable: Rounds::default(),
             queue: Queue::new(threads),
-            found: Vec::new(),
+            found: Found::default(),
         }
     }
 
@@ -117,35 +111,27 @@ impl Auditor {
         Self { named, ..self }
     }
 
+    /// The audit of a copy that the auditor has made of a ledger, and can make again: a blob that is damaged there is not called a fault of the
+    /// ledger before it was copied again ([`Auditor::damaged`]).
+    pub fn of_copy(self) -> Self {
+        let found = self.found.in_copy();
+        Self { found, ..self }
+    }
+
     /// Goes on from what an audit of the same depth, by an auditor who named the same, has saved with [`Recheck::save`]. What the open round accepted is verified again,
     /// because the average takes only what was verified.
+    ///
+    /// # Errors
+    /// The audit cannot go on from there, for this reason. One is that a blob is there now which was missing or damaged then.
     pub fn go_on(self, saved: &[u8], blobs: &Blobs) -> Result<Self, String> {
-        let (was, had_named, account, accepted, doubtful, unrepeatable, refused): Saved =
-            borsh::from_slice(saved).map_err(|error| {
-                format!("another version of zk0 wrote the state file ({error})")
-            })?;
-        if was != self.depth {
-            let name = |depth| match depth {
-                Depth::Light => "light",
-                Depth::Full => "full",
-            };
-            return Err(format!(
-                "the state file is from a {} audit, and this audit is {}",
-                name(was),
-                name(self.depth)
-            ));
-        }
-        if had_named != self.named {
-            return Err(
-                "the audit that wrote the state file had other --program or --evaluation options"
-                    .into(),
-            );
-        }
+        let (_, _, account, accepted, doubtful, unrepeatable, refused, awaited) =
+            saved::read(saved, self.depth, &self.named)?;
         let mut auditor = Self {
             account,
             doubtful,
             unrepeatable,
             refused,
+            found: self.found.go_on(awaited, blobs)?,
             ..self
         };
         for recorded in accepted {
@@ -157,6 +143,16 @@ impl Auditor {
     /// How much has been checked so far.
     pub fn checked(&self) -> Checked {
         self.whole_account().checked()
+    }
+
+    /// The blobs that are damaged in the auditor's own copy of the ledger.
+    pub fn damaged(&self) -> &BTreeSet<Digest> {
+        self.found.damaged()
+    }
+
+    /// What could not be read so far, because a disk fails or the auditor's copy is damaged. There is no verdict about it.
+    pub fn not_read(&self) -> Option<Finding> {
+        self.found.not_read()
     }
 
     /// What has been left out so far, by kind and reason.
@@ -218,15 +214,15 @@ impl Auditor {
                 "a check panicked, so something is not verified: the log says what",
             )),
             Some(Ok(Outcome::Check(index, check))) => {
-                enter(&mut self.account, &mut self.found, index, check);
+                self.found.enter(&mut self.account, index, check);
             }
             Some(Ok(Outcome::Refused(refused, check))) => match check {
-                Check::LeftOut(_, Why::NotAtHand, _) => self.refused.push(*refused),
-                check => enter(&mut self.account, &mut self.found, refused.0.index, check),
+                Check::NotAtHand(..) => self.refused.push(*refused),
+                check => self.found.enter(&mut self.account, refused.0.index, check),
             },
             Some(Ok(Outcome::Accepted(index, examined))) => {
                 for check in examined.checks {
-                    enter(&mut self.open, &mut self.found, index, check);
+                    self.found.enter(&mut self.open, index, check);
                 }
                 match &examined.verified {
                     Some(_) => self.doubtful.remove(&index),
@@ -269,7 +265,8 @@ impl Auditor {
             let Missing { what, name, .. } = missing;
             if !excuse.covers(&missing.kind) {
                 let why = format!("{name} is missing, and the round has closed");
-                self.found.push(Finding::fault(index, why));
+                let lost = Check::Lost(missing.blob, why);
+                self.found.enter(&mut self.account, index, lost);
                 continue;
             }
             pruned = true;
@@ -293,9 +290,9 @@ impl Auditor {
         if let Check::LeftOut(_, Why::Pruned, _) = &average {
             self.unrepeatable.add(closed.round);
         }
-        enter(&mut self.account, &mut self.found, index, average);
+        self.found.enter(&mut self.account, index, average);
         if let Some(result) = closings::result(before, closed, combined, depth, excuse, blobs) {
-            enter(&mut self.account, &mut self.found, index, result);
+            self.found.enter(&mut self.account, index, result);
         }
         self.forget_round();
     }
@@ -316,7 +313,7 @@ impl Recheck for Auditor {
             checks::program(genesis, &genesis.program, &self.named),
             checks::evaluation(genesis, &self.named),
         ] {
-            enter(&mut self.account, &mut self.found, 0, check);
+            self.found.enter(&mut self.account, 0, check);
         }
         let (policy, depth, blobs) = (genesis.policy, self.depth, blobs.clone());
         self.check(0, move || {
@@ -324,7 +321,7 @@ impl Recheck for Auditor {
             let excuse = Excuse::default();
             checks::whole(What::Policy, &kind, name, &policy, depth, excuse, &blobs)
         });
-        std::mem::take(&mut self.found)
+        self.found.take()
     }
 
     fn pruned(&mut self, pruning: &Pruning) {
@@ -384,7 +381,7 @@ impl Recheck for Auditor {
                     let contribution = dispute.contribution;
                     let found = self.doubtful.get(&contribution);
                     let check = checks::disputed(contribution, found, resolved.upheld.as_ref());
-                    enter(&mut self.account, &mut self.found, index, check);
+                    self.found.enter(&mut self.account, index, check);
                 }
             }
             Body::ProposalSettled(settled) => {
@@ -393,7 +390,7 @@ impl Recheck for Auditor {
                     (open.map(|open| &open.action), &settled.outcome)
                 {
                     let check = checks::program(before.genesis(), &program.key, &self.named);
-                    enter(&mut self.account, &mut self.found, index, check);
+                    self.found.enter(&mut self.account, index, check);
                 }
             }
             Body::MomentsComputed(computed) => {
@@ -419,12 +416,16 @@ impl Recheck for Auditor {
         while let Some(outcome) = self.queue.take_ready() {
             self.take(Some(outcome));
         }
-        std::mem::take(&mut self.found)
+        self.found.take()
     }
 
     fn settle(&mut self) -> Vec<Finding> {
         self.finish_all();
-        std::mem::take(&mut self.found)
+        self.found.take()
+    }
+
+    fn may_be_saved(&self) -> bool {
+        self.not_read().is_none()
     }
 
     fn save(&self) -> Vec<u8> {
@@ -436,6 +437,7 @@ impl Recheck for Auditor {
             &self.doubtful,
             &self.unrepeatable,
             &self.refused,
+            self.found.awaited(),
         ))
         .expect("writing to a Vec cannot fail")
     }
@@ -451,17 +453,9 @@ impl Recheck for Auditor {
                 ),
             ));
         }
+        found.extend(self.not_read());
         found.extend((self.pruning).map(|pruning| Finding::note(None, pruning.to_string())));
         found
-    }
-}
-
-/// Takes down the outcome of a check of entry `index`.
-fn enter(account: &mut Account, found: &mut Vec<Finding>, index: u64, check: Check) {
-    match check {
-        Check::Passed(what) => account.passed(what),
-        Check::LeftOut(what, why, example) => account.left_out(what, why, index, example),
-        Check::Failed(why) => found.push(Finding::fault(index, why)),
     }
 }
 

@@ -1,11 +1,13 @@
-//! The checks themselves; [`closings`] has those of the end of a round, and [`excuse`] says what is not
+//! The checks themselves; [`closings`] has those of the end of a round, [`check`] their outcomes, and [`excuse`] says what is not
 //! called missing because it was pruned. Each is a function of what the ledger says and of the blobs at
 //! hand, and uses the functions by which the aggregator decided.
 
+pub mod check;
 pub mod closings;
 pub mod excuse;
 
 use crate::account::{What, Why};
+use crate::checks::check::{get, not_at_hand, unreadable};
 use crate::checks::excuse::Excuse;
 use crate::depth::Depth;
 use crate::named::Named;
@@ -27,13 +29,7 @@ use zk0_verifier::{
     authenticate, verify, verify_claim, Evaluation, Unreadable, VerifiedContribution, WeightFiles,
 };
 
-/// The outcome of one check.
-#[derive(Debug)]
-pub enum Check {
-    Passed(What),
-    LeftOut(What, Why, String),
-    Failed(String),
-}
+pub use crate::checks::check::Check;
 
 /// A recorded claim, and what its verification reads of the state that it was recorded on.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
@@ -51,6 +47,8 @@ pub struct Missing {
     pub what: What,
     /// What the blob holds.
     pub kind: BlobKind,
+    /// The blob.
+    pub blob: Digest,
     /// The contribution's entry.
     pub index: u64,
     /// The blob in words.
@@ -73,10 +71,14 @@ impl Recorded {
     /// Verifies again the contribution that the ledger accepted.
     pub fn accepted(&self, depth: Depth, blobs: &Blobs) -> Examined {
         let node = self.node();
+        let but =
+            |why: &dyn Display| format!("the contribution of node {node} was accepted, but {why}");
         let failed = |why: &dyn Display| Examined {
-            checks: vec![Check::Failed(format!(
-                "the contribution of node {node} was accepted, but {why}"
-            ))],
+            checks: vec![Check::Failed(but(why))],
+            ..Examined::default()
+        };
+        let unread = |error: &Unreadable<BlobError>| Examined {
+            checks: vec![unreadable(&error.error, but(error))],
             ..Examined::default()
         };
         let missing = |what, Absent { kind, blob }| {
@@ -92,6 +94,7 @@ impl Recorded {
             Some(Missing {
                 what,
                 kind,
+                blob,
                 index: self.index,
                 name,
             })
@@ -104,13 +107,13 @@ impl Recorded {
                     ..Examined::default()
                 }
             }
-            Err(error) => return failed(&error),
+            Err(error) => return unread(&error),
         };
         let weights = match depth {
             Depth::Light => Ok(None),
             Depth::Full => match self.weights(blobs) {
                 Ok(weights) => weights.map(Some),
-                Err(error) => return failed(&error),
+                Err(error) => return unread(&error),
             },
         };
         let verified = match self.verify(proof, weights.as_ref().ok().and_then(Option::as_ref)) {
@@ -160,11 +163,11 @@ impl Recorded {
     /// Checks that the recorded reason of a refusal is the one that verification gives.
     pub fn rejected(&self, reason: &Refusal, depth: Depth, excuse: Excuse, blobs: &Blobs) -> Check {
         let node = self.node();
-        let failed = |found: &dyn Display| {
-            Check::Failed(format!(
-                "the contribution of node {node} was refused because '{reason}', but {found}"
-            ))
+        let but = |found: &dyn Display| {
+            format!("the contribution of node {node} was refused because '{reason}', but {found}")
         };
+        let failed = |found: &dyn Display| Check::Failed(but(found));
+        let unread = |error: &Unreadable<BlobError>| unreadable(&error.error, but(error));
         match reason {
             // The ledger's own rules have checked these.
             Refusal::Late { .. } | Refusal::Binding { .. } => return Check::Passed(What::Refusals),
@@ -182,7 +185,8 @@ impl Recorded {
             let Absent { kind, blob } = absent;
             let what = match kind {
                 BlobKind::Weights if !excuse.covers(&kind) => {
-                    return failed(&format!("the file {blob} of the base weights is missing"))
+                    let why = format!("the file {blob} of the base weights is missing");
+                    return Check::Lost(blob, but(&why));
                 }
                 BlobKind::Weights => {
                     format!("the base weights {blob} of node {node}'s refused update")
@@ -190,12 +194,12 @@ impl Recorded {
                 BlobKind::Proof => format!("the refused proof {blob} of node {node}"),
                 _ => format!("the refused update {blob} of node {node}"),
             };
-            not_at_hand(What::Refusals, what, excuse.why(&kind))
+            not_at_hand(What::Refusals, blob, what, excuse.why(&kind))
         };
         let proof = match self.proof(blobs) {
             Ok(Ok(proof)) => proof,
             Ok(Err(proof)) => return missing(proof),
-            Err(error) => return failed(&error),
+            Err(error) => return unread(&error),
         };
         let weights = match about_update {
             // The proof is checked before the update.
@@ -203,7 +207,7 @@ impl Recorded {
             true => match self.weights(blobs) {
                 Ok(Ok(weights)) => Some(weights),
                 Ok(Err(weights)) => return missing(weights),
-                Err(error) => return failed(&error),
+                Err(error) => return unread(&error),
             },
         };
         match self.verify(proof, weights.as_ref()) {
@@ -225,14 +229,14 @@ impl Recorded {
     }
 
     fn proof(&self, blobs: &Blobs) -> AtHand<Vec<u8>> {
-        let get = |digest: &Digest, limit| blobs.get(digest, limit);
+        let get = |digest: &Digest, limit| get(blobs, digest, limit);
         let proof = read_proof(&self.submission, self.before.rules(), get);
         at_hand(proof)
     }
 
     fn weights(&self, blobs: &Blobs) -> AtHand<WeightFiles> {
         let terms = &self.submission.statement.claim.terms;
-        let get = |digest: &Digest, limit| blobs.get(digest, limit);
+        let get = |digest: &Digest, limit| get(blobs, digest, limit);
         let rules = self.before.rules();
         let weights = WeightFiles::read(&terms.update.blob, &terms.base.blob, rules, get);
         at_hand(weights)
@@ -361,9 +365,12 @@ pub fn whole(
     match blobs.check(blob) {
         Ok(()) => Check::Passed(what),
         Err(BlobError::Missing(blob)) => {
-            not_at_hand(what, format!("{name} {blob}"), excuse.why(kind))
+            not_at_hand(what, blob, format!("{name} {blob}"), excuse.why(kind))
         }
-        Err(error) => Check::Failed(format!("{name} {blob} cannot be checked: {error}")),
+        Err(error) => {
+            let why = format!("{name} {blob} cannot be checked: {error}");
+            unreadable(&error, why)
+        }
     }
 }
 
@@ -382,19 +389,21 @@ pub fn dataset(
     let leaves = BlobKind::Leaves {
         drawn: registration.drawn(),
     };
-    let bytes = match blobs.get(&registration.leaves, leaves.max_bytes(rules)) {
+    let bytes = match get(blobs, &registration.leaves, leaves.max_bytes(rules)) {
         Ok(bytes) => bytes,
         Err(BlobError::Missing(blob)) => {
             return not_at_hand(
                 What::Datasets,
+                blob,
                 format!("the list {blob} of node {node}'s dataset"),
                 Why::NotAtHand,
             )
         }
         Err(error) => {
-            return Check::Failed(format!(
+            let why = format!(
                 "the list of drawn frames of node {node}'s dataset cannot be read: {error}"
-            ))
+            );
+            return unreadable(&error, why);
         }
     };
     match check_leaf_list(registration, &bytes) {
@@ -419,20 +428,19 @@ pub fn base(
             format!("base weights {}", base.blob),
         );
     }
-    let checked = match blobs.get(&base.blob, limit) {
+    let checked = match get(blobs, &base.blob, limit) {
         Ok(file) => evaluation.and_then(|evaluation| evaluation.check_update(&file, base)),
         Err(BlobError::Missing(blob)) => {
             let why = excuse.why(&BlobKind::Weights);
-            return not_at_hand(What::Bases, format!("the base weights {blob}"), why);
+            return not_at_hand(What::Bases, blob, format!("the base weights {blob}"), why);
         }
-        Err(error) => return Check::Failed(format!("the base weights cannot be read: {error}")),
+        Err(error) => {
+            let why = format!("the base weights cannot be read: {error}");
+            return unreadable(&error, why);
+        }
     };
     match checked {
         Ok(_) => Check::Passed(What::Bases),
         Err(error) => Check::Failed(format!("the base weights: {error}")),
     }
-}
-
-pub(crate) fn not_at_hand(what: What, name: String, why: Why) -> Check {
-    Check::LeftOut(what, why, format!("{name} is not at hand"))
 }

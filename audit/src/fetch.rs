@@ -50,6 +50,8 @@ pub struct Located {
     pub dir: PathBuf,
     /// Whether it is the ledger's own folder. Its newest entries may not be published yet.
     pub lies_here: bool,
+    /// Fetches again what is missing in the folder; `None` if nothing was fetched.
+    pub fetch_again: Option<Box<dyn Fn() -> Result<()>>>,
     _made: Option<Temporary>,
 }
 
@@ -79,6 +81,7 @@ pub fn locate(ledger: &str, keep: Option<&Path>, trust: &Trust, wanted: Wanted) 
         return Ok(Located {
             dir,
             lies_here: true,
+            fetch_again: None,
             _made: None,
         });
     }
@@ -93,22 +96,32 @@ pub fn locate(ledger: &str, keep: Option<&Path>, trust: &Trust, wanted: Wanted) 
             (made.path().to_owned(), Some(made))
         }
     };
-    fetch(
-        source.as_ref(),
-        &dir,
-        trust.witness_policy.as_ref(),
-        network,
-        wanted,
-    )
-    .map_err(|error| match error {
-        MirrorError::Ledger(LedgerError::OtherNetwork {
-            found, expected, ..
-        }) => anyhow::Error::from(WrongUsage::other_network(ledger, &found, &expected)),
-        error => anyhow::Error::from(error).context(format!("fetching {ledger}")),
-    })?;
+    let (ledger, to, trust) = (ledger.to_owned(), dir.clone(), trust.clone());
+    let fetch_again = move || {
+        let Trust {
+            network,
+            witness_policy,
+            ..
+        } = &trust;
+        let fetched = fetch(
+            source.as_ref(),
+            &to,
+            witness_policy.as_ref(),
+            network.as_ref(),
+            wanted,
+        );
+        fetched.map_err(|error| match error {
+            MirrorError::Ledger(LedgerError::OtherNetwork {
+                found, expected, ..
+            }) => anyhow::Error::from(WrongUsage::other_network(&ledger, &found, &expected)),
+            error => anyhow::Error::from(error).context(format!("fetching {ledger}")),
+        })
+    };
+    fetch_again()?;
     Ok(Located {
         dir,
         lies_here: false,
+        fetch_again: Some(Box::new(fetch_again)),
         _made: made,
     })
 }
@@ -198,8 +211,8 @@ pub fn is_wrong(error: &MirrorError) -> bool {
 }
 
 /// What is wrong with a log that is being updated, if it has fewer entries than an earlier audit has seen: it was rolled back all the same.
-pub fn rolled_back(error: &MirrorError, saved: &Saved) -> Option<String> {
-    match error {
+pub fn rolled_back(error: &anyhow::Error, saved: &Saved) -> Option<String> {
+    error.chain().find_map(|cause| match cause.downcast_ref()? {
         MirrorError::BeingUpdated { network, size, .. }
             if network == saved.network() && *size < saved.size =>
         {
@@ -209,7 +222,7 @@ pub fn rolled_back(error: &MirrorError, saved: &Saved) -> Option<String> {
             ))
         }
         _ => None,
-    }
+    })
 }
 
 /// Whether `error` says that something is wrong with the log, and not just that it cannot be read.

@@ -6,12 +6,15 @@ use crate::fetch::network_of;
 use crate::log_source::WrongUsage;
 use crate::named::Named;
 use crate::report::verdict::Audited;
-use anyhow::Result;
+use anyhow::{anyhow, Result};
 use std::num::NonZeroUsize;
 use std::path::Path;
 use zk0_circuits::Digest;
 use zk0_files::atomic_file;
-use zk0_ledger::replay::{self, replay_with, Keep, Options as Replaying, Saved, SavedError};
+use zk0_ledger::error::LedgerError;
+use zk0_ledger::replay::{
+    self, replay_with, Finding, Keep, Options as Replaying, Saved, SavedError,
+};
 use zk0_ledger::Blobs;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 
@@ -46,6 +49,9 @@ pub struct Audit<'a> {
     pub state_file: Option<Keep>,
     /// What the caller has seen of the log before. The log has to continue it, whatever the state file knows.
     pub seen: Option<Checkpoint>,
+    /// Copies again what is missing in the folder, where the auditor has copied it from a served log or an export. `None` where the ledger is
+    /// read where it lies: then a damaged blob is a fault.
+    pub fetch_again: Option<&'a dyn Fn() -> Result<()>>,
     /// Called from several threads with the number of verified entries and of all entries. `None` if nobody watches.
     pub progress: Option<&'a (dyn Fn(u64, u64) + Sync)>,
 }
@@ -54,12 +60,41 @@ impl Audit<'_> {
     /// Audits the ledger in `dir`. Where the audit cannot go on from the state file, it starts from the first entry, and the log says why.
     /// What the state file says of the log has to hold all the same.
     ///
+    /// A blob that is damaged in the auditor's own copy is fetched again before anybody judges.
+    ///
     /// # Errors
-    /// The ledger or the state file cannot be read. [`WrongUsage`] if they are of different networks.
+    /// The ledger or the state file cannot be read, or a blob of it cannot, and nothing else is wrong. [`WrongUsage`] if they are of different
+    /// networks.
     pub fn run(&self, dir: &Path) -> Result<Audited> {
-        let opened = replay::open(dir)?;
+        let (mut audited, mut auditor) = self.once(dir)?;
+        if let Some(fetch_again) = self.fetch_again.filter(|_| !auditor.damaged().is_empty()) {
+            let blobs = Blobs::at(dir);
+            for blob in auditor.damaged() {
+                if blobs.remove_damaged(blob)? {
+                    let path = blobs.path(blob);
+                    tracing::warn!("{} is damaged, and is fetched again", path.display());
+                }
+            }
+            fetch_again()?;
+            (audited, auditor) = self.once(dir)?;
+        }
+        match auditor.not_read() {
+            // What is wrong is said, whatever else could not be read.
+            Some(not_read) if audited.holds() => Err(unjudged(&not_read)),
+            _ => Ok(audited),
+        }
+    }
+
+    /// Audits the ledger in `dir` as it is.
+    fn once(&self, dir: &Path) -> Result<(Audited, Auditor)> {
+        let saved = self.saved(dir)?;
+        let opened = match replay::open(dir) {
+            // Whoever has seen entries there knows that they are lost.
+            Err(LedgerError::Unfinished(_)) if saved.is_some() || self.seen.is_some() => None,
+            opened => opened?,
+        };
         let (mut auditor, mut from, mut known) = (self.auditor(), None, None);
-        if let Some(saved) = self.saved(dir)? {
+        if let Some(saved) = saved {
             match self.auditor().go_on(&saved.recheck, &Blobs::at(dir)) {
                 Ok(went_on) => {
                     match saved.size {
@@ -85,7 +120,7 @@ impl Audit<'_> {
             keep: self.state_file.clone(),
         };
         let report = replay_with(dir, options, &mut auditor);
-        Ok(Audited::new(report, self.depth, &auditor))
+        Ok((Audited::new(report, self.depth, &auditor), auditor))
     }
 
     fn auditor(&self) -> Auditor {
@@ -93,7 +128,11 @@ impl Audit<'_> {
             Some(threads) => Auditor::with_threads(self.depth, threads),
             None => Auditor::new(self.depth),
         };
-        auditor.naming(self.named.clone())
+        let auditor = auditor.naming(self.named.clone());
+        match self.fetch_again {
+            Some(_) => auditor.of_copy(),
+            None => auditor,
+        }
     }
 
     /// What the state file holds about the ledger in `dir`, if it can be read.
@@ -122,6 +161,17 @@ impl Audit<'_> {
         }
         Ok(saved)
     }
+}
+
+/// Why there is no verdict, although nothing is known to be wrong.
+pub(crate) fn unjudged(not_read: &Finding) -> anyhow::Error {
+    let place = not_read.index.map(|index| format!("entry {index}: "));
+    anyhow!(
+        "there is no verdict, because not all of the ledger's files can be read on this machine: {}{}. See to the disk, or put the file back, \
+         and audit again",
+        place.unwrap_or_default(),
+        not_read.text
+    )
 }
 
 fn starts_again(why: &str) {

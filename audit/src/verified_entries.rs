@@ -4,6 +4,7 @@ use crate::auditor::Auditor;
 use crate::depth::Depth;
 use crate::report::history;
 use crate::report::verdict::Audited;
+use crate::run::unjudged;
 use anyhow::{Context, Result};
 use std::path::Path;
 use zk0_circuits::Digest;
@@ -24,7 +25,7 @@ pub fn network_id(dir: &Path) -> Result<Digest> {
 /// Audits the ledger in `dir` in full. Returns the entries that were verified, and the result of the audit.
 ///
 /// # Errors
-/// The ledger cannot be read.
+/// The ledger cannot be read, or a blob of it cannot, and nothing else is wrong.
 pub fn verified_entries(dir: &Path) -> Result<(Vec<Entry>, Audited)> {
     let mut auditor = Auditor::new(Depth::Full);
     let report = zk0_ledger::replay(dir, None, &mut auditor);
@@ -32,5 +33,9 @@ pub fn verified_entries(dir: &Path) -> Result<(Vec<Entry>, Audited)> {
     history::read(dir, report.entries, root, |_, entry| {
         entries.push(entry.clone());
     })?;
-    Ok((entries, Audited::new(report, Depth::Full, &auditor)))
+    let audited = Audited::new(report, Depth::Full, &auditor);
+    match auditor.not_read() {
+        Some(not_read) if audited.holds() => Err(unjudged(&not_read)),
+        _ => Ok((entries, audited)),
+    }
 }

@@ -2,7 +2,7 @@
 //! rule.
 
 use crate::fetch::temporary::Temporary;
-use crate::fetch::{fetch, is_wrong, rolled_back};
+use crate::fetch::{fetch, is_fault, rolled_back};
 use crate::log_source::{source, Trust, WrongUsage};
 use crate::named::Named;
 use crate::report::history;
@@ -134,52 +134,45 @@ impl Watch {
         progress: Option<&(dyn Fn(u64, u64) + Sync)>,
         mut seen: impl FnMut(Seen<'_>),
     ) -> Result<Look> {
-        let Trust {
-            network,
-            witness_policy,
-            ca,
-        } = &self.options.trust;
+        let network = self.options.trust.network;
         let saved = Saved::read(&self.state)?;
         let dir = match &self.mirror {
             None => PathBuf::from(&self.options.ledger),
             Some(dir) => {
-                let source = source(&self.options.ledger, ca.as_deref())?;
-                let fetched = fetch(
-                    source.as_ref(),
-                    dir,
-                    witness_policy.as_ref(),
-                    network.as_ref(),
-                    self.options.depth.into(),
-                );
-                match fetched {
+                match self.fetch(dir) {
+                    Err(error) if is_fault(&error) => return Ok(alarm(&error)),
+                    Err(error) => {
+                        return match saved.and_then(|saved| rolled_back(&error, &saved)) {
+                            Some(why) => Ok(alarm(&why)),
+                            None => Err(error),
+                        }
+                    }
                     Ok(()) => {}
-                    Err(error) if is_wrong(&error) => return Ok(alarm(&error)),
-                    Err(error) => match saved.as_ref().and_then(|saved| rolled_back(&error, saved))
-                    {
-                        Some(why) => return Ok(alarm(&why)),
-                        None => return Err(error.into()),
-                    },
                 }
                 dir.clone()
             }
         };
         let saved = saved.map(|saved| saved.size);
         let before = saved.max(self.seen.map(|seen| seen.size));
+        let fetch_again = || self.fetch(&dir);
+        let copied = self.mirror.is_some();
         let audit = Audit {
             depth: self.options.depth,
             named: self.options.named.clone(),
-            network: *network,
+            network,
             threads: None,
             state_file: Some(Keep {
                 path: self.state.clone(),
                 every: Duration::from_secs(30),
             }),
             seen: self.seen,
+            fetch_again: copied.then_some(&fetch_again),
             progress,
         };
         let audited = match audit.run(&dir) {
             // What was seen once has to stay, so another network is an alarm here.
             Err(error) if error.is::<WrongUsage>() => return Ok(alarm(&error)),
+            Err(error) if is_fault(&error) => return Ok(alarm(&error)),
             audited => audited?,
         };
         if audited.holds() {
@@ -208,6 +201,24 @@ impl Watch {
             let size = audited.entries;
             self.seen = Some(Checkpoint { size, root });
         }
+    }
+
+    /// Brings the mirror in `dir` up to date.
+    fn fetch(&self, dir: &Path) -> Result<()> {
+        let Trust {
+            network,
+            witness_policy,
+            ca,
+        } = &self.options.trust;
+        let source = source(&self.options.ledger, ca.as_deref())?;
+        fetch(
+            source.as_ref(),
+            dir,
+            witness_policy.as_ref(),
+            network.as_ref(),
+            self.options.depth.into(),
+        )?;
+        Ok(())
     }
 }
 

@@ -258,6 +258,7 @@ fn an_audit_finds_losses_and_outcomes_that_are_false() {
     // What cannot be checked is not called verified.
     let left_out = |check| match check {
         Check::LeftOut(What::Results, why, _) => why,
+        Check::NotAtHand(What::Results, ..) => Why::NotAtHand,
         other => panic!("{other:?}"),
     };
     assert_eq!(
@@ -274,7 +275,7 @@ fn an_audit_finds_losses_and_outcomes_that_are_false() {
     let path = accepted.operator.ledger.blobs().path(&samples);
     std::fs::write(&path, b"something else").unwrap();
     let found = accepted.audited(&closed, Depth::Full);
-    assert!(matches!(found, Check::Failed(_)));
+    assert!(matches!(found, Check::Damaged(blob, _) if blob == samples));
     std::fs::remove_file(path).unwrap();
     assert_eq!(
         left_out(accepted.audited(&closed, Depth::Full)),

@@ -6,14 +6,19 @@ mod harness;
 use harness::operator::Operator;
 use harness::*;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 use tempfile::TempDir;
+use zk0_audit::fetch::{fetch, is_fault, Wanted};
+use zk0_audit::log_source::source;
+use zk0_audit::run::Audit;
 use zk0_audit::verified_entries::verified_entries;
 use zk0_audit::{Auditor, Depth, Named};
 use zk0_circuits::EvalSpec;
 use zk0_ledger::blobs::Blobs;
-use zk0_ledger::replay::{replay, Report, Verdict};
-use zk0_ledger::Ledger;
+use zk0_ledger::replay::{replay, Keep, Report, Verdict};
+use zk0_ledger::store::Store;
+use zk0_ledger::{folder, Ledger};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::Genesis;
 
@@ -160,4 +165,186 @@ fn base_weights_that_hold_other_numbers_are_a_fault() {
         };
         assert_eq!(report.verdict, expected, "{:?}", report.findings);
     }
+}
+
+/// An audit of a ledger's folder, or of a copy of one that can be made again.
+fn of<'a>(
+    state: Option<&Path>,
+    fetch_again: Option<&'a dyn Fn() -> anyhow::Result<()>>,
+) -> Audit<'a> {
+    Audit {
+        depth: Depth::Full,
+        named: Named::default(),
+        network: None,
+        threads: None,
+        // It is saved at the end alone.
+        state_file: state.map(|path| Keep {
+            path: path.into(),
+            every: Duration::from_secs(3600),
+        }),
+        fetch_again,
+        progress: None,
+    }
+}
+
+fn blobs_of(dir: &Path) -> Vec<PathBuf> {
+    let found = fs::read_dir(dir.join("blobs/sha256")).unwrap();
+    let blobs: Vec<_> = found.map(|blob| blob.unwrap().path()).collect();
+    assert!(blobs.len() > 5, "{blobs:?}");
+    blobs
+}
+
+/// The blob with one bit changed.
+fn flipped(whole: &[u8]) -> Vec<u8> {
+    let mut changed = whole.to_vec();
+    changed[whole.len() / 2] ^= 1;
+    changed
+}
+
+/// The file of the initial policy, and those of the first accepted contribution's proof and update.
+fn some_blobs(dir: &Path) -> [PathBuf; 3] {
+    let (entries, _) = verified_entries(dir).unwrap();
+    let policy = entries.iter().find_map(|entry| match &entry.body {
+        Body::Genesis(genesis) => Some(genesis.policy),
+        _ => None,
+    });
+    let accepted = entries.iter().find_map(|entry| match &entry.body {
+        Body::ContributionAccepted(signed) => Some(&signed.statement),
+        _ => None,
+    });
+    let accepted = accepted.unwrap();
+    let update = accepted.claim.terms.update.blob;
+    [policy.unwrap(), accepted.proof, update].map(|blob| Blobs::at(dir).path(&blob))
+}
+
+#[test]
+fn a_blob_that_cannot_be_read_gives_no_verdict_and_none_is_remembered() {
+    let (copy, scratch) = (copy_of(Path::new(REAL)), tempfile::tempdir().unwrap());
+    let state = scratch.path().join("state");
+    let [policy, _, update] = some_blobs(copy.path());
+    let audit = of(Some(&state), None);
+    for blob in blobs_of(copy.path()) {
+        let whole = fs::read(&blob).unwrap();
+        fs::remove_file(&blob).unwrap();
+        fs::create_dir(&blob).unwrap();
+        let error = audit.run(copy.path()).unwrap_err();
+        let said = error.to_string();
+        assert!(said.contains("there is no verdict"), "{said}");
+        assert!(said.contains(blob.to_str().unwrap()), "{said}");
+        assert!(!is_fault(&error) && !state.exists(), "{said}");
+        if blob == update {
+            assert!(verified_entries(copy.path()).is_err());
+            // A fault elsewhere is said all the same.
+            let right = fs::read(&policy).unwrap();
+            fs::write(&policy, flipped(&right)).unwrap();
+            let audited = audit.run(copy.path()).unwrap();
+            assert_eq!(audited.verdict, Verdict::Failed, "{:?}", audited.findings);
+            assert!(!state.exists());
+            fs::write(&policy, right).unwrap();
+        }
+        fs::remove_dir(&blob).unwrap();
+        fs::write(&blob, whole).unwrap();
+    }
+    let audited = audit.run(copy.path()).unwrap();
+    assert_eq!(audited.verdict, Verdict::Verified, "{:?}", audited.findings);
+    assert!(state.exists());
+}
+
+#[test]
+fn a_damaged_blob_of_a_copy_is_fetched_again_before_anybody_judges() {
+    let (ledger, mirror) = (copy_of(Path::new(REAL)), tempfile::tempdir().unwrap());
+    let from = source(ledger.path().to_str().unwrap(), None).unwrap();
+    let again = || -> anyhow::Result<()> {
+        let everything = Wanted::Everything;
+        Ok(fetch(from.as_ref(), mirror.path(), None, None, everything)?)
+    };
+    again().unwrap();
+    let expected = of(None, Some(&again)).run(mirror.path()).unwrap();
+    assert_ne!(expected.verdict, Verdict::Failed, "{:?}", expected.findings);
+    for blob in blobs_of(mirror.path()) {
+        let whole = fs::read(&blob).unwrap();
+        fs::write(&blob, flipped(&whole)).unwrap();
+        let audited = of(None, Some(&again)).run(mirror.path()).unwrap();
+        assert_eq!(audited, expected);
+        assert_eq!(fs::read(&blob).unwrap(), whole);
+    }
+    // A ledger that is read where it lies cannot be fetched again, so the damage is a fault of it.
+    let [_, proof, _] = some_blobs(mirror.path());
+    let whole = fs::read(&proof).unwrap();
+    fs::write(&proof, flipped(&whole)).unwrap();
+    let audited = of(None, None).run(mirror.path()).unwrap();
+    assert_eq!(audited.verdict, Verdict::Failed, "{:?}", audited.findings);
+    // A disk that damages the blob again says nothing about the ledger.
+    let damages = || -> anyhow::Result<()> { Ok(fs::write(&proof, flipped(&whole))?) };
+    let error = of(None, Some(&damages)).run(mirror.path()).unwrap_err();
+    assert!(error.to_string().contains("there is no verdict"), "{error}");
+    assert!(!is_fault(&error));
+    // Whoever serves the damaged blob is at fault.
+    let served = ledger
+        .path()
+        .join("blobs/sha256")
+        .join(proof.file_name().unwrap());
+    fs::write(served, flipped(&whole)).unwrap();
+    let error = of(None, Some(&again)).run(mirror.path()).unwrap_err();
+    assert!(is_fault(&error), "{error}");
+}
+
+#[test]
+fn what_was_found_about_a_missing_or_damaged_blob_is_not_final() {
+    let (copy, scratch) = (copy_of(Path::new(REAL)), tempfile::tempdir().unwrap());
+    let state = scratch.path().join("state");
+    let run = |dir: &Path| of(Some(&state), None).run(dir).unwrap();
+    for blob in some_blobs(copy.path()) {
+        let whole = fs::read(&blob).unwrap();
+        for damaged in [None, Some(flipped(&whole))] {
+            match damaged {
+                None => fs::remove_file(&blob).unwrap(),
+                Some(bytes) => fs::write(&blob, bytes).unwrap(),
+            }
+            let found = run(copy.path());
+            assert_ne!(found.verdict, Verdict::Verified);
+            assert_eq!(run(copy.path()), found);
+            fs::write(&blob, &whole).unwrap();
+            let mended = run(copy.path());
+            assert_eq!(mended.verdict, Verdict::Verified, "{:?}", mended.findings);
+            fs::remove_file(&state).unwrap();
+        }
+    }
+    // Other faults stay, and so does what the state file knows of the log.
+    let without_policy = |dir: &Path| {
+        fs::remove_file(Blobs::at(dir).path(&genesis().policy)).unwrap();
+        run(dir).verdict
+    };
+    let theirs = founded(|genesis| genesis.program = vec![7; 32]);
+    assert_eq!(without_policy(theirs.path()), Verdict::Failed);
+    Blobs::at(theirs.path()).put(POLICY).unwrap();
+    assert_eq!(run(theirs.path()).verdict, Verdict::Failed);
+    fs::remove_file(&state).unwrap();
+    let longer = tempfile::tempdir().unwrap();
+    drop(Operator::founds(longer.path(), genesis(), &[&Node::new(1)]));
+    assert_eq!(without_policy(longer.path()), Verdict::Incomplete);
+    let rolled_back = run(founded(|_| ()).path());
+    assert!(says(&rolled_back.report, "ROLLED BACK"));
+}
+
+#[test]
+fn an_import_that_was_killed_is_no_fault_of_the_ledger() {
+    let (copy, scratch) = (copy_of(Path::new(REAL)), tempfile::tempdir().unwrap());
+    let (state, dir) = (scratch.path().join("state"), scratch.path().join("begun"));
+    fs::create_dir(&dir).unwrap();
+    drop(Store::open(&folder::database(&dir)).unwrap());
+    let error = of(None, None).run(&dir).unwrap_err();
+    assert!(error.to_string().contains("zk0 ledger import"), "{error}");
+    // Where entries were seen before, or signed, they are lost.
+    of(Some(&state), None).run(copy.path()).unwrap();
+    let audited = of(Some(&state), None).run(&dir).unwrap();
+    assert_eq!(audited.verdict, Verdict::Failed);
+    fs::copy(folder::checkpoint(copy.path()), folder::checkpoint(&dir)).unwrap();
+    let audited = of(None, None).run(&dir).unwrap();
+    assert_eq!(audited.verdict, Verdict::Failed);
+    // Entries without a checkpoint may be tampering, too. The report says what to do with a copy.
+    fs::remove_file(folder::checkpoint(copy.path())).unwrap();
+    let audited = of(None, None).run(copy.path()).unwrap();
+    assert_eq!(audited.verdict, Verdict::Failed);
+    assert!(says(&audited.report, "zk0 ledger import"));
 }

@@ -64,6 +64,17 @@ fn an_audit_says_the_same_wherever_the_ledger_is_read() {
         .unwrap();
     fs::write(blob.path(), b"changed").unwrap();
     fails(&["ledger", "fsck", text(&mirror)], "SHA-256");
+    // An import that checks what is there fetches it again.
+    prints(&import);
+    fails(&["ledger", "fsck", text(&mirror)], "SHA-256");
+    let said = prints(&[&import[..], &["--check"]].concat());
+    assert!(
+        said.contains("1 blob was damaged; 1 fetched again"),
+        "{said}"
+    );
+    prints(&["ledger", "fsck", text(&mirror)]);
+    let said = prints(&[&import[..], &["--check"]].concat());
+    assert!(said.contains("0 blobs were damaged; 0 fetched"), "{said}");
 }
 
 #[test]

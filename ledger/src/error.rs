@@ -26,6 +26,9 @@ pub enum LedgerError {
     /// The folder holds no ledger.
     #[error("there is no ledger in {0}")]
     NoLedger(PathBuf),
+    /// The folder has a database, and neither entries nor a checkpoint. An import makes the database first.
+    #[error("there is no ledger in {0} yet: its database is empty. If `zk0 ledger import` was interrupted there, run it again")]
+    Unfinished(PathBuf),
     /// The folder holds a ledger already.
     #[error("{0} already holds a ledger: open it, or choose another folder")]
     AlreadyExists(PathBuf),
@@ -50,7 +53,7 @@ pub enum LedgerError {
         signed: Digest,
     },
     /// The checkpoint file is missing.
-    #[error("{0} is missing, but the database holds entries. Put the newest signed checkpoint back; until then nothing is signed")]
+    #[error("{0} is missing, but the database holds entries. Put the newest signed checkpoint back; until then nothing is signed. If this is a copy and `zk0 ledger import` was interrupted there, run it again")]
     NoCheckpoint(PathBuf),
     /// A stored checkpoint is not valid.
     #[error("checkpoint of size {size}: {error}")]

@@ -4,7 +4,7 @@ use std::fs;
 use std::io::sink;
 use tempfile::TempDir;
 use zk0_aggregator::round::closing::ToClose;
-use zk0_audit::account::{What, Why};
+use zk0_audit::account::What;
 use zk0_audit::checks::closings::average;
 use zk0_audit::checks::excuse::Excuse;
 use zk0_audit::checks::Check;
@@ -141,7 +141,10 @@ fn an_update_that_changed_on_disk_after_its_verification_is_not_averaged() {
         Excuse::default(),
         &blobs,
     ) {
-        Err(Check::Failed(why)) => assert!(why.contains("has changed since"), "{why}"),
+        Err(Check::Damaged(blob, why)) => {
+            assert_eq!(blob, update);
+            assert!(why.contains("has changed since"), "{why}");
+        }
         found => panic!("{found:?}"),
     }
     fs::write(&path, &whole[..whole.len() - 1]).unwrap();
@@ -233,13 +236,13 @@ fn momentum_reads_the_base_of_the_round_before() {
         let whole = fs::read(&path).unwrap();
         fs::remove_file(&path).unwrap();
         match audited() {
-            Err(Check::LeftOut(What::Averages, Why::NotAtHand, why)) => {
+            Err(Check::NotAtHand(What::Averages, _, why)) => {
                 assert!(why.contains(&blob.to_string()), "{why}");
             }
             found => panic!("{found:?}"),
         }
         fs::write(&path, b"something else").unwrap();
-        assert!(matches!(audited(), Err(Check::Failed(_))));
+        assert!(matches!(audited(), Err(Check::Damaged(found, _)) if found == blob));
         fs::write(&path, whole).unwrap();
     }
 }
@@ -368,7 +371,7 @@ fn an_audit_reads_the_moments_that_the_round_goes_on_from() {
     let path = blobs.path(&blob);
     fs::remove_file(&path).unwrap();
     match audited() {
-        Err(Check::LeftOut(What::Averages, Why::NotAtHand, why)) => {
+        Err(Check::NotAtHand(What::Averages, _, why)) => {
             assert!(why.contains(&blob.to_string()), "{why}");
         }
         found => panic!("{found:?}"),
@@ -383,7 +386,10 @@ fn an_audit_reads_the_moments_that_the_round_goes_on_from() {
     *changed.last_mut().unwrap() ^= 1;
     fs::write(&path, &changed).unwrap();
     match audited() {
-        Err(Check::Failed(why)) => assert!(why.contains("the ledger names"), "{why}"),
+        Err(Check::Damaged(found, why)) => {
+            assert_eq!(found, blob);
+            assert!(why.contains("the ledger names"), "{why}");
+        }
         found => panic!("{found:?}"),
     }
 }

@@ -1,8 +1,8 @@
 //! The checks of the end of a round: the average over its accepted contributions, and the evaluation of the result.
 
 use crate::account::{What, Why};
+use crate::checks::check::{get, not_at_hand, unreadable, Check};
 use crate::checks::excuse::Excuse;
-use crate::checks::{not_at_hand, Check};
 use crate::depth::Depth;
 use std::io::sink;
 use zk0_circuits::{Digest, WeightsDigest};
@@ -12,6 +12,7 @@ use zk0_protocol::entries::round_result::EvaluatedResult;
 use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::rules::state::State;
 use zk0_verifier::close::{combined, end, CloseError};
+use zk0_verifier::combine::error::CombineError;
 use zk0_verifier::combine::optimizers::moments::needed;
 use zk0_verifier::combine::strategy::Global;
 use zk0_verifier::{BaseFiles, ResultFiles, Unreadable, VerifiedContribution};
@@ -35,7 +36,7 @@ pub fn average(
     }
     let evaluated = closed.evaluated.as_ref();
     let recorded = evaluated.map_or(closed.global, |evaluated| evaluated.weights);
-    let get = |digest: &Digest, limit| blobs.get(digest, limit);
+    let get = |digest: &Digest, limit| get(blobs, digest, limit);
     let bases = match BaseFiles::read(before, get) {
         Ok(bases) => bases,
         Err(Unreadable {
@@ -46,9 +47,12 @@ pub fn average(
                 "{}: the base weights {blob} that the strategy reads",
                 what()
             );
-            return Err(not_at_hand(What::Averages, why, excuse.why(&kind)));
+            return Err(not_at_hand(What::Averages, blob, why, excuse.why(&kind)));
         }
-        Err(error) => return Err(Check::Failed(format!("{}: {error}", what()))),
+        Err(error) => {
+            let why = format!("{}: {error}", what());
+            return Err(unreadable(&error.error, why));
+        }
     };
     let lost = needed(before).filter(|moments| !blobs.contains(&moments.blob));
     if let Some(lost) = lost.filter(|_| !contributions.is_empty()) {
@@ -58,7 +62,7 @@ pub fn average(
             lost.blob
         );
         let why_not = excuse.why(&BlobKind::Moments);
-        return Err(not_at_hand(What::Averages, why, why_not));
+        return Err(not_at_hand(What::Averages, lost.blob, why, why_not));
     }
     let read_at = |digest: &Digest, place, buffer: &mut [u8]| blobs.read_at(digest, place, buffer);
     let named = before.round().and_then(|round| round.moments);
@@ -80,7 +84,7 @@ pub fn average(
             )))
         }
         Ok(global) => Ok(global),
-        Err(error) => Err(cannot_close(closed, &error)),
+        Err(error) => Err(cannot_combine(closed, &error, blobs)),
     }
 }
 
@@ -103,7 +107,7 @@ pub fn result(
         let why = format!("{what}, because the average was not verified");
         return Some(Check::LeftOut(What::Results, Why::RestsOnOthers, why));
     };
-    let get = |digest: &Digest, limit| blobs.get(digest, limit);
+    let get = |digest: &Digest, limit| get(blobs, digest, limit);
     let files = match ResultFiles::read(before, get) {
         Ok(files) => files,
         Err(Unreadable {
@@ -115,9 +119,12 @@ pub fn result(
                 _ => "the base weights",
             };
             let why = format!("{what}: {name} {blob}");
-            return Some(not_at_hand(What::Results, why, excuse.why(&kind)));
+            return Some(not_at_hand(What::Results, blob, why, excuse.why(&kind)));
         }
-        Err(error) => return Some(Check::Failed(format!("{what}: {error}"))),
+        Err(error) => {
+            let why = format!("{what}: {error}");
+            return Some(unreadable(&error.error, why));
+        }
     };
     Some(match end(before, combined, files.as_ref()) {
         Ok(closing) if closing.closed == *closed => Check::Passed(What::Results),
@@ -142,10 +149,34 @@ fn evaluation_in_words(evaluated: &EvaluatedResult) -> String {
 }
 
 fn cannot_close(closed: &RoundClosed, error: &CloseError) -> Check {
-    Check::Failed(format!(
-        "round {} cannot have closed: {error}",
-        closed.round
-    ))
+    Check::Failed(how_not_closed(closed, error))
+}
+
+/// The contributions of a round do not combine. Where that is because of a file, the file itself says whether it is damaged.
+fn cannot_combine(closed: &RoundClosed, error: &CloseError, blobs: &Blobs) -> Check {
+    let text = how_not_closed(closed, error);
+    match error {
+        // The update was verified before. If its file is whole, the disk gave back something else.
+        CloseError::Combine(
+            CombineError::Unreadable { blob, .. } | CombineError::Changed { blob, .. },
+        ) => match blobs.check(blob) {
+            Ok(()) => Check::Unread(text),
+            Err(error) => unreadable(&error, text),
+        },
+        // Nobody has verified the moments before. If their file is whole, the ledger names a file that holds no moments.
+        CloseError::Combine(
+            CombineError::MomentsUnreadable { blob, .. }
+            | CombineError::OtherMoments { expected: blob, .. },
+        ) => match blobs.check(blob) {
+            Ok(()) => Check::Failed(text),
+            Err(error) => unreadable(&error, text),
+        },
+        _ => Check::Failed(text),
+    }
+}
+
+fn how_not_closed(closed: &RoundClosed, error: &CloseError) -> String {
+    format!("round {} cannot have closed: {error}", closed.round)
 }
 
 fn show(weights: &WeightsDigest) -> String {

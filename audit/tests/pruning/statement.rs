@@ -210,12 +210,13 @@ fn an_export_that_is_being_updated_is_not_called_rolled_back() {
             every: Duration::from_secs(30),
         }),
         seen: None,
+        fetch_again: None,
         progress: None,
     };
     assert!(audit_it.run(&mirror).unwrap().holds());
     let saved = Saved::read(&state).unwrap().unwrap();
     let unfinished = follow(&out, &at("another")).unwrap_err();
-    let why = rolled_back(&unfinished, &saved).unwrap();
+    let why = rolled_back(&unfinished.into(), &saved).unwrap();
     assert!(why.contains("ROLLED BACK"), "{why}");
 
     // So does whoever audits a folder with such a statement.

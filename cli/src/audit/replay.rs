@@ -84,6 +84,7 @@ pub fn run(options: &Options) -> Result<ExitCode> {
         threads: options.threads,
         state_file,
         seen: None,
+        fetch_again: located.fetch_again.as_deref(),
         progress: (!options.json).then_some(&progress),
     };
     let mut audited = audit.run(&located.dir)?;
@@ -136,9 +137,7 @@ impl Options {
         let Some(Ok(Some(saved))) = saved else {
             return error;
         };
-        let mut causes = error.chain();
-        let why = causes.find_map(|cause| rolled_back(cause.downcast_ref()?, &saved));
-        match why {
+        match rolled_back(&error, &saved) {
             Some(why) => error.context(Failed(why)),
             None => error,
         }

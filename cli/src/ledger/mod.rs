@@ -23,7 +23,7 @@ use zk0_ledger::published::export::export;
 use zk0_ledger::published::mirror::{mirror, Mirrored};
 use zk0_ledger::published::publication::{Publication, PublicationError};
 use zk0_ledger::replay::Severity;
-use zk0_ledger::{folder, LedgerError};
+use zk0_ledger::{folder, Blobs, LedgerError};
 use zk0_protocol::counted::counted;
 
 /// What to do.
@@ -90,6 +90,9 @@ pub struct Import {
     from: String,
     /// The ledger's folder to make or to bring up to date.
     dir: PathBuf,
+    /// Also read all files of weights and proofs in the folder, and fetch damaged ones again.
+    #[arg(long)]
+    check: bool,
     #[command(flatten)]
     trust: TrustOptions,
 }
@@ -216,13 +219,26 @@ pub fn run(command: &Command) -> Result<bool> {
 fn import(options: &Import) -> Result<()> {
     let trust = options.trust.read()?;
     let source = source(&options.from, trust.ca.as_deref())?;
-    let done = mirror(
-        source.as_ref(),
-        &options.dir,
-        trust.witness_policy.as_ref(),
-        trust.network.as_ref(),
-    )?;
-    copied(&done);
+    let import = || {
+        mirror(
+            source.as_ref(),
+            &options.dir,
+            trust.witness_policy.as_ref(),
+            trust.network.as_ref(),
+        )
+    };
+    copied(&import()?);
+    if options.check {
+        let removed = Blobs::at(&options.dir).remove_all_damaged()?;
+        let fetched = match removed {
+            0 => 0,
+            _ => import()?.new_blobs,
+        };
+        println!(
+            "{} damaged; {fetched} fetched again",
+            counted(removed, "blob was", "blobs were")
+        );
+    }
     Ok(())
 }
 

@@ -2,13 +2,14 @@
 
 use crate::harness::made_ledger::Made;
 use crate::harness::{copy, text, LEDGER};
-use crate::{ends, export, json};
+use crate::{ends, export, json, look};
 use ed25519_dalek::SigningKey;
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 use zk0_audit::verified_entries::verified_entries;
 use zk0_circuits::Digest;
+use zk0_ledger::store::Store;
 use zk0_ledger::{folder, Blobs, Ledger};
 use zk0_protocol::Body;
 
@@ -112,6 +113,46 @@ fn each_verdict_has_an_exit_code_of_its_own() {
     // The program that the network proves with is not the one that this auditor names, but it is this release's.
     let option = ["audit", "replay", LEDGER, "--program", "00"];
     ends(0, &option);
+}
+
+#[test]
+fn the_auditors_own_disk_is_not_taken_for_the_ledger() {
+    let scratch = tempfile::tempdir().unwrap();
+    let place = |name: &str| scratch.path().join(name);
+    let (out, mirror) = (place("out"), place("mirror"));
+    export(Path::new(LEDGER), &out);
+    let replay = ["audit", "replay", text(&out), "--mirror", text(&mirror)];
+    ends(0, &replay);
+    // A blob of the mirror is damaged. Nobody asks its owner to mend it.
+    let mut blobs = fs::read_dir(mirror.join("blobs/sha256")).unwrap();
+    let blob = blobs.next().unwrap().unwrap().path();
+    let whole = fs::read(&blob).unwrap();
+    fs::write(&blob, b"changed").unwrap();
+    let (_, log) = ends(0, &replay);
+    assert!(log.contains("is damaged, and is fetched again"), "{log}");
+    assert_eq!(fs::read(&blob).unwrap(), whole);
+    fs::write(&blob, b"changed").unwrap();
+    let said = look(0, &out, &place("state"), &["--mirror", text(&mirror)]);
+    assert!(said.contains("verified"), "{said}");
+    assert_eq!(fs::read(&blob).unwrap(), whole);
+    // A file of the ledger cannot be read.
+    let ledger = place("ledger");
+    copy(Path::new(LEDGER), &ledger);
+    let blob = ledger.join("blobs/sha256").join(blob.file_name().unwrap());
+    fs::remove_file(&blob).unwrap();
+    fs::create_dir(&blob).unwrap();
+    let (_, error) = ends(4, &["audit", "replay", text(&ledger)]);
+    assert!(error.contains("there is no verdict"), "{error}");
+    let watch = ["audit", "watch", text(&ledger), "--looks", "1"];
+    let (said, error) = ends(4, &watch);
+    assert!(!said.contains("ALARM"), "{said}");
+    assert!(error.contains("there is no verdict"), "{error}");
+    // An import was killed before it wrote an entry.
+    let begun = place("begun");
+    fs::create_dir(&begun).unwrap();
+    drop(Store::open(&folder::database(&begun)).unwrap());
+    let (_, error) = ends(4, &["audit", "replay", text(&begun)]);
+    assert!(error.contains("zk0 ledger import"), "{error}");
 }
 
 #[test]

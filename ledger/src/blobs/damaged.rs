@@ -64,6 +64,28 @@ impl Blobs {
         }
     }
 
+    /// Removes the file of a blob from the folder, if it holds other bytes than its name says. Whoever brings a mirror up to date then copies the
+    /// blob again. Returns whether the file was removed.
+    pub fn remove_damaged(&self, blob: &Digest) -> Result<bool, BlobError> {
+        match self.check(blob) {
+            Err(BlobError::WrongDigest { .. }) => {
+                self.remove_here(blob)?;
+                Ok(true)
+            }
+            Ok(()) | Err(BlobError::Missing(_)) => Ok(false),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Removes the files of all blobs in the folder that hold other bytes than their names say, and returns their number. This reads every blob.
+    pub fn remove_all_damaged(&self) -> Result<u64, BlobError> {
+        let mut removed = 0;
+        for (blob, _) in self.all_here()? {
+            removed += u64::from(self.remove_damaged(&blob)?);
+        }
+        Ok(removed)
+    }
+
     /// What `error`, from reading or copying a blob of these, says about the blob.
     ///
     /// # Errors

@@ -43,11 +43,12 @@ pub fn open_published(dir: &Path) -> Result<Opened, LedgerError> {
     }
 }
 
-/// Whether the ledger that gives this error may be whole: it cannot be read now, or its writer was killed after it committed a group
-/// and before it published the checkpoint. Then the published checkpoint is an earlier one of the database. Any other is a fault.
+/// Whether the ledger that gives this error may be whole: it cannot be read now, or whoever imported it was killed before anything was
+/// written, or its writer was killed after it committed a group and before it published the checkpoint. Then the published checkpoint is an
+/// earlier one of the database. Any other is a fault.
 pub fn is_unread(dir: &Path, error: &LedgerError) -> bool {
     match error {
-        LedgerError::Io { .. } => true,
+        LedgerError::Io { .. } | LedgerError::Unfinished(_) => true,
         LedgerError::Database(error) => error.kind() == ErrorKind::IOError,
         LedgerError::OtherPublished {
             published, size, ..
@@ -67,7 +68,11 @@ fn open_once(dir: &Path, path: &Path) -> Result<Opened, LedgerError> {
     let store = Store::open_read_only(path)?;
     let size = store.size()?;
     if size == 0 {
-        return Err(LedgerError::NoLedger(dir.into()));
+        // Where a checkpoint is published, there were entries.
+        return Err(match published {
+            None => LedgerError::Unfinished(dir.into()),
+            Some(_) => LedgerError::NoLedger(dir.into()),
+        });
     }
     let Some(published) = published else {
         return Err(LedgerError::NoCheckpoint(folder::checkpoint(dir)));

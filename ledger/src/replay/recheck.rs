@@ -36,6 +36,12 @@ pub trait Recheck: Send {
         Vec::new()
     }
 
+    /// Whether a later replay may go on from here. Otherwise the replay is not saved, and the file of an earlier one stays: some check could
+    /// not be done, and has to be done later. It is asked for after [`Recheck::settle`].
+    fn may_be_saved(&self) -> bool {
+        true
+    }
+
     /// The state that another process needs to go on from here. It is asked for after [`Recheck::settle`].
     fn save(&self) -> Vec<u8> {
         Vec::new()

@@ -286,6 +286,10 @@ impl<'a> Serial<'a> {
     fn save(&mut self) {
         let found = self.recheck.settle();
         self.found(found);
+        if !self.recheck.may_be_saved() {
+            self.kept = Instant::now();
+            return;
+        }
         let (Some(keep), Some(verified), Some(state)) = (&self.keep, self.verified, &self.state)
         else {
             return;

@@ -37,7 +37,7 @@ pub const REMOVALS: &[Removal] = &[
         check: "an accepted update is not withheld after its round",
         file: "audit/src/auditor.rs",
         replacements: &[
-            ("                self.found.push(Finding::fault(index, why));\n                continue;", "                let _ = why;\n                continue;"),
+            ("                let lost = Check::Lost(missing.blob, why);\n                self.found.enter(&mut self.account, index, lost);\n", "                let _ = why;\n"),
         ],
         package: "zk0-audit",
         target: "verdicts",
@@ -47,7 +47,7 @@ pub const REMOVALS: &[Removal] = &[
         check: "a missing policy, or missing global weights, are not called verified",
         file: "audit/src/checks.rs",
         replacements: &[
-            ("            not_at_hand(what, format!(\"{name} {blob}\"), excuse.why(kind))", "            let _ = (blob, excuse, kind);\n            Check::Passed(what)"),
+            ("            not_at_hand(what, blob, format!(\"{name} {blob}\"), excuse.why(kind))", "            let _ = (blob, excuse, kind);\n            Check::Passed(what)"),
         ],
         package: "zk0-audit",
         target: "verdicts",
@@ -57,7 +57,7 @@ pub const REMOVALS: &[Removal] = &[
         check: "a missing list of a dataset is not called verified",
         file: "audit/src/checks.rs",
         replacements: &[
-            ("            return not_at_hand(\n                What::Datasets,\n                format!(\"the list {blob} of node {node}'s dataset\"),\n                Why::NotAtHand,\n            )", "            let _ = blob;\n            return Check::Passed(What::Datasets)"),
+            ("            return not_at_hand(\n                What::Datasets,\n                blob,\n                format!(\"the list {blob} of node {node}'s dataset\"),\n                Why::NotAtHand,\n            )", "            let _ = blob;\n            return Check::Passed(What::Datasets)"),
         ],
         package: "zk0-audit",
         target: "verdicts",
@@ -207,7 +207,7 @@ pub const REMOVALS: &[Removal] = &[
         check: "an average whose base weights are missing is not called verified",
         file: "audit/src/checks/closings.rs",
         replacements: &[
-            ("            return Err(not_at_hand(What::Averages, why, excuse.why(&kind)));", "            let _ = (why, kind);\n            return Ok(None);"),
+            ("            return Err(not_at_hand(What::Averages, blob, why, excuse.why(&kind)));", "            let _ = (why, kind);\n            return Ok(None);"),
         ],
         package: "zk0-audit",
         target: "averages",
@@ -237,7 +237,7 @@ pub const REMOVALS: &[Removal] = &[
         check: "a result whose evaluation was not checked is not called verified",
         file: "audit/src/checks/closings.rs",
         replacements: &[
-            ("            return Some(not_at_hand(What::Results, why, excuse.why(&kind)));", "            let _ = why;\n            return Some(Check::Passed(What::Results));"),
+            ("            return Some(not_at_hand(What::Results, blob, why, excuse.why(&kind)));", "            let _ = why;\n            return Some(Check::Passed(What::Results));"),
         ],
         package: "zk0-audit",
         target: "results",
@@ -245,9 +245,9 @@ pub const REMOVALS: &[Removal] = &[
     },
     Removal {
         check: "what one audit was told does not go over to the next",
-        file: "audit/src/auditor.rs",
+        file: "audit/src/auditor/saved.rs",
         replacements: &[
-            ("if had_named != self.named {", "if false {"),
+            ("if had_named != named {", "if false {"),
         ],
         package: "zk0-audit",
         target: "verdicts",

@@ -58,6 +58,20 @@ const fn certificate(
     }
 }
 
+/// A check that an auditor's own disk is not taken for the ledger.
+const fn own_disk(
+    check: &'static str,
+    file: &'static str,
+    replacements: &'static [(&'static str, &'static str)],
+    test: &'static str,
+) -> Removal {
+    Removal {
+        package: "zk0-audit",
+        target: "verdicts",
+        ..fault(check, file, replacements, test)
+    }
+}
+
 /// A check of how an aggregator ends.
 const fn end(
     check: &'static str,
@@ -321,5 +335,94 @@ pub const REMOVALS: &[Removal] = &[
         "protocol/src/tlog/checkpoint.rs",
         &[("match claims_signature {", "match false && claims_signature {")],
         "a_page_for_browsers_is_no_log_but_a_checkpoint_of_another_log_is_a_fault",
+    own_disk(
+        "a failing disk is no fault of the ledger",
+        "audit/src/checks/check.rs",
+        &[(
+            "BlobError::Io { .. } | BlobError::Store(_) => Check::Unread(text),",
+            "BlobError::Io { .. } | BlobError::Store(_) => Check::Failed(text),",
+        )],
+        "a_blob_that_cannot_be_read_gives_no_verdict_and_none_is_remembered",
+    ),
+    own_disk(
+        "an audit that could not read everything is not saved",
+        "ledger/src/replay/serial.rs",
+        &[(
+            "if !self.recheck.may_be_saved() {",
+            "if false {",
+        )],
+        "a_blob_that_cannot_be_read_gives_no_verdict_and_none_is_remembered",
+    ),
+    own_disk(
+        "an audit that could not read everything gives no verdict",
+        "audit/src/run.rs",
+        &[(
+            "Some(not_read) if audited.holds() =>",
+            "Some(not_read) if false && audited.holds() =>",
+        )],
+        "a_blob_that_cannot_be_read_gives_no_verdict_and_none_is_remembered",
+    ),
+    own_disk(
+        "a fault is said although something else cannot be read",
+        "audit/src/run.rs",
+        &[(
+            "Some(not_read) if audited.holds() =>",
+            "Some(not_read) =>",
+        )],
+        "a_blob_that_cannot_be_read_gives_no_verdict_and_none_is_remembered",
+    ),
+    own_disk(
+        "entries whose blobs cannot be read are not called verified",
+        "audit/src/verified_entries.rs",
+        &[(
+            "Some(not_read) if audited.holds() =>",
+            "Some(not_read) if false && audited.holds() =>",
+        )],
+        "a_blob_that_cannot_be_read_gives_no_verdict_and_none_is_remembered",
+    ),
+    own_disk(
+        "a damaged blob of a copy is fetched again before anybody judges",
+        "audit/src/auditor/found.rs",
+        &[(
+            "Check::Damaged(blob, why) if self.copied =>",
+            "Check::Damaged(blob, why) if false && self.copied =>",
+        )],
+        "a_damaged_blob_of_a_copy_is_fetched_again_before_anybody_judges",
+    ),
+    own_disk(
+        "a blob that was missing or damaged is looked for again",
+        "audit/src/auditor/found.rs",
+        &[(
+            ".find(|blob| blobs.check(blob).is_ok())",
+            ".find(|blob| false && blobs.check(blob).is_ok())",
+        )],
+        "what_was_found_about_a_missing_or_damaged_blob_is_not_final",
+    ),
+    own_disk(
+        "a log whose entries are lost is no copy that was never finished",
+        "audit/src/run.rs",
+        &[(
+            "Err(LedgerError::Unfinished(_)) if saved.is_some() || self.seen.is_some() => None,",
+            "Err(LedgerError::Unfinished(_)) if false => None,",
+        )],
+        "an_import_that_was_killed_is_no_fault_of_the_ledger",
+    ),
+    own_disk(
+        "a database without entries beside a checkpoint is a fault",
+        "ledger/src/replay/database.rs",
+        &[(
+            "Some(_) => LedgerError::NoLedger(dir.into()),",
+            "Some(_) => LedgerError::Unfinished(dir.into()),",
+        )],
+        "an_import_that_was_killed_is_no_fault_of_the_ledger",
+    ),
+    own_disk(
+        "a copy that was never finished is no fault",
+        "ledger/src/replay/database.rs",
+        &[(
+            "LedgerError::Io { .. } | LedgerError::Unfinished(_) => true,",
+            "LedgerError::Io { .. } => true,",
+        )],
+        "an_import_that_was_killed_is_no_fault_of_the_ledger",
     ),
 ];

@@ -1,0 +1,110 @@
+//! What an audit has found so far, and what it could not settle: a blob that is missing or damaged may be put right later, and what a
+//! failing disk gives says nothing about the ledger.
+
+use crate::account::{Account, Why};
+use crate::checks::check::Check;
+use std::collections::BTreeSet;
+use std::mem::take;
+use zk0_circuits::Digest;
+use zk0_ledger::blobs::Blobs;
+use zk0_ledger::replay::Finding;
+
+/// Findings, and what is not settled.
+#[derive(Default)]
+pub struct Found {
+    findings: Vec<Finding>,
+    /// Blobs that were missing or damaged when a check needed them. What was found then is not final.
+    awaited: BTreeSet<Digest>,
+    /// Whether the auditor has copied the ledger, so that a damaged blob can be copied again before anybody judges.
+    copied: bool,
+    /// Blobs that are damaged in the auditor's copy.
+    damaged: BTreeSet<Digest>,
+    /// How many checks a disk has kept from being done, and the first of them.
+    unread: Option<(u64, Finding)>,
+}
+
+impl Found {
+    /// What is found in the auditor's own copy of a ledger.
+    pub fn in_copy(self) -> Self {
+        Self {
+            copied: true,
+            ..self
+        }
+    }
+
+    /// Goes on from an earlier audit, which waited for these blobs.
+    ///
+    /// # Errors
+    /// One of them is whole now, so what was found about it has to be checked again.
+    pub fn go_on(self, awaited: BTreeSet<Digest>, blobs: &Blobs) -> Result<Self, String> {
+        match awaited.iter().find(|blob| blobs.check(blob).is_ok()) {
+            Some(blob) => Err(format!(
+                "the blob {blob} was missing or damaged in an earlier audit, and is there now"
+            )),
+            None => Ok(Self { awaited, ..self }),
+        }
+    }
+
+    /// Takes down the outcome of a check of entry `index`.
+    pub fn enter(&mut self, account: &mut Account, index: u64, check: Check) {
+        match check {
+            Check::Passed(what) => account.passed(what),
+            Check::LeftOut(what, why, example) => account.left_out(what, why, index, example),
+            Check::NotAtHand(what, blob, example) => {
+                self.awaited.insert(blob);
+                account.left_out(what, Why::NotAtHand, index, example);
+            }
+            Check::Failed(why) => self.push(Finding::fault(index, why)),
+            Check::Damaged(blob, why) if self.copied => {
+                self.damaged.insert(blob);
+                self.unread(index, why);
+            }
+            Check::Lost(blob, why) | Check::Damaged(blob, why) => {
+                self.awaited.insert(blob);
+                self.push(Finding::fault(index, why));
+            }
+            Check::Unread(why) => self.unread(index, why),
+        }
+    }
+
+    /// Adds a finding that is final.
+    pub fn push(&mut self, finding: Finding) {
+        self.findings.push(finding);
+    }
+
+    /// The findings since they were taken last.
+    pub fn take(&mut self) -> Vec<Finding> {
+        take(&mut self.findings)
+    }
+
+    fn unread(&mut self, index: u64, why: String) {
+        let first = || (0, Finding::not_checked(index, why));
+        self.unread.get_or_insert_with(first).0 += 1;
+    }
+
+    /// The blobs that a later audit has to look for.
+    pub fn awaited(&self) -> &BTreeSet<Digest> {
+        &self.awaited
+    }
+
+    /// The blobs that are damaged in the auditor's copy.
+    pub fn damaged(&self) -> &BTreeSet<Digest> {
+        &self.damaged
+    }
+
+    /// What a disk has kept from being checked; `None` if everything could be read.
+    pub fn not_read(&self) -> Option<Finding> {
+        let (count, first) = self.unread.as_ref()?;
+        let text = match count {
+            1 => first.text.clone(),
+            count => format!(
+                "{count} checks could not be done; the first: {}",
+                first.text
+            ),
+        };
+        Some(Finding {
+            text,
+            ..first.clone()
+        })
+    }
+}

@@ -1,0 +1,51 @@
+//! What a state file keeps of an auditor.
+
+use crate::account::Account;
+use crate::checks::excuse::Rounds;
+use crate::checks::Recorded;
+use crate::depth::Depth;
+use crate::named::Named;
+use std::collections::{BTreeMap, BTreeSet};
+use zk0_circuits::Digest;
+use zk0_protocol::Refusal;
+
+/// What a state file keeps of an auditor: how they audit, what was checked, what the open round accepted, what may still be disputed, of which
+/// rounds nobody can repeat the combination, what the open round refused, and which blobs were missing or damaged.
+pub type Saved = (
+    Depth,
+    Named,
+    Account,
+    Vec<Recorded>,
+    BTreeMap<u64, Option<Refusal>>,
+    Rounds,
+    Vec<(Recorded, Refusal)>,
+    BTreeSet<Digest>,
+);
+
+/// Reads what an auditor has saved.
+///
+/// # Errors
+/// Another version has written it, or an auditor of another depth, or one who had named something else.
+pub fn read(saved: &[u8], depth: Depth, named: &Named) -> Result<Saved, String> {
+    let saved: Saved = borsh::from_slice(saved)
+        .map_err(|error| format!("another version of zk0 wrote the state file ({error})"))?;
+    let (was, had_named, ..) = &saved;
+    if *was != depth {
+        let name = |depth| match depth {
+            Depth::Light => "light",
+            Depth::Full => "full",
+        };
+        return Err(format!(
+            "the state file is from a {} audit, and this audit is {}",
+            name(*was),
+            name(depth)
+        ));
+    }
+    if had_named != named {
+        return Err(
+            "the audit that wrote the state file had other --program or --evaluation options"
+                .into(),
+        );
+    }
+    Ok(saved)
+}
