@@ -335,6 +335,7 @@ pub const REMOVALS: &[Removal] = &[
         "protocol/src/tlog/checkpoint.rs",
         &[("match claims_signature {", "match false && claims_signature {")],
         "a_page_for_browsers_is_no_log_but_a_checkpoint_of_another_log_is_a_fault",
+    ),
     own_disk(
         "a failing disk is no fault of the ledger",
         "audit/src/checks/check.rs",
