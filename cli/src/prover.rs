@@ -7,6 +7,8 @@ use crate::serve::{interrupted, listening, online, online_until};
 use anyhow::{Context, Result};
 use std::net::SocketAddr;
 use std::time::Duration;
+use zk0_aggregator::connections::limits::ConnectionLimits;
+use zk0_aggregator::connections::open_files;
 use zk0_prover::machine::DeviceKind;
 use zk0_prover::measure::cycles;
 use zk0_prover::network::{NetworkOptions, Strategy};
@@ -16,6 +18,9 @@ use zk0_traces::export::Traces;
 
 /// How long what SP1 does may take at the end. It cannot be interrupted, and a proof takes minutes.
 const ENDING: Duration = Duration::from_secs(1);
+
+/// Connections at once. They have to leave SP1 enough files to open.
+const CONNECTIONS: usize = 256;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -29,7 +34,7 @@ pub enum Command {
         listen: SocketAddr,
         #[command(flatten)]
         certificate: CertificateOptions,
-        /// Let this many claims wait.
+        /// Let this many claims wait while one is proven.
         #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u64).range(1..=65_536))]
         queue: u64,
         /// Prove on this device: cpu, cuda for an NVIDIA GPU (only builds by `make cuda`), or network for Succinct's prover network or an
@@ -111,7 +116,12 @@ async fn serve(
     };
     let backend = Sp1Backend::new(device, network).await?;
     let pace = backend.pace();
-    let service = ProvingService::start(backend, queue, pace);
+    let mut limits = ConnectionLimits {
+        most: CONNECTIONS,
+        ..ConnectionLimits::default()
+    };
+    open_files::fit(&mut limits, 0);
+    let service = ProvingService::start(backend, queue, pace).with_connections(limits.most);
     tracing::info!(listening = %address, "the proving service listens on {address}, and SP1 is starting on the device {device}");
     let stop = interrupted();
     let served = match &certificate {

@@ -17,7 +17,7 @@ use tokio::runtime::Runtime;
 use tokio_stream::wrappers::TcpListenerStream;
 use tonic::transport::Server;
 use tonic::{Request, Response, Status};
-use zk0_tls::incoming::encrypted;
+use zk0_tls::incoming::{connections, Bounds};
 use zk0_tls::server_certificate::ServerCertificate;
 
 /// A span, and the service that has sent it.
@@ -74,7 +74,8 @@ impl Collector {
             let server = Server::builder().add_service(service);
             match certificate {
                 Some(certificate) => {
-                    let connections = encrypted(listener, certificate.acceptor("h2"));
+                    let tls = Some(certificate.acceptor("h2"));
+                    let connections = connections(listener, tls, Bounds::default());
                     tokio::spawn(server.serve_with_incoming(connections));
                     format!("https://{address}")
                 }

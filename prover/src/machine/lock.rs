@@ -1,9 +1,15 @@
 //! A lock that lets one prover run at a time on a machine: two provers need more memory than the machine has for them.
 
-use std::fs::{File, OpenOptions, TryLockError};
+use rustix::fs::OFlags;
+use std::fs::{self, File, OpenOptions, Permissions, TryLockError};
 use std::io;
+use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+
+/// Shared memory. SP1 keeps its data there. All services and users of a machine have the same folder, also a service of systemd that has a
+/// temporary folder of its own.
+const SHARED_MEMORY: &str = "/dev/shm";
 
 /// The lock, held while a prover lives. The system releases it when the process ends, however it ends.
 #[derive(Debug)]
@@ -15,7 +21,7 @@ pub struct ProverLock {
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
     /// Another process proves.
-    #[error("another prover runs on this machine (it holds {0}): wait until it ends, or use its service")]
+    #[error("another prover runs on this machine (it holds the lock of {0}): wait until it ends, or use its service")]
     Held(PathBuf),
     /// The lock file cannot be used.
     #[error("cannot lock {path}: {error}")]
@@ -28,12 +34,15 @@ pub enum LockError {
 }
 
 impl ProverLock {
-    /// The lock file of this machine.
+    /// What provers of this machine lock: the folder of shared memory itself, so that there is no file which somebody else can make first, or
+    /// remove. Where there is no such folder, it is a file in the temporary folder.
     pub fn default_path() -> PathBuf {
-        std::env::temp_dir().join("zk0-prover.lock")
+        let shared = fs::canonicalize(SHARED_MEMORY).ok();
+        let shared = shared.filter(|path| path.is_dir() && File::open(path).is_ok());
+        shared.unwrap_or_else(|| std::env::temp_dir().join("zk0-prover.lock"))
     }
 
-    /// Takes the lock. If another process holds it, this waits for it, at most as long as `patience`.
+    /// Takes the lock of a folder or a file. If another process holds it, this waits for it, at most as long as `patience`.
     pub fn acquire(path: &Path, patience: Duration) -> Result<Self, LockError> {
         let broken = |error| LockError::Io {
             path: path.to_owned(),
@@ -56,16 +65,28 @@ impl ProverLock {
     }
 }
 
-/// Opens the lock file. It may belong to another user: to lock a file, it is enough to read it.
+/// Opens a folder or a file to lock it. It may belong to another user: to lock it, it is enough to read it.
 fn open(path: &Path) -> io::Result<File> {
-    match File::open(path) {
+    match existing(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => {}
         result => return result,
     }
     match OpenOptions::new().write(true).create_new(true).open(path) {
-        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => File::open(path),
-        result => result,
+        Ok(file) => {
+            // Other users have to be able to read it, whatever this user's mask for new files.
+            file.set_permissions(Permissions::from_mode(0o644))?;
+            Ok(file)
+        }
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => existing(path),
+        Err(error) => Err(error),
     }
+}
+
+/// Opens what is there. In a folder where everybody writes, it may be a link to elsewhere, or a pipe that keeps its readers waiting.
+fn existing(path: &Path) -> io::Result<File> {
+    let careful = OFlags::NOFOLLOW | OFlags::NONBLOCK;
+    let flags = careful.bits() as i32;
+    OpenOptions::new().read(true).custom_flags(flags).open(path)
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! The proving service itself: it receives requests, checks them, queues them, and has them proven one at a time.
 
 use super::backend::{Backend, JobError};
+use super::made::{Made, RequestDigest};
 use super::schedule::{Pace, Place, Schedule, Work};
 use super::upload::{self, Announced, Patience};
 use super::waiting::{GivenUp, Waiting};
@@ -9,18 +10,20 @@ use crate::rpc::progress::Phase;
 use crate::rpc::{self, prover_server};
 use futures_core::future::BoxFuture;
 use std::future::Future;
+use std::io;
 use std::pin::pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch, OwnedSemaphorePermit, Semaphore};
+use tokio::task::spawn_blocking;
 use tokio::time::{sleep, timeout};
-use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
+use tokio_stream::wrappers::ReceiverStream;
 use tokio_stream::Stream;
 use tonic::service::Routes;
 use tonic::{transport, Code, Request, Response, Status, Streaming};
 use tracing::{info_span, Instrument, Span};
-use zk0_tls::incoming::encrypted;
+use zk0_tls::incoming::{connections, Bounds, Connection};
 use zk0_tls::server_certificate::ServerCertificate;
 use zk0_traces::request;
 
@@ -28,6 +31,8 @@ use zk0_traces::request;
 const MEMORY_MIB: u32 = 4 << 10;
 /// Requests on one connection at a time.
 const REQUESTS_PER_CONNECTION: usize = 16;
+/// Events that a client may be behind.
+const EVENTS: usize = 4;
 /// Time between two progress events.
 const TICK: Duration = Duration::from_secs(1);
 /// How long the last answers may take when the service ends. A client that takes nothing would hold it for ever.
@@ -37,11 +42,12 @@ const ENDING: Duration = Duration::from_secs(5);
 pub struct ProvingService<B> {
     shared: Arc<Shared<B>>,
     patience: Patience,
+    bounds: Bounds,
 }
 
 struct Shared<B> {
     backend: B,
-    /// Requests being served or waiting: how long the queue may grow.
+    /// Requests that are served or wait: one, and as many as the queue is long.
     slots: Arc<Semaphore>,
     /// What is left of [`MEMORY_MIB`].
     memory: Arc<Semaphore>,
@@ -50,20 +56,23 @@ struct Shared<B> {
     /// One proof at a time, in order of arrival.
     proving: Arc<Semaphore>,
     schedule: Mutex<Schedule>,
+    /// Proofs that a client may ask for again.
+    made: Made,
     /// Whether the process has been told to end.
     stopping: watch::Sender<bool>,
 }
 
 impl<B: Backend> ProvingService<B> {
-    /// Starts `backend` in the background and serves at most `queue` requests at a time. The first estimates are at `pace`.
+    /// Starts `backend` in the background. While it proves one request, at most `queue` others wait. The first estimates are at `pace`.
     pub fn start(backend: B, queue: usize, pace: Pace) -> Self {
         let shared = Arc::new(Shared {
             backend,
-            slots: Arc::new(Semaphore::new(queue)),
+            slots: Arc::new(Semaphore::new(queue + 1)),
             memory: Arc::new(Semaphore::new(MEMORY_MIB as usize)),
             checking: Semaphore::new(1),
             proving: Arc::new(Semaphore::new(1)),
             schedule: Mutex::new(Schedule::new(pace)),
+            made: Made::default(),
             stopping: watch::Sender::new(false),
         });
         // Starting takes the first place in the queue. A request that comes meanwhile waits for it, and is told how long.
@@ -92,12 +101,19 @@ impl<B: Backend> ProvingService<B> {
         Self {
             shared,
             patience: Patience::default(),
+            bounds: Bounds::default(),
         }
     }
 
-    /// From now on, clients have this time for their private inputs.
+    /// From now on, clients have this time to begin a connection, and for their private inputs.
     pub fn with_patience(mut self, patience: Patience) -> Self {
         self.patience = patience;
+        self
+    }
+
+    /// From now on, there are at most this many connections at a time. Others wait until one ends.
+    pub fn with_connections(mut self, most: usize) -> Self {
+        self.bounds.most = most;
         self
     }
 
@@ -127,7 +143,12 @@ impl<B: Backend> ProvingService<B> {
         certificate: Option<&Arc<ServerCertificate>>,
         shutdown: impl Future<Output = ()> + Send,
     ) -> Result<(), transport::Error> {
-        let shared = self.shared.clone();
+        let (shared, patience) = (self.shared.clone(), self.patience);
+        let bounds = Bounds {
+            begin: self.bounds.begin.min(patience.silence),
+            ..self.bounds
+        };
+        let tls = certificate.map(|certificate| certificate.acceptor("h2"));
         let shutdown = async {
             shutdown.await;
             shared.stopping.send_replace(true);
@@ -143,8 +164,8 @@ impl<B: Backend> ProvingService<B> {
             .max_encoding_message_size(upload::MAX_EVENT_BYTES);
         let serving = answered(
             Routes::new(service),
-            listener,
-            certificate,
+            connections(listener, tls, bounds),
+            patience.silence,
             Box::pin(shutdown),
         );
         tokio::select! {
@@ -157,27 +178,21 @@ impl<B: Backend> ProvingService<B> {
     }
 }
 
-/// Answers requests on `listener` until `shutdown` is ready and the open ones are answered, over TLS if there is a certificate. The future is
-/// boxed, so that a crate with a backend of its own does not compile the server anew.
-fn answered<'a>(
+/// Answers requests on `connections` until `shutdown` is ready and the open ones are answered. A client that has been silent for long is asked
+/// whether it is there. The future is boxed, so that a crate with a backend of its own does not compile the server anew.
+fn answered(
     routes: Routes,
-    listener: TcpListener,
-    certificate: Option<&Arc<ServerCertificate>>,
-    shutdown: BoxFuture<'a, ()>,
-) -> BoxFuture<'a, Result<(), transport::Error>> {
+    connections: ReceiverStream<io::Result<Connection>>,
+    silence: Duration,
+    shutdown: BoxFuture<'_, ()>,
+) -> BoxFuture<'_, Result<(), transport::Error>> {
     let server = transport::Server::builder()
         .concurrency_limit_per_connection(REQUESTS_PER_CONNECTION)
+        .http2_keepalive_interval(Some(silence))
+        // A proof takes all cores, also from a client on the same machine.
+        .http2_keepalive_timeout(Some(5 * silence))
         .add_routes(routes);
-    match certificate {
-        Some(certificate) => {
-            let connections = encrypted(listener, certificate.acceptor("h2"));
-            Box::pin(server.serve_with_incoming_shutdown(connections, shutdown))
-        }
-        None => {
-            let connections = TcpListenerStream::new(listener);
-            Box::pin(server.serve_with_incoming_shutdown(connections, shutdown))
-        }
-    }
+    Box::pin(server.serve_with_incoming_shutdown(connections, shutdown))
 }
 
 #[tonic::async_trait]
@@ -193,7 +208,7 @@ impl<B: Backend> prover_server::Prover for ProvingService<B> {
             "Prove",
             request.metadata().as_ref(),
         );
-        let (events, stream) = mpsc::channel(4);
+        let (events, stream) = mpsc::channel(EVENTS);
         let taken = self.taken(request.into_inner(), events);
         match taken.instrument(span.clone()).await {
             Ok(job) => {
@@ -272,35 +287,76 @@ struct Job<B> {
 /// The client has gone, so nobody waits for the result.
 struct Gone;
 
+/// A proof that is being made. However that ends, its place is free then.
+struct Making<B> {
+    shared: Arc<Shared<B>>,
+    place: Place,
+}
+
+impl<B> Making<B> {
+    fn begin(shared: Arc<Shared<B>>, of: RequestDigest, place: Place) -> Self {
+        shared.schedule().begin(place, Instant::now());
+        shared.made.begins(of, place);
+        Self { shared, place }
+    }
+}
+
+impl<B> Drop for Making<B> {
+    fn drop(&mut self) {
+        self.shared.schedule().leave(self.place);
+        self.shared.made.ends();
+    }
+}
+
 impl<B: Backend> Job<B> {
     async fn run(self) {
-        let last = match self.steps().await {
-            Ok(Ok(proof)) => Ok(rpc::ProveEvent {
-                event: Some(rpc::prove_event::Event::Proof(proof)),
-            }),
+        let (of, last) = match self.steps().await {
+            Ok(Ok((of, proof))) => {
+                let proof = Arc::unwrap_or_clone(proof);
+                let event = Some(rpc::prove_event::Event::Proof(proof));
+                (Some(of), Ok(rpc::ProveEvent { event }))
+            }
             Ok(Err(error)) => {
                 tracing::warn!(%error, "request refused");
-                Err(error.into())
+                (None, Err(error.into()))
             }
             Err(Gone) => {
-                tracing::info!("the client has gone; its request is dropped");
+                tracing::info!(
+                    "the client has gone; what is being proven for it is kept until it asks again"
+                );
                 request::end(&Span::current(), Code::Cancelled);
                 return;
             }
         };
         let code = last.as_ref().map_or_else(Status::code, |_| Code::Ok);
         request::end(&Span::current(), code);
-        let _ = self.events.send(last).await; // This fails, too, when the client has gone.
+        let sent = self.events.send(last).await; // This fails, too, when the client has gone.
+        if let (Some(of), Ok(())) = (of, sent) {
+            // There is room for all events once the proof is on its way to the client.
+            if self.events.reserve_many(EVENTS).await.is_ok() {
+                self.shared.made.taken(of);
+            }
+        }
     }
 
-    async fn steps(&self) -> Result<Result<rpc::Proof, JobError>, Gone> {
+    async fn steps(&self) -> Result<Result<(RequestDigest, Arc<rpc::Proof>), JobError>, Gone> {
         let shared = &self.shared;
+        let input = self.input.clone();
+        let of = spawn_blocking(move || RequestDigest::of(&input));
+        let of = match self.during(|| (Phase::Checking, None), of).await? {
+            Ok(of) => of,
+            Err(panic) => return Ok(Err(JobError::failed(panic))),
+        };
+        if let Some(proof) = shared.made.proof(of) {
+            tracing::info!("this proof is there already");
+            return Ok(Ok((of, proof)));
+        }
         let checked = async {
             let _turn = shared.checking.acquire().await;
             shared.backend.check(&self.input).await
         };
         let checked = checked.instrument(info_span!("check the claim"));
-        let execution = match self.during(|| Phase::Checking, None, checked).await? {
+        let execution = match self.during(|| (Phase::Checking, None), checked).await? {
             Ok(execution) => execution,
             Err(error) => return Ok(Err(error)),
         };
@@ -316,57 +372,71 @@ impl<B: Backend> Job<B> {
         let place = shared.schedule().join(work);
         let turn = shared.proving.clone().acquire_owned();
         let turn = turn.instrument(info_span!("wait for the prover"));
-        let turn = self.during(|| Phase::Queued, Some(place), turn).await;
+        let turn = async {
+            tokio::select! {
+                biased;
+                proof = shared.made.until(of) => Err(proof),
+                turn = turn => Ok(turn),
+            }
+        };
+        // If exactly this proof is being made, the client waits for it, and for nothing else in the queue.
+        let outlook = || match shared.made.making(of) {
+            Some(made_at) => (Phase::Proving, Some(made_at)),
+            None => (Phase::Queued, Some(place)),
+        };
+        let turn = self.during(outlook, turn).await;
         let turn = turn.inspect_err(|Gone| shared.schedule().leave(place))?;
+        // The proof may have been done just before the turn came.
+        let turn = turn.and_then(|turn| shared.made.proof(of).map_or(Ok(turn), Err));
+        let turn = match turn {
+            Ok(turn) => turn,
+            Err(proof) => {
+                shared.schedule().leave(place);
+                tracing::info!("this proof was made for a client that had gone");
+                return Ok(Ok((of, proof)));
+            }
+        };
 
         // A task of its own holds the turn. SP1 cannot be interrupted, so on this machine a proof whose client goes away is still made to the
-        // end before the next one begins. A request at a network is withdrawn.
-        shared.schedule().begin(place, Instant::now());
-        let (prover, input, expected) = (shared.clone(), self.input.clone(), execution.clone());
+        // end before the next one begins, and kept for that client. A request at a network is withdrawn.
+        let making = Making::begin(shared.clone(), of, place);
+        let (prover, input, expected) = (shared.clone(), self.input.clone(), execution);
         let waiting = Waiting::new(self.events.clone(), shared.stopping.subscribe());
         let waiting = Arc::new(waiting);
         let seen = waiting.clone();
         let proving = async move {
             let _turn = turn;
-            let result = prover.backend.prove(&input, &expected, &waiting).await;
-            let mut schedule = prover.schedule();
-            match result {
-                Ok(proof) => Ok((proof, schedule.finish(place, Instant::now()))),
-                Err(error) => {
-                    schedule.leave(place);
-                    Err(error)
-                }
+            let _making = making; // Dropped before the turn.
+            let proof = prover.backend.prove(&input, &expected, &waiting).await?;
+            let took = prover.schedule().finish(place, Instant::now());
+            if proof.public_values != expected.public_values {
+                let why = "the proof's public values are not those of the claim";
+                return Err(JobError::failed(why));
             }
+            tracing::info!(seconds = took.as_secs(), "proven");
+            let proof = Arc::new(rpc::Proof {
+                proof: proof.bytes,
+                public_values: proof.public_values,
+                cycles: expected.cycles,
+                gas: expected.gas,
+                proving_ms: millis(took),
+            });
+            prover.made.keep(of, proof.clone());
+            Ok(proof)
         };
         let proving = tokio::spawn(proving.instrument(info_span!("prove")));
-        let proven = self.during(|| seen.phase(), Some(place), proving).await?;
-        Ok(match proven {
-            Ok(Ok((proof, _))) if proof.public_values != execution.public_values => Err(
-                JobError::Failed("the proof's public values are not those of the claim".into()),
-            ),
-            Ok(Ok((proof, took))) => {
-                tracing::info!(seconds = took.as_secs(), "proven");
-                Ok(rpc::Proof {
-                    proof: proof.bytes,
-                    public_values: proof.public_values,
-                    cycles: execution.cycles,
-                    gas: execution.gas,
-                    proving_ms: millis(took),
-                })
-            }
+        let outlook = || (seen.phase(), Some(place));
+        Ok(match self.during(outlook, proving).await? {
+            Ok(Ok(proof)) => Ok((of, proof)),
             Ok(Err(error)) => Err(error),
-            Err(panic) => {
-                shared.schedule().leave(place);
-                Err(JobError::Failed(panic.to_string()))
-            }
+            Err(panic) => Err(JobError::failed(panic)),
         })
     }
 
-    /// Reports progress until `work` is done or the client has gone.
+    /// Reports progress until `work` is done or the client has gone. `outlook` says what the client waits for.
     async fn during<T>(
         &self,
-        phase: impl Fn() -> Phase,
-        place: Option<Place>,
+        outlook: impl Fn() -> (Phase, Option<Place>),
         work: impl Future<Output = T>,
     ) -> Result<T, Gone> {
         tokio::pin!(work);
@@ -378,7 +448,8 @@ impl<B: Backend> Job<B> {
                 result = &mut work => return Ok(result),
                 _ = tick.tick() => {
                     // A client that is too slow misses some events. It must not hold up the work.
-                    let _ = self.events.try_send(Ok(self.progress(phase(), place)));
+                    let (phase, place) = outlook();
+                    let _ = self.events.try_send(Ok(self.progress(phase, place)));
                 }
             }
         }

@@ -17,6 +17,7 @@ mod kept_blobs;
 mod ledger_rules;
 mod moments;
 mod nodes;
+mod proving;
 mod pruned;
 mod service;
 mod traces;
@@ -85,6 +86,7 @@ fn every_check_can_be_removed_from_the_sources() {
         attestation::REMOVALS,
         audited::REMOVALS,
         nodes::REMOVALS,
+        proving::REMOVALS,
         pruned::REMOVALS,
         service::REMOVALS,
         faults::REMOVALS,
@@ -120,6 +122,7 @@ fn verifier_ledger_and_audit_have_a_test_for_each_check() {
         attestation::REMOVALS,
         audited::REMOVALS,
         nodes::REMOVALS,
+        proving::REMOVALS,
         pruned::REMOVALS,
         service::REMOVALS,
         faults::REMOVALS,

@@ -43,19 +43,6 @@ const fn transfer(
     }
 }
 
-const fn proving(
-    check: &'static str,
-    file: &'static str,
-    replacements: &'static [(&'static str, &'static str)],
-    test: &'static str,
-) -> Removal {
-    Removal {
-        package: "zk0-prover",
-        target: "service",
-        ..in_time(check, file, replacements, test)
-    }
-}
-
 /// A check of the folder in which an aggregator keeps policy folders.
 const fn checkpoints(
     check: &'static str,
@@ -417,36 +404,6 @@ pub const REMOVALS: &[Removal] = &[
             "a_node_registers_four_times_until_a_round_has_closed",
         )
     },
-    proving(
-        "a client of the proving service that is silent gives up its place",
-        "prover/src/service/upload.rs",
-        &[("parts.timeout(silence)", "parts.timeout(silence.max(Duration::from_secs(3600)))")],
-        "who_sends_nothing_or_too_slowly_gives_up_its_place",
-    ),
-    proving(
-        "a client of the proving service that is slow gives up its place",
-        "prover/src/service/server.rs",
-        &[(
-            "timeout(self.patience.whole, self.received",
-            "timeout(self.patience.whole.max(Duration::from_secs(3600)), self.received",
-        )],
-        "who_sends_nothing_or_too_slowly_gives_up_its_place",
-    ),
-    proving(
-        "a proving service that stops waits for no private input",
-        "prover/src/service/server.rs",
-        &[(
-            "            _ = stopping.wait_for(|stopping| *stopping) => Err(Status",
-            "            () = std::future::pending() => Err(Status",
-        )],
-        "a_service_that_stops_waits_for_no_private_input",
-    ),
-    proving(
-        "a proving service that stops waits for no client that takes nothing",
-        "prover/src/service/server.rs",
-        &[("            sleep(ENDING).await;\n", "            std::future::pending::<()>().await;\n")],
-        "a_service_that_stops_does_not_wait_until_a_proof_is_taken",
-    ),
     Removal {
         check: "rounds in which nobody may commit do not fill the log",
         file: "aggregator/src/round/drawing.rs",

@@ -1,5 +1,10 @@
 //! The proving service over real sockets, with a backend in place of SP1.
 
+mod asked_again;
+mod connections;
+mod one_prover;
+mod private_inputs;
+
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::Arc;
 use std::time::Duration;
@@ -7,7 +12,6 @@ use tokio::net::TcpListener;
 use tokio::sync::{oneshot, Semaphore};
 use tokio::task::JoinHandle;
 use tokio::time::{sleep, timeout};
-use tokio_stream::{Stream, StreamExt};
 use tonic::transport::Endpoint;
 use zk0_circuits::claim::private_input::InputError;
 use zk0_circuits::claim::statement_error::StatementError;
@@ -15,10 +19,9 @@ use zk0_circuits::Mode;
 use zk0_prover::program::{Execution, GuestInput, GuestInputError};
 use zk0_prover::prove::Proof;
 use zk0_prover::rpc::progress::Phase;
-use zk0_prover::rpc::prove_part::Part;
 use zk0_prover::rpc::prover_client::ProverClient;
-use zk0_prover::rpc::{prove_request, Progress, ProvePart, ProveRequest};
-use zk0_prover::service::upload::{self, Announced, Patience, MAX_INPUT_BYTES};
+use zk0_prover::rpc::Progress;
+use zk0_prover::service::upload::{self, Patience};
 use zk0_prover::service::{
     Backend, ClientError, GivenUp, JobError, Pace, ProvingClient, ProvingService, Waiting,
 };
@@ -36,6 +39,7 @@ struct Fake {
     allowed: Arc<Semaphore>,
     at_once: AtomicUsize,
     most_at_once: Arc<AtomicUsize>,
+    begun: Arc<AtomicUsize>,
 }
 
 #[tonic::async_trait]
@@ -65,6 +69,7 @@ impl Backend for Fake {
         waiting: &Waiting,
     ) -> Result<Proof, JobError> {
         let input = &input.buffers;
+        self.begun.fetch_add(1, Ordering::SeqCst);
         if input[0] == b"until it stops" {
             waiting.stopping().await;
             return Err(GivenUp::Stopping.into());
@@ -91,6 +96,8 @@ struct Service {
     /// One permit lets one proof end.
     allowed: Arc<Semaphore>,
     most_at_once: Arc<AtomicUsize>,
+    /// How many proofs were begun.
+    begun: Arc<AtomicUsize>,
     stop: oneshot::Sender<()>,
     served: JoinHandle<()>,
 }
@@ -100,16 +107,26 @@ async fn service(queue: usize, permits: usize) -> Service {
 }
 
 async fn patient_service(queue: usize, permits: usize, patience: Patience) -> Service {
+    bounded_service(queue, permits, |service| service.with_patience(patience)).await
+}
+
+async fn bounded_service(
+    queue: usize,
+    permits: usize,
+    bounded: impl FnOnce(ProvingService<Fake>) -> ProvingService<Fake>,
+) -> Service {
     let allowed = Arc::new(Semaphore::new(permits));
     let most_at_once = Arc::new(AtomicUsize::new(0));
+    let begun = Arc::new(AtomicUsize::new(0));
     let backend = Fake {
         allowed: allowed.clone(),
         at_once: AtomicUsize::new(0),
         most_at_once: most_at_once.clone(),
+        begun: begun.clone(),
     };
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = format!("http://{}", listener.local_addr().unwrap());
-    let service = ProvingService::start(backend, queue, Pace::of_cores(2)).with_patience(patience);
+    let service = bounded(ProvingService::start(backend, queue, Pace::of_cores(2)));
     let (stop, stopped) = oneshot::channel();
     let served = tokio::spawn(async move {
         let stopped = async { drop(stopped.await) };
@@ -119,6 +136,7 @@ async fn patient_service(queue: usize, permits: usize, patience: Patience) -> Se
         address,
         allowed,
         most_at_once,
+        begun,
         stop,
         served,
     }
@@ -179,10 +197,13 @@ async fn an_unreadable_private_input_is_an_invalid_argument() {
 
 #[tokio::test]
 async fn a_proof_of_another_claim_is_not_handed_out() {
-    let service = service(4, 1).await;
-    let (code, reason) = refusal(service.prove("forge").await);
-    assert_eq!(code, tonic::Code::Internal);
-    assert!(reason.contains("not those of the claim"), "{reason}");
+    let service = service(4, 2).await;
+    // It is not kept for the second request either.
+    for _ in 0..2 {
+        let (code, reason) = refusal(service.prove("forge").await);
+        assert_eq!(code, tonic::Code::Internal);
+        assert!(reason.contains("not those of the claim"), "{reason}");
+    }
 }
 
 #[tokio::test]
@@ -200,7 +221,8 @@ async fn a_failed_or_panicking_proof_does_not_stop_the_next() {
 
 #[tokio::test]
 async fn a_full_queue_refuses_and_accepts_again_when_a_proof_is_done() {
-    let service = Arc::new(service(2, 0).await);
+    // One is proven, and one waits.
+    let service = Arc::new(service(1, 0).await);
     let waiting: Vec<_> = ["first", "second"]
         .into_iter()
         .map(|claim| {
@@ -266,7 +288,7 @@ async fn clients_in_the_queue_are_told_their_place_and_time() {
 
 #[tokio::test]
 async fn a_client_that_goes_away_gives_up_its_place() {
-    let service = Arc::new(service(2, 0).await);
+    let service = Arc::new(service(1, 0).await);
     let spawn = |claim: &'static str| {
         let service = service.clone();
         tokio::spawn(async move { service.prove(claim).await })
@@ -285,147 +307,6 @@ async fn a_client_that_goes_away_gives_up_its_place() {
         .await
         .unwrap()
         .expect("the place of the second was free");
-}
-
-/// Returns the service's answer to a request that the real client would not make.
-async fn raw(parts: Vec<Part>) -> tonic::Status {
-    let service = service(2, 1).await;
-    let mut client = ProverClient::connect(service.address).await.unwrap();
-    let parts = parts.into_iter().map(|part| ProvePart { part: Some(part) });
-    client
-        .prove(tokio_stream::iter(parts.collect::<Vec<_>>()))
-        .await
-        .unwrap_err()
-}
-
-fn announce(mode: prove_request::Mode, buffers: Vec<u64>) -> Part {
-    Part::Request(ProveRequest {
-        mode: mode.into(),
-        buffers,
-    })
-}
-
-#[tokio::test]
-async fn a_request_over_the_limits_is_refused_before_its_data_come() {
-    use prove_request::Mode::Direct;
-    for buffers in [
-        vec![MAX_INPUT_BYTES + 1],
-        vec![MAX_INPUT_BYTES, 1],
-        vec![u64::MAX; 2],
-        vec![0; 1 << 15],
-    ] {
-        let status = raw(vec![announce(Direct, buffers)]).await;
-        assert_eq!(status.code(), tonic::Code::OutOfRange, "{status}");
-        assert!(status.message().contains("too large"), "{status}");
-    }
-}
-
-#[tokio::test]
-async fn a_request_that_is_not_what_it_announces_is_refused() {
-    use prove_request::Mode::{Direct, Unspecified};
-    for (parts, why) in [
-        (vec![], "begins with"),
-        (vec![Part::Data(vec![1])], "begins with"),
-        (vec![announce(Unspecified, vec![])], "no known mode"),
-        (vec![announce(Direct, vec![1])], "fewer"),
-        (
-            vec![announce(Direct, vec![2]), Part::Data(vec![1])],
-            "fewer",
-        ),
-        (
-            vec![announce(Direct, vec![2]), announce(Direct, vec![2])],
-            "fewer",
-        ),
-        (
-            vec![announce(Direct, vec![1]), Part::Data(vec![1, 2])],
-            "more",
-        ),
-        (vec![announce(Direct, vec![]), Part::Data(vec![1])], "more"),
-    ] {
-        let status = raw(parts).await;
-        assert_eq!(status.code(), tonic::Code::InvalidArgument, "{status}");
-        assert!(status.message().contains(why), "{status}");
-    }
-}
-
-/// Buffers of any size arrive as they were, whatever the cuts between messages.
-#[tokio::test]
-async fn a_large_private_input_arrives_whole() {
-    let large: Vec<u8> = (0..5_000_001u32)
-        .map(|i| (i.wrapping_mul(i) >> 7) as u8)
-        .collect();
-    for mode in Mode::ALL {
-        let input = GuestInput {
-            mode,
-            buffers: vec![large.clone(), vec![], vec![7; 3 << 20], vec![9]],
-        };
-        let mut parts = tokio_stream::iter(upload::parts(input.clone()).map(Ok));
-        let announced = Announced::receive(&mut parts).await.unwrap();
-        assert!(
-            announced.rest(&mut parts).await.unwrap() == input,
-            "it is another"
-        );
-    }
-}
-
-/// Announces a private input of so many bytes, and sends what follows. Returns why there is no proof.
-async fn announcing(
-    address: String,
-    bytes: u64,
-    more: impl Stream<Item = Part> + Send + 'static,
-) -> tonic::Status {
-    let mut client = ProverClient::connect(address).await.unwrap();
-    let first = tokio_stream::once(announce(prove_request::Mode::Direct, vec![bytes]));
-    let parts = first.chain(more);
-    let parts = parts.map(|part| ProvePart { part: Some(part) });
-    client.prove(parts).await.map(drop).unwrap_err()
-}
-
-#[tokio::test]
-async fn who_sends_nothing_or_too_slowly_gives_up_its_place() {
-    let patience = Patience {
-        silence: Duration::from_millis(400),
-        whole: Duration::from_millis(1500),
-    };
-    let service = patient_service(1, 1, patience).await;
-    let silent = announcing(service.address.clone(), 9, tokio_stream::pending());
-    let slow = tokio_stream::iter(std::iter::repeat(Part::Data(vec![1])));
-    let slow = slow.throttle(Duration::from_millis(50));
-    let slow = announcing(service.address.clone(), MAX_INPUT_BYTES, slow);
-    // The second one comes when the first one has no place any more.
-    for (status, why) in [
-        (
-            timeout(Duration::from_secs(20), silent).await,
-            "nothing of the private input came for",
-        ),
-        (
-            timeout(Duration::from_secs(20), slow).await,
-            "the private input took",
-        ),
-    ] {
-        let status = status.expect("the service waits on");
-        assert_eq!(status.code(), tonic::Code::DeadlineExceeded, "{status}");
-        assert!(status.message().contains(why), "{status}");
-    }
-    service.prove("claim").await.unwrap();
-}
-
-#[tokio::test]
-async fn a_service_that_stops_waits_for_no_private_input() {
-    let service = service(4, 0).await;
-    let silent = announcing(
-        service.address.clone(),
-        MAX_INPUT_BYTES,
-        tokio_stream::pending(),
-    );
-    let silent = tokio::spawn(silent);
-    sleep(Duration::from_millis(500)).await;
-    service.stop.send(()).unwrap();
-    let ended = timeout(Duration::from_secs(4), service.served).await;
-    ended.expect("it stops").unwrap();
-    let told = silent.await.unwrap();
-    assert_eq!(told.code(), tonic::Code::Unavailable, "{told}");
-    assert!(told.message().contains("is stopping"), "{told}");
 }
 
 /// A client asks again only where the service says that it may take the claim later.
@@ -461,29 +342,4 @@ async fn a_service_that_stops_does_not_wait_until_a_proof_is_taken() {
     service.stop.send(()).unwrap();
     let ended = timeout(Duration::from_secs(15), service.served).await;
     ended.expect("it stops").unwrap();
-}
-
-#[tokio::test]
-async fn private_inputs_that_fill_the_memory_are_refused_until_a_proof_is_done() {
-    let service = Arc::new(service(16, 0).await);
-    let all_waiting: Vec<_> = (0..4)
-        .map(|_| {
-            // The client announces the input and never sends it. The service reserves the memory all the same.
-            tokio::spawn(announcing(
-                service.address.clone(),
-                MAX_INPUT_BYTES,
-                tokio_stream::pending(),
-            ))
-        })
-        .collect();
-    sleep(Duration::from_millis(500)).await;
-    let (code, reason) = refusal(service.prove("claim").await);
-    assert_eq!(code, tonic::Code::ResourceExhausted);
-    assert!(reason.contains("fill its memory"), "{reason}");
-    for waiting in all_waiting {
-        waiting.abort();
-    }
-    sleep(Duration::from_millis(500)).await;
-    service.allowed.add_permits(1);
-    service.prove("claim").await.unwrap();
 }
