@@ -4,14 +4,17 @@
 //! An audit cannot stop at any place, and it must not see the files vanish under it: it would report them as missing from the log. So the
 //! process becomes another program, which removes the folders. That ends all threads of the audit at once.
 
-use nix::sys::signal::{SigSet, Signal};
+use std::future::pending;
 use std::io;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{self, Command};
+use std::sync::mpsc::{channel, Sender};
 use std::sync::{Mutex, MutexGuard, Once, PoisonError};
 use std::thread;
 use tempfile::TempDir;
+use tokio::runtime::Builder;
+use tokio::signal::unix::{signal, SignalKind};
 
 /// All temporary folders of this process. Some may be gone already.
 static FOLDERS: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
@@ -20,7 +23,7 @@ static FOLDERS: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 pub struct Temporary(TempDir);
 
 impl Temporary {
-    /// Makes a folder. The first call blocks the two signals in the thread that makes it, and in the threads that this one starts later.
+    /// Makes a folder. From the first call on, the two signals end the process only after the folders are removed.
     ///
     /// # Errors
     /// The folder cannot be made.
@@ -46,21 +49,38 @@ fn folders() -> MutexGuard<'static, Vec<PathBuf>> {
 
 /// Starts a thread that waits for the signals. If that is not possible, they end the process as before.
 fn listen() {
-    let mut signals = SigSet::empty();
-    signals.add(Signal::SIGINT);
-    signals.add(Signal::SIGTERM);
-    if signals.thread_block().is_err() {
+    let (sender, listening) = channel();
+    let started = thread::Builder::new().spawn(move || wait(sender));
+    if started.is_ok() {
+        // It has sent this, or has given up.
+        let _ = listening.recv();
+    }
+}
+
+/// Waits for one of the signals, and ends the process. Says on `listening` when it waits.
+fn wait(listening: Sender<()>) {
+    let Ok(runtime) = Builder::new_current_thread().enable_io().build() else {
         return;
-    }
-    let waiting = thread::Builder::new().spawn(move || {
-        if let Ok(signal) = signals.wait() {
-            // This is the exit code that a shell gives for a program that the signal has ended.
-            end(128 + signal as i32);
+    };
+    let told = async {
+        let told =
+            [SignalKind::interrupt(), SignalKind::terminate()].map(|kind| (kind, signal(kind)));
+        let _ = listening.send(());
+        let [interrupt, terminate] = told.map(|(kind, signal)| async move {
+            match signal {
+                Ok(mut signal) => drop(signal.recv().await),
+                // This one ends the process as before.
+                Err(_) => pending().await,
+            }
+            kind
+        });
+        tokio::select! {
+            kind = interrupt => kind,
+            kind = terminate => kind,
         }
-    });
-    if waiting.is_err() {
-        let _ = signals.thread_unblock();
-    }
+    };
+    // This is the exit code that a shell gives for a program that the signal has ended.
+    end(128 + runtime.block_on(told).as_raw_value());
 }
 
 /// Ends the process with this exit code, after the folders are removed.
