@@ -182,6 +182,7 @@ fn of<'a>(
             path: path.into(),
             every: Duration::from_secs(3600),
         }),
+        seen: None,
         fetch_again,
         progress: None,
     }

@@ -195,9 +195,9 @@ fn an_export_that_is_being_updated_is_not_called_rolled_back() {
 
     // A mirror that has more entries knows that the log was rolled back, whatever the statement is about.
     fs::write(out.join("checkpoint"), earlier).unwrap();
-    let rolled_back = follow(&out, &mirror).unwrap_err();
-    assert!(is_wrong(&rolled_back), "{rolled_back}");
-    assert!(rolled_back.to_string().contains("ROLLED BACK"));
+    let refused = follow(&out, &mirror).unwrap_err();
+    assert!(is_wrong(&refused), "{refused}");
+    assert!(refused.to_string().contains("ROLLED BACK"));
     // So does a state file.
     let state = at("state");
     let audit_it = Audit {

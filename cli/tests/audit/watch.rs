@@ -40,8 +40,8 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
     let said = look(1, &first, &state, &["--json"]);
     let alarm: serde_json::Value = serde_json::from_str(&said).unwrap();
     assert_eq!(alarm["event"], "alarm");
-    let text = alarm["text"].as_str().unwrap();
-    assert!(text.starts_with("ROLLED BACK"), "{text}");
+    let fault = alarm["text"].as_str().unwrap();
+    assert!(fault.starts_with("ROLLED BACK"), "{fault}");
     let (forked, fork) = (place("forked"), place("fork"));
     let mut made = Made::found(&forked, 0x0c);
     (0..3).for_each(|_| made.round());
