@@ -70,7 +70,7 @@ pub struct Info {
     pub action: VectorFeature,
     /// Video features in the file's order.
     pub cameras: Vec<Camera>,
-    /// Names of the features that hold distances (LeRobot 0.6 records depth cameras). No policy sees them, so they are not read.
+    /// Names of the features that hold distances (LeRobot 0.6 records depth cameras). SmolVLA takes colours, so they are not read.
     pub depth_maps: Vec<String>,
     /// Episodes in a folder of v2.x, at least 1.
     chunks_size: u64,
