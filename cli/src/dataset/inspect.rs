@@ -31,6 +31,8 @@ struct Summary {
     frames: usize,
     seconds: f64,
     cameras: Vec<Camera>,
+    /// Features with distances, which are not read.
+    depth_maps: Vec<String>,
     state: Vec<Joint>,
     action: Vec<Joint>,
     tasks: Vec<Task>,
@@ -98,6 +100,7 @@ impl Summary {
             frames: dataset.len(),
             seconds: dataset.len() as f64 / f64::from(dataset.fps()),
             cameras: cameras(dataset)?,
+            depth_maps: info.depth_maps.clone(),
             state: joints(&info.state, &stats.state, dataset.len(), |at| {
                 dataset.state(at)
             }),
@@ -152,6 +155,9 @@ impl Summary {
                 c.name, c.height, c.width, c.codec, c.frames_per_key
             );
             line(if i == 0 { "cameras" } else { "" }, &value);
+        }
+        for name in &self.depth_maps {
+            line("not read", &format!("{name:?}: a depth map"));
         }
         for (i, task) in self.tasks.iter().enumerate() {
             let frames = counted(task.frames as u64, "frame", "frames");

@@ -17,7 +17,7 @@
 //! SmolVLA's `delta_timestamps` (observations of this frame, and a chunk of actions from this frame on).
 //! [`Loader::new`] takes any other [`Window`]. `feature_spec` makes a digest of what kind of recording it is.
 //!
-//! The formats are those of LeRobot 0.4 (`codebase_version` v3.0, <https://huggingface.co/docs/lerobot/lerobot-dataset-v3>) and of
+//! The formats are those of LeRobot 0.4 to 0.6 (`codebase_version` v3.0, <https://huggingface.co/docs/lerobot/lerobot-dataset-v3>) and of
 //! LeRobot 0.3 (v2.1).
 
 mod episode_digest;

@@ -1,4 +1,4 @@
-//! LeRobot's `config.json` of a SmolVLA policy (`SmolVLAConfig` of LeRobot 0.3.3 to 0.4.4), as far as it concerns this
+//! LeRobot's `config.json` of a SmolVLA policy (`SmolVLAConfig` of LeRobot 0.3.3 to 0.6.1), as far as it concerns this
 //! implementation.
 
 use std::collections::BTreeMap;

@@ -2,23 +2,19 @@
 
 use std::fs;
 
+use arrow_array::RecordBatch;
 use zk0_lerobot::dataset::{Dataset, DatasetError};
 
-use crate::recordings::{recording, Copy, DATA, INFO, STATS, TOP};
+use crate::recordings::{fixtures, open, recording, Copy, DATA, INFO, STATS, TOP};
+
+const TASK_TABLE: &str = "meta/tasks.parquet";
 
 #[test]
 fn folder_and_files_that_are_not_there() {
     let error = Dataset::open(recording("nowhere")).unwrap_err().to_string();
     assert!(error.contains("nowhere: no such folder"), "{error}");
 
-    let files = [
-        INFO,
-        STATS,
-        "meta/tasks.parquet",
-        "meta/episodes",
-        DATA,
-        TOP,
-    ];
+    let files = [INFO, STATS, TASK_TABLE, "meta/episodes", DATA, TOP];
     for file in files {
         let copy = Copy::new();
         let path = copy.path(file);
@@ -99,6 +95,35 @@ fn broken_info() {
 }
 
 #[test]
+fn depth_cameras_are_named_and_not_read() {
+    // LeRobot 0.6.1 writes more keys into `info`; the older key is that of LeRobot before.
+    for key in ["is_depth_map", "video.is_depth_map"] {
+        let copy = Copy::new();
+        let describe = |says: bool| {
+            copy.edit(INFO, |bytes| {
+                let mut info: serde_json::Value = serde_json::from_slice(&bytes).unwrap();
+                info["features"]["observation.images.depth"] = serde_json::json!({
+                    "dtype": "video",
+                    "shape": [96, 128, 1],
+                    "names": ["height", "width", "channels"],
+                    "info": {key: says, "video.codec": "hevc", "video.pix_fmt": "gray12le"},
+                });
+                serde_json::to_vec(&info).unwrap()
+            });
+        };
+        describe(true);
+        let dataset = copy.open().unwrap();
+        let whole = open("so100_pickplace");
+        assert_eq!(dataset.info().depth_maps, ["observation.images.depth"]);
+        assert_eq!(dataset.cameras(), whole.cameras());
+        assert_eq!(dataset.feature_spec(10), whole.feature_spec(10));
+        describe(false);
+        copy.fails(INFO, "has shape [96, 128, 1]");
+    }
+    assert!(open("so100_pickplace").info().depth_maps.is_empty());
+}
+
+#[test]
 fn counts_that_the_files_do_not_hold() {
     let copy = Copy::new();
     copy.edit_text(INFO, "\"total_frames\": 245", "\"total_frames\": 246");
@@ -111,7 +136,49 @@ fn counts_that_the_files_do_not_hold() {
     );
     let copy = Copy::new();
     copy.edit_text(INFO, "\"total_tasks\": 1", "\"total_tasks\": 2");
-    copy.fails("meta/tasks.parquet", "does not name all 2 tasks");
+    copy.fails(TASK_TABLE, "does not name all 2 tasks");
+}
+
+/// LeRobot 0.6.1 wrote these tables (see the fixtures' README): a new one, and one of LeRobot 0.4.4 that it added a task to.
+#[test]
+fn task_tables_of_a_newer_lerobot() {
+    let older = open("so100_sorting");
+    let copy = Copy::of("so100_sorting");
+    let replace = |table: &str| {
+        let table = fixtures().join("lerobot_0_6_1").join(table);
+        fs::copy(table, copy.path(TASK_TABLE)).unwrap();
+    };
+    replace("tasks.parquet");
+    assert_eq!(copy.open().unwrap().tasks(), older.tasks());
+
+    replace("tasks_added.parquet");
+    copy.edit_text(INFO, "\"total_tasks\": 2", "\"total_tasks\": 3");
+    let added = copy.open().unwrap();
+    assert_eq!(&added.tasks()[..2], older.tasks());
+    assert_eq!(added.tasks()[2], "Put both cubes on the red plate.");
+}
+
+#[test]
+fn task_strings_in_two_columns_or_in_none() {
+    let index = "__index_level_0__";
+    let table_with = |names: &[&str]| {
+        let copy = Copy::new();
+        copy.edit_table(TASK_TABLE, |table| {
+            let column = |name: &str| table.column_by_name(name).unwrap().clone();
+            let strings = names.iter().map(|name| (*name, column(index)));
+            let columns = strings.chain([("task_index", column("task_index"))]);
+            vec![RecordBatch::try_from_iter(columns).unwrap()]
+        });
+        copy
+    };
+    for name in [index, "task"] {
+        let tasks = table_with(&[name]).open().unwrap().tasks().to_vec();
+        assert_eq!(tasks, open("so100_pickplace").tasks(), "{name}");
+    }
+    let both = "has two columns of task strings, \"task\" and \"__index_level_0__\"";
+    table_with(&["task", index]).fails(TASK_TABLE, both);
+    let neither = "has no column of task strings: LeRobot 0.5 and later write \"task\", LeRobot 0.4 wrote \"__index_level_0__\"";
+    table_with(&["tasks"]).fails(TASK_TABLE, neither);
 }
 
 #[test]

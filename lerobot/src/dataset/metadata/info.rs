@@ -70,6 +70,8 @@ pub struct Info {
     pub action: VectorFeature,
     /// Video features in the file's order.
     pub cameras: Vec<Camera>,
+    /// Names of the features that hold distances (LeRobot 0.6 records depth cameras). SmolVLA takes colours, so they are not read.
+    pub depth_maps: Vec<String>,
     /// Episodes in a folder of v2.x, at least 1.
     chunks_size: u64,
     data_path: String,
@@ -114,6 +116,19 @@ struct RawFeature {
     dtype: String,
     shape: Vec<usize>,
     names: Option<Value>,
+    /// What LeRobot knows of a video. Its form has changed over time, so it is read key by key.
+    info: Option<Value>,
+}
+
+impl RawFeature {
+    /// Whether it holds a distance for each pixel, and no colour.
+    fn is_depth_map(&self) -> bool {
+        let says = |key: &str| {
+            let info = self.info.as_ref();
+            info.and_then(|info| info.get(key)).and_then(Value::as_bool) == Some(true)
+        };
+        says("is_depth_map") || says("video.is_depth_map")
+    }
 }
 
 /// The cameras' order matters to the policy, so the map is kept as the list that it is written as.
@@ -183,11 +198,13 @@ impl Info {
             return Err("chunks_size is 0, expected at least 1".into());
         }
         let mut cameras: Vec<Camera> = Vec::new();
+        let mut depth_maps = Vec::new();
         let (mut state, mut action) = (None, None);
         for (name, feature) in raw.features.0 {
             match (name.as_str(), feature.dtype.as_str()) {
                 (STATE, _) => state = Some(vector(&name, &feature)?),
                 (ACTION, _) => action = Some(vector(&name, &feature)?),
+                (_, "video" | "image") if feature.is_depth_map() => depth_maps.push(name),
                 (_, "video") => {
                     if cameras.iter().any(|c| c.name == name) {
                         return Err(format!("feature {} is there twice", quoted(&name)));
@@ -216,6 +233,7 @@ impl Info {
             state: state.ok_or(format!("has no feature {STATE}"))?,
             action: action.ok_or(format!("has no feature {ACTION}"))?,
             cameras,
+            depth_maps,
             chunks_size,
             data_path: raw.data_path,
             video_path: raw.video_path.unwrap_or_default(),

@@ -12,14 +12,14 @@ use crate::dataset::{DatasetError, Info};
 
 /// Task strings by `task_index`.
 pub(crate) fn read_tasks(root: &Path, info: &Info) -> Result<Vec<String>, DatasetError> {
-    const TASK: &str = "__index_level_0__"; // the pandas index, which is how LeRobot stores it
     let mut tasks = Tasks::new(info);
     let path = if info.format < Format::V30 {
         read_jsonl(root, &mut tasks)?
     } else {
         let path = root.join("meta/tasks.parquet");
-        columns::read(&path, &["task_index", TASK], 1, |batch| {
-            for (&index, task) in batch.ints("task_index")?.iter().zip(batch.strings(TASK)?) {
+        let column = task_column(&path)?;
+        columns::read(&path, &["task_index", column], 1, |batch| {
+            for (&index, task) in batch.ints("task_index")?.iter().zip(batch.strings(column)?) {
                 tasks.add(&path, index, task)?;
             }
             Ok(())
@@ -27,6 +27,25 @@ pub(crate) fn read_tasks(root: &Path, info: &Info) -> Result<Vec<String>, Datase
         path
     };
     tasks.complete(path)
+}
+
+/// The column of the task strings. They are the index of the table that LeRobot writes by pandas. LeRobot gives it a name from 0.5 on, and
+/// pandas gave it one before.
+fn task_column(path: &Path) -> Result<&'static str, DatasetError> {
+    const SINCE_0_5: &str = "task";
+    const BEFORE: &str = "__index_level_0__";
+    let found = columns::present(path, &[SINCE_0_5, BEFORE])?;
+    let cause = match found[..] {
+        [column] => return Ok(column),
+        [] => format!(
+            "has no column of task strings: LeRobot 0.5 and later write {SINCE_0_5:?}, LeRobot 0.4 wrote {BEFORE:?}"
+        ),
+        _ => format!(
+            "has two columns of task strings, {SINCE_0_5:?} and {BEFORE:?}; LeRobot 0.5 and later write the first alone, LeRobot 0.4 \
+             wrote the second alone; remove the wrong one"
+        ),
+    };
+    Err(DatasetError::parquet(path, cause))
 }
 
 /// Most bytes of task strings.

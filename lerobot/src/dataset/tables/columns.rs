@@ -61,6 +61,20 @@ pub(crate) fn read(
     Ok(())
 }
 
+/// Those of `names` that are columns of a parquet file.
+///
+/// # Errors
+/// The file is missing or damaged.
+pub(crate) fn present<'a>(path: &Path, names: &[&'a str]) -> Result<Vec<&'a str>, DatasetError> {
+    let file = File::open(path).map_err(|e| DatasetError::io(path, e))?;
+    let builder = guarded(path, || ParquetRecordBatchReaderBuilder::try_new(file))?;
+    let fields = builder.parquet_schema().root_schema().get_fields();
+    let names = names.iter().copied();
+    Ok(names
+        .filter(|name| fields.iter().any(|f| f.name() == *name))
+        .collect())
+}
+
 /// Runs a step of the parquet crate, which panics on some damaged files instead of giving an error.
 fn guarded<T, E: std::fmt::Display>(
     path: &Path,
