@@ -38,8 +38,8 @@ network: setup
 	$(RUST) cargo build --release --workspace --locked --features zk0/network --bin zk0
 	$(RUST) cargo test --release --workspace --locked --features zk0/network --test prover_network
 
-# Builds the container image `zk0`, and tries it as docs/services.md says to run it. This needs Podman, and installs nothing outside the image. All is compiled
-# anew, which takes as long as the first `make build`.
+# Builds the container image `zk0`, and tries it as docs/services.md says to run it. This needs Podman, and installs nothing outside the image. The first
+# time, all is compiled, which takes as long as the first `make build`. What is compiled stays in Podman's cache for the next time.
 image:
 	podman build --file packaging/Containerfile --tag zk0 .
 	scripts/try-image

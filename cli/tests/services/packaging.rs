@@ -185,7 +185,7 @@ fn the_container_file_installs_what_make_builds_and_drops_its_rights() {
         .filter(|step| step.starts_with("FROM "))
         .collect();
     assert_eq!(stages.len(), 2, "{stages:?}");
-    let build = at("RUN make build && cp /target/release/zk0 /usr/local/bin/zk0");
+    let build = at("    make build && cp /target/release/zk0 /usr/local/bin/zk0");
     let installs = at("COPY --from=build /usr/local/bin/zk0 /usr/local/bin/zk0");
     let drops = at("USER 7071:7071");
     assert!(build < installs && installs < drops);
