@@ -41,7 +41,7 @@ impl Held {
         let held = Self {
             begun,
             may: may.clone(),
-            prover: NoProver::default(),
+            prover: NoProver,
         };
         (held, begins, may)
     }
@@ -156,7 +156,7 @@ fn a_node_whose_proving_service_is_killed_goes_on_when_it_is_back() {
     warns(&node, &address, "`zk0 prover serve` runs it. The node");
 
     let listen = address.strip_prefix("http://").unwrap();
-    let _again = Prover::start(NoProver::default(), 4, listen, None);
+    let _again = Prover::start(NoProver, 4, listen, None);
     node.says(DECIDED);
     answered(&network, node, aggregator);
 }

@@ -194,11 +194,12 @@ fn a_node_whose_answer_was_lost_submits_the_same_proof_again() {
             // The answer was faster than the relay.
             continue;
         }
-        // A node that has lost its proof can only wait for the close.
+        // A node that has lost its proof can only wait for the close, if its proving service has not kept it either.
+        let forgetful = network.prover();
         let proof = network.path("node-state/unfinished-proof");
         let moved = network.path("proof");
         fs::rename(&proof, &moved).unwrap();
-        node = start("node", relayed);
+        node = Process::start(&join(&network, "node", relayed, &forgetful.address));
         node.says(NOTHING_MORE);
         node.kill();
 
