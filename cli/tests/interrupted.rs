@@ -28,7 +28,9 @@ fn founded() -> LocalNetwork {
     let network = LocalNetwork::new();
     let claims = ["--min-eval-samples", "16", "--min-improvement-bps", "1"];
     let test = ["--confidence", "95%", "--mode", "succinct"];
-    network.found(&[&claims[..], &test].concat());
+    // Training takes a minute on a busy machine.
+    let windows = ["--commit-minutes", "10", "--submit-minutes", "10"];
+    network.found(&[&claims[..], &test, &windows].concat());
     network
 }
 

@@ -81,13 +81,16 @@ impl LocalNetwork {
         arguments
     }
 
-    /// Founds a network of one node; a round lasts a minute at most.
+    /// Founds a network of one node. A round lasts a minute at most, unless `more` has `--commit-minutes` and `--submit-minutes`.
     #[track_caller]
     pub fn found(&self, more: &[&str]) -> String {
         let node = keys::generate(Path::new(&self.path("node.key"))).unwrap();
         let node = format!("node={node}");
-        let windows = ["--commit-minutes", "1", "--submit-minutes", "1"];
-        let more = [&["--node", &node], &windows[..], more].concat();
+        let windows = match more.contains(&"--commit-minutes") {
+            true => &[][..],
+            false => &["--commit-minutes", "1", "--submit-minutes", "1"],
+        };
+        let more = [&["--node", &node], windows, more].concat();
         logs(&words(&self.founding(&more)))
     }
 
