@@ -1,5 +1,6 @@
 //! `zk0 audit`: check a ledger without trusting anybody. The auditor's light build has this and [`crate::ledger`].
 
+mod failed;
 mod named_options;
 mod progress_bar;
 mod proof;
@@ -11,7 +12,7 @@ mod watch;
 
 use crate::output;
 use anyhow::Result;
-use std::fmt;
+use failed::Failed;
 use std::process::ExitCode;
 use zk0_audit::fetch::is_fault;
 use zk0_audit::log_source::WrongUsage;
@@ -61,16 +62,6 @@ pub fn run(command: &Command) -> Result<ExitCode> {
         error.context(Failed(why.into()))
     })?;
     Ok(ExitCode::FAILURE)
-}
-
-/// What an error says first if something is wrong with what was audited. The exit code is that of the verdict FAILED.
-#[derive(Debug)]
-struct Failed(String);
-
-impl fmt::Display for Failed {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0)
-    }
 }
 
 impl Command {

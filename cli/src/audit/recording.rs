@@ -1,7 +1,7 @@
 //! `zk0 audit recording`: compares a registered dataset with the recording that it is of. For an auditor to whom the node has given both
 //! the recording and its salt.
 
-use super::Failed;
+use super::failed::Failed;
 use crate::dataset::RecordingName;
 use crate::ledger::TrustOptions;
 use crate::output::println;

@@ -2,7 +2,7 @@
 
 use super::named_options::NamedOptions;
 use super::progress_bar::Bar;
-use super::Failed;
+use super::failed::Failed;
 use crate::ledger::TrustOptions;
 use crate::output::{self, print, println};
 use anyhow::{anyhow, Context, Result};
