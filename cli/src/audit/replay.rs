@@ -1,8 +1,8 @@
 //! `zk0 audit replay`: an audit of the whole ledger, or of what an earlier audit has not seen.
 
+use super::failed::Failed;
 use super::named_options::NamedOptions;
 use super::progress_bar::Bar;
-use super::failed::Failed;
 use crate::ledger::TrustOptions;
 use crate::output::{self, print, println};
 use anyhow::{anyhow, Context, Result};
