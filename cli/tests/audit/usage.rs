@@ -73,16 +73,8 @@ fn a_watch_does_not_wait_for_a_folder_that_is_not_there() {
 fn the_aggregators_own_port_is_told_from_a_log() {
     let scratch = tempfile::tempdir().unwrap();
     let dir = scratch.path().join("ledger");
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = format!("http://{}", listener.local_addr().unwrap());
-    thread::spawn(move || {
-        for stream in listener.incoming() {
-            let mut stream = stream.unwrap();
-            assert!(stream.read(&mut [0; 1 << 12]).unwrap() > 0);
-            // A server of HTTP/2 begins with its settings.
-            stream.write_all(&[0, 0, 0, 4, 0, 0, 0, 0, 0]).unwrap();
-        }
-    });
+    // A server of HTTP/2 begins with its settings.
+    let address = answers(vec![0, 0, 0, 4, 0, 0, 0, 0, 0]);
     for (code, arguments) in [
         (4, &["audit", "replay", &address][..]),
         (1, &["ledger", "import", &address, text(&dir)][..]),
@@ -92,17 +84,15 @@ fn the_aggregators_own_port_is_told_from_a_log() {
     }
 }
 
-/// A server that answers each request with this page, whatever it is for.
-fn answers(page: &'static str) -> String {
+/// A server that answers each request with these bytes, whatever it is for. Returns its address.
+fn answers(bytes: Vec<u8>) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = format!("http://{}", listener.local_addr().unwrap());
     thread::spawn(move || {
         for stream in listener.incoming() {
             let mut stream = stream.unwrap();
             assert!(stream.read(&mut [0; 1 << 12]).unwrap() > 0);
-            let (length, more) = (page.len(), "content-type: text/html\r\nconnection: close");
-            let head = format!("HTTP/1.1 200 OK\r\ncontent-length: {length}\r\n{more}\r\n\r\n");
-            stream.write_all((head + page).as_bytes()).unwrap();
+            stream.write_all(&bytes).unwrap();
         }
     });
     address
@@ -110,7 +100,13 @@ fn answers(page: &'static str) -> String {
 
 #[test]
 fn a_page_for_browsers_is_no_log_but_a_checkpoint_of_another_log_is_a_fault() {
-    let address = answers("<!doctype html>\n<html><body>Welcome</body></html>\n");
+    let page = "<!doctype html>\n<html><body>Welcome</body></html>\n";
+    let more = "content-type: text/html\r\nconnection: close";
+    let head = format!(
+        "HTTP/1.1 200 OK\r\ncontent-length: {}\r\n{more}\r\n\r\n",
+        page.len()
+    );
+    let address = answers((head + page).into_bytes());
     let (said, why) = ends(4, &["audit", "replay", &address]);
     assert!(why.contains("this is not a signed note"), "{why}");
     assert!(said.is_empty(), "{said}");

@@ -231,7 +231,8 @@ async fn a_full_queue_refuses_and_accepts_again_when_a_proof_is_done() {
         })
         .collect();
     sleep(Duration::from_millis(500)).await;
-    let (code, reason) = refusal(service.prove("third").await);
+    let third = timeout(Duration::from_secs(20), service.prove("third")).await;
+    let (code, reason) = refusal(third.expect("the full queue refuses at once"));
     assert_eq!(code, tonic::Code::ResourceExhausted);
     assert!(reason.contains("queue is full"), "{reason}");
 
