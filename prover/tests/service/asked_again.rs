@@ -124,14 +124,15 @@ async fn a_proof_that_nobody_took_outlives_those_that_are_taken() {
     assert_eq!(service.begun(), 3);
 }
 
-/// Bytes that move from one buffer to the next, and another program, make another request.
+/// Bytes that move from one buffer to the next, and another program, make another request. Each is compared with the one before it, whose
+/// proof is the newest and so is kept.
 #[tokio::test]
 async fn a_proof_is_kept_for_the_same_request_alone() {
     let service = service(4, 3).await;
     let same = input(vec![b"ab".to_vec(), b"c".to_vec()]);
     let requests = [
-        same.clone(),
         input(vec![b"a".to_vec(), b"bc".to_vec()]),
+        same.clone(),
         GuestInput {
             mode: Mode::Direct,
             ..same
