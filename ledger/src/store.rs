@@ -94,6 +94,10 @@ impl Store {
 
     /// Opens a snapshot for reading, while another process may write, or on a read-only file system. This writes nothing.
     pub fn open_read_only(path: &Path) -> Result<Self, LedgerError> {
+        if !path.exists() {
+            // RocksDB would make the folder, and then fail. What has to be made there would seem to be there.
+            return Err(LedgerError::NoLedger(path.into()));
+        }
         Ok(Self {
             db: DB::open_for_read_only(&options(), path, false)?,
         })

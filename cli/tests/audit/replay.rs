@@ -116,6 +116,21 @@ fn each_verdict_has_an_exit_code_of_its_own() {
 }
 
 #[test]
+fn the_first_audit_into_a_mirror_may_name_the_network() {
+    let scratch = tempfile::tempdir().unwrap();
+    let place = |name: &str| scratch.path().join(name);
+    let (out, mirror) = (place("out"), place("mirror"));
+    export(Path::new(LEDGER), &out);
+    let shown = json(0, &["audit", "show", LEDGER, "--json"]);
+    let network = shown["network"]["id"].as_str().unwrap();
+    let replay = ["audit", "replay", text(&out), "--mirror", text(&mirror)];
+    let named = ["--network", network];
+    for _ in 0..2 {
+        ends(0, &[&replay[..], &named].concat());
+    }
+}
+
+#[test]
 fn the_auditors_own_disk_is_not_taken_for_the_ledger() {
     let scratch = tempfile::tempdir().unwrap();
     let place = |name: &str| scratch.path().join(name);
