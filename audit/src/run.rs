@@ -7,13 +7,14 @@ use crate::log_source::WrongUsage;
 use crate::named::Named;
 use crate::report::verdict::Audited;
 use anyhow::{anyhow, Result};
+use std::collections::BTreeSet;
 use std::num::NonZeroUsize;
 use std::path::Path;
 use zk0_circuits::Digest;
 use zk0_files::atomic_file;
 use zk0_ledger::error::LedgerError;
 use zk0_ledger::replay::{
-    self, replay_with, Finding, Keep, Options as Replaying, Saved, SavedError,
+    self, replay_with, Finding, Keep, Options as Replaying, Report, Saved, SavedError,
 };
 use zk0_ledger::Blobs;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
@@ -68,17 +69,14 @@ impl Audit<'_> {
     pub fn run(&self, dir: &Path) -> Result<Audited> {
         let (mut audited, mut auditor) = self.once(dir)?;
         if let Some(fetch_again) = self.fetch_again.filter(|_| !auditor.damaged().is_empty()) {
-            let blobs = Blobs::at(dir);
-            for blob in auditor.damaged() {
-                if blobs.remove_damaged(blob)? {
-                    let path = blobs.path(blob);
-                    tracing::warn!("{} is damaged, and is fetched again", path.display());
-                }
+            match mend(&Blobs::at(dir), auditor.damaged(), fetch_again) {
+                Ok(()) => (audited, auditor) = self.once(dir)?,
+                Err(error) if audited.holds() => return Err(error),
+                // What is wrong is said, whatever else could not be fetched.
+                Err(error) => tracing::warn!("what is damaged is not fetched again: {error:#}"),
             }
-            fetch_again()?;
-            (audited, auditor) = self.once(dir)?;
         }
-        match auditor.not_read() {
+        match not_read(&auditor, &audited.report) {
             // What is wrong is said, whatever else could not be read.
             Some(not_read) if audited.holds() => Err(unjudged(&not_read)),
             _ => Ok(audited),
@@ -163,8 +161,31 @@ impl Audit<'_> {
     }
 }
 
+/// Copies the damaged blobs of a copy again.
+///
+/// # Errors
+/// A damaged file cannot be removed, or the copy cannot be brought up to date.
+pub fn mend(
+    blobs: &Blobs,
+    damaged: &BTreeSet<Digest>,
+    fetch_again: &dyn Fn() -> Result<()>,
+) -> Result<()> {
+    for blob in damaged {
+        if blobs.remove_damaged(blob)? {
+            let path = blobs.path(blob);
+            tracing::warn!("{} is damaged, and is fetched again", path.display());
+        }
+    }
+    fetch_again()
+}
+
+/// What a disk has kept from being checked; `None` if everything could be read.
+pub(crate) fn not_read(auditor: &Auditor, report: &Report) -> Option<Finding> {
+    report.unread.clone().or_else(|| auditor.not_read())
+}
+
 /// Why there is no verdict, although nothing is known to be wrong.
-pub(crate) fn unjudged(not_read: &Finding) -> anyhow::Error {
+pub fn unjudged(not_read: &Finding) -> anyhow::Error {
     let place = not_read.index.map(|index| format!("entry {index}: "));
     anyhow!(
         "there is no verdict, because not all of the ledger's files can be read on this machine: {}{}. See to the disk, or put the file back, \

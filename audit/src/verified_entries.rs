@@ -4,7 +4,7 @@ use crate::auditor::Auditor;
 use crate::depth::Depth;
 use crate::report::history;
 use crate::report::verdict::Audited;
-use crate::run::unjudged;
+use crate::run::{not_read, unjudged};
 use anyhow::{Context, Result};
 use std::path::Path;
 use zk0_circuits::Digest;
@@ -16,6 +16,9 @@ use zk0_protocol::Entry;
 /// There is no ledger.
 pub fn network_id(dir: &Path) -> Result<Digest> {
     let report = zk0_ledger::replay(dir, None, &mut ());
+    if let Some(unread) = &report.unread {
+        return Err(unjudged(unread));
+    }
     let id = report
         .network
         .with_context(|| format!("{} does not hold a ledger", dir.display()))?;
@@ -34,7 +37,7 @@ pub fn verified_entries(dir: &Path) -> Result<(Vec<Entry>, Audited)> {
         entries.push(entry.clone());
     })?;
     let audited = Audited::new(report, Depth::Full, &auditor);
-    match auditor.not_read() {
+    match not_read(&auditor, &audited.report) {
         Some(not_read) if audited.holds() => Err(unjudged(&not_read)),
         _ => Ok((entries, audited)),
     }

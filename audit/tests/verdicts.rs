@@ -280,7 +280,23 @@ fn a_damaged_blob_of_a_copy_is_fetched_again_before_anybody_judges() {
     let error = of(None, Some(&damages)).run(mirror.path()).unwrap_err();
     assert!(error.to_string().contains("there is no verdict"), "{error}");
     assert!(!is_fault(&error));
+    // A fault elsewhere is said, also when nothing can be fetched.
+    let away = || -> anyhow::Result<()> { anyhow::bail!("the log gives no answer") };
+    fs::write(&proof, flipped(&whole)).unwrap();
+    let error = of(None, Some(&away)).run(mirror.path()).unwrap_err();
+    assert!(error.to_string().contains("no answer"), "{error}");
+    again().unwrap();
+    fs::write(&proof, flipped(&whole)).unwrap();
+    let [.., update] = some_blobs(ledger.path());
+    let of_mirror = mirror
+        .path()
+        .join("blobs/sha256")
+        .join(update.file_name().unwrap());
+    fs::remove_file(&of_mirror).unwrap();
+    let audited = of(None, Some(&away)).run(mirror.path()).unwrap();
+    assert_eq!(audited.verdict, Verdict::Failed, "{:?}", audited.findings);
     // Whoever serves the damaged blob is at fault.
+    fs::write(&proof, flipped(&whole)).unwrap();
     let served = ledger
         .path()
         .join("blobs/sha256")

@@ -4,9 +4,10 @@
 mod harness;
 
 use harness::network::LocalNetwork;
-use harness::{copy, ends, logged, printed, root, zk0, RECORDING};
+use harness::{copy, ends, logged, printed, prints, root, zk0, RECORDING};
 use std::fs;
 use std::path::{Path, PathBuf};
+use zk0_ledger::Blobs;
 use zk0_protocol::entries::entry::Body;
 
 /// The number of the entry that registered the dataset.
@@ -25,19 +26,14 @@ fn compared(
     recording: &str,
     salt: &str,
 ) -> String {
-    let (ledger, entry) = (network.path("ledger"), entry.to_string());
-    let arguments = [
-        "audit",
-        "recording",
-        &ledger,
-        "--entry",
-        &entry,
-        "--recording",
-        recording,
-        "--salt",
-        salt,
-        "--no-cache",
-    ];
+    let entry = entry.to_string();
+    let of = ["--entry", &entry, "--recording", recording, "--salt", salt];
+    compared_with(&[&network.path("ledger")], code, &of)
+}
+
+/// [`compared`], with the ledger named like this.
+fn compared_with(ledger: &[&str], code: i32, of: &[&str]) -> String {
+    let arguments = [&["audit", "recording", "--no-cache"], ledger, of].concat();
     let output = ends(code, zk0(&arguments));
     printed(&output) + &logged(&output)
 }
@@ -93,6 +89,49 @@ fn an_auditor_with_the_recording_finds_the_registered_samples() {
     assert!(said.contains("there is no entry 99"), "{said}");
     let said = compared(&network, 2, entry, "no-such-recording", &salt);
     assert!(said.contains("there is no such folder"), "{said}");
+}
+
+/// A damaged blob of the auditor's own copy says nothing about the ledger.
+#[test]
+fn a_damaged_blob_of_the_auditors_copy_is_fetched_again() {
+    let network = LocalNetwork::new();
+    network.found(&["--min-dataset-samples", "20", "--evaluation-frames", "30"]);
+    network.joins(0, &[]);
+    let (entry, salt) = (registration(&network), network.path("state/salt"));
+    let (export, mirror) = (network.path("export"), network.path("mirror"));
+    prints(&["ledger", "export", &network.path("ledger"), &export]);
+    let number = entry.to_string();
+    let of = [
+        "--entry",
+        &number,
+        "--recording",
+        RECORDING,
+        "--salt",
+        &salt,
+    ];
+    let compared = |code| compared_with(&[&export, "--mirror", &mirror], code, &of);
+    let said = compared(0);
+    assert!(said.contains("VERIFIED"), "{said}");
+    let Body::DatasetCommitted(registered) = &network.entries()[entry].body else {
+        unreachable!()
+    };
+    let of_folder = |folder: &str| {
+        let blobs = Blobs::at(Path::new(folder));
+        blobs.path(&registered.statement.leaves)
+    };
+    let leaves = of_folder(&mirror);
+    let whole = fs::read(&leaves).unwrap();
+    let mut changed = whole.clone();
+    changed[0] ^= 1;
+    fs::write(&leaves, &changed).unwrap();
+    let said = compared(0);
+    assert!(said.contains("is damaged, and is fetched again"), "{said}");
+    assert_eq!(fs::read(&leaves).unwrap(), whole);
+    // Whoever serves the damaged blob is at fault.
+    fs::write(&leaves, &changed).unwrap();
+    fs::write(of_folder(&export), &changed).unwrap();
+    let said = compared(1);
+    assert!(said.contains("SHA-256"), "{said}");
 }
 
 #[test]

@@ -75,6 +75,17 @@ fn an_audit_says_the_same_wherever_the_ledger_is_read() {
     prints(&["ledger", "fsck", text(&mirror)]);
     let said = prints(&[&import[..], &["--check"]].concat());
     assert!(said.contains("0 blobs were damaged; 0 fetched"), "{said}");
+    // What the export does not have any more is lost.
+    let import = ["ledger", "import", text(&out), text(&mirror), "--check"];
+    fs::write(blob.path(), b"changed").unwrap();
+    let served = out.join("blobs/sha256").join(blob.file_name());
+    let whole = fs::read(&served).unwrap();
+    fs::remove_file(&served).unwrap();
+    fails(&import, "does not have it");
+    assert!(!blob.path().exists());
+    fs::write(&served, whole).unwrap();
+    prints(&import);
+    prints(&["ledger", "fsck", text(&mirror)]);
 }
 
 #[test]

@@ -103,10 +103,21 @@ pub enum LedgerError {
     Io { path: PathBuf, error: io::Error },
 }
 
+impl LedgerError {
+    /// Whether a disk has failed, which says nothing about the ledger.
+    pub(crate) fn is_of_disk(&self) -> bool {
+        match self {
+            Self::Io { .. } => true,
+            Self::Database(error) => error.kind() == ErrorKind::IOError,
+            _ => false,
+        }
+    }
+}
+
 /// What to do where a database has another checkpoint than the published one.
 fn if_published(published: u64, size: u64) -> &'static str {
     match published < size {
-        true => "If the aggregator was killed, start it once",
+        true => "If the aggregator was killed, start it once. If this is a copy and `zk0 ledger import` was interrupted there, run it again",
         false => "The database was rolled back or damaged: restore the newest copy",
     }
 }

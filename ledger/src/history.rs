@@ -7,7 +7,7 @@ use crate::store::Store;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::path::Path;
-use tlog_tiles::tlog::{record_hash, stored_hash_index, Hash, HashReader};
+use tlog_tiles::tlog::{record_hash, stored_hash_index, Hash};
 use zk0_circuits::Digest;
 use zk0_protocol::entries::authentic::AuthenticEntry;
 use zk0_protocol::entries::entry::needs_checkpoint;
@@ -60,7 +60,7 @@ impl History {
                 let hashes = tree.push_leaf(read.leaf)?;
                 let positions: Vec<u64> =
                     (stored_hash_index(0, index)..).take(hashes.len()).collect();
-                if store.read_hashes(&positions).ok().as_ref() != Some(&hashes) {
+                if store.hashes(&positions)?.as_ref() != Some(&hashes) {
                     return Err(bad(index, "its tree hashes are missing or wrong".into()));
                 }
                 let root = tree.root()?;

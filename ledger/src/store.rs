@@ -163,6 +163,15 @@ impl Store {
         Ok(self.db.write_opt(batch.0, &durable)?)
     }
 
+    /// The tree's hashes at these stored positions; `None` if one of them is missing.
+    pub fn hashes(&self, positions: &[u64]) -> Result<Option<Vec<Hash>>, LedgerError> {
+        let read = |position: &u64| {
+            let bytes = self.get(Key::Hash(*position))?;
+            Ok(bytes.and_then(|bytes| Some(Hash(bytes.try_into().ok()?))))
+        };
+        positions.iter().map(read).collect()
+    }
+
     fn get(&self, key: Key) -> Result<Option<Vec<u8>>, LedgerError> {
         Ok(self.db.get(key.bytes())?)
     }
@@ -170,15 +179,8 @@ impl Store {
 
 impl HashReader for Store {
     fn read_hashes(&self, positions: &[u64]) -> Result<Vec<Hash>, TreeError> {
-        let read = |position: &u64| {
-            let bytes = self.get(Key::Hash(*position)).ok().flatten()?;
-            Some(Hash(bytes.try_into().ok()?))
-        };
-        positions
-            .iter()
-            .map(read)
-            .collect::<Option<_>>()
-            .ok_or(TreeError::IndexesNotInTree)
+        let hashes = self.hashes(positions).ok().flatten();
+        hashes.ok_or(TreeError::IndexesNotInTree)
     }
 }
 

@@ -216,3 +216,22 @@ fn nothing_remains_of_parts_of_another_blob() {
 fn parts(dir: &std::path::Path) -> usize {
     fs::read_dir(dir.join("blobs/partial")).unwrap().count()
 }
+
+#[test]
+fn damaged_blobs_are_removed_and_unreadable_ones_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let blobs = Blobs::at(dir.path());
+    let [whole, damaged, unreadable] =
+        [[1; 9], [2; 9], [3; 9]].map(|bytes| blobs.put(&bytes).unwrap());
+    fs::write(blobs.path(&damaged), b"else").unwrap();
+    fs::remove_file(blobs.path(&unreadable)).unwrap();
+    fs::create_dir(blobs.path(&unreadable)).unwrap();
+    let done = blobs.remove_all_damaged().unwrap();
+    assert_eq!(done.removed, [damaged]);
+    assert!(!blobs.contains(&damaged) && blobs.contains(&whole));
+    let [named] = &done.unreadable[..] else {
+        panic!("{done:?}")
+    };
+    assert_eq!(named.blob, unreadable);
+    assert!(named.to_string().contains("is damaged"), "{named}");
+}

@@ -1,17 +1,20 @@
 //! The writer on a file system that fails (`shim/failing_fs.c`, in LD_PRELOAD): each of the calls that change a file in the
 //! ledger's folder fails once, or fails with all later calls, or stops half-way when the process is killed. Nothing that was
-//! acknowledged is lost, and the log signs only one history. The test needs a C compiler, as Rust does, but neither strace nor root.
+//! acknowledged is lost, and the log signs only one history. An auditor whose disk fails does not take that for a fault of the ledger. The
+//! tests need a C compiler, as Rust does, but neither strace nor root.
 #![cfg(target_os = "linux")]
 
 mod network;
 
+use network::long::Long;
 use network::scenario::{
-    check, child, run_as_child, said, scratch as memory, Said, ENTRIES, STOPPED,
+    check, child, run_as_child, said, scratch as memory, Said, ENTRIES, FOLDER, STOPPED,
 };
 use std::fs;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus};
+use zk0_ledger::replay::{replay, Verdict};
 
 const EIO: i32 = 5;
 const ENOSPC: i32 = 28;
@@ -21,6 +24,22 @@ const ENOSPC: i32 = 28;
 #[ignore = "run by other tests as a child process"]
 fn the_scenario() {
     run_as_child();
+}
+
+/// This is not a test of its own, either. It replays a ledger, and says what came of it.
+#[test]
+#[ignore = "run by another test as a child process"]
+fn the_replay() {
+    let Some(dir) = std::env::var_os(FOLDER) else {
+        return;
+    };
+    let report = replay(Path::new(&dir), None, &mut ());
+    let came = match (report.verdict, report.unread) {
+        (Verdict::Verified, None) => "verified".to_owned(),
+        (Verdict::Incomplete, Some(_)) => "unread".to_owned(),
+        (verdict, _) => format!("{verdict:?}: {:?}", report.findings),
+    };
+    println!("\nit is {came}");
 }
 
 /// The compiled file system that fails.
@@ -127,4 +146,50 @@ fn writes_that_take_half_of_what_they_are_given_go_on_with_the_rest() {
     assert!(status.success(), "{status}: {complained}");
     assert_eq!(said.receipts.len(), ENTRIES);
     check(&dir, &said, "short writes");
+}
+
+/// Replays the ledger in `dir`, where the read with this number fails. Returns what came of it, and how many reads there were.
+fn replayed(shim: &Shim, dir: &Path, at: u64) -> (String, u64) {
+    let count = dir.with_file_name("count");
+    let output = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", "the_replay", "--ignored", "--nocapture"])
+        .env(FOLDER, dir)
+        .env("LD_PRELOAD", &shim.library)
+        .env("ZK0_FAULT_OF", "reads")
+        .env("ZK0_FAULT_IN", dir)
+        .env("ZK0_FAULT", format!("error={EIO}"))
+        .env("ZK0_FAULT_AT", at.to_string())
+        .env("ZK0_FAULT_COUNT", &count)
+        .output()
+        .unwrap();
+    let said = String::from_utf8(output.stdout).unwrap();
+    let came = said.lines().find_map(|line| line.strip_prefix("it is "));
+    let complained = String::from_utf8_lossy(&output.stderr);
+    let came = came.unwrap_or_else(|| panic!("{said}{complained}"));
+    let reads = fs::read_to_string(count).unwrap();
+    (came.to_owned(), reads.trim().parse().unwrap())
+}
+
+#[test]
+fn a_read_that_fails_is_no_fault_of_the_ledger() {
+    let (shim, scratch) = (Shim::new(), memory());
+    let dir = scratch.path().join("ledger");
+    let mut long = Long::found(&dir, 1);
+    long.rounds(5);
+    drop(long);
+    // When the database is opened for writing, the entries move to a file of which RocksDB reads one block at a time.
+    drop(rocksdb::DB::open(&rocksdb::Options::default(), dir.join("log")).unwrap());
+    let (came, reads) = replayed(&shim, &dir, 0);
+    assert_eq!(came, "verified");
+    let mut unread = 0;
+    for at in 1..=reads {
+        match &*replayed(&shim, &dir, at).0 {
+            // RocksDB asks again, or can do without.
+            "verified" => {}
+            "unread" => unread += 1,
+            other => panic!("read {at} of {reads}: {other}"),
+        }
+    }
+    println!("{reads} reads, {unread} times the ledger could not be read");
+    assert!(unread > 20, "this tests little");
 }

@@ -79,15 +79,20 @@ fn wait(listening: Sender<()>) {
             kind = terminate => kind,
         }
     };
-    // This is the exit code that a shell gives for a program that the signal has ended.
-    end(128 + runtime.block_on(told).as_raw_value());
+    end(runtime.block_on(told).as_raw_value());
 }
 
-/// Ends the process with this exit code, after the folders are removed.
-fn end(code: i32) -> ! {
+/// Ends the process by this signal, after the folders are removed. Whoever has started it sees that a signal has ended it: systemd does not call
+/// that a failure, and a script of a shell ends, too.
+fn end(signal: i32) -> ! {
     let folders = folders();
+    // The first process of a container is not ended by its own signal. The exit code is the one that a shell gives for the signal.
+    let code = 128 + signal;
+    let script = format!(
+        "trap '' INT TERM; rm -rf -- \"$@\"; trap - INT TERM; kill -{signal} $$; exit {code}"
+    );
     let error = Command::new("/bin/sh")
-        .args(["-c", &format!("rm -rf -- \"$@\"; exit {code}"), "zk0"])
+        .args(["-c", &script, "zk0"])
         .args(&*folders)
         .exec();
     let left: Vec<_> = folders

@@ -7,12 +7,14 @@ use crate::ledger::TrustOptions;
 use crate::output::println;
 use crate::policy::{cache_failed, CacheOptions};
 use anyhow::{Context, Error, Result};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use zk0_audit::fetch::{locate, Wanted};
 use zk0_audit::log_source::WrongUsage;
 use zk0_audit::report::history;
+use zk0_audit::run::{mend, unjudged};
 use zk0_circuits::claim::dataset::check_leaves;
-use zk0_circuits::EvalSpec;
+use zk0_circuits::{Digest, EvalSpec};
 use zk0_files::bounded_file;
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_ledger::replay::{self, replay_with, Severity};
@@ -67,9 +69,21 @@ pub fn run(options: &Options) -> Result<bool> {
         let why = format!("the ledger is not right: {}", fault.text);
         return Err(Error::msg(Failed(why)));
     }
+    if let Some(unread) = &report.unread {
+        return Err(unjudged(unread));
+    }
     let root = report.root.clone().unwrap_or_default();
     let (genesis, registration) = registered(dir, report.entries, &root, options.entry)?;
     let blobs = Blobs::at(dir);
+    if let Some(fetch_again) = &located.fetch_again {
+        let needed = [registration.leaves, genesis.policy];
+        let damaged =
+            |blob: &Digest| matches!(blobs.check(blob), Err(BlobError::WrongDigest { .. }));
+        let damaged: BTreeSet<_> = needed.into_iter().filter(damaged).collect();
+        if !damaged.is_empty() {
+            mend(&blobs, &damaged, fetch_again)?;
+        }
+    }
     let most = registration.drawn() * DRAWN_LEAF_BYTES as u64;
     let list = whole(
         blobs.get(&registration.leaves, most),

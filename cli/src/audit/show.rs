@@ -48,6 +48,9 @@ pub fn run(options: &Options) -> Result<bool> {
     let located = locate(&options.ledger, None, &trust, Wanted::Entries)?;
     let dir = &located.dir;
     let report = zk0_ledger::replay(dir, trust.network.as_ref(), &mut ());
+    if let Some(unread) = &report.unread {
+        bail!("the ledger cannot be read to its end: {}", unread.text);
+    }
     let root = report.root.clone().unwrap_or_default();
     let history = history::of(dir, report.entries, &root)?;
     let node = match &options.node {

@@ -18,7 +18,7 @@ use zk0_audit::known_checkpoint::known_checkpoint;
 use zk0_audit::log_source::{genesis_at, source};
 use zk0_circuits::Digest;
 use zk0_ledger::backup::{self, OldBlobs};
-use zk0_ledger::blobs::damaged::DamagedBlob;
+use zk0_ledger::blobs::damaged::{DamagedBlob, Removed};
 use zk0_ledger::published::export::export;
 use zk0_ledger::published::mirror::{mirror, Mirrored};
 use zk0_ledger::published::publication::{Publication, PublicationError};
@@ -229,15 +229,41 @@ fn import(options: &Import) -> Result<()> {
     };
     copied(&import()?);
     if options.check {
-        let removed = Blobs::at(&options.dir).remove_all_damaged()?;
-        let fetched = match removed {
-            0 => 0,
-            _ => import()?.new_blobs,
-        };
+        let blobs = Blobs::at(&options.dir);
+        let Removed {
+            removed,
+            unreadable,
+        } = blobs.remove_all_damaged()?;
+        if !removed.is_empty() {
+            import()?;
+        }
+        let lost: Vec<_> = removed
+            .iter()
+            .filter(|blob| !blobs.contains(blob))
+            .collect();
         println!(
-            "{} damaged; {fetched} fetched again",
-            counted(removed, "blob was", "blobs were")
+            "{} damaged; {} fetched again",
+            counted(
+                (removed.len() + unreadable.len()) as u64,
+                "blob was",
+                "blobs were"
+            ),
+            removed.len() - lost.len()
         );
+        for blob in &lost {
+            tracing::error!(
+                "blob {blob} was damaged and is removed, and {} does not have it",
+                options.from
+            );
+        }
+        for blob in &unreadable {
+            tracing::error!("{blob}");
+        }
+        match lost.len() + unreadable.len() {
+            0 => {}
+            1 => bail!("1 blob of the copy is not whole; it is named above"),
+            count => bail!("{count} blobs of the copy are not whole; they are named above"),
+        }
     }
     Ok(())
 }

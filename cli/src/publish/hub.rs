@@ -110,6 +110,13 @@ pub fn facts(dir: &Path, network: Option<&Digest>, round: u64) -> Result<(Genesi
             fault.text
         );
     }
+    if let Some(unread) = &report.unread {
+        bail!(
+            "{} is not published, because it cannot be read to its end: {}",
+            dir.display(),
+            unread.text
+        );
+    }
     let root = report.root.unwrap_or_default();
     let (mut found, mut wrong) = (None, None);
     history::read(dir, report.entries, &root, |index, entry| {

@@ -29,6 +29,15 @@ impl fmt::Display for DamagedBlob {
     }
 }
 
+/// What became of the damaged blobs of a folder.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Removed {
+    /// Blobs whose files held other bytes. They are gone.
+    pub removed: Vec<Digest>,
+    /// Blobs whose files cannot be read.
+    pub unreadable: Vec<DamagedBlob>,
+}
+
 /// Why a blob is not copied.
 #[derive(Debug)]
 pub(crate) enum CopyError {
@@ -77,13 +86,18 @@ impl Blobs {
         }
     }
 
-    /// Removes the files of all blobs in the folder that hold other bytes than their names say, and returns their number. This reads every blob.
-    pub fn remove_all_damaged(&self) -> Result<u64, BlobError> {
-        let mut removed = 0;
+    /// Removes the files of all blobs in the folder that hold other bytes than their names say. This reads every blob. A file that cannot be read
+    /// stays.
+    pub fn remove_all_damaged(&self) -> Result<Removed, BlobError> {
+        let mut done = Removed::default();
         for (blob, _) in self.all_here()? {
-            removed += u64::from(self.remove_damaged(&blob)?);
+            match self.remove_damaged(&blob) {
+                Ok(true) => done.removed.push(blob),
+                Ok(false) => {}
+                Err(error) => done.unreadable.push(self.damage(&blob, error)?),
+            }
         }
-        Ok(removed)
+        Ok(done)
     }
 
     /// What `error`, from reading or copying a blob of these, says about the blob.

@@ -17,7 +17,7 @@ use crate::store::{Batch, Store};
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
-use tlog_tiles::tlog::{stored_hash_index, HashReader};
+use tlog_tiles::tlog::stored_hash_index;
 use zk0_circuits::Digest;
 use zk0_files::bounded_file;
 use zk0_protocol::entries::codec::EntryError;
@@ -144,7 +144,8 @@ pub(crate) fn mirror_with(
     policy: Option<&WitnessPolicy>,
     network: Option<&Digest>,
 ) -> Result<Mirrored, MirrorError> {
-    let begun = folder::database(dir).exists();
+    // Without this file, somebody was killed while RocksDB made the database, and it goes on.
+    let begun = folder::database(dir).join("CURRENT").exists();
     let known = match begun {
         true => Store::open_read_only(&folder::database(dir))?.entry(0)?,
         false => None,
@@ -269,7 +270,7 @@ fn held(store: &Store) -> Result<(Frontier, RequiredWitnesses), LedgerError> {
         let bytes = store.entry(index)?.ok_or(LedgerError::NoEntry(index))?;
         let hashes = tree.push(&bytes)?;
         let positions: Vec<u64> = (stored_hash_index(0, index)..).take(hashes.len()).collect();
-        if store.read_hashes(&positions).ok().as_ref() != Some(&hashes) {
+        if store.hashes(&positions)?.as_ref() != Some(&hashes) {
             return Err(LedgerError::BadEntry {
                 index,
                 why: "its tree hashes are missing or wrong".into(),

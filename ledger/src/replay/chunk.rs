@@ -1,9 +1,11 @@
 //! The part of a replay that needs only one entry: reading, decoding, verifying signatures. Several threads do it for many entries at
 //! once.
 
+use super::Finding;
+use crate::error::LedgerError;
 use crate::store::Store;
 use std::ops::Range;
-use tlog_tiles::tlog::{record_hash, stored_hash_index, Hash, HashReader};
+use tlog_tiles::tlog::{record_hash, stored_hash_index, Hash};
 use zk0_protocol::entries::authentic::AuthenticEntry;
 use zk0_protocol::entries::known_keys::KnownKeys;
 use zk0_protocol::rules::violation::RuleViolation;
@@ -18,7 +20,7 @@ pub struct Chunk {
     /// The entries, up to the first that cannot be read.
     pub items: Vec<Item>,
     /// Why the next entry cannot be read.
-    pub broken: Option<String>,
+    pub broken: Option<Finding>,
 }
 
 /// An entry, and what is stored beside it.
@@ -42,8 +44,8 @@ impl Chunk {
         for index in range {
             match Item::read(store, index, genesis) {
                 Ok(item) => items.push(item),
-                Err(why) => {
-                    let broken = Some(why);
+                Err(broken) => {
+                    let broken = Some(broken);
                     return Self { items, broken };
                 }
             }
@@ -64,16 +66,16 @@ impl Chunk {
 }
 
 impl Item {
-    fn read(store: &Store, index: u64, genesis: Option<&Genesis>) -> Result<Self, String> {
-        let bytes = store.entry(index).map_err(|error| error.to_string())?;
-        let bytes = bytes.ok_or("the entry is missing")?;
-        let entry = Entry::decode(&bytes).map_err(|error| error.to_string())?;
+    fn read(store: &Store, index: u64, genesis: Option<&Genesis>) -> Result<Self, Finding> {
+        let stops = |error: LedgerError| Finding::of_error(index, &error);
+        let bytes = store.entry(index).map_err(stops)?;
+        let bytes = bytes.ok_or_else(|| Finding::fault(index, "the entry is missing"))?;
+        let entry = Entry::decode(&bytes);
+        let entry = entry.map_err(|error| Finding::fault(index, error.to_string()))?;
         let completed = (index + 1).trailing_zeros() as usize + 1;
         let positions: Vec<u64> = (stored_hash_index(0, index)..).take(completed).collect();
-        let hashes = store.read_hashes(&positions).ok();
-        let text = store
-            .checkpoint(index + 1)
-            .map_err(|error| error.to_string())?;
+        let hashes = store.hashes(&positions).map_err(stops)?;
+        let text = store.checkpoint(index + 1).map_err(stops)?;
         let genesis = match &entry.body {
             zk0_protocol::Body::Genesis(own) => genesis.or(Some(own)),
             _ => genesis,

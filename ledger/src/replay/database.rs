@@ -5,7 +5,6 @@ use super::Finding;
 use crate::error::LedgerError;
 use crate::folder;
 use crate::store::{Key, Store};
-use rocksdb::ErrorKind;
 use std::path::Path;
 use std::thread::sleep;
 use std::time::Duration;
@@ -48,12 +47,11 @@ pub fn open_published(dir: &Path) -> Result<Opened, LedgerError> {
 /// earlier one of the database. Any other is a fault.
 pub fn is_unread(dir: &Path, error: &LedgerError) -> bool {
     match error {
-        LedgerError::Io { .. } | LedgerError::Unfinished(_) => true,
-        LedgerError::Database(error) => error.kind() == ErrorKind::IOError,
+        LedgerError::Unfinished(_) => true,
         LedgerError::OtherPublished {
             published, size, ..
         } => published < size && is_earlier(dir, *published).unwrap_or(false),
-        _ => false,
+        error => error.is_of_disk(),
     }
 }
 
@@ -102,7 +100,7 @@ fn claimed_size(text: &[u8]) -> Option<u64> {
 pub fn check_keys(store: &Store, size: u64) -> Result<(), Finding> {
     let (mut entries, mut hashes) = (0..size, 0..stored_hash_count(size));
     for key in store.keys() {
-        let key = key.map_err(|error| Finding::fault(None, error.to_string()))?;
+        let key = key.map_err(|error| Finding::of_error(None, &error))?;
         let expected = match key {
             Some(Key::Entry(_)) => entries.next().map(Key::Entry),
             Some(Key::Hash(_)) => hashes.next().map(Key::Hash),

@@ -21,10 +21,10 @@ pub fn run(
     progress: Option<&(dyn Fn(u64, u64) + Sync)>,
     serial: &mut Serial<'_>,
 ) -> Result<(), Finding> {
-    let fault = |error: LedgerError| Finding::fault(None, error.to_string());
+    let stops = |error: LedgerError| Finding::of_error(None, &error);
     let Opened { store, size } = match opened {
         Some(opened) => opened,
-        None => database::open_published(dir).map_err(fault)?,
+        None => database::open_published(dir).map_err(stops)?,
     };
     database::check_keys(&store, size)?;
     let first = serial.begin(&store, size)?;
@@ -50,7 +50,7 @@ pub fn run(
     });
     let track = relay.track.into_inner();
     match track.unwrap_or_else(PoisonError::into_inner).stop {
-        Some(Stop::Fault(fault)) => Err(fault),
+        Some(Stop::At(why)) => Err(why),
         Some(Stop::Panic) => Err(Finding::fault(
             None,
             "a thread of the replay has failed: see the program's log",
@@ -80,8 +80,8 @@ struct Track<'a, 'b> {
 }
 
 enum Stop {
-    /// An entry is not valid, so nothing after it can be.
-    Fault(Finding),
+    /// An entry is not valid, or it cannot be read. So nothing can be said of those after it.
+    At(Finding),
     /// A thread has panicked, and the others must not wait for it.
     Panic,
 }
@@ -112,8 +112,8 @@ impl<'a, 'b> Relay<'a, 'b> {
             if track.stop.is_some() {
                 break;
             }
-            if let Err(fault) = track.serial.take(&chunk, &authentic) {
-                track.stop = Some(Stop::Fault(fault));
+            if let Err(why) = track.serial.take(&chunk, &authentic) {
+                track.stop = Some(Stop::At(why));
             }
             track.turn += 1;
             drop(track);

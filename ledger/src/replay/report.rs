@@ -1,5 +1,6 @@
 //! The report of a replay: findings, and a verdict on the history.
 
+use crate::error::LedgerError;
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::Serialize;
 use zk0_protocol::rules::network_rules::Rules;
@@ -63,6 +64,9 @@ pub struct Report {
     /// Why the replay could not be saved, if that failed. The next replay then knows nothing of this one, and notices no rollback.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unsaved: Option<String>,
+    /// Why the replay could not read the ledger to its end: a disk failed, which says nothing about the ledger. It is among the findings.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unread: Option<Finding>,
     /// The findings in the order of the entries, then what was not checked, and at last why the replay stopped, if it did.
     pub findings: Vec<Finding>,
 }
@@ -74,6 +78,14 @@ impl Finding {
             index: index.into(),
             severity: Severity::Fault,
             text: text.into(),
+        }
+    }
+
+    /// What an error in reading the ledger says about it: a fault, unless a disk has failed.
+    pub(crate) fn of_error(index: impl Into<Option<u64>>, error: &LedgerError) -> Self {
+        match error.is_of_disk() {
+            true => Self::not_checked(index, error.to_string()),
+            false => Self::fault(index, error.to_string()),
         }
     }
 

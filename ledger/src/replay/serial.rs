@@ -105,8 +105,8 @@ impl<'a> Serial<'a> {
         let Some(genesis) = self.state.as_ref().map(State::genesis) else {
             return Ok(());
         };
-        let fault = |error: LedgerError| Finding::fault(None, error.to_string());
-        match pruned::read(&self.dir, genesis).map_err(fault)? {
+        let stops = |error: LedgerError| Finding::of_error(None, &error);
+        match pruned::read(&self.dir, genesis).map_err(stops)? {
             Some(pruning) if pruning.entries > self.size => Err(Finding::fault(
                 None,
                 format!(
@@ -126,6 +126,9 @@ impl<'a> Serial<'a> {
     fn check_continues(&self, store: &Store, saved: &Saved) -> Result<(Digest, Frontier), Finding> {
         let fault = |text: String| Finding::fault(None, text);
         let founder = Chunk::read(store, 0..1, None);
+        if let Some(broken) = founder.broken {
+            return Err(broken);
+        }
         let found = match founder.items.first().map(|item| &item.entry.body) {
             Some(Body::Genesis(genesis)) => genesis.network_id(),
             _ => return Err(Finding::fault(0, "the first entry is not a genesis")),
@@ -170,12 +173,11 @@ impl<'a> Serial<'a> {
 
     /// Goes on from an earlier replay.
     fn resume(&mut self, store: &Store, saved: Saved) -> Result<u64, Finding> {
-        let fault = |text: String| Finding::fault(None, text);
         let (root, tree) = self.check_continues(store, &saved)?;
         // Without new entries, no later checkpoint vouches for the last one, so it needs its own.
         if saved.size == self.size {
             let signed = store.checkpoint(saved.size);
-            let signed = signed.map_err(|error| fault(error.to_string()))?;
+            let signed = signed.map_err(|error| Finding::of_error(None, &error))?;
             let genesis = saved.state.genesis();
             let signed = signed.map(|text| {
                 Checkpoint::open(&text, genesis.origin(), &genesis.log_key)
@@ -216,10 +218,10 @@ impl<'a> Serial<'a> {
             self.step(item, authentic)
                 .map_err(|why| Finding::fault(item.index, why))?;
         }
-        let size = self.verified.map_or(0, |(size, _)| size);
-        if let Some(why) = &chunk.broken {
-            return Err(Finding::fault(size, why));
+        if let Some(broken) = &chunk.broken {
+            return Err(broken.clone());
         }
+        let size = self.verified.map_or(0, |(size, _)| size);
         let due = |keep: &Keep| size >= self.known_size && self.kept.elapsed() >= keep.every;
         if self.keep.as_ref().is_some_and(due) {
             self.save();
@@ -322,11 +324,16 @@ impl<'a> Serial<'a> {
             let text = "the state of this audit cannot be saved, so the next audit does not know what this one has verified";
             Finding::note(None, format!("{text}: {why}"))
         }));
+        // A replay stops at a fault, or where it cannot read any further.
+        let unread = stopped
+            .as_ref()
+            .filter(|why| why.severity != Severity::Fault);
+        let unread = unread.cloned();
         findings.extend(stopped);
         let worst = findings.iter().map(|finding| finding.severity).max();
         Report {
             verdict: match worst {
-                _ if self.state.is_none() => Verdict::Failed,
+                _ if self.state.is_none() && unread.is_none() => Verdict::Failed,
                 Some(Severity::Fault) => Verdict::Failed,
                 Some(Severity::NotChecked) => Verdict::Incomplete,
                 Some(Severity::Note) | None => Verdict::Verified,
@@ -342,6 +349,7 @@ impl<'a> Serial<'a> {
             state: self.state.as_ref().map(|state| state.digest().to_string()),
             rules: self.state.as_ref().map(|state| state.rules().clone()),
             unsaved: self.unsaved,
+            unread,
             findings,
         }
     }

@@ -8,6 +8,8 @@
  *   torn      half of what it would write is written, and the process is killed (a call that writes nothing: killed before it);
  *   short     this and all later writes take half of what they are given, as write(2) may, and say so.
  *
+ * With ZK0_FAULT_OF=reads, the calls that read a file there are counted and fail instead.
+ *
  * At its end the process writes the number of calls to the file ZK0_FAULT_COUNT, if that is given. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -44,6 +46,12 @@ static int below_at(int dir, const char *path) {
 
 static int is_ours(int file) { return below_at(file, ""); }
 
+/* Whether calls of this kind are counted. */
+static int counted(int reads) {
+    const char *of = getenv("ZK0_FAULT_OF");
+    return reads == (of && !strcmp(of, "reads"));
+}
+
 enum what { GOES, FAILS, SHORT };
 
 /* What happens at this call; does not return when the process is to be killed before it. `torn` is set when half of a write
@@ -76,7 +84,7 @@ __attribute__((destructor)) static void count(void) {
 /* A call that writes nothing itself. */
 #define CALL(type, name, parameters, arguments, ours)                \
     type name parameters {                                            \
-        if ((ours) && fate(NULL) == FAILS) return -1;                 \
+        if (counted(0) && (ours) && fate(NULL) == FAILS) return -1;   \
         return REAL(name) arguments;                                  \
     }
 
@@ -84,7 +92,7 @@ __attribute__((destructor)) static void count(void) {
 #define WRITE(name, parameters, arguments, half)                      \
     ssize_t name parameters {                                         \
         int torn = 0;                                                 \
-        if (!is_ours(file)) return REAL(name) arguments;              \
+        if (!counted(0) || !is_ours(file)) return REAL(name) arguments; \
         switch (fate(&torn)) {                                        \
         case FAILS: return -1;                                        \
         case GOES: return REAL(name) arguments;                       \
@@ -127,7 +135,7 @@ CALL(int, mkdirat, (int dir, const char *path, mode_t mode), (dir, path, mode), 
             mode = va_arg(more, mode_t);                              \
             va_end(more);                                             \
         }                                                             \
-        if ((how & (O_CREAT | O_TRUNC)) && (place) && fate(NULL) == FAILS) return -1; \
+        if ((how & (O_CREAT | O_TRUNC)) && counted(0) && (place) && fate(NULL) == FAILS) return -1; \
         return REAL(name) arguments;                                  \
     }
 
@@ -135,3 +143,13 @@ OPEN(open, (const char *path, int how, ...), (path, how, mode), below(path))
 OPEN(open64, (const char *path, int how, ...), (path, how, mode), below(path))
 OPEN(openat, (int dir, const char *path, int how, ...), (dir, path, how, mode), below_at(dir, path))
 OPEN(openat64, (int dir, const char *path, int how, ...), (dir, path, how, mode), below_at(dir, path))
+
+#define READ(name, parameters, arguments)                             \
+    ssize_t name parameters {                                         \
+        if (counted(1) && is_ours(file) && fate(NULL) == FAILS) return -1; \
+        return REAL(name) arguments;                                  \
+    }
+
+READ(read, (int file, void *bytes, size_t size), (file, bytes, size))
+READ(pread, (int file, void *bytes, size_t size, off_t at), (file, bytes, size, at))
+READ(pread64, (int file, void *bytes, size_t size, off64_t at), (file, bytes, size, at))
