@@ -76,13 +76,16 @@ fn an_interrupted_node_leaves_nothing_behind_and_goes_on_with_its_update() {
         assert!(before.contains(&"training".to_owned()), "{before:?}");
         let (done, total) = (event["done"].as_u64(), event["total"].as_u64());
         assert!(done > Some(0) && done < total, "{event}");
-        assert!(event["eta_ms"].as_u64() > Some(0), "{event}");
-        let begin = Instant::now();
+        let left = event["eta_ms"].as_u64().unwrap();
+        assert!(left > 0, "{event}");
         let pid = node.id().to_string();
         let interrupt = Command::new("kill").args(["-INT", &pid]).status();
         assert!(interrupt.unwrap().success());
+        let begin = Instant::now();
         assert!(!node.wait().unwrap().success());
-        assert!(begin.elapsed() < Duration::from_secs(2));
+        // It does not make the rest of the argument first. A slow machine is slow with that, too.
+        let soon = Duration::from_millis(left / 2).max(Duration::from_secs(2));
+        assert!(begin.elapsed() < soon, "{event}");
         // What is there has a name that the node knows again.
         let left = files(Path::new(&state));
         let known = |name: &str| {

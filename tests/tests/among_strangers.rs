@@ -37,7 +37,7 @@ async fn the_first_large_message_of_a_node_does_not_wait_for_those_of_strangers(
     let (network, mut node) = network(Limits {
         // So there is room for one message of a stranger and for one of a node.
         message_memory: 0,
-        message: Duration::from_secs(5),
+        message: Duration::from_secs(20),
         ..Limits::default()
     })
     .await;
@@ -53,7 +53,7 @@ async fn the_first_large_message_of_a_node_does_not_wait_for_those_of_strangers(
         "{refused:?}"
     );
     assert!(
-        begun.elapsed() < Duration::from_secs(2),
+        begun.elapsed() < Duration::from_secs(10),
         "{:?}",
         begun.elapsed()
     );
@@ -78,7 +78,7 @@ async fn the_first_download_of_a_node_does_not_wait_for_those_of_strangers() -> 
     let mut bytes = Vec::new();
     let policy = network.genesis.policy;
     let downloading = node.download_to(&policy, LONG_BYTES, &mut bytes);
-    let downloaded = timeout(Duration::from_secs(5), downloading).await?;
+    let downloaded = timeout(Duration::from_secs(15), downloading).await?;
     // The file was made longer, so it has another digest.
     assert!(
         matches!(downloaded, Err(NodeError::OtherBlob { .. })),

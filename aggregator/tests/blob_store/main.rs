@@ -30,6 +30,12 @@ const CONFIG: Config = Config {
     min_nodes: 1,
 };
 
+/// For how many seconds a request waits for a store that does not answer.
+const SECONDS: u64 = 6;
+
+/// So soon comes an answer that does not wait for the store.
+const AT_ONCE: Duration = Duration::from_secs(SECONDS / 2);
+
 /// A network whose blobs are kept in the bucket, from its founding on.
 async fn started(s3: &S3, node: &Node, seconds: u64) -> Network {
     started_as(s3, &[node], genesis(), seconds).await
@@ -71,18 +77,14 @@ fn emptied(network: &Network) {
 async fn answers_at_once(network: &Network) {
     let begun = Instant::now();
     network.round(None).await;
-    assert!(
-        begun.elapsed() < Duration::from_secs(1),
-        "{:?}",
-        begun.elapsed()
-    );
+    assert!(begun.elapsed() < AT_ONCE, "{:?}", begun.elapsed());
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_commitment_is_recorded_only_when_its_update_is_in_the_store() {
     let Some(s3) = S3::start() else { return };
     let node = Node::new(1);
-    let network = started(&s3, &node, 3).await;
+    let network = started(&s3, &node, SECONDS).await;
     node.register(&network).await.unwrap();
     network.settle().await;
     let update = weights(7);
@@ -96,7 +98,7 @@ async fn a_commitment_is_recorded_only_when_its_update_is_in_the_store() {
             answers_at_once(&network).await;
         });
         refused(committed, Code::Unavailable, "blob store does not answer");
-        assert!(begun.elapsed() < Duration::from_secs(20), "{fault:?}");
+        assert!(begun.elapsed() < Duration::from_secs(40), "{fault:?}");
         assert_eq!(network.entries().await.len(), before);
         assert!(!network
             .dir
@@ -202,7 +204,7 @@ fn a_store_that_is_silent_holds_only_who_needs_it() {
         .unwrap();
     runtime.block_on(async {
         let node = Node::new(1);
-        let network = started(&s3, &node, 4).await;
+        let network = started(&s3, &node, SECONDS).await;
         node.register(&network).await.unwrap();
         network.settle().await;
         let base = network.genesis.initial.blob;

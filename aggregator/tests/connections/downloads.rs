@@ -49,7 +49,7 @@ async fn a_node_downloads_while_strangers_have_all_their_downloads() -> Test {
     let begun = Instant::now();
     while let Err(status) = stranger.download(request.clone()).await {
         assert_eq!(status.code(), Code::Unavailable, "{status}");
-        assert!(begun.elapsed() < Duration::from_secs(2), "{status}");
+        assert!(begun.elapsed() < Duration::from_secs(10), "{status}");
         sleep(Duration::from_millis(20)).await;
     }
     Ok(())
@@ -72,10 +72,20 @@ async fn a_download_ends_in_time_and_goes_on_where_it_was_cut() -> Test {
         "taking the file took more than 1000 ms",
     );
     assert!(first > 0 && first < LONG_BYTES, "{first} bytes");
-    request.begins = first;
-    let (rest, ended) = read(reader.download(request).await?.into_inner(), Duration::ZERO).await;
-    ended?;
-    assert_eq!(first + rest, LONG_BYTES);
+    // A busy machine may not get all the rest in time. Then it is cut again.
+    let mut begins = first;
+    while begins < LONG_BYTES {
+        request.begins = begins;
+        let download = reader.download(request.clone()).await?.into_inner();
+        let (more, ended) = read(download, Duration::ZERO).await;
+        begins += more;
+        match ended {
+            Ok(()) => break,
+            Err(status) => assert_eq!(status.code(), Code::DeadlineExceeded, "{status}"),
+        }
+        assert!(more > 0, "nothing came");
+    }
+    assert_eq!(begins, LONG_BYTES);
     Ok(())
 }
 

@@ -38,15 +38,13 @@ async fn a_peer_that_holds_a_stream_open_does_not_keep_the_server() -> Test {
         .register_dataset(registration(&network, &other))
         .await?;
     let index = receipt.into_inner().index;
-    sleep(Duration::from_millis(200)).await;
+    sleep(Duration::from_millis(500)).await;
 
     let begun = Instant::now();
     network.stop().await;
     let took = begun.elapsed();
-    assert!(
-        took >= drain && took < drain + Duration::from_secs(1),
-        "{took:?}"
-    );
+    // An upload may be silent for thirty seconds.
+    assert!(took >= drain && took < SOON, "{took:?}");
     assert!(holding.await?.is_err());
     drop(sender);
 
@@ -58,12 +56,12 @@ async fn a_peer_that_holds_a_stream_open_does_not_keep_the_server() -> Test {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_server_with_idle_connections_ends_at_once() -> Test {
-    let (mut network, _) = with(ConnectionLimits::default()).await;
+    let (mut network, _) = with_a_long_drain().await;
     let mut client = network.client().await;
     client.get_network(proto::GetNetworkRequest {}).await?;
     let begun = Instant::now();
     network.stop().await;
-    assert!(begun.elapsed() < Duration::from_secs(2));
+    assert!(begun.elapsed() < SOON);
     assert!(client
         .get_network(proto::GetNetworkRequest {})
         .await

@@ -30,10 +30,11 @@ fn large() -> proto::CommitRequest {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn strangers_wait_for_memory_and_nodes_do_not() -> Test {
+    let message = Duration::from_secs(6);
     let (network, [node, _]) = network(Limits {
         // So there is room for one message of a stranger and for one of a node.
         message_memory: 0,
-        message: Duration::from_secs(2),
+        message,
         ..Limits::default()
     })
     .await;
@@ -43,17 +44,17 @@ async fn strangers_wait_for_memory_and_nodes_do_not() -> Test {
     let begun = Instant::now();
     let mut slow = from([1, 1], &network.address).await;
     begin_large_message(&mut slow).await;
-    sleep(Duration::from_millis(200)).await;
+    sleep(Duration::from_secs(1)).await;
     // Small requests, and large ones of nodes, are answered meanwhile.
     let mut stranger = network.client().await;
     stranger.get_network(proto::GetNetworkRequest {}).await?;
     let refused = member.client.commit(large()).await.unwrap_err();
     assert_eq!(refused.code(), Code::InvalidArgument, "{refused}");
-    assert!(begun.elapsed() < Duration::from_secs(1));
+    assert!(begun.elapsed() < message / 2);
     // A stranger's large message waits until the slow one is cut.
     let refused = stranger.commit(large()).await.unwrap_err();
     assert_eq!(refused.code(), Code::InvalidArgument, "{refused}");
-    assert!(begun.elapsed() > Duration::from_millis(1500));
+    assert!(begun.elapsed() > message * 3 / 4);
     Ok(())
 }
 
@@ -92,15 +93,16 @@ async fn who_waits_for_memory_for_too_long_is_told_to_come_again() -> Test {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_address_sends_one_large_message_at_a_time() -> Test {
+    let message = Duration::from_secs(6);
     let (network, _) = network(Limits {
-        message: Duration::from_millis(1500),
+        message,
         ..Limits::default()
     })
     .await;
     let begun = Instant::now();
     let mut slow = from([1, 1], &network.address).await;
     begin_large_message(&mut slow).await;
-    sleep(Duration::from_millis(200)).await;
+    sleep(Duration::from_secs(1)).await;
     let mut took = Vec::new();
     for host in [2, 1] {
         let endpoint = Endpoint::try_from(network.address.clone())?;
@@ -111,8 +113,8 @@ async fn an_address_sends_one_large_message_at_a_time() -> Test {
         assert_eq!(refused.code(), Code::InvalidArgument, "{refused}");
         took.push(begun.elapsed());
     }
-    let first = Duration::from_millis(1000);
-    assert!(took[0] < first && took[1] > first, "{took:?}");
+    let half = message / 2;
+    assert!(took[0] < half && took[1] > half, "{took:?}");
     Ok(())
 }
 
@@ -150,10 +152,11 @@ async fn begin_slow_message(mut channel: Channel, url: &str) -> (Channel, Sender
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_node_takes_no_memory_of_other_nodes() -> Test {
+    let message = Duration::from_secs(20);
     let (network, [greedy, other]) = network(Limits {
         // So nodes have 8 MiB.
         message_memory: 16 << 20,
-        message: Duration::from_secs(6),
+        message,
         ..Limits::default()
     })
     .await;
@@ -168,7 +171,7 @@ async fn a_node_takes_no_memory_of_other_nodes() -> Test {
     let begun = Instant::now();
     let refused = client.commit(large()).await.unwrap_err();
     assert_eq!(refused.code(), Code::InvalidArgument, "{refused}");
-    assert!(begun.elapsed() < Duration::from_secs(2));
+    assert!(begun.elapsed() < message / 2);
     assert_eq!(slow.len(), 4);
     Ok(())
 }
@@ -206,7 +209,8 @@ async fn a_node_that_uploads_sends_a_large_message_meanwhile() -> Test {
     let begun = Instant::now();
     let refused = client.commit(large()).await.unwrap_err();
     assert_eq!(refused.code(), Code::InvalidArgument, "{refused}");
-    assert!(begun.elapsed() < Duration::from_secs(2));
+    // The upload may be silent for thirty seconds.
+    assert!(begun.elapsed() < Duration::from_secs(10));
     for data in rest.chunks(16 << 10) {
         sender.send(part(Part::Data(data.to_vec()))).await?;
     }

@@ -112,7 +112,7 @@ impl Network {
             service = service.with_presigned_uploads(valid);
         }
         if let Some(policy) = &self.policy {
-            let witnesses = Witnesses::new(policy.clone(), Duration::from_secs(1)).unwrap();
+            let witnesses = Witnesses::new(policy.clone(), Duration::from_secs(2)).unwrap();
             service = service.witnessed(witnesses).await.unwrap();
         }
         service

@@ -24,6 +24,9 @@ pub fn log_verifier() -> VerifierKey {
     VerifierKey::new(Role::Log, &genesis().name, &genesis().log_key).unwrap()
 }
 
+/// How long a witness has to answer [`cosigned`].
+pub const DEADLINE: Duration = Duration::from_secs(6);
+
 /// A witness on loopback. A test can stop it and start it again at the same address.
 pub struct Running {
     number: u8,
@@ -120,7 +123,7 @@ pub async fn cosigned(
 ) -> Result<Vec<u8>, CosigningError> {
     let (policy, ledger) = (policy.clone(), ledger.clone());
     tokio::task::spawn_blocking(move || {
-        let witnesses = Witnesses::new(policy, Duration::from_secs(2))?;
+        let witnesses = Witnesses::new(policy, DEADLINE)?;
         let prove: Prove = {
             let ledger = ledger.clone();
             Arc::new(move |old, new| {

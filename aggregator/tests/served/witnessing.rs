@@ -1,7 +1,7 @@
 //! The aggregator publishes nothing before a quorum of witnesses has cosigned it. Entries are safe on disk even without the
 //! witnesses.
 
-use crate::harness::witnesses::{cosigned, enrol, ledger, log_verifier, three};
+use crate::harness::witnesses::{cosigned, enrol, ledger, log_verifier, three, DEADLINE};
 use crate::harness::*;
 use ed25519_dalek::SigningKey;
 use std::fs;
@@ -228,20 +228,12 @@ async fn a_witness_that_answers_nonsense_or_not_at_all_costs_no_more_than_the_de
     let begun = std::time::Instant::now();
     let why = why(cosigned(&two, &ledger).await.unwrap_err());
     assert!(why.contains("without a valid cosignature"), "{why}");
-    assert!(
-        begun.elapsed() < Duration::from_secs(6),
-        "{:?}",
-        begun.elapsed()
-    );
+    assert!(begun.elapsed() < 3 * DEADLINE, "{:?}", begun.elapsed());
     // If one witness is enough, the aggregator does not wait for the silent one.
     let one = WitnessPolicy::parse(&format!("{lines}group g any W0 W1 W2\nquorum g\n")).unwrap();
     let begun = std::time::Instant::now();
     cosigned(&one, &ledger).await.unwrap();
-    assert!(
-        begun.elapsed() < Duration::from_secs(1),
-        "{:?}",
-        begun.elapsed()
-    );
+    assert!(begun.elapsed() < DEADLINE / 2, "{:?}", begun.elapsed());
     drop(mute);
     let nowhere = WitnessPolicy::parse(&format!("witness W {}\nquorum W\n", stranger.key()));
     let error = cosigned(&nowhere.unwrap(), &ledger).await.unwrap_err();

@@ -94,12 +94,13 @@ impl LocalNetwork {
         logs(&words(&self.founding(&more)))
     }
 
-    /// Like [`Self::found`], for tests that do not count on a claim: a round takes submissions for five seconds only, so that it is soon over.
+    /// Like [`Self::found`], for tests that do not count on a claim: a round takes submissions for five seconds only, so that it is soon over. Its
+    /// commitments close when the node has committed, however long a busy machine trains.
     #[track_caller]
     pub fn found_with_short_rounds(&self) {
         let node = keys::generate(Path::new(&self.path("node.key"))).unwrap();
         let mut rules: Value = serde_json::from_str(&prints(&["aggregator", "rules"])).unwrap();
-        rules["commit_window_ms"] = 60_000.into();
+        rules["commit_window_ms"] = 600_000.into();
         rules["submit_window_ms"] = 5_000.into();
         let file = self.path("rules.json");
         fs::write(&file, rules.to_string()).unwrap();

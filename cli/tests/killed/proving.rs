@@ -180,11 +180,13 @@ fn founded_with_short_rounds() -> LocalNetwork {
 #[test]
 fn a_node_whose_proving_service_does_not_come_back_goes_on_with_the_next_round() {
     let network = founded_with_short_rounds();
-    let prover = network.prover();
+    // It makes no proof before it is gone.
+    let (held, begun, _may) = Held::new();
+    let prover = Prover::start(held, 4, "127.0.0.1:0", None);
     let aggregator = serve(&network, "127.0.0.1:0", &[]);
     let join = join(&network, "node", &aggregator.address(), &prover.address);
     let mut node = Process::start(&join);
-    node.says("round 0: committed to update");
+    begun.recv_timeout(Duration::from_secs(400)).unwrap();
     drop(prover);
     let line = node.says("round 0: the node has no proof in time");
     as_in_the_runbook(

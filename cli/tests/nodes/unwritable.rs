@@ -9,7 +9,10 @@ use zk0_protocol::Body;
 fn files_that_only_people_read_cost_no_round() {
     let network = LocalNetwork::new();
     let claims = ["--min-eval-samples", "16", "--min-improvement-bps", "1"];
-    network.found(&[&claims[..], &["--confidence", "95%"]].concat());
+    let test = ["--confidence", "95%"];
+    // Training takes a minute on a busy machine.
+    let windows = ["--commit-minutes", "10", "--submit-minutes", "1"];
+    network.found(&[&claims[..], &test, &windows].concat());
     let state = network.path("state");
     let state = Path::new(&state);
     // No file takes the place of a folder.

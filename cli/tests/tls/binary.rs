@@ -65,7 +65,8 @@ fn a_network_is_served_and_reached_over_tls() {
     let _silent = TcpStream::connect(plain.strip_prefix("http://").unwrap()).unwrap();
     let begun = Instant::now();
     assert!(serving.terminate().success());
-    assert!(begun.elapsed() < Duration::from_secs(5));
+    // A handshake may take ten seconds.
+    assert!(begun.elapsed() < Duration::from_secs(8));
 }
 
 #[test]

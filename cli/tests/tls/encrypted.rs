@@ -17,6 +17,9 @@ use zk0_tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
 use zk0_tls::server_certificate::ServerCertificate;
 use zk0_tls::service_address::ServiceAddress;
 
+/// How long a handshake may take.
+pub const HANDSHAKE: Duration = Duration::from_secs(4);
+
 /// A running aggregator.
 pub struct Encrypted {
     local: LocalNetwork,
@@ -34,7 +37,7 @@ impl Drop for Encrypted {
 }
 
 impl Encrypted {
-    /// Founds a network, and serves it. A handshake has half a second.
+    /// Founds a network, and serves it. A handshake has [`HANDSHAKE`].
     pub async fn serve(certificate: Option<Arc<ServerCertificate>>) -> Self {
         let local = LocalNetwork::new();
         local.found(&[]);
@@ -48,7 +51,7 @@ impl Encrypted {
         let network = *aggregator.state().network();
         let limits = Limits {
             connections: ConnectionLimits {
-                handshake: Duration::from_millis(500),
+                handshake: HANDSHAKE,
                 ..ConnectionLimits::default()
             },
             ..Limits::default()

@@ -128,7 +128,7 @@ fn sigterm_ends_a_run_that_prepares_frames_in_the_background() {
         !run.wait().unwrap().success(),
         "it was faster than the signal"
     );
-    assert!(begin.elapsed() < Duration::from_secs(2));
+    assert!(begin.elapsed() < Duration::from_secs(20));
     assert!(steps(&metrics).len() < 200);
 
     let log = logged(&succeeds(train(dir.path(), "stopped", &options)));

@@ -44,7 +44,7 @@ const CHURN: Duration = Duration::from_millis(30);
 /// How long the newcomer's first bytes are on their way.
 const ON_THE_WAY: Duration = Duration::from_millis(400);
 /// How long a newcomer tries.
-const PATIENCE: Duration = Duration::from_secs(3);
+const PATIENCE: Duration = Duration::from_secs(15);
 
 /// Relays one connection after the other from an address of its own to the aggregator at `url`, and is slow with what the client says
 /// first. Returns its own URL.

@@ -29,7 +29,7 @@ pub const ATTACK: Attack = Attack {
 
 const PLACES: usize = 8;
 /// How long a node tries.
-const PATIENCE: Duration = Duration::from_secs(2);
+const PATIENCE: Duration = Duration::from_secs(15);
 
 async fn carry_out() -> Outcome {
     let node = Node::new(1);
