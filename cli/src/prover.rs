@@ -19,8 +19,10 @@ use zk0_traces::export::Traces;
 /// How long what SP1 does may take at the end. It cannot be interrupted, and a proof takes minutes.
 const ENDING: Duration = Duration::from_secs(1);
 
-/// Connections at once. They have to leave SP1 enough files to open.
+/// Connections at once, if the queue is not longer. They have to leave SP1 enough files to open.
 const CONNECTIONS: usize = 256;
+/// Connections beyond those whose claims wait: the one whose claim is proven, and clients that ask whether there is room.
+const BEYOND_QUEUE: usize = 64;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -117,7 +119,7 @@ async fn serve(
     let backend = Sp1Backend::new(device, network).await?;
     let pace = backend.pace();
     let mut limits = ConnectionLimits {
-        most: CONNECTIONS,
+        most: connections(queue),
         ..ConnectionLimits::default()
     };
     open_files::fit(&mut limits, 0);
@@ -129,4 +131,20 @@ async fn serve(
         None => service.serve(listener, stop).await,
     };
     served.context("the proving service")
+}
+
+/// How many connections the service has at once, so that all whose claims wait can be connected.
+fn connections(queue: usize) -> usize {
+    CONNECTIONS.max(queue.saturating_add(BEYOND_QUEUE))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn there_is_a_connection_for_each_claim_that_waits() {
+        assert_eq!(connections(16), CONNECTIONS);
+        assert!(connections(1000) > 1001);
+    }
 }

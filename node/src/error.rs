@@ -15,6 +15,17 @@ use zk0_smolvla::PolicyError;
 
 const MB: f64 = 1e6;
 
+/// Why there is no proof when a round takes no more submissions.
+#[derive(Debug, thiserror::Error)]
+pub enum NoProof {
+    /// The proving service has failed, and a further try would come too late.
+    #[error("{0}")]
+    Failed(Box<ClientError>),
+    /// The proving service was asked, and has sent nothing.
+    #[error("the proving service needs longer than the round takes submissions, or has too many other claims to prove first")]
+    Unfinished,
+}
+
 /// Why a node cannot go on.
 #[derive(Debug, thiserror::Error)]
 pub enum ParticipantError {
@@ -115,13 +126,13 @@ pub enum ParticipantError {
     Prover(#[from] ClientError),
     /// The proving service could not make a proof for as long as one would have counted.
     #[error(
-        "round {round}: the node has no proof in time, and goes on with the next round: {error}"
+        "round {round}: the node has no proof in time, and goes on with the next round: {why}"
     )]
     NoProofInTime {
         /// The round.
         round: u64,
         /// Why there is no proof.
-        error: Box<ClientError>,
+        why: NoProof,
     },
     /// The rules ask for SCAFFOLD, and an option of the node does not go with it.
     #[error("the rules of round {round} ask for SCAFFOLD, which does not go with {option}: start the node without it")]

@@ -4,7 +4,7 @@ mod control_variates;
 mod curves;
 mod last_step;
 pub mod prepared_claim;
-mod proving;
+pub mod proving;
 mod room;
 mod scaffold;
 pub mod unfinished;

@@ -6,7 +6,7 @@ use std::future::Future;
 use std::io;
 use std::pin::Pin;
 use std::sync::Arc;
-use std::task::{ready, Context, Poll};
+use std::task::{Context, Poll};
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::TcpListener;
@@ -135,25 +135,24 @@ struct Beginning {
 
 impl AsyncRead for Connection {
     fn poll_read(
-        mut self: Pin<&mut Self>,
+        self: Pin<&mut Self>,
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        if let Some(beginning) = &mut self.beginning {
-            if beginning.due.as_mut().poll(context).is_ready() {
-                return Poll::Ready(Err(io::ErrorKind::TimedOut.into()));
-            }
-        }
+        let this = self.get_mut();
         let before = buffer.filled().len();
-        ready!(Pin::new(&mut self.stream).poll_read(context, buffer))?;
-        let read = buffer.filled().len() - before;
-        if let Some(beginning) = &mut self.beginning {
-            beginning.come += read;
-            if beginning.come >= PREFACE_BYTES {
-                self.beginning = None;
-            }
+        let polled = Pin::new(&mut this.stream).poll_read(context, buffer);
+        let Some(beginning) = &mut this.beginning else {
+            return polled;
+        };
+        // A server that was busy may look late at bytes that came in time. So it reads first.
+        beginning.come += buffer.filled().len() - before;
+        if beginning.come >= PREFACE_BYTES {
+            this.beginning = None;
+        } else if beginning.due.as_mut().poll(context).is_ready() {
+            return Poll::Ready(Err(io::ErrorKind::TimedOut.into()));
         }
-        Poll::Ready(Ok(()))
+        polled
     }
 }
 

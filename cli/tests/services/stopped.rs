@@ -1,9 +1,8 @@
 //! Services that are told to end, as `systemctl stop` does it.
 
 use crate::harness::serving::Serving;
-use crate::harness::text;
 use std::time::Duration;
-use zk0_prover::machine::{ProverOptions, Resources};
+use zk0_prover::machine::{LockError, ProverLock, ProverOptions, Resources};
 
 /// SP1 starts for a minute or two, and cannot be interrupted.
 #[test]
@@ -13,10 +12,13 @@ fn a_proving_service_that_starts_sp1_ends_in_time() {
         eprintln!("skipped: {error}");
         return;
     }
-    // A folder of its own for temporary files, so that other provers of this machine do not matter.
-    let dir = tempfile::tempdir().unwrap();
-    let arguments = ["prover", "serve", "--listen", "127.0.0.1:0"];
-    let mut serving = Serving::start_with(&arguments, &[("TMPDIR", text(dir.path()))]);
+    let lock = ProverLock::acquire(&ProverLock::default_path(), Duration::ZERO);
+    if let Err(error @ LockError::Held(_)) = &lock {
+        eprintln!("skipped: {error}");
+        return;
+    }
+    drop(lock);
+    let mut serving = Serving::start(&["prover", "serve", "--listen", "127.0.0.1:0"]);
     std::thread::sleep(Duration::from_secs(1));
     serving.told_to_end();
     let ended = serving.ended_within(Duration::from_secs(15));

@@ -1,7 +1,7 @@
 //! Has a claim proven. A commitment cannot be taken back, so a node whose proving service is full or gone asks again for as long as a proof counts.
 
 use crate::client::Node;
-use crate::error::ParticipantError;
+use crate::error::{NoProof, ParticipantError};
 use crate::progress;
 use std::sync::Arc;
 use std::time::Duration;
@@ -17,7 +17,8 @@ const FIRST_PAUSE: Duration = Duration::from_secs(1);
 const LONGEST_PAUSE: Duration = Duration::from_secs(30);
 
 /// Has the claim of `input` proven in the round that has opened like this. If the proving service cannot do it now, the node asks again for
-/// as long as the round takes submissions.
+/// as long as the round takes submissions. It waits no longer for the proof either: whoever is late for this round must not be late for the next
+/// one, and leaves the queue of the service to others.
 ///
 /// # Errors
 /// The service refuses the claim, or it gives no proof in time; or the aggregator fails.
@@ -37,7 +38,13 @@ pub async fn have_proven(
             taken = true;
             report(event);
         };
-        let proven = prover.prove(input.clone(), progress).await;
+        let proven = tokio::select! {
+            proven = prover.prove(input.clone(), progress) => proven,
+            () = submissions_end(node, opened) => {
+                let why = NoProof::Unfinished;
+                return Err(ParticipantError::NoProofInTime { round, why });
+            }
+        };
         let error = match proven {
             Ok(proof) => return Ok(proof),
             Err(error) if error.may_pass() => error,
@@ -49,10 +56,8 @@ pub async fn have_proven(
         }
         // A further pause would end too late.
         if node.submissions_end_in(opened).await? <= pause {
-            return Err(ParticipantError::NoProofInTime {
-                round,
-                error: Box::new(error),
-            });
+            let why = NoProof::Failed(Box::new(error));
+            return Err(ParticipantError::NoProofInTime { round, why });
         }
         let why = error.to_string();
         match &said {
@@ -66,6 +71,13 @@ pub async fn have_proven(
         sleep(pause).await;
         pause = pause.saturating_mul(2).min(LONGEST_PAUSE);
     }
+}
+
+/// Ready when the round takes no more submissions. An aggregator that is away costs no proof: the round takes none after its whole window.
+async fn submissions_end(node: &mut Node, opened: &RoundOpened) {
+    let whole = Duration::from_millis(opened.rules.submit_window_ms);
+    let left = node.submissions_end_in(opened).await;
+    sleep(left.unwrap_or(whole)).await;
 }
 
 /// Reports how far the proving service is with a claim.

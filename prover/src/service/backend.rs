@@ -17,6 +17,9 @@ pub enum JobError {
     /// Nobody waits for the proof any more: the service stops, so that the client has to ask again.
     #[error(transparent)]
     GivenUp(#[from] GivenUp),
+    /// As many claims wait as may.
+    #[error("the prover's queue is full until a proof is done")]
+    QueueFull,
     /// The prover failed.
     #[error("proving failed: {0}")]
     Failed(String),
@@ -36,6 +39,7 @@ impl From<JobError> for Status {
             JobError::Input(GuestInputError::Statement(_) | GuestInputError::NotShown(_))
             | JobError::Private(_) => Self::failed_precondition(text),
             JobError::GivenUp(_) => Self::unavailable(text),
+            JobError::QueueFull => Self::resource_exhausted(text),
             JobError::Failed(_) => Self::internal(text),
         }
     }
@@ -55,4 +59,8 @@ pub trait Backend: Send + Sync + 'static {
         execution: &Execution,
         waiting: &Waiting,
     ) -> Result<Proof, JobError>;
+    /// Whether [`Self::prove`] gives up a proof whose client has gone. Otherwise the proof is made to the end, and kept.
+    fn withdraws(&self) -> bool {
+        false
+    }
 }

@@ -83,10 +83,24 @@ impl Made {
         self.0.borrow().proof(of)
     }
 
+    /// Whether the proof of this request is there or is being made.
+    pub fn has(&self, of: RequestDigest) -> bool {
+        // A proof is kept before its making ends.
+        self.making(of).is_some() || self.proof(of).is_some()
+    }
+
     /// The place at which the proof of this request is being made, if it is.
     pub fn making(&self, of: RequestDigest) -> Option<Place> {
         let (making, place) = self.0.borrow().making?;
         (making == of).then_some(place)
+    }
+
+    /// Waits as long as the proof of this request is being made. Then it is there, or it has failed.
+    pub async fn ended(&self, of: RequestDigest) {
+        let mut changes = self.0.subscribe();
+        let ended = |proofs: &Proofs| proofs.making.is_none_or(|(making, _)| making != of);
+        // An error says that the service itself is gone.
+        let _ = changes.wait_for(ended).await;
     }
 
     /// The proof of this request, as soon as it is there.

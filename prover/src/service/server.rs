@@ -47,7 +47,7 @@ pub struct ProvingService<B> {
 
 struct Shared<B> {
     backend: B,
-    /// Requests that are served or wait: one, and as many as the queue is long.
+    /// Requests that are served or wait: one, and as many as the queue is long. A request for a proof that is there or being made needs none.
     slots: Arc<Semaphore>,
     /// What is left of [`MEMORY_MIB`].
     memory: Arc<Semaphore>,
@@ -246,9 +246,6 @@ impl<B> ProvingService<B> {
     ) -> Result<Job<B>, Status> {
         // Whoever announces nothing takes nothing.
         let announced = Announced::receive(&mut parts).await?;
-        let slot = self.shared.slots.clone().try_acquire_owned().map_err(|_| {
-            Status::resource_exhausted("the prover's queue is full until a proof is done")
-        })?;
         let mebibytes = announced.bytes().div_ceil(1 << 20).min(MEMORY_MIB.into()) as u32;
         let memory = self.shared.memory.clone().try_acquire_many_owned(mebibytes);
         let memory = memory.map_err(|_| {
@@ -256,13 +253,24 @@ impl<B> ProvingService<B> {
                 "the private inputs in the prover's queue fill its memory until a proof is done",
             )
         })?;
-        let input = announced.rest(&mut parts).await?;
+        let input = Arc::new(announced.rest(&mut parts).await?);
+        let came = Instant::now();
+        let read = input.clone();
+        let of = spawn_blocking(move || RequestDigest::of(&read)).await;
+        let of = of.map_err(JobError::failed)?;
+        // A full queue refuses before the first event, so that a client hears of no progress then.
+        let slot = match self.shared.made.has(of) {
+            true => None,
+            false => Some(self.shared.slot()?),
+        };
         Ok(Job {
             shared: self.shared.clone(),
-            input: Arc::new(input),
+            input,
+            of,
             events,
-            came: Instant::now(),
-            _taken: [slot, memory],
+            came,
+            slot,
+            _memory: memory,
         })
     }
 }
@@ -272,20 +280,31 @@ impl<B> Shared<B> {
         // Nothing panics while it holds this lock. If something did, the figures would still be right.
         self.schedule.lock().unwrap_or_else(PoisonError::into_inner)
     }
+
+    /// A slot of the queue.
+    fn slot(&self) -> Result<OwnedSemaphorePermit, JobError> {
+        let slot = self.slots.clone().try_acquire_owned();
+        slot.map_err(|_| JobError::QueueFull)
+    }
 }
 
 /// One request, from check to proof.
 struct Job<B> {
     shared: Arc<Shared<B>>,
     input: Arc<GuestInput>,
+    of: RequestDigest,
     events: mpsc::Sender<Result<rpc::ProveEvent, Status>>,
     came: Instant,
-    /// A slot of the queue, and memory.
-    _taken: [OwnedSemaphorePermit; 2],
+    /// None if the proof was there or was being made when the request came.
+    slot: Option<OwnedSemaphorePermit>,
+    _memory: OwnedSemaphorePermit,
 }
 
 /// The client has gone, so nobody waits for the result.
-struct Gone;
+struct Gone {
+    /// Whether the proof is made to the end all the same.
+    kept: bool,
+}
 
 /// A proof that is being made. However that ends, its place is free then.
 struct Making<B> {
@@ -310,47 +329,53 @@ impl<B> Drop for Making<B> {
 
 impl<B: Backend> Job<B> {
     async fn run(self) {
-        let (of, last) = match self.steps().await {
-            Ok(Ok((of, proof))) => {
+        let last = match self.steps().await {
+            Ok(Ok(proof)) => {
                 let proof = Arc::unwrap_or_clone(proof);
                 let event = Some(rpc::prove_event::Event::Proof(proof));
-                (Some(of), Ok(rpc::ProveEvent { event }))
+                Ok(rpc::ProveEvent { event })
             }
             Ok(Err(error)) => {
                 tracing::warn!(%error, "request refused");
-                (None, Err(error.into()))
+                Err(error.into())
             }
-            Err(Gone) => {
-                tracing::info!(
-                    "the client has gone; what is being proven for it is kept until it asks again"
-                );
+            Err(Gone { kept }) => {
+                let on = match kept {
+                    true => "; what is being proven for it is kept until it asks again",
+                    false => "",
+                };
+                tracing::info!("the client has gone{on}");
                 request::end(&Span::current(), Code::Cancelled);
                 return;
             }
         };
         let code = last.as_ref().map_or_else(Status::code, |_| Code::Ok);
         request::end(&Span::current(), code);
-        let sent = self.events.send(last).await; // This fails, too, when the client has gone.
-        if let (Some(of), Ok(())) = (of, sent) {
-            // There is room for all events once the proof is on its way to the client.
-            if self.events.reserve_many(EVENTS).await.is_ok() {
-                self.shared.made.taken(of);
-            }
+        let proven = last.is_ok();
+        // This fails, too, when the client has gone.
+        let sent = self.events.send(last).await;
+        // There is room for all events once the proof is on its way to the client.
+        if proven && sent.is_ok() && self.events.reserve_many(EVENTS).await.is_ok() {
+            self.shared.made.taken(self.of);
         }
     }
 
-    async fn steps(&self) -> Result<Result<(RequestDigest, Arc<rpc::Proof>), JobError>, Gone> {
-        let shared = &self.shared;
-        let input = self.input.clone();
-        let of = spawn_blocking(move || RequestDigest::of(&input));
-        let of = match self.during(|| (Phase::Checking, None), of).await? {
-            Ok(of) => of,
-            Err(panic) => return Ok(Err(JobError::failed(panic))),
-        };
+    async fn steps(&self) -> Result<Result<Arc<rpc::Proof>, JobError>, Gone> {
+        let (shared, of) = (&self.shared, self.of);
+        // If exactly this proof is being made, the client waits for it, and for nothing in the queue.
+        if let Some(place) = shared.made.making(of) {
+            let outlook = || (Phase::Proving, Some(place));
+            self.during(outlook, shared.made.ended(of)).await?;
+        }
         if let Some(proof) = shared.made.proof(of) {
             tracing::info!("this proof is there already");
-            return Ok(Ok((of, proof)));
+            return Ok(Ok(proof));
         }
+        // If it failed, it is made anew, and whoever waited for it needs a slot like everybody else.
+        let _slot = match self.slot.is_none().then(|| shared.slot()).transpose() {
+            Ok(slot) => slot,
+            Err(full) => return Ok(Err(full)),
+        };
         let checked = async {
             let _turn = shared.checking.acquire().await;
             shared.backend.check(&self.input).await
@@ -379,13 +404,13 @@ impl<B: Backend> Job<B> {
                 turn = turn => Ok(turn),
             }
         };
-        // If exactly this proof is being made, the client waits for it, and for nothing else in the queue.
+        // The same request may have come first, also while it was not being proven yet.
         let outlook = || match shared.made.making(of) {
             Some(made_at) => (Phase::Proving, Some(made_at)),
             None => (Phase::Queued, Some(place)),
         };
         let turn = self.during(outlook, turn).await;
-        let turn = turn.inspect_err(|Gone| shared.schedule().leave(place))?;
+        let turn = turn.inspect_err(|_| shared.schedule().leave(place))?;
         // The proof may have been done just before the turn came.
         let turn = turn.and_then(|turn| shared.made.proof(of).map_or(Ok(turn), Err));
         let turn = match turn {
@@ -393,7 +418,7 @@ impl<B: Backend> Job<B> {
             Err(proof) => {
                 shared.schedule().leave(place);
                 tracing::info!("this proof was made for a client that had gone");
-                return Ok(Ok((of, proof)));
+                return Ok(Ok(proof));
             }
         };
 
@@ -426,11 +451,11 @@ impl<B: Backend> Job<B> {
         };
         let proving = tokio::spawn(proving.instrument(info_span!("prove")));
         let outlook = || (seen.phase(), Some(place));
-        Ok(match self.during(outlook, proving).await? {
-            Ok(Ok(proof)) => Ok((of, proof)),
-            Ok(Err(error)) => Err(error),
-            Err(panic) => Err(JobError::failed(panic)),
-        })
+        let proven = self.during(outlook, proving).await;
+        let proven = proven.map_err(|_| Gone {
+            kept: !shared.backend.withdraws(),
+        })?;
+        Ok(proven.unwrap_or_else(|panic| Err(JobError::failed(panic))))
     }
 
     /// Reports progress until `work` is done or the client has gone. `outlook` says what the client waits for.
@@ -444,7 +469,7 @@ impl<B: Backend> Job<B> {
         loop {
             tokio::select! {
                 biased;
-                () = self.events.closed() => return Err(Gone),
+                () = self.events.closed() => return Err(Gone { kept: false }),
                 result = &mut work => return Ok(result),
                 _ = tick.tick() => {
                     // A client that is too slow misses some events. It must not hold up the work.

@@ -155,6 +155,11 @@ impl Backend for Sp1Backend {
             }
         }
     }
+
+    #[cfg(feature = "network")]
+    fn withdraws(&self) -> bool {
+        matches!(self.place, Place::Elsewhere(_))
+    }
 }
 
 #[cfg(all(test, not(feature = "network")))]

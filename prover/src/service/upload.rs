@@ -20,7 +20,7 @@ const MAX_BUFFERS: usize = 16;
 /// Largest input. A claim at the published size takes one to three megabytes in mode `succinct`. In mode `direct` the weights and samples have to fit.
 pub const MAX_INPUT_BYTES: u64 = 1 << 30;
 
-/// How long a client may take to send its private input. Meanwhile it holds a place in the queue, and memory.
+/// How long a client may take to send its private input. Meanwhile it holds memory of the service.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Patience {
     /// How long it may send nothing.

@@ -1,73 +1,32 @@
 //! Clients that go away and ask again: no claim is proven twice because of them.
 
-use crate::{input, service, Service};
+use crate::{comes, input, reaches, refusal, service, soon, Service, SOON};
 use std::sync::atomic::Ordering;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::task::JoinHandle;
 use tokio::time::{sleep, timeout};
 use zk0_circuits::Mode;
 use zk0_prover::program::GuestInput;
-use zk0_prover::rpc;
 use zk0_prover::rpc::progress::Phase;
-use zk0_prover::service::{ClientError, ProvingClient};
+use zk0_prover::service::ProvingClient;
 
 impl Service {
-    fn begun(&self) -> usize {
-        self.begun.load(Ordering::SeqCst)
-    }
-
-    /// Waits until so many proofs were begun.
-    async fn begins(&self, proofs: usize) {
-        let begins = async {
-            while self.begun() < proofs {
-                sleep(Duration::from_millis(10)).await;
-            }
-        };
-        let begins = timeout(Duration::from_secs(10), begins).await;
-        begins.expect("a proof is begun");
-    }
-
     /// Has a proof begun, and goes away.
     async fn abandon(self: &Arc<Self>, claim: &'static str) {
-        let before = self.begun();
+        let (begun, gone) = (self.begun(), self.gone.load(Ordering::SeqCst));
         let abandoned = self.asking(claim);
-        self.begins(before + 1).await;
+        self.begins(begun + 1).await;
         abandoned.abort();
-        // Its end is waited for, so that the connection is closed.
-        let _ = abandoned.await;
-        sleep(Duration::from_millis(300)).await;
+        reaches(&self.gone, gone + 1).await;
     }
-
-    fn asking(
-        self: &Arc<Self>,
-        claim: &'static str,
-    ) -> JoinHandle<Result<rpc::Proof, ClientError>> {
-        let service = self.clone();
-        tokio::spawn(async move { service.prove(claim).await })
-    }
-
-    /// Lets the proof end that is being made.
-    async fn finish(&self) {
-        self.allowed.add_permits(1);
-        sleep(Duration::from_millis(300)).await;
-    }
-}
-
-/// The proof, which has to come soon.
-async fn soon(
-    proof: impl std::future::Future<Output = Result<rpc::Proof, ClientError>>,
-) -> rpc::Proof {
-    let proof = timeout(Duration::from_secs(10), proof).await;
-    proof.expect("the proof comes soon").unwrap()
 }
 
 #[tokio::test]
 async fn a_proof_whose_client_went_away_is_there_when_it_asks_again() {
     let service = Arc::new(service(4, 0).await);
     service.abandon("claim").await;
-    service.finish().await;
     // No further proof may end.
+    service.allowed.add_permits(1);
     let proof = soon(service.prove("claim")).await;
     assert_eq!(proof.proof, b"proof of claim");
     assert_eq!((proof.cycles, proof.gas), (1_000_000, 1_100_000));
@@ -78,8 +37,7 @@ async fn a_proof_whose_client_went_away_is_there_when_it_asks_again() {
 async fn who_asks_for_the_proof_that_is_being_made_waits_for_nothing_else() {
     let service = Arc::new(service(4, 0).await);
     service.abandon("claim").await;
-    let other = service.asking("other");
-    sleep(Duration::from_millis(300)).await;
+    let other = service.asking_until("other", Phase::Queued).await;
     let allowed = service.allowed.clone();
     let mut heard = vec![];
     let proof = soon(service.prove_and_watch("claim", |event| {
@@ -93,20 +51,71 @@ async fn who_asks_for_the_proof_that_is_being_made_waits_for_nothing_else() {
     // The other one is proven after it.
     service.begins(2).await;
     service.allowed.add_permits(1);
-    soon(async { other.await.unwrap() }).await;
+    comes(other).await;
     assert_eq!(service.begun(), 2);
+}
+
+#[tokio::test]
+async fn a_full_queue_refuses_nobody_whose_proof_is_there_or_being_made() {
+    let service = Arc::new(service(1, 0).await);
+    service.abandon("claim").await;
+    let first = service.asking_until("first", Phase::Queued).await;
+    let second = service.asking_until("second", Phase::Queued).await;
+    let third = refusal(service.prove("third").await);
+    assert_eq!(third.0, tonic::Code::ResourceExhausted, "{third:?}");
+
+    let again = service.asking_until("claim", Phase::Proving).await;
+    service.allowed.add_permits(1);
+    assert_eq!(comes(again).await.proof, b"proof of claim");
+    // The first one of the others is being proven, and so the queue is still full.
+    service.begins(2).await;
+    assert_eq!(soon(service.prove("claim")).await.proof, b"proof of claim");
+    service.allowed.add_permits(2);
+    comes(first).await;
+    comes(second).await;
+    assert_eq!(service.begun(), 3);
+}
+
+#[tokio::test]
+async fn who_waits_for_a_proof_that_fails_needs_a_place_as_everybody_does() {
+    let service = Arc::new(service(0, 0).await);
+    service.abandon("fail").await;
+    let other = service.asking_until("other", Phase::Queued).await;
+    let again = service.asking_until("fail", Phase::Proving).await;
+    service.allowed.add_permits(1);
+    let again = timeout(SOON, again).await;
+    let (code, reason) = refusal(again.expect("it does not wait on").unwrap());
+    assert_eq!(code, tonic::Code::ResourceExhausted);
+    assert!(reason.contains("queue is full"), "{reason}");
+    service.allowed.add_permits(1);
+    comes(other).await;
+}
+
+/// Nobody went away, and the second request is behind another one in the queue.
+#[tokio::test]
+async fn a_request_that_comes_twice_is_answered_by_one_proof() {
+    let service = Arc::new(service(4, 0).await);
+    service.abandon("before").await;
+    let first = service.asking_until("claim", Phase::Queued).await;
+    let other = service.asking_until("other", Phase::Queued).await;
+    let second = service.asking_until("claim", Phase::Queued).await;
+    service.allowed.add_permits(2);
+    comes(first).await;
+    comes(second).await;
+    service.allowed.add_permits(1);
+    comes(other).await;
+    assert_eq!(service.begun(), 3);
 }
 
 #[tokio::test]
 async fn a_proof_that_fails_is_made_anew_for_who_waits_for_it() {
     let service = Arc::new(service(4, 0).await);
     service.abandon("fail").await;
-    let again = service.asking("fail");
-    sleep(Duration::from_millis(300)).await;
+    let again = service.asking_until("fail", Phase::Proving).await;
     service.allowed.add_permits(1);
     service.begins(2).await;
     service.allowed.add_permits(1);
-    let again = timeout(Duration::from_secs(10), again).await;
+    let again = timeout(SOON, again).await;
     assert!(again.expect("it ends").unwrap().is_err());
 }
 
@@ -114,10 +123,11 @@ async fn a_proof_that_fails_is_made_anew_for_who_waits_for_it() {
 async fn a_proof_that_nobody_took_outlives_those_that_are_taken() {
     let service = Arc::new(service(4, 0).await);
     service.abandon("claim").await;
-    service.finish().await;
+    service.allowed.add_permits(1);
     for other in ["first", "second"] {
         service.allowed.add_permits(1);
         soon(service.prove(other)).await;
+        // Now the service knows that the proof was taken.
         sleep(Duration::from_millis(200)).await;
     }
     soon(service.prove("claim")).await;

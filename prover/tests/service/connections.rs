@@ -1,6 +1,6 @@
 //! Connections that say nothing, too many of them, and a process that has no file left for another one.
 
-use crate::{bounded_service, patient_service, service};
+use crate::{bounded_service, patient_service, service, soon, SOON};
 use std::fs::File;
 use std::io::{Read, Seek};
 use std::time::Duration;
@@ -9,12 +9,15 @@ use tokio::net::TcpStream;
 use tokio::time::{sleep, timeout};
 use zk0_prover::service::upload::Patience;
 
+/// An empty frame of settings that acknowledges those of a client.
+const ACKNOWLEDGED: &[u8] = b"\0\0\0\x04\x01\0\0\0\0";
+
 /// What a client of HTTP/2 sends first, with settings that change nothing.
 const BEGIN: &[u8] = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0\x04\0\0\0\0\0";
 
-fn impatient() -> Patience {
+fn impatient(silence: Duration) -> Patience {
     Patience {
-        silence: Duration::from_millis(400),
+        silence,
         ..Patience::default()
     }
 }
@@ -28,25 +31,53 @@ async fn connected(address: &str) -> TcpStream {
 async fn is_cut(mut connection: TcpStream) {
     let mut heard = vec![];
     let end = connection.read_to_end(&mut heard);
-    let end = timeout(Duration::from_secs(15), end).await;
+    let end = timeout(SOON, end).await;
     // The service may also reset it.
     let _ = end.expect("the connection stays open");
 }
 
 #[tokio::test]
 async fn who_connects_and_says_nothing_is_cut() {
-    let service = patient_service(4, 1, impatient()).await;
+    let service = patient_service(4, 1, impatient(Duration::from_secs(2))).await;
+    let mut silent = vec![];
     for said in [&BEGIN[..0], &BEGIN[..3], &BEGIN[..23]] {
         let mut connection = connected(&service.address).await;
         connection.write_all(said).await.unwrap();
+        silent.push(connection);
+    }
+    for connection in silent {
         is_cut(connection).await;
     }
     service.prove("claim").await.unwrap();
 }
 
+/// The client and the service are on one thread. It is busy until the time is over.
+#[tokio::test]
+async fn who_began_in_time_is_not_cut_by_a_service_that_looks_late() {
+    let silence = Duration::from_secs(2);
+    let service = patient_service(4, 1, impatient(silence)).await;
+    let mut connection = connected(&service.address).await;
+    // The service waits for the first bytes now.
+    sleep(Duration::from_millis(200)).await;
+    connection.write_all(BEGIN).await.unwrap();
+    std::thread::sleep(silence + Duration::from_millis(200));
+    let mut heard = vec![];
+    let answered = async {
+        while !heard
+            .windows(ACKNOWLEDGED.len())
+            .any(|at| at == ACKNOWLEDGED)
+        {
+            let read = connection.read_buf(&mut heard).await;
+            assert!(matches!(read, Ok(1..)), "it is cut: {read:?}");
+        }
+    };
+    let answered = timeout(SOON, answered).await;
+    answered.expect("the service answers");
+}
+
 #[tokio::test]
 async fn a_client_that_is_not_there_any_more_is_cut() {
-    let service = patient_service(4, 0, impatient()).await;
+    let service = patient_service(4, 0, impatient(Duration::from_millis(400))).await;
     let mut connection = connected(&service.address).await;
     connection.write_all(BEGIN).await.unwrap();
     is_cut(connection).await;
@@ -59,14 +90,12 @@ async fn connections_beyond_the_bound_wait_until_one_ends() {
         connected(&service.address).await,
         connected(&service.address).await,
     ];
-    sleep(Duration::from_millis(300)).await;
     let proof = service.prove("claim");
     let mut proof = std::pin::pin!(proof);
     let early = timeout(Duration::from_secs(1), &mut proof).await;
     assert!(early.is_err(), "a third connection is served");
     drop(silent);
-    let proof = timeout(Duration::from_secs(9), proof).await;
-    proof.expect("it is served").unwrap();
+    soon(proof).await;
 }
 
 /// Runs in a process of its own, which may open few files.

@@ -5,11 +5,12 @@ mod connections;
 mod one_prover;
 mod private_inputs;
 
+use std::future::{pending, Future};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
-use tokio::sync::{oneshot, Semaphore};
+use tokio::sync::{mpsc, oneshot, Semaphore};
 use tokio::task::JoinHandle;
 use tokio::time::{sleep, timeout};
 use tonic::transport::Endpoint;
@@ -27,6 +28,11 @@ use zk0_prover::service::{
 };
 use zk0_tls::service_address::ServiceAddress;
 
+/// How long the tests wait for what comes soon.
+const SOON: Duration = Duration::from_secs(20);
+/// How long any request may take. Whatever takes longer hangs.
+const HANGS: Duration = Duration::from_secs(60);
+
 fn input(buffers: Vec<Vec<u8>>) -> GuestInput {
     GuestInput {
         mode: Mode::Succinct,
@@ -40,6 +46,7 @@ struct Fake {
     at_once: AtomicUsize,
     most_at_once: Arc<AtomicUsize>,
     begun: Arc<AtomicUsize>,
+    gone: Arc<AtomicUsize>,
 }
 
 #[tonic::async_trait]
@@ -76,7 +83,15 @@ impl Backend for Fake {
         }
         let now = self.at_once.fetch_add(1, Ordering::SeqCst) + 1;
         self.most_at_once.fetch_max(now, Ordering::SeqCst);
-        self.allowed.acquire().await.unwrap().forget();
+        let gone = async {
+            waiting.given_up().await;
+            self.gone.fetch_add(1, Ordering::SeqCst);
+            pending::<()>().await;
+        };
+        tokio::select! {
+            allowed = self.allowed.acquire() => allowed.unwrap().forget(),
+            () = gone => {}
+        }
         self.at_once.fetch_sub(1, Ordering::SeqCst);
         let public_values = match input[0].as_slice() {
             b"forge" => b"another claim".to_vec(),
@@ -98,6 +113,8 @@ struct Service {
     most_at_once: Arc<AtomicUsize>,
     /// How many proofs were begun.
     begun: Arc<AtomicUsize>,
+    /// How many clients went away while their claims were proven.
+    gone: Arc<AtomicUsize>,
     stop: oneshot::Sender<()>,
     served: JoinHandle<()>,
 }
@@ -118,11 +135,13 @@ async fn bounded_service(
     let allowed = Arc::new(Semaphore::new(permits));
     let most_at_once = Arc::new(AtomicUsize::new(0));
     let begun = Arc::new(AtomicUsize::new(0));
+    let gone = Arc::new(AtomicUsize::new(0));
     let backend = Fake {
         allowed: allowed.clone(),
         at_once: AtomicUsize::new(0),
         most_at_once: most_at_once.clone(),
         begun: begun.clone(),
+        gone: gone.clone(),
     };
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = format!("http://{}", listener.local_addr().unwrap());
@@ -137,6 +156,7 @@ async fn bounded_service(
         allowed,
         most_at_once,
         begun,
+        gone,
         stop,
         served,
     }
@@ -157,8 +177,81 @@ impl Service {
         progress: impl FnMut(Progress),
     ) -> Result<zk0_prover::rpc::Proof, ClientError> {
         let mut client = ProvingClient::connect(self.address()).await?;
-        client.prove(input(vec![claim.into()]), progress).await
+        let proof = client.prove(input(vec![claim.into()]), progress);
+        let proof = timeout(HANGS, proof).await;
+        proof.expect("the service answers")
     }
+
+    /// Asks again and again, until the service has room for the claim.
+    async fn prove_when_there_is_room(
+        &self,
+        claim: &str,
+        mut progress: impl FnMut(Progress),
+    ) -> Result<zk0_prover::rpc::Proof, ClientError> {
+        loop {
+            match self.prove_and_watch(claim, &mut progress).await {
+                Err(error) if error.may_pass() => sleep(Duration::from_millis(20)).await,
+                proof => return proof,
+            }
+        }
+    }
+
+    fn begun(&self) -> usize {
+        self.begun.load(Ordering::SeqCst)
+    }
+
+    /// Waits until so many proofs were begun.
+    async fn begins(&self, proofs: usize) {
+        reaches(&self.begun, proofs).await;
+    }
+
+    fn asking(self: &Arc<Self>, claim: &'static str) -> Asking {
+        let service = self.clone();
+        tokio::spawn(async move { service.prove(claim).await })
+    }
+
+    /// Asks for a proof, and waits until the service says that the claim is in this phase.
+    async fn asking_until(self: &Arc<Self>, claim: &'static str, phase: Phase) -> Asking {
+        let service = self.clone();
+        let (told, mut heard) = mpsc::unbounded_channel();
+        let asking = tokio::spawn(async move {
+            let progress = move |event: Progress| {
+                // The test may not listen any more.
+                let _ = told.send(event.phase());
+            };
+            service.prove_and_watch(claim, progress).await
+        });
+        let comes = async { while heard.recv().await.expect("it is told") != phase {} };
+        let comes = timeout(SOON, comes).await;
+        comes.expect("the claim comes so far");
+        asking
+    }
+}
+
+/// A request that is on its way.
+type Asking = JoinHandle<Result<zk0_prover::rpc::Proof, ClientError>>;
+
+async fn reaches(count: &AtomicUsize, least: usize) {
+    let reaches = async {
+        while count.load(Ordering::SeqCst) < least {
+            sleep(Duration::from_millis(10)).await;
+        }
+    };
+    let reaches = timeout(SOON, reaches).await;
+    reaches.expect("it comes so far");
+}
+
+/// The proof, which has to come soon.
+async fn soon(
+    proof: impl Future<Output = Result<zk0_prover::rpc::Proof, ClientError>>,
+) -> zk0_prover::rpc::Proof {
+    let proof = timeout(SOON, proof).await;
+    proof.expect("the proof comes soon").unwrap()
+}
+
+/// Like [`soon`], for a request that is on its way.
+async fn comes(asking: Asking) -> zk0_prover::rpc::Proof {
+    soon(async { asking.await.unwrap() }).await
 }
 
 fn refusal(result: Result<zk0_prover::rpc::Proof, ClientError>) -> (tonic::Code, String) {
@@ -191,7 +284,8 @@ async fn a_false_claim_is_told_at_once_and_never_reaches_the_prover() {
 async fn an_unreadable_private_input_is_an_invalid_argument() {
     let service = service(4, 0).await;
     let mut client = ProvingClient::connect(service.address()).await.unwrap();
-    let (code, _) = refusal(client.prove(input(vec![]), |_| {}).await);
+    let proof = timeout(SOON, client.prove(input(vec![]), |_| {})).await;
+    let (code, _) = refusal(proof.expect("it is refused at once"));
     assert_eq!(code, tonic::Code::InvalidArgument);
 }
 
@@ -223,24 +317,19 @@ async fn a_failed_or_panicking_proof_does_not_stop_the_next() {
 async fn a_full_queue_refuses_and_accepts_again_when_a_proof_is_done() {
     // One is proven, and one waits.
     let service = Arc::new(service(1, 0).await);
-    let waiting: Vec<_> = ["first", "second"]
-        .into_iter()
-        .map(|claim| {
-            let service = service.clone();
-            tokio::spawn(async move { service.prove(claim).await })
-        })
-        .collect();
-    sleep(Duration::from_millis(500)).await;
-    let third = timeout(Duration::from_secs(20), service.prove("third")).await;
+    let first = service.asking_until("first", Phase::Proving).await;
+    let second = service.asking_until("second", Phase::Queued).await;
+    // A client that heard of progress would not know that the service is full.
+    let third = service.prove_and_watch("third", |event| panic!("{event:?}"));
+    let third = timeout(SOON, third).await;
     let (code, reason) = refusal(third.expect("the full queue refuses at once"));
     assert_eq!(code, tonic::Code::ResourceExhausted);
     assert!(reason.contains("queue is full"), "{reason}");
 
     service.allowed.add_permits(3);
-    for proof in waiting {
-        proof.await.unwrap().unwrap();
-    }
-    service.prove("third").await.unwrap();
+    comes(first).await;
+    comes(second).await;
+    soon(service.prove_when_there_is_room("third", |_| {})).await;
     assert_eq!(
         service.most_at_once.load(Ordering::SeqCst),
         1,
@@ -251,26 +340,20 @@ async fn a_full_queue_refuses_and_accepts_again_when_a_proof_is_done() {
 #[tokio::test]
 async fn clients_in_the_queue_are_told_their_place_and_time() {
     let service = Arc::new(service(4, 0).await);
-    let first = {
-        let service = service.clone();
-        tokio::spawn(async move { service.prove("first").await })
-    };
-    sleep(Duration::from_millis(300)).await;
+    let first = service.asking_until("first", Phase::Proving).await;
     let mut heard = Vec::new();
     let allowed = service.allowed.clone();
-    service
-        .prove_and_watch("second", |event| {
-            if event.phase() == Phase::Queued && event.elapsed_ms > 500 {
-                allowed.add_permits(1); // This lets the first proof end
-            }
-            if event.phase() == Phase::Proving {
-                allowed.add_permits(1);
-            }
-            heard.push(event);
-        })
-        .await
-        .unwrap();
-    first.await.unwrap().unwrap();
+    let second = service.prove_and_watch("second", |event| {
+        if event.phase() == Phase::Queued && event.elapsed_ms > 500 {
+            allowed.add_permits(1); // This lets the first proof end
+        }
+        if event.phase() == Phase::Proving {
+            allowed.add_permits(1);
+        }
+        heard.push(event);
+    });
+    soon(second).await;
+    comes(first).await;
     let queued = heard
         .iter()
         .find(|event| event.phase() == Phase::Queued)
@@ -290,24 +373,18 @@ async fn clients_in_the_queue_are_told_their_place_and_time() {
 #[tokio::test]
 async fn a_client_that_goes_away_gives_up_its_place() {
     let service = Arc::new(service(1, 0).await);
-    let spawn = |claim: &'static str| {
-        let service = service.clone();
-        tokio::spawn(async move { service.prove(claim).await })
-    };
-    let first = spawn("first");
-    sleep(Duration::from_millis(300)).await;
-    let second = spawn("second");
-    sleep(Duration::from_millis(300)).await;
+    let first = service.asking_until("first", Phase::Proving).await;
+    let second = service.asking_until("second", Phase::Queued).await;
     second.abort();
-    sleep(Duration::from_millis(300)).await;
-    let third = spawn("third");
-    sleep(Duration::from_millis(300)).await;
-    service.allowed.add_permits(2);
-    first.await.unwrap().unwrap();
-    third
-        .await
-        .unwrap()
-        .expect("the place of the second was free");
+    let allowed = service.allowed.clone();
+    let third = service.prove_when_there_is_room("third", |event| {
+        // It has the place of the second one while the first one is still being proven.
+        if event.phase() == Phase::Queued {
+            allowed.add_permits(2);
+        }
+    });
+    soon(third).await;
+    comes(first).await;
 }
 
 /// A client asks again only where the service says that it may take the claim later.
@@ -319,9 +396,9 @@ async fn a_service_that_stops_tells_who_waits_for_a_proof_to_ask_again() {
     let mut client = ProvingClient::connect(service.address()).await.unwrap();
     let input = input(vec![b"until it stops".to_vec()]);
     let waiting = tokio::spawn(async move { client.prove(input, |_| {}).await });
-    sleep(Duration::from_millis(500)).await;
+    service.begins(1).await;
     service.stop.send(()).unwrap();
-    let told = timeout(Duration::from_secs(4), waiting).await;
+    let told = timeout(SOON, waiting).await;
     let told = told.expect("it is told").unwrap().unwrap_err();
     let said = told.to_string();
     for words in [&*service.address, "the proving service is stopping"] {
@@ -334,13 +411,13 @@ async fn a_service_that_stops_tells_who_waits_for_a_proof_to_ask_again() {
 async fn a_service_that_stops_does_not_wait_until_a_proof_is_taken() {
     let service = service(4, 1).await;
     let window = 1u32 << 16;
-    let endpoint = Endpoint::from_shared(service.address).unwrap();
+    let endpoint = Endpoint::from_shared(service.address.clone()).unwrap();
     let endpoint = endpoint.initial_stream_window_size(window);
     let mut client = ProverClient::new(endpoint.connect().await.unwrap());
     let parts = upload::parts(input(vec![vec![7; 1 << 20]]));
     let _not_read = client.prove(tokio_stream::iter(parts)).await.unwrap();
-    sleep(Duration::from_millis(1500)).await;
+    service.begins(1).await;
     service.stop.send(()).unwrap();
-    let ended = timeout(Duration::from_secs(15), service.served).await;
+    let ended = timeout(SOON, service.served).await;
     ended.expect("it stops").unwrap();
 }

@@ -1,9 +1,9 @@
 //! Private inputs on their way to the service: their form, their size, and how long they take.
 
-use crate::{patient_service, refusal, service};
-use std::sync::Arc;
+use crate::{patient_service, refusal, service, soon, Service, SOON};
 use std::time::Duration;
-use tokio::time::{sleep, timeout};
+use tokio::task::JoinSet;
+use tokio::time::timeout;
 use tokio_stream::{Stream, StreamExt};
 use zk0_circuits::Mode;
 use zk0_prover::program::GuestInput;
@@ -17,10 +17,9 @@ async fn raw(parts: Vec<Part>) -> tonic::Status {
     let service = service(2, 1).await;
     let mut client = ProverClient::connect(service.address).await.unwrap();
     let parts = parts.into_iter().map(|part| ProvePart { part: Some(part) });
-    client
-        .prove(tokio_stream::iter(parts.collect::<Vec<_>>()))
-        .await
-        .unwrap_err()
+    let proof = client.prove(tokio_stream::iter(parts.collect::<Vec<_>>()));
+    let proof = timeout(SOON, proof).await;
+    proof.expect("the service answers").unwrap_err()
 }
 
 fn announce(mode: prove_request::Mode, buffers: Vec<u64>) -> Part {
@@ -107,26 +106,20 @@ async fn announcing(
 }
 
 #[tokio::test]
-async fn who_sends_nothing_or_too_slowly_gives_up_its_place() {
+async fn who_sends_nothing_or_too_slowly_is_given_up() {
     let patience = Patience {
-        silence: Duration::from_millis(400),
-        whole: Duration::from_millis(1500),
+        silence: Duration::from_secs(2),
+        whole: Duration::from_secs(6),
     };
     let service = patient_service(0, 1, patience).await;
     let silent = announcing(service.address.clone(), 9, tokio_stream::pending());
     let slow = tokio_stream::iter(std::iter::repeat(Part::Data(vec![1])));
     let slow = slow.throttle(Duration::from_millis(50));
     let slow = announcing(service.address.clone(), MAX_INPUT_BYTES, slow);
-    // The second one comes when the first one has no place any more.
+    let (silent, slow) = tokio::join!(timeout(SOON, silent), timeout(SOON, slow));
     for (status, why) in [
-        (
-            timeout(Duration::from_secs(20), silent).await,
-            "nothing of the private input came for",
-        ),
-        (
-            timeout(Duration::from_secs(20), slow).await,
-            "the private input took",
-        ),
+        (silent, "nothing of the private input came for"),
+        (slow, "the private input took"),
     ] {
         let status = status.expect("the service waits on");
         assert_eq!(status.code(), tonic::Code::DeadlineExceeded, "{status}");
@@ -138,42 +131,43 @@ async fn who_sends_nothing_or_too_slowly_gives_up_its_place() {
 #[tokio::test]
 async fn a_service_that_stops_waits_for_no_private_input() {
     let service = service(4, 0).await;
-    let silent = announcing(
-        service.address.clone(),
-        MAX_INPUT_BYTES,
-        tokio_stream::pending(),
-    );
-    let silent = tokio::spawn(silent);
-    sleep(Duration::from_millis(500)).await;
+    let mut silent = fill_the_memory(&service).await;
     service.stop.send(()).unwrap();
-    let ended = timeout(Duration::from_secs(4), service.served).await;
+    let ended = timeout(SOON, service.served).await;
     ended.expect("it stops").unwrap();
-    let told = silent.await.unwrap();
-    assert_eq!(told.code(), tonic::Code::Unavailable, "{told}");
-    assert!(told.message().contains("is stopping"), "{told}");
+    while let Some(told) = silent.join_next().await {
+        let told = told.unwrap();
+        assert_eq!(told.code(), tonic::Code::Unavailable, "{told}");
+        assert!(told.message().contains("is stopping"), "{told}");
+    }
+}
+
+/// Announces private inputs and never sends them. The service reserves the memory all the same, and has none for one of them. Returns the others.
+async fn fill_the_memory(service: &Service) -> JoinSet<tonic::Status> {
+    let mut all = JoinSet::new();
+    for _ in 0..5 {
+        let address = service.address.clone();
+        all.spawn(announcing(
+            address,
+            MAX_INPUT_BYTES,
+            tokio_stream::pending(),
+        ));
+    }
+    let refused = timeout(SOON, all.join_next()).await;
+    let refused = refused.expect("one of them is refused");
+    let refused = refused.unwrap().unwrap();
+    assert!(refused.message().contains("fill its memory"), "{refused}");
+    all
 }
 
 #[tokio::test]
 async fn private_inputs_that_fill_the_memory_are_refused_until_a_proof_is_done() {
-    let service = Arc::new(service(16, 0).await);
-    let all_waiting: Vec<_> = (0..4)
-        .map(|_| {
-            // The client announces the input and never sends it. The service reserves the memory all the same.
-            tokio::spawn(announcing(
-                service.address.clone(),
-                MAX_INPUT_BYTES,
-                tokio_stream::pending(),
-            ))
-        })
-        .collect();
-    sleep(Duration::from_millis(500)).await;
+    let service = service(16, 0).await;
+    let mut waiting = fill_the_memory(&service).await;
     let (code, reason) = refusal(service.prove("claim").await);
     assert_eq!(code, tonic::Code::ResourceExhausted);
     assert!(reason.contains("fill its memory"), "{reason}");
-    for waiting in all_waiting {
-        waiting.abort();
-    }
-    sleep(Duration::from_millis(500)).await;
+    waiting.shutdown().await;
     service.allowed.add_permits(1);
-    service.prove("claim").await.unwrap();
+    soon(service.prove_when_there_is_room("claim", |_| {})).await;
 }

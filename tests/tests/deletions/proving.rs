@@ -1,5 +1,5 @@
-//! Checks of the proving service: nobody holds its places or its connections for nothing, no claim is proven twice because a client went away, and one
-//! prover runs on a machine.
+//! Checks of the proving service: nobody holds its places or its connections for nothing, no claim is proven twice because a client went away,
+//! no node waits for a proof in vain, and one prover runs on a machine.
 
 use crate::Removal;
 
@@ -26,22 +26,22 @@ const fn proving(
 
 pub const REMOVALS: &[Removal] = &[
     proving(
-        "a client of the proving service that is silent gives up its place",
+        "a client of the proving service that is silent is given up",
         "prover/src/service/upload.rs",
         &[(
             "parts.timeout(silence)",
             "parts.timeout(silence.max(Duration::from_secs(3600)))",
         )],
-        "who_sends_nothing_or_too_slowly_gives_up_its_place",
+        "who_sends_nothing_or_too_slowly_is_given_up",
     ),
     proving(
-        "a client of the proving service that is slow gives up its place",
+        "a client of the proving service that is slow is given up",
         SERVER,
         &[(
             "timeout(self.patience.whole, self.received",
             "timeout(self.patience.whole.max(Duration::from_secs(3600)), self.received",
         )],
-        "who_sends_nothing_or_too_slowly_gives_up_its_place",
+        "who_sends_nothing_or_too_slowly_is_given_up",
     ),
     proving(
         "a proving service that stops waits for no private input",
@@ -85,11 +85,41 @@ pub const REMOVALS: &[Removal] = &[
     proving(
         "a client that asks again waits for the proof that is being made, and for nothing else",
         SERVER,
+        &[
+            (
+                "if let Some(place) = shared.made.making(of) {",
+                "if let Some(place) = shared.made.making(of).filter(|_| false) {",
+            ),
+            (
+                "proof = shared.made.until(of) =>",
+                "proof = shared.made.until(of), if false =>",
+            ),
+        ],
+        "who_asks_for_the_proof_that_is_being_made_waits_for_nothing_else",
+    ),
+    proving(
+        "a request that comes twice is answered as soon as its proof is there",
+        SERVER,
         &[(
             "proof = shared.made.until(of) =>",
             "proof = shared.made.until(of), if false =>",
         )],
-        "who_asks_for_the_proof_that_is_being_made_waits_for_nothing_else",
+        "a_request_that_comes_twice_is_answered_by_one_proof",
+    ),
+    proving(
+        "a full queue refuses nobody whose proof is there or being made",
+        SERVER,
+        &[("match self.shared.made.has(of) {", "match false {")],
+        "a_full_queue_refuses_nobody_whose_proof_is_there_or_being_made",
+    ),
+    proving(
+        "who waits for a proof that fails needs a place in the queue",
+        SERVER,
+        &[(
+            "self.slot.is_none().then(|| shared.slot())",
+            "false.then(|| shared.slot())",
+        )],
+        "who_waits_for_a_proof_that_fails_needs_a_place_as_everybody_does",
     ),
     proving(
         "a proof that nobody took outlives proofs that are taken",
@@ -120,6 +150,15 @@ pub const REMOVALS: &[Removal] = &[
             ".poll(context).is_ready() && false {",
         )],
         "who_connects_and_says_nothing_is_cut",
+    ),
+    proving(
+        "a connection whose first bytes came in time is not cut",
+        INCOMING,
+        &[(
+            "if beginning.come >= PREFACE_BYTES {",
+            "if beginning.come >= PREFACE_BYTES && beginning.due.as_mut().poll(context).is_pending() {",
+        )],
+        "who_began_in_time_is_not_cut_by_a_service_that_looks_late",
     ),
     proving(
         "the connection of a client that is gone is cut",
@@ -178,4 +217,15 @@ pub const REMOVALS: &[Removal] = &[
         )],
         "other_users_can_lock_the_same_file",
     ),
+    Removal {
+        check: "a node does not wait for a proof that would come too late",
+        file: "node/src/turn/proving.rs",
+        replacements: &[(
+            "() = submissions_end(node, opened) =>",
+            "() = submissions_end(node, opened), if false =>",
+        )],
+        package: "zk0-node",
+        target: "lying_aggregator",
+        test: "a_node_waits_for_no_proof_that_would_come_too_late",
+    },
 ];

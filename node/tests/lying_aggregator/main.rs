@@ -1,9 +1,10 @@
 //! A node believes nothing that an aggregator says of a round's randomness or of a proposal. The aggregator of these tests holds the log's
 //! key, and shows the node whatever a test makes up.
 
-#[path = "../../protocol/tests/network/mod.rs"]
+#[path = "../../../protocol/tests/network/mod.rs"]
 mod network;
-#[path = "evaluation_set/setting.rs"]
+mod proof_in_time;
+#[path = "../evaluation_set/setting.rs"]
 mod setting;
 
 use network::log::MemoryLog;
