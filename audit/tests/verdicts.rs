@@ -270,7 +270,7 @@ fn a_damaged_blob_of_a_copy_is_fetched_again_before_anybody_judges() {
         assert_eq!(fs::read(&blob).unwrap(), whole);
     }
     // A ledger that is read where it lies cannot be fetched again, so the damage is a fault of it.
-    let [_, proof, _] = some_blobs(mirror.path());
+    let [policy, proof, _] = some_blobs(mirror.path());
     let whole = fs::read(&proof).unwrap();
     fs::write(&proof, flipped(&whole)).unwrap();
     let audited = of(None, None).run(mirror.path()).unwrap();
@@ -286,13 +286,8 @@ fn a_damaged_blob_of_a_copy_is_fetched_again_before_anybody_judges() {
     let error = of(None, Some(&away)).run(mirror.path()).unwrap_err();
     assert!(error.to_string().contains("no answer"), "{error}");
     again().unwrap();
-    fs::write(&proof, flipped(&whole)).unwrap();
-    let [.., update] = some_blobs(ledger.path());
-    let of_mirror = mirror
-        .path()
-        .join("blobs/sha256")
-        .join(update.file_name().unwrap());
-    fs::remove_file(&of_mirror).unwrap();
+    fs::remove_file(&proof).unwrap();
+    fs::write(&policy, b"damaged").unwrap();
     let audited = of(None, Some(&away)).run(mirror.path()).unwrap();
     assert_eq!(audited.verdict, Verdict::Failed, "{:?}", audited.findings);
     // Whoever serves the damaged blob is at fault.

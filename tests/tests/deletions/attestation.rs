@@ -39,7 +39,7 @@ pub const REMOVALS: &[Removal] = &[
         replacements: &[
             ("        check_blob(file, &claimed.blob)?;\n", ""),
         ],
-        package: "zk0-verifier",
+        package: "zk0-tests",
         target: "verifier_attacks",
         test: "other_weights_than_those_committed_are_refused",
     },
@@ -49,7 +49,7 @@ pub const REMOVALS: &[Removal] = &[
         replacements: &[
             ("match actual == claimed.quantised {", "match true {"),
         ],
-        package: "zk0-verifier",
+        package: "zk0-tests",
         target: "verifier_attacks",
         test: "other_weights_than_those_proven_are_refused",
     },
@@ -119,7 +119,7 @@ pub const REMOVALS: &[Removal] = &[
         replacements: &[
             ("if difference <= norm * U256::from(limit * limit) {", "if true {"),
         ],
-        package: "zk0-verifier",
+        package: "zk0-tests",
         target: "verifier_attacks",
         test: "an_update_too_far_from_its_base_is_refused",
     },
@@ -129,7 +129,7 @@ pub const REMOVALS: &[Removal] = &[
         replacements: &[
             ("    check_proof_of(state.program(), contribution.parts()?.sp1, claim)\n", "    let _ = check_proof_of;\n    Ok(())\n"),
         ],
-        package: "zk0-verifier",
+        package: "zk0-tests",
         target: "verifier_attacks",
         test: "a_proof_of_the_first_program_is_refused_once_another_one_is_in_force",
     },
@@ -139,7 +139,7 @@ pub const REMOVALS: &[Removal] = &[
         replacements: &[
             (".find(|(release, _)| *release == program.sp1)", ".next()"),
         ],
-        package: "zk0-verifier",
+        package: "zk0-tests",
         target: "verifier_attacks",
         test: "without_the_verifier_of_its_release_a_proof_is_neither_right_nor_wrong",
     },
@@ -181,7 +181,7 @@ pub const REMOVALS: &[Removal] = &[
         replacements: &[
             ("        submission.verify()?;\n", ""),
         ],
-        package: "zk0-verifier",
+        package: "zk0-tests",
         target: "verifier_attacks",
         test: "another_nodes_signature_is_refused",
     },
@@ -201,7 +201,7 @@ pub const REMOVALS: &[Removal] = &[
         replacements: &[
             ("    state.check_claim(claim, time_ms)?;\n", "    let _ = time_ms;\n"),
         ],
-        package: "zk0-verifier",
+        package: "zk0-tests",
         target: "verifier_attacks",
         test: "a_second_submission_is_refused",
     },
@@ -211,7 +211,7 @@ pub const REMOVALS: &[Removal] = &[
         replacements: &[
             ("match proof.digest() == statement.proof {", "match true {"),
         ],
-        package: "zk0-verifier",
+        package: "zk0-tests",
         target: "verifier_attacks",
         test: "a_flipped_byte_in_the_proof_is_refused",
     },
@@ -261,7 +261,7 @@ pub const REMOVALS: &[Removal] = &[
         replacements: &[
             ("if given != accepted {", "if false {"),
         ],
-        package: "zk0-verifier",
+        package: "zk0-tests",
         target: "averages",
         test: "only_what_the_ledger_accepted_is_averaged",
     },
@@ -291,7 +291,7 @@ pub const REMOVALS: &[Removal] = &[
         replacements: &[
             ("evaluation.check_update(file, named)", "{ let _ = named; evaluation.read(file) }"),
         ],
-        package: "zk0-verifier",
+        package: "zk0-tests",
         target: "averages",
         test: "momentum_reads_the_base_of_the_round_before",
     },

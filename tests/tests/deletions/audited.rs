@@ -199,7 +199,7 @@ pub const REMOVALS: &[Removal] = &[
         replacements: &[
             ("Ok(Some(global)) if global.digest != recorded =>", "Ok(Some(global)) if false && global.digest != recorded =>"),
         ],
-        package: "zk0-audit",
+        package: "zk0-tests",
         target: "averages",
         test: "another_result_than_the_average_is_a_fault",
     },
@@ -209,7 +209,7 @@ pub const REMOVALS: &[Removal] = &[
         replacements: &[
             ("            return Err(not_at_hand(What::Averages, blob, why, excuse.why(&kind)));", "            let _ = (why, kind);\n            return Ok(None);"),
         ],
-        package: "zk0-audit",
+        package: "zk0-tests",
         target: "averages",
         test: "momentum_reads_the_base_of_the_round_before",
     },
@@ -219,7 +219,7 @@ pub const REMOVALS: &[Removal] = &[
         replacements: &[
             ("closed.is_taken() && global.moments != named =>", "false && closed.is_taken() && global.moments != named =>"),
         ],
-        package: "zk0-audit",
+        package: "zk0-tests",
         target: "averages",
         test: "other_moments_than_those_of_the_round_are_a_fault",
     },
