@@ -207,11 +207,10 @@ fn flips(original: &Path, seed: u64, count: usize) -> BTreeMap<String, (usize, u
         };
         let (caught, all) = noticed.entry(kind).or_insert((0, 0));
         *all += 1;
-        match report.verdict {
-            Verdict::Failed => *caught += 1,
-            Verdict::Verified | Verdict::Incomplete => {
-                assert_eq!(report, truth, "byte {position} of {file:?}")
-            }
+        match (report.verdict, &report.unread) {
+            // RocksDB may look for a file of another name.
+            (Verdict::Failed, _) | (Verdict::Incomplete, Some(_)) => *caught += 1,
+            _ => assert_eq!(report, truth, "byte {position} of {file:?}"),
         }
         fs::remove_dir_all(&dir).unwrap();
     }
