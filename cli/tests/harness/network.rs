@@ -100,7 +100,7 @@ impl LocalNetwork {
     pub fn found_with_short_rounds(&self) {
         let node = keys::generate(Path::new(&self.path("node.key"))).unwrap();
         let mut rules: Value = serde_json::from_str(&prints(&["aggregator", "rules"])).unwrap();
-        rules["commit_window_ms"] = 600_000.into();
+        rules["commit_window_ms"] = 180_000.into();
         rules["submit_window_ms"] = 5_000.into();
         let file = self.path("rules.json");
         fs::write(&file, rules.to_string()).unwrap();
