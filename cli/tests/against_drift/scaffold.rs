@@ -46,8 +46,7 @@ fn found(network: &LocalNetwork, rule: Scaffold) {
     let rules = prints(&["aggregator", "rules", "--governor", &named]);
     let mut rules: serde_json::Value = serde_json::from_str(&rules).unwrap();
     rules["strategy"] = serde_json::to_value(Strategy::Scaffold(rule)).unwrap();
-    // A busy machine trains for longer than an idle one. One round waits for the end of this.
-    rules["commit_window_ms"] = 30_000.into();
+    rules["commit_window_ms"] = 10_000.into();
     rules["submit_window_ms"] = 60_000.into();
     for wait in ["voting_ms", "time_lock_ms"] {
         rules["governance"][wait] = 1.into();
