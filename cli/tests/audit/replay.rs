@@ -158,6 +158,13 @@ fn the_auditors_own_disk_is_not_taken_for_the_ledger() {
     fs::create_dir(&blob).unwrap();
     let (_, error) = ends(4, &["audit", "replay", text(&ledger)]);
     assert!(error.contains("there is no verdict"), "{error}");
+    fs::remove_dir(&blob).unwrap();
+    fs::write(&blob, whole).unwrap();
+    fs::create_dir(ledger.join("pruned")).unwrap();
+    let (_, error) = ends(4, &["audit", "replay", text(&ledger)]);
+    assert!(error.contains("there is no verdict"), "{error}");
+    let (_, error) = ends(1, &["audit", "show", text(&ledger)]);
+    assert!(error.contains("cannot be read to its end"), "{error}");
     let watch = ["audit", "watch", text(&ledger), "--looks", "1"];
     let (said, error) = ends(4, &watch);
     assert!(!said.contains("ALARM"), "{said}");

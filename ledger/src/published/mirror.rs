@@ -144,7 +144,7 @@ pub(crate) fn mirror_with(
     policy: Option<&WitnessPolicy>,
     network: Option<&Digest>,
 ) -> Result<Mirrored, MirrorError> {
-    // Without this file, somebody was killed while RocksDB made the database, and it goes on.
+    // If this file is missing, an import was killed while RocksDB was making the database. This import makes it anew.
     let begun = folder::database(dir).join("CURRENT").exists();
     let known = match begun {
         true => Store::open_read_only(&folder::database(dir))?.entry(0)?,
