@@ -6,13 +6,14 @@ NODES ?= 3
 CONFIDENCE ?= 99%
 FULL_SAMPLES ?= 4
 SUITE ?= trixie
+BASE ?= origin/main
 # Outside the clone, so that checkouts share one build.
 export CARGO_TARGET_DIR ?= $(HOME)/.cache/zk0/target
 RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 SUDO := $(if $(filter-out 0,$(shell id -u)),sudo)
 
-.PHONY: demo test deletions attacks quick lint coverage setup build image guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load bench-simulate cuda network flower rollout units buckets
+.PHONY: demo test deletions attacks mutants quick lint coverage setup build image guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load bench-simulate cuda network flower rollout units buckets
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)
@@ -36,7 +37,7 @@ cuda:
 network: export CARGO_TARGET_DIR := $(CARGO_TARGET_DIR)-network
 network: setup
 	$(RUST) cargo build --release --workspace --locked --features zk0/network --bin zk0
-	$(RUST) cargo test --release --workspace --locked --features zk0/network --test prover_network
+	$(RUST) cargo test --release --workspace --locked --features zk0/network --test prover prover_network::
 
 # Builds the container image `zk0`, and tries it as docs/services.md says to run it. This needs Podman, and installs nothing outside the image. The first
 # time, all is compiled, which takes as long as the first `make build`. What is compiled stays in Podman's cache for the next time.
@@ -49,32 +50,37 @@ image:
 flower: build
 	scripts/test-flower
 
-# Runs every check and test. The real proof comes last and alone, because it needs the memory for itself.
+# Runs every check and test, and says at the end where the time went. The real proof comes last and alone, because it needs the memory for itself.
 test:
-	@scripts/setup.sh guest lint
-	scripts/lint
-	$(RUST) cargo test --release --workspace --locked --tests
-	$(RUST) cargo test --release --workspace --locked --doc
-	$(RUST) cargo test --release --workspace --locked --test real_proof -- --ignored --nocapture
+	scripts/test
 
 # Removes each check of the protocol, the argument, the verifier, the ledger and the audit from a copy of the sources, and fails where no
 # test fails without it. `make test` does so for the protocol and the guest alone. SP1 is built for the copy, which takes half an hour. From then on, the
 # argument takes a quarter of an hour, and all others 11 minutes.
 deletions:
 	@scripts/setup.sh guest
-	$(RUST) cargo test --release --workspace --locked --test deletions -- --include-ignored --nocapture --test-threads 1
+	$(RUST) cargo test --release --workspace --locked --test tree deletions:: -- --include-ignored --nocapture --test-threads 1
 
 # Carries out each attack of docs/attacks.md, and then once more in a copy of the sources without the defence, where it has to succeed. Prints
 # one JSON line for each, and how many of the 17 rows hold. ZK0_ATTACKS="5;13" chooses rows. With the tests built, it took eight minutes on two
 # cores on which four others built.
 attacks:
-	@$(RUST) cargo test --release --workspace --locked --quiet --test attacks -- --ignored --nocapture
+	@$(RUST) cargo test --release --workspace --locked --quiet --test system attacks:: -- --ignored --nocapture
+
+# Changes what this branch changed in the crates that decide, one small piece at a time, and fails where no test notices. BASE is what the branch is
+# compared with.
+mutants:
+	@scripts/setup.sh mutants
+	git diff $(BASE) -- circuits protocol verifier weights >$(CARGO_TARGET_DIR)/mutants.diff
+	$(RUST) cargo mutants --in-diff $(CARGO_TARGET_DIR)/mutants.diff --output $(CARGO_TARGET_DIR) --profile release \
+		--package zk0-circuits --package zk0-protocol --package zk0-verifier --package zk0-weights
 
 # Checks what a person wants to know between two edits: formatting, warnings, and the tests that need neither a proof nor a network.
 quick:
 	@scripts/setup.sh lint
 	scripts/lint fmt clippy
-	$(RUST) cargo test --release --workspace --locked --lib --test structure
+	$(RUST) cargo test --release --workspace --locked --lib
+	$(RUST) cargo test --release --workspace --locked --test tree structure::
 
 # Checks formatting, warnings, and the licences and known vulnerabilities of dependencies.
 lint:

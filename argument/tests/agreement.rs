@@ -1,15 +1,13 @@
 //! The relations agree with the evaluation on random small models of all shapes.
 
-mod models;
-
-use models::claims::Random;
-use models::Models;
+use crate::models::Models;
 use rayon::prelude::*;
 use zk0_argument::expert::witness::{evaluate, Common, Unprovable, Witness};
 use zk0_argument::prove::progress::silently;
 use zk0_argument::prove::{check_equalities, Computed, Tables};
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Digest, EvalSpec};
+use zk0_testkit::claims::Random;
 
 /// Models that are tried.
 const MODELS: u64 = 1000;

@@ -1,9 +1,6 @@
 //! Mode `succinct`: an honest claim says what mode `direct` says, and the statement refuses every cheat that one of its checks stops.
 
-mod models;
-
-use models::claims::{honest, Honest, Node};
-use models::committed_to;
+use crate::models::committed_to;
 use std::borrow::Cow;
 use std::{fs, io};
 use zk0_argument::claim::{check, committed, make, ClaimInput, ClaimSource, NotMade, NotShown};
@@ -18,6 +15,7 @@ use zk0_circuits::vm::merkle;
 use zk0_circuits::{
     Claim, Digest, Disclosure, EvalSpec, Losses, Mode, PrivateInput, QuantisedWeights, Sample,
 };
+use zk0_testkit::claims::{honest, Honest, Node};
 
 /// A node of a network that proves in mode `succinct`.
 fn node() -> Honest {

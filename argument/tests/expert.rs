@@ -1,9 +1,6 @@
 //! The expert's argument: what the evaluation computes is accepted, and what is changed is refused.
 
-mod models;
-
-use models::claims::Random;
-use models::Models;
+use crate::models::Models;
 use std::io;
 use zk0_argument::expert::argument::{prove::prove, verify, Verified};
 use zk0_argument::expert::builder::MAIN;
@@ -20,6 +17,7 @@ use zk0_argument::relation::Relations;
 use zk0_argument::transcript::Refused;
 use zk0_circuits::model::layout::Layout;
 use zk0_circuits::{Digest, EvalSpec, QuantisedWeights, Sample};
+use zk0_testkit::claims::Random;
 
 /// What the statements are about.
 const CONTEXT: Digest = Digest([7; 32]);

@@ -1,10 +1,5 @@
 //! Light and full audits, with one thread or several, in one run or in parts, find the same.
 
-#[path = "../../aggregator/tests/harness/mod.rs"]
-mod harness;
-
-use harness::operator::Operator;
-use harness::*;
 use rocksdb::DB;
 use std::collections::BTreeMap;
 use std::fs;
@@ -20,6 +15,8 @@ use zk0_ledger::{folder, Ledger};
 use zk0_protocol::entries::entry::{Body, DisputeResolved, RoundClosed};
 use zk0_protocol::entries::signed::{Dispute, Evidence, Signed};
 use zk0_protocol::{Entry, Refusal};
+use zk0_testkit::aggregator::operator::Operator;
+use zk0_testkit::aggregator::*;
 
 type Test = Result<(), Box<dyn std::error::Error>>;
 

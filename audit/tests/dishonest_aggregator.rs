@@ -1,9 +1,5 @@
 //! The audit of a network that an aggregator has run: it confirms what is right, and it finds what the aggregator made up.
 
-#[path = "../../aggregator/tests/harness/mod.rs"]
-mod harness;
-
-use harness::*;
 use zk0_audit::Auditor;
 use zk0_circuits::Digest;
 use zk0_ledger::log::Ledger;
@@ -12,6 +8,7 @@ use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::evaluation_set::{list_bytes, DrawnLeaf};
 use zk0_protocol::Refusal;
+use zk0_testkit::aggregator::*;
 use zk0_verifier::blob_digest;
 
 type Test = Result<(), Box<dyn std::error::Error>>;

@@ -1,11 +1,5 @@
 //! An audit knows which program is in force at each entry, and says so of programs and proofs that it cannot vouch for.
 
-#[path = "../../aggregator/tests/harness/mod.rs"]
-mod harness;
-
-use harness::operator::{proposed, voted, Operator};
-use harness::real_proof::real_proof;
-use harness::*;
 use tempfile::TempDir;
 use zk0_audit::account::{NotChecked, What, Why};
 use zk0_audit::report::history;
@@ -17,6 +11,9 @@ use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::entries::signed::{Dispute, Evidence, Signed};
 use zk0_protocol::Refusal;
+use zk0_testkit::aggregator::operator::{proposed, voted, Operator};
+use zk0_testkit::aggregator::real_proof::real_proof;
+use zk0_testkit::aggregator::*;
 
 fn founded(program: &Program) -> Genesis {
     let mut genesis = genesis();

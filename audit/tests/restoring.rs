@@ -1,16 +1,13 @@
 //! A round starts from earlier weights if a vote says so, and only then: whoever replays the ledger sees it.
 
-#[path = "../../aggregator/tests/harness/mod.rs"]
-mod harness;
-
-use harness::operator::Operator;
-use harness::*;
 use tempfile::TempDir;
 use zk0_audit::{Auditor, Depth};
 use zk0_ledger::replay::{replay, Report, Severity, Verdict};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::Action;
+use zk0_testkit::aggregator::operator::Operator;
+use zk0_testkit::aggregator::*;
 
 /// A network in which round 0 ended with the weights 1, and round 1 with the weights 2. The audit cannot verify the proofs, so that they
 /// are no faults.

@@ -3,12 +3,6 @@
 //!
 //! The contributions have no proofs here. What is tested comes after the proofs: accepted updates, and what they combine to.
 
-#[path = "../../aggregator/tests/harness/mod.rs"]
-mod harness;
-
-use harness::operator::Operator;
-use harness::samples::{public_samples, rule_of};
-use harness::*;
 use tempfile::TempDir;
 use zk0_audit::account::{What, Why};
 use zk0_audit::checks::closings::result;
@@ -22,6 +16,9 @@ use zk0_circuits::EvalSpec;
 use zk0_protocol::entries::entry::{Body, RoundClosed};
 use zk0_protocol::entries::round_result::{PublicLoss, ResultOutcome};
 use zk0_protocol::rules::network_rules::Strategy;
+use zk0_testkit::aggregator::operator::Operator;
+use zk0_testkit::aggregator::samples::{public_samples, rule_of};
+use zk0_testkit::aggregator::*;
 use zk0_verifier::close::{end, CloseError, Closing};
 use zk0_verifier::combine::bases::Bases;
 use zk0_verifier::combine::contributions::Given;

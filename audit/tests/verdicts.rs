@@ -1,10 +1,5 @@
 //! An audit says VERIFIED only of what it has checked, with programs and parameters that the auditor knows.
 
-#[path = "../../aggregator/tests/harness/mod.rs"]
-mod harness;
-
-use harness::operator::Operator;
-use harness::*;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -21,6 +16,8 @@ use zk0_ledger::store::Store;
 use zk0_ledger::{folder, Ledger};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::Genesis;
+use zk0_testkit::aggregator::operator::Operator;
+use zk0_testkit::aggregator::*;
 
 fn audit(dir: &Path, named: Named) -> Report {
     replay(dir, None, &mut Auditor::new(Depth::Full).naming(named))

@@ -1,9 +1,6 @@
 //! A bucket behind a network and a server that fail: what is tried again, what is not, and that nothing is half kept.
 
-mod s3;
-
-use s3::failing_network::Fault;
-use s3::S3;
+use crate::cache::{emptied, held};
 use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -12,6 +9,8 @@ use zk0_bucket::waiting::Patience;
 use zk0_bucket::Bucket;
 use zk0_ledger::blobs::usage::Operation;
 use zk0_ledger::blobs::{BlobError, Blobs};
+use zk0_testkit::s3::failing_network::Fault;
+use zk0_testkit::s3::S3;
 
 const PATIENCE: Patience = Patience(Duration::from_secs(120));
 const SHORT: Patience = Patience(Duration::from_secs(2));
@@ -27,19 +26,6 @@ fn large() -> Vec<u8> {
     (0..2 * PART_BYTES + 1000)
         .map(|at| (at % 251) as u8)
         .collect()
-}
-
-/// What the cache holds, with what is unfinished.
-fn held(dir: &Path) -> usize {
-    ["sha256", "unfinished"]
-        .iter()
-        .filter_map(|folder| fs::read_dir(dir.join("blobs").join(folder)).ok())
-        .map(Iterator::count)
-        .sum()
-}
-
-fn emptied(dir: &Path) {
-    fs::remove_dir_all(dir.join("blobs")).unwrap();
 }
 
 #[test]

@@ -1,8 +1,6 @@
 //! Blobs that are kept in a bucket, and in a folder by its address: the ledger's folder is a cache of them.
 
-mod s3;
-
-use s3::S3;
+use crate::cache::{emptied, held};
 use std::collections::BTreeSet;
 use std::fs;
 use std::io::Read;
@@ -16,6 +14,7 @@ use zk0_bucket::Bucket;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::usage::Operation;
 use zk0_ledger::blobs::{BlobError, Blobs};
+use zk0_testkit::s3::S3;
 
 const LIMIT: u64 = 1 << 30;
 
@@ -45,19 +44,6 @@ fn reader(dir: &Path, address: &str, variables: &[(String, String)]) -> Blobs {
     let patience = Patience(Duration::from_secs(120));
     let bucket = Bucket::open(address, variables, patience).unwrap();
     Blobs::beside_writer(dir, Box::new(bucket)).unwrap()
-}
-
-fn emptied(dir: &Path) {
-    fs::remove_dir_all(dir.join("blobs")).unwrap();
-}
-
-/// How many files the folder holds, with those that are unfinished.
-fn held(dir: &Path) -> usize {
-    ["sha256", "unfinished"]
-        .iter()
-        .filter_map(|folder| fs::read_dir(dir.join("blobs").join(folder)).ok())
-        .map(Iterator::count)
-        .sum()
 }
 
 #[test]

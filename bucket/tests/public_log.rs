@@ -1,9 +1,5 @@
 //! A log that is published in a bucket, and read from there by anybody over HTTP.
 
-mod s3;
-
-use s3::failing_network::Fault;
-use s3::S3;
 use std::env;
 use std::fs::{self, File};
 use std::io;
@@ -19,6 +15,8 @@ use zk0_ledger::published::source::{Folder, Source};
 use zk0_ledger::published::web::Web;
 use zk0_ledger::{replay, Blobs};
 use zk0_protocol::tlog::layout::{tiles, Kind, Resource, Tile};
+use zk0_testkit::s3::failing_network::Fault;
+use zk0_testkit::s3::S3;
 
 /// A ledger with a real proof.
 fn real() -> PathBuf {
@@ -126,7 +124,7 @@ fn a_file_in_a_folder_has_its_bytes_on_the_disk_before_its_name() {
         .arg("-o")
         .arg(&calls)
         .arg(env::current_exe().unwrap())
-        .args(["--exact", "publish_into_a_folder", "--ignored"])
+        .args(["--exact", "public_log::publish_into_a_folder", "--ignored"])
         .env(CHILD, &log)
         .stdout(Stdio::null())
         .status();

@@ -1,9 +1,5 @@
 //! Files that others put into a bucket by themselves, at addresses that it has signed for them.
 
-mod s3;
-
-use s3::failing_network::Fault;
-use s3::{send, send_in_parts, S3};
 use std::fs;
 use std::sync::atomic::AtomicBool;
 use std::thread::{self, sleep};
@@ -16,6 +12,8 @@ use zk0_circuits::NodeId;
 use zk0_ledger::blobs::usage::Operation;
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_protocol::blob::blob_digest;
+use zk0_testkit::s3::failing_network::Fault;
+use zk0_testkit::s3::{send, send_in_parts, S3};
 
 const NODE: NodeId = NodeId([7; 32]);
 const MINUTE: Duration = Duration::from_secs(60);

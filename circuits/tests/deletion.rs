@@ -1,20 +1,17 @@
 //! Shows for every check of the statement that a cheat passes without the check and fails with it.
 //!
-//! This test builds copies of the crate, each with one check deleted, and tries a cheat (`cheats/`) on each. `cheats/checks.rs`
+//! This test builds copies of the crate, each with one check deleted, and tries a cheat (`testkit/src/cheats/`) on each. `deletion/checks.rs`
 //! lists what is deleted.
 //!
-//! `cargo test --release -p zk0-circuits --test deletion -- --nocapture` prints what is deleted and what passes.
+//! `cargo test --release -p zk0-circuits --test circuits deletion -- --nocapture` prints what is deleted and what passes.
 
-mod cheats;
-#[path = "cheats/checks.rs"]
 mod checks;
-mod claims;
 
-use cheats::{try_cheat, CHEATS};
 use checks::{Deletion, DELETIONS};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use zk0_testkit::cheats::{try_cheat, CHEATS};
 
 #[test]
 fn every_check_stops_a_cheat() {
@@ -73,17 +70,26 @@ impl Workspace {
         let here = Path::new(env!("CARGO_MANIFEST_DIR"));
         let root = here.parent().expect("the crate is in a workspace");
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("deletion");
-        // The crate is built from these folders.
-        for name in ["src", "tables", "elf"] {
-            let (from, to) = (here.join(name), folder.join("circuits").join(name));
+        let copy = |from: PathBuf, to: &str| {
+            let to = folder.join(to);
             let _ = fs::remove_dir_all(&to); // An earlier run may have left this folder
             copy_folder(&from, &to);
+        };
+        // The crate is built from these folders, without its tests.
+        for name in ["src", "tables", "elf"] {
+            copy(here.join(name), &format!("circuits/{name}"));
         }
         let manifest = read(&here.join("Cargo.toml"));
+        let (manifest, _of_tests) = manifest
+            .split_once("[dev-dependencies]")
+            .expect("a line '[dev-dependencies]' in the crate's Cargo.toml");
         write(&folder.join("circuits/Cargo.toml"), manifest);
-        let program = here.join("tests/cheats/program.rs");
-        let manifest = CHEATS_MANIFEST.to_string() + &format!("path = {program:?}\n");
-        write(&folder.join("cheats/Cargo.toml"), manifest);
+        for name in ["cheats", "claims"] {
+            let from = root.join("testkit/src").join(name);
+            copy(from, &format!("cheats/src/{name}"));
+        }
+        write(&folder.join("cheats/src/main.rs"), PROGRAM);
+        write(&folder.join("cheats/Cargo.toml"), PROGRAM_MANIFEST);
         // The dependencies have the versions of the workspace. Only the members differ.
         let manifest = read(&root.join("Cargo.toml"));
         let members = manifest.lines().find(|line| line.starts_with("members = "));
@@ -155,13 +161,27 @@ incremental = true
 opt-level = 1
 "#;
 
-const CHEATS_MANIFEST: &str = r#"[package]
+const PROGRAM_MANIFEST: &str = r#"[package]
 name = "cheats"
 edition.workspace = true
 
 [dependencies]
 zk0-circuits.workspace = true
+"#;
 
-[[bin]]
-name = "cheats"
+/// Tries the cheat that its argument names on the crate it was built with. Prints `accepted`, or why the claim was refused.
+const PROGRAM: &str = r#"
+#![allow(dead_code)] // The cheats use only a part of the claims
+
+mod cheats;
+mod claims;
+
+fn main() {
+    let name = std::env::args().nth(1);
+    let name = name.expect("usage: cheats NAME");
+    match cheats::try_cheat(&name) {
+        Ok(()) => println!("accepted"),
+        Err(why) => println!("refused: {why}"),
+    }
+}
 "#;

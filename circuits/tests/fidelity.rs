@@ -1,15 +1,11 @@
 //! Prints and bounds how close the fixed-point loss is to the real one: |fixed − float64| / float64.
 
-mod claims;
-#[path = "claims/reference.rs"]
-mod reference;
-
-use claims::{quantise, tensors, Parts, Random, Tensors};
 use zk0_circuits::model::arithmetic::tables;
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::model::eval::evaluate;
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Digest, EvalSpec};
+use zk0_testkit::claims::{quantise, reference, tensors, Parts, Random, Tensors};
 
 /// Returns the relative error of the loss over `count` samples, and the worst error of a single sample.
 fn fidelity(spec: &EvalSpec, tensors: &Tensors, random: &mut Random, count: usize) -> (f64, f64) {

@@ -1,8 +1,5 @@
 //! A base that overflows cannot keep others from improving on it.
 
-mod claims;
-
-use claims::{Node, Tensors};
 use zk0_circuits::claim::errors::{pairs, Errors};
 use zk0_circuits::claim::statement::check;
 use zk0_circuits::claim::statement_error::StatementError;
@@ -10,6 +7,7 @@ use zk0_circuits::claim::t_test::Pair;
 use zk0_circuits::claim::terms::Model;
 use zk0_circuits::model::site::{EvalError, Site};
 use zk0_circuits::{Claim, EvalSpec, Losses};
+use zk0_testkit::claims::{Node, Tensors};
 
 const NORM: &str = "model.vlm_with_expert.lm_expert.norm.weight";
 const UP: &str = "model.vlm_with_expert.lm_expert.layers.1.mlp.up_proj.weight";

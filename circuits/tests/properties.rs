@@ -1,8 +1,5 @@
 //! Properties of trees, encodings and quantisation on random input. Hostile input is refused and never causes a panic.
 
-mod claims;
-
-use claims::{honest, quantise, tensors, Parts, Random};
 use proptest::prelude::*;
 use zk0_circuits::claim::challenge::{sample_indices, MAX_EVAL_SAMPLES};
 use zk0_circuits::model::arithmetic::tables::flow_time;
@@ -18,6 +15,7 @@ use zk0_circuits::model::weights::WeightsError;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::vm::values::Values;
 use zk0_circuits::{Digest, EvalSpec, PrivateInput, QuantisedWeights, Sample};
+use zk0_testkit::claims::{honest, quantise, tensors, Parts, Random, Tensors};
 
 fn leaves(count: usize) -> Vec<Digest> {
     (0..count)
@@ -137,7 +135,7 @@ fn unusable_weights_are_refused_by_name() {
     let spec = EvalSpec::micro();
     let good = tensors(&spec, &mut Random(3), 1.0);
     let name = "model.action_time_mlp_in.weight";
-    let refuse = |change: &dyn Fn(&mut claims::Tensors)| {
+    let refuse = |change: &dyn Fn(&mut Tensors)| {
         let mut tensors = good.clone();
         change(&mut tensors);
         QuantisedWeights::quantise(&spec, |name| tensors.get(name).map(Vec::as_slice)).unwrap_err()

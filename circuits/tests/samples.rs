@@ -1,8 +1,5 @@
 //! A sample holds zeros where the evaluation reads nothing, so that one sample is one leaf.
 
-mod claims;
-
-use claims::{honest, Parts, Random};
 use std::collections::BTreeSet;
 use zk0_circuits::claim::dataset::leaf;
 use zk0_circuits::model::draw::draw;
@@ -10,6 +7,7 @@ use zk0_circuits::model::eval::evaluate;
 use zk0_circuits::model::quantise::QuantiseError;
 use zk0_circuits::model::sample::{SampleError, SampleParts};
 use zk0_circuits::{Digest, EvalSpec, Sample};
+use zk0_testkit::claims::{honest, Parts, Random};
 
 /// Its last two frames are padding.
 fn parts(spec: &EvalSpec) -> Parts {

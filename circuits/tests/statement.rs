@@ -1,8 +1,5 @@
 //! The statement refuses every cheat that one of its checks stops.
 
-mod claims;
-
-use claims::{calmer, honest, name_weights, quantise, tensors, Honest, Random};
 use zk0_circuits::claim::challenge::{challenge, sample_indices};
 use zk0_circuits::claim::dataset::{check_leaves, salt_commitment, LeavesError};
 use zk0_circuits::claim::private_input::{InputError, Opening};
@@ -14,6 +11,7 @@ use zk0_circuits::claim::terms::Model;
 use zk0_circuits::model::site::{EvalError, Site};
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{Digest, Disclosure, EvalSpec, Losses, Mode, NodeId, PrivateInput, Terms};
+use zk0_testkit::claims::{calmer, honest, name_weights, quantise, tensors, Honest, Random};
 
 fn micro() -> Honest {
     honest(&EvalSpec::micro(), 20, 4, 11)

@@ -2,9 +2,6 @@
 //!
 //! An intended change makes a new version and a new guest program. To write the new bytes, run with `ZK0_WRITE_VECTORS=1`.
 
-mod claims;
-
-use claims::{honest, quantise, tensors, Parts, Random};
 use std::path::PathBuf;
 use std::{env, fs};
 use zk0_circuits::claim::challenge::{challenge, sample_indices};
@@ -16,6 +13,7 @@ use zk0_circuits::vm::merkle;
 use zk0_circuits::vm::poseidon2::{hash, permute, Domain, State};
 use zk0_circuits::vm::values::Values;
 use zk0_circuits::{Digest, EvalSpec, Mode, NodeId};
+use zk0_testkit::claims::{honest, quantise, tensors, Parts, Random};
 
 fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()

@@ -1,10 +1,8 @@
 //! `zk0 audit recording`: an auditor who has a node's recording and salt compares them with what the node registered. A node that is
 //! started again makes no sample again.
 
-mod harness;
-
-use harness::network::LocalNetwork;
-use harness::{copy, ends, logged, printed, prints, root, zk0, RECORDING};
+use crate::harness::network::LocalNetwork;
+use crate::harness::{copy, ends, logged, printed, prints, root, zk0, RECORDING};
 use std::fs;
 use std::path::{Path, PathBuf};
 use zk0_ledger::Blobs;

@@ -1,8 +1,6 @@
 //! `zk0 aggregator init --calibrate`: a network founded with ranges chosen from recordings.
 
-mod harness;
-
-use harness::{ends, logged, zk0};
+use crate::harness::{self, ends, logged, zk0};
 use std::path::Path;
 use std::process::Command;
 use zk0::keys;

@@ -1,8 +1,6 @@
 //! `zk0 dataset inspect` and `zk0 dataset validate`, as a person or a script meets them.
 
-mod harness;
-
-use harness::{copy, logged, printed};
+use crate::harness::{self, copy, logged, printed};
 use std::fs;
 use std::process::{Command, Output};
 

@@ -1,10 +1,8 @@
 //! `zk0 export`: the policy of a round out of a ledger, and the receipt that ties it to the log.
 
-mod harness;
-
-use harness::network::LocalNetwork;
-use harness::serving::Serving;
-use harness::{ends, fails, logs, printed, prints, words, zk0};
+use crate::harness::network::LocalNetwork;
+use crate::harness::serving::Serving;
+use crate::harness::{ends, fails, logs, printed, prints, words, zk0};
 use serde_json::{json, Value};
 use std::fs;
 use std::path::Path;

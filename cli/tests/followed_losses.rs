@@ -1,9 +1,7 @@
 //! `zk0 node join --follow-losses` and `--lr-boost`: the learning rates follow the losses of the rounds' base weights. The rates
 //! reach training, and are the same after a restart.
 
-mod harness;
-
-use harness::network::LocalNetwork;
+use crate::harness::network::LocalNetwork;
 use serde_json::{json, Value};
 use std::fs;
 use std::path::Path;

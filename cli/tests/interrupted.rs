@@ -1,10 +1,8 @@
 //! A node of mode `succinct` is interrupted while it makes the argument about its losses. It reports how far it is, ends at once, leaves no
 //! files of committed values behind, and goes on where it was when it starts again in the same round.
 
-mod harness;
-
-use harness::network::LocalNetwork;
-use harness::{logged, root, zk0, RECORDING};
+use crate::harness::network::LocalNetwork;
+use crate::harness::{logged, root, zk0, RECORDING};
 use serde_json::Value;
 use std::fs;
 use std::io::{BufRead, BufReader};

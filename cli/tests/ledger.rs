@@ -2,12 +2,10 @@
 //! each of these is audited; and an entry is proven offline. Ledgers
 //! without real proofs are pruned.
 
-mod harness;
-
+use crate::harness::made_ledger::Made;
+use crate::harness::serving::Serving;
+use crate::harness::{self, copy, ends, logged, printed, prints, text, zk0, LEDGER};
 use ed25519_dalek::SigningKey;
-use harness::made_ledger::Made;
-use harness::serving::Serving;
-use harness::{copy, ends, logged, printed, prints, text, zk0, LEDGER};
 use std::fs;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};

@@ -1,9 +1,7 @@
 //! LeRobot's folders with the binary: `zk0 train` starts from such a folder and leaves one. The commands respect what a policy says
 //! about its normalisation.
 
-mod harness;
-
-use harness::{logged, printed};
+use crate::harness::{self, logged, printed};
 use serde_json::{json, Value};
 use std::collections::BTreeMap;
 use std::fs;

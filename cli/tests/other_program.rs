@@ -1,10 +1,8 @@
 //! A node compares the network's guest program with its own before each round, because a vote may change the program between rounds.
 
-mod harness;
-
+use crate::harness::network::LocalNetwork;
+use crate::harness::{self, logged, printed, prints, zk0};
 use ed25519_dalek::SigningKey;
-use harness::network::LocalNetwork;
-use harness::{logged, printed, prints, zk0};
 use std::fs;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};

@@ -1,10 +1,8 @@
 //! Networks of other policies than the micro profile: `zk0 aggregator init --policy` and `--profile`, and what nodes then commit
 //! to.
 
-mod harness;
-
-use harness::network::{committed, LocalNetwork};
-use harness::{ends, fails, logs, root, words, zk0, RECORDING};
+use crate::harness::network::{committed, LocalNetwork};
+use crate::harness::{ends, fails, logs, root, words, zk0, RECORDING};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;

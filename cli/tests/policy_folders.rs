@@ -1,10 +1,8 @@
 //! `zk0 aggregator serve --checkpoint-interval`: policy folders of the global weights.
 
-mod harness;
-
-use harness::network::LocalNetwork;
-use harness::serving::Serving;
-use harness::{fails, logs, prints, text, words};
+use crate::harness::network::LocalNetwork;
+use crate::harness::serving::Serving;
+use crate::harness::{fails, logs, prints, text, words};
 use serde_json::Value;
 use std::fs;
 use std::net::TcpListener;

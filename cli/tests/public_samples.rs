@@ -1,9 +1,7 @@
 //! The operator chooses on which frames the results of rounds are evaluated.
 
-mod harness;
-
-use harness::network::LocalNetwork;
-use harness::{fails, json, logs, text, words};
+use crate::harness::network::LocalNetwork;
+use crate::harness::{self, fails, json, logs, text, words};
 use std::fs;
 use std::path::Path;
 

@@ -1,11 +1,8 @@
 //! Serves the Hub of the tests on loopback until it is stopped, so that Python's `huggingface_hub` can publish there: what it accepts of that client
 //! is the Hub's API as others speak it. With an argument, it serves for so many seconds, and then prints what it holds.
 
-#[path = "../tests/local_hub/mod.rs"]
-mod local_hub;
-
-use local_hub::{LocalHub, TOKEN};
 use std::time::Duration;
+use zk0_testkit::local_hub::{LocalHub, TOKEN};
 
 fn main() {
     let seconds = std::env::args().nth(1).and_then(|given| given.parse().ok());

@@ -1,14 +1,12 @@
 //! Folders on a Hub on loopback: what it gets, what a second run uploads, and what is said when it fails.
 
-mod local_hub;
-
-use local_hub::{LocalHub, READER, TOKEN};
 use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use zk0_hub::target::Patience;
 use zk0_hub::{publish, PublishError, Published, Target};
+use zk0_testkit::local_hub::{LocalHub, READER, TOKEN};
 
 const NAME: &str = "robots/arm";
 

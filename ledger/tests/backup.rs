@@ -1,10 +1,8 @@
 //! Backups are complete, can be brought up to date at any time, and never lead to a second history by accident.
 
-mod network;
-
-use network::rounds::{copy, ledger_with_a_round};
-use network::shelf::*;
-use network::*;
+use crate::network::log::ORIGIN;
+use crate::network::rounds::{copy, ledger_with_a_round};
+use crate::network::*;
 use std::fs;
 use std::path::Path;
 use zk0_ledger::backup::{backup, backup_with, restore, BackupError, OldBlobs};

@@ -1,8 +1,6 @@
 //! A blob has the digest in its name and keeps to its limit, or it does not exist.
 
-mod network;
-
-use network::{digest, genesis, log_key, T0};
+use crate::network::{digest, genesis, log_key, T0};
 use std::fs;
 use zk0_ledger::{BlobError, Blobs, Ledger};
 use zk0_protocol::blob::blob_digest;

@@ -1,9 +1,7 @@
 //! Nothing that was acknowledged is lost, and a log never has two histories.
 
-mod network;
-
-use network::rounds::{copy, ledger_with_a_round};
-use network::*;
+use crate::network::rounds::{copy, ledger_with_a_round};
+use crate::network::*;
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -43,7 +41,7 @@ fn append_until_killed() {
     }
 }
 
-/// `cargo test --release -p zk0-ledger --test durability -- --ignored --nocapture rates`
+/// `cargo test --release -p zk0-ledger --test ledger -- --ignored --nocapture durability::rates`
 #[test]
 #[ignore = "prints how fast entries are appended and replayed on this machine"]
 fn rates() {
@@ -70,7 +68,12 @@ fn rates() {
 
 fn child(dir: &Path) -> Child {
     Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "append_until_killed", "--ignored", "--nocapture"])
+        .args([
+            "--exact",
+            "durability::append_until_killed",
+            "--ignored",
+            "--nocapture",
+        ])
         .env(CHILD, dir)
         .stdout(Stdio::piped())
         .stderr(Stdio::null())

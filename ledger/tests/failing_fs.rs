@@ -4,11 +4,9 @@
 //! tests need a C compiler, as Rust does, but neither strace nor root.
 #![cfg(target_os = "linux")]
 
-mod network;
-
-use network::long::Long;
-use network::scenario::{
-    check, child, run_as_child, said, scratch as memory, Said, ENTRIES, FOLDER, STOPPED,
+use crate::network::long::Long;
+use crate::network::scenario::{
+    check, child, said, scratch as memory, Said, ENTRIES, FOLDER, STOPPED,
 };
 use std::fs;
 use std::os::unix::process::ExitStatusExt;
@@ -19,14 +17,7 @@ use zk0_ledger::replay::{replay, Verdict};
 const EIO: i32 = 5;
 const ENOSPC: i32 = 28;
 
-/// This is not a test of its own. The child processes of the tests below run it.
-#[test]
-#[ignore = "run by other tests as a child process"]
-fn the_scenario() {
-    run_as_child();
-}
-
-/// This is not a test of its own, either. It replays a ledger, and says what came of it.
+/// This is not a test of its own. It replays a ledger, and says what came of it.
 #[test]
 #[ignore = "run by another test as a child process"]
 fn the_replay() {
@@ -152,7 +143,12 @@ fn writes_that_take_half_of_what_they_are_given_go_on_with_the_rest() {
 fn replayed(shim: &Shim, dir: &Path, at: u64) -> (String, u64) {
     let count = dir.with_file_name("count");
     let output = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "the_replay", "--ignored", "--nocapture"])
+        .args([
+            "--exact",
+            "failing_fs::the_replay",
+            "--ignored",
+            "--nocapture",
+        ])
         .env(FOLDER, dir)
         .env("LD_PRELOAD", &shim.library)
         .env("ZK0_FAULT_OF", "reads")

@@ -1,15 +1,13 @@
 //! The writer is killed at each of its system calls that write, each of these calls fails in turn, and the disk is full. Nothing that was
 //! acknowledged is lost, and the log signs only one history.
 //!
-//! `cargo test --release --workspace --test faults` tries every ninth call, and with `-- --include-ignored` every call.
+//! `cargo test --release --workspace --test ledger faults::` tries every ninth call, and with `-- --include-ignored` every call.
 
-mod network;
-
-use ed25519_dalek::SigningKey;
-use network::scenario::{
-    check, child, run_as_child, said, scratch as memory, strace, Said, ENTRIES, STOPPED,
+use crate::network::scenario::{
+    check, child, said, scratch as memory, strace, Said, ENTRIES, STOPPED,
 };
-use network::*;
+use crate::network::*;
+use ed25519_dalek::SigningKey;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::os::unix::process::ExitStatusExt;
@@ -23,13 +21,6 @@ use zk0_protocol::Body;
 /// The calls that change files or wait for the disk.
 const CALLS: &str = "?write,?pwrite64,?pwritev,?fsync,?fdatasync,?sync_file_range,?rename,?renameat,?renameat2,?openat,\
                      ?open,?ftruncate,?fallocate,?unlink,?unlinkat,?mkdir,?mkdirat,?link,?linkat";
-
-/// This is not a test of its own. The child processes of the tests below run it.
-#[test]
-#[ignore = "run by other tests as a child process"]
-fn the_scenario() {
-    run_as_child();
-}
 
 #[derive(Clone, Copy, Debug)]
 enum Fault {
@@ -252,7 +243,7 @@ fn a_file_that_may_not_grow_stops_the_ledger_and_when_it_may_it_goes_on() {
         .arg(this)
         .args([
             "--exact",
-            "fill_up_to_the_limit",
+            "faults::fill_up_to_the_limit",
             "--ignored",
             "--nocapture",
         ])

@@ -1,12 +1,11 @@
 //! The ledger records a group of entries as a whole or not at all, with one checkpoint. Groups give the same history as single
 //! entries.
 
-mod network;
-
-use network::rounds::copy;
-use network::shelf::*;
-use network::votes::*;
-use network::*;
+use crate::network::log::ORIGIN;
+use crate::network::rounds::copy;
+use crate::network::shelf::*;
+use crate::network::votes::*;
+use crate::network::*;
 use proptest::prelude::*;
 use rocksdb::DB;
 use std::collections::BTreeSet;

@@ -2,22 +2,13 @@
 //! with strace, and puts together the disk as it may be after a failure at any of these moments. Everything that was acknowledged has
 //! to be there, and the log must have signed only one history.
 
-mod network;
-
-use network::scenario::{check, child, run_as_child, said, scratch as memory, strace, ENTRIES};
+use crate::network::scenario::{check, child, said, scratch as memory, strace, ENTRIES};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 const CALLS: &str = "?write,?writev,?pwrite64,?pwritev,?fsync,?fdatasync,?rename,?renameat,?renameat2,?openat,?open,\
                      ?creat,?truncate,?ftruncate,?unlink,?unlinkat,?rmdir,?mkdir,?mkdirat,?link,?linkat,?symlink";
-
-/// This is not a test of its own. The child process of the test below runs it.
-#[test]
-#[ignore = "run by another test as a child process"]
-fn the_scenario() {
-    run_as_child();
-}
 
 /// A system call that succeeded. Paths and strings are decoded.
 struct Call {

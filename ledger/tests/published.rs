@@ -1,13 +1,12 @@
 //! Tiles and bundles, and the reader that verifies them. The tests compare with another implementation of RFC 6962, and use servers
 //! that lie.
 
-mod network;
-
+use crate::network::log::{log_vkey, ORIGIN};
+use crate::network::shelf::*;
+use crate::network::votes::*;
+use crate::network::*;
 use ct_merkle::mem_backed_tree::MemoryBackedTree;
 use ct_merkle::InclusionProof;
-use network::shelf::*;
-use network::votes::*;
-use network::*;
 use proptest::prelude::*;
 use sha2_11::Sha256;
 use std::fs;

@@ -1,8 +1,6 @@
 //! A ledger refuses entries that are too large before anything is written, and names bad entries that it finds on disk.
 
-mod network;
-
-use network::*;
+use crate::network::*;
 use rocksdb::DB;
 use zk0_ledger::group::Wanted;
 use zk0_ledger::replay::{replay, Verdict};

@@ -1,10 +1,8 @@
 //! Several threads have the same findings as one, and a replay that goes on from an earlier one has the same result as a whole one.
 
-mod network;
-
-use network::long::{db_key, Long, NODES, ROUND};
-use network::rounds::copy;
-use network::*;
+use crate::network::long::{db_key, Long, NODES, ROUND};
+use crate::network::rounds::copy;
+use crate::network::*;
 use rocksdb::DB;
 use std::fs;
 use std::num::NonZeroUsize;
@@ -376,7 +374,7 @@ fn progress_is_told_to_the_end() {
     assert_eq!(most.into_inner(), size);
 }
 
-/// Run it with `ENTRIES=1000000 cargo test --release --workspace --locked --test replaying -- --ignored --nocapture`.
+/// Run it with `ENTRIES=1000000 cargo test --release --workspace --locked --test ledger -- --ignored --nocapture replaying::replay_speed`.
 #[test]
 #[ignore = "a measurement"]
 fn replay_speed_and_memory() {

@@ -1,9 +1,7 @@
 //! A replay reports every changed byte of a ledger.
 
-mod network;
-
-use network::rounds::{copy, ledger_with_a_round};
-use network::*;
+use crate::network::rounds::{copy, ledger_with_a_round};
+use crate::network::*;
 use rand_flips::Flips;
 use rocksdb::{IteratorMode, DB};
 use std::collections::BTreeMap;

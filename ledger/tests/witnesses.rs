@@ -1,11 +1,13 @@
 //! A witness (C2SP tlog-witness) gives every answer of the specification, and never cosigns two histories.
 
-mod network;
-
+use crate::network::log::{log_vkey, ORIGIN};
+use crate::network::shelf::*;
+use crate::network::*;
 use ed25519_dalek::SigningKey;
-use network::shelf::*;
-use network::*;
 use std::fs;
+use std::path::Path;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 use zk0_circuits::Digest;
 use zk0_ledger::witness_store::{hash, AddError, WitnessError, WitnessStore};
 use zk0_protocol::tlog::checkpoint::Parsed;
@@ -19,8 +21,22 @@ fn cosigner() -> Cosigner {
     Cosigner::new("witness.example/w", SigningKey::from_bytes(&[200; 32])).unwrap()
 }
 
-fn witness(dir: &std::path::Path) -> WitnessStore {
-    WitnessStore::open(dir, cosigner(), vec![log_vkey()]).unwrap()
+/// Opens a witness that was just closed. A child process that another test starts at this moment holds the witness' lock until it runs its
+/// program.
+fn opened(dir: &Path) -> Result<WitnessStore, WitnessError> {
+    let until = Instant::now() + Duration::from_secs(20);
+    loop {
+        match WitnessStore::open(dir, cosigner(), vec![log_vkey()]) {
+            Err(WitnessError::Locked(_)) if Instant::now() < until => {
+                sleep(Duration::from_millis(5));
+            }
+            opened => return opened,
+        }
+    }
+}
+
+fn witness(dir: &Path) -> WitnessStore {
+    opened(dir).unwrap()
 }
 
 fn leaves(count: usize, fork_at: usize) -> Vec<Vec<u8>> {
@@ -201,7 +217,7 @@ fn a_witness_with_a_damaged_memory_does_not_start() {
     );
     let file = dir.path().join(hash(ORIGIN));
     let good = fs::read(&file).unwrap();
-    let start = || WitnessStore::open(dir.path(), cosigner(), vec![log_vkey()]).map(drop);
+    let start = || opened(dir.path()).map(drop);
     // This checkpoint has no cosignature of this witness, so it does not show what the witness signed last.
     let without = shelf.checkpoint(9).sign(ORIGIN, &log_key()).unwrap();
     let mut changed = good.clone();

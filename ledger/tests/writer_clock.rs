@@ -1,8 +1,6 @@
 //! A time that the clock leapt to is never recorded.
 
-mod network;
-
-use network::*;
+use crate::network::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
 use std::time::Duration;

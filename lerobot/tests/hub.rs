@@ -1,7 +1,5 @@
 //! Recordings from a Hub: a small server in this process speaks the part of its protocol that is needed.
 
-mod recordings;
-
 use std::collections::HashMap;
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
@@ -9,11 +7,11 @@ use std::net::{TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
-use recordings::{open, recording};
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 use zk0_lerobot::dataset::Dataset;
 use zk0_lerobot::hub::{fetch, HubError, HubOptions, HubProgress, HubRecording};
+use zk0_testkit::recordings::{open, recording};
 
 const COMMIT: &str = "0123456789abcdef0123456789abcdef01234567";
 const NAME: &str = "robots/so100";

@@ -1,10 +1,6 @@
 //! Test vectors: the bytes of every hashed or signed structure, committed as data. After a change on purpose, write them anew with
-//! `ZK0_WRITE_VECTORS=1 cargo test -p zk0-protocol --test encodings`.
+//! `ZK0_WRITE_VECTORS=1 cargo test -p zk0-protocol --test protocol encodings::`.
 
-mod network;
-
-use network::log::MemoryLog;
-use network::*;
 use std::fs;
 use std::path::PathBuf;
 use zk0_protocol::entries::entry::MomentsComputed;
@@ -18,6 +14,8 @@ use zk0_protocol::tlog::checkpoint::Parsed;
 use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::tlog::witness::AddCheckpoint;
 use zk0_protocol::{Body, Checkpoint, Entry, Signed, State, TlogProof};
+use zk0_testkit::network::log::MemoryLog;
+use zk0_testkit::network::*;
 
 fn check(name: &str, bytes: &[u8]) {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR"))

@@ -1,10 +1,8 @@
 //! A blob with a proof has two parts where its claim names a weight check, and one where it does not.
 
-mod network;
-
-use network::Chain;
 use zk0_circuits::{Claim, Digest};
 use zk0_protocol::entries::proof_blob::ProofBlob;
+use zk0_testkit::network::{self, Chain};
 
 /// A claim that names a weight check, or none.
 fn claim(weight_check: Option<Digest>) -> Claim {

@@ -1,12 +1,10 @@
 //! Input that is too large, of an unknown version, or not text is refused by name.
 
-mod network;
-
-use network::*;
 use zk0_protocol::entries::codec::EntryError;
 use zk0_protocol::entries::entry::ENTRY_VERSION;
 use zk0_protocol::rules::network_rules::Participation;
 use zk0_protocol::{Checkpoint, Entry, VerifierKey, WitnessPolicy};
+use zk0_testkit::network::*;
 
 #[test]
 fn unknown_versions_kinds_and_bytes_that_are_no_text_are_each_named() {

@@ -9,5 +9,5 @@ export CARGO_TARGET_DIR=${CARGO_TARGET_DIR:-$HOME/.cache/zk0/target} FLWR_TELEME
 
 "$root/scripts/python-env" "$cache" "$here/requirements.txt"
 cd "$root"
-ZK0_WRITE_FLOWER=1 scripts/with-rust cargo test --release --workspace --locked --test flower the_files_that_flower_read_are_these
+ZK0_WRITE_FLOWER=1 scripts/with-rust cargo test --release --workspace --locked --test verifier the_files_that_flower_read_are_these
 "$cache/bin/python" "$here/strategies.py" tests/fixtures/flower

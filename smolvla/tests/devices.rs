@@ -2,14 +2,11 @@
 //! operations, on the CPU and on a GPU.
 //!
 //! The comparison with a GPU wants one, and a build for it:
-//! `scripts/with-rust scripts/with-cuda cargo test --release -p zk0-smolvla --features cuda --test devices -- --ignored --nocapture`
-
-mod reference;
+//! `scripts/with-rust scripts/with-cuda cargo test --release -p zk0-smolvla --features cuda --test smolvla devices -- --ignored --nocapture`
 
 use std::collections::BTreeMap;
 
 use candle_core::{DType, Device, Tensor};
-use reference::{check, config, numbers, policy, relative_distance as distance, Values};
 use zk0_lerobot::layout::trainable_layout;
 use zk0_smolvla::policy::device::device;
 use zk0_smolvla::policy::frozen::FrozenPrecision;
@@ -21,6 +18,8 @@ use zk0_smolvla::policy::model::prefix::{CameraInput, PrefixInput, PrefixModel};
 use zk0_smolvla::policy::model::sampling::sample_actions;
 use zk0_smolvla::policy::model::{flow, Parameters};
 use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions, Optimizer};
+
+use crate::reference::{check, config, numbers, policy, relative_distance as distance, Values};
 
 /// The results that are compared, all on the CPU.
 struct Results {

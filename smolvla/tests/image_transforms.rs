@@ -1,7 +1,6 @@
 //! Image transforms give what torchvision gives for the same parameters, are configured as in LeRobot, and follow from a seed.
 
 use std::collections::HashSet;
-use std::path::PathBuf;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
@@ -22,9 +21,7 @@ use zk0_smolvla::policy::profile::Profile;
 use zk0_smolvla::policy::tokenizer::WordHash;
 use zk0_smolvla::PolicyError;
 
-fn fixtures() -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures")
-}
+use crate::reference::fixtures;
 
 fn transform(name: &str, values: &[f64]) -> Transform {
     match (name, values) {

@@ -1,19 +1,19 @@
 //! A policy folder of the published size in BF16, read and written back: what memory that takes.
 //!
-//! A test target of its own: the peak is that of the process. It needs 2 GB of disk for some seconds.
-
-mod reference;
+//! The peak is that of the process. The test needs 2 GB of disk for some seconds.
 
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Write};
 use std::path::Path;
 
 use half::bf16;
-use reference::{parameters_of, peak_gib};
 use zk0_lerobot::layout::{state_dict_layout, trainable_layout};
 use zk0_lerobot::policy_folder::{PolicyFolder, Precision};
 use zk0_smolvla::Profile;
 use zk0_tensors::TensorSet;
+use zk0_testkit::own_process::alone;
+
+use crate::reference::{parameters_of, peak_gib};
 
 /// The policy is 1.5 GiB in F32. A second copy of it, or the file mapped beside it, would not fit.
 const MOST_GIB: f64 = 1.8;
@@ -84,6 +84,11 @@ fn same_bytes(a: &Path, b: &Path) -> bool {
 
 #[test]
 fn a_published_policy_folder_is_read_and_written_in_bounded_memory() {
+    let test =
+        "published_policy_folder::a_published_policy_folder_is_read_and_written_in_bounded_memory";
+    if !alone(test, &[]) {
+        return;
+    }
     let folder = tempfile::tempdir().unwrap();
     let (source, copy) = (folder.path().join("source"), folder.path().join("copy"));
     std::fs::create_dir(&source).unwrap();

@@ -1,13 +1,11 @@
 //! Event files: the bytes of TensorBoard's own writer, and runs that go on.
 
-mod reader;
-
-use reader::{curves, events, files, records};
 use std::fs;
 use std::path::Path;
 use zk0_tensorboard::event::{Event, VERSION};
 use zk0_tensorboard::record::record;
 use zk0_tensorboard::{EventFile, EventFileError};
+use zk0_testkit::event_files::{curves, events, files, records};
 
 /// `tests/vectors/reference.py` wrote these with the package `tensorboard`.
 #[test]

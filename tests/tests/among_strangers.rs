@@ -1,24 +1,19 @@
 //! A node that has connected anew, while strangers hold all that they may share. The node has its own.
 
-#[path = "../../aggregator/tests/harness/mod.rs"]
-mod harness;
-#[path = "../../aggregator/tests/connections/sockets.rs"]
-mod sockets;
-
-use harness::{Network, LONG_BYTES, START_MS};
-use sockets::{begin_large_message, from};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use tokio::time::{sleep, timeout};
 use tonic::Code;
 use zk0_aggregator::{Config, ConnectionLimits, Limits};
 use zk0_node::client::Node;
 use zk0_node::client_error::NodeError;
+use zk0_testkit::aggregator::{self, Network, LONG_BYTES, START_MS};
+use zk0_testkit::sockets::{begin_large_message, from};
 
 type Test = Result<(), Box<dyn std::error::Error>>;
 
 /// A network of one node, and the node, which has asked for nothing but the network.
 async fn network(limits: Limits) -> (Network, Node) {
-    let node = harness::Node::new(1);
+    let node = aggregator::Node::new(1);
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,
@@ -45,7 +40,9 @@ async fn the_first_large_message_of_a_node_does_not_wait_for_those_of_strangers(
     begin_large_message(&mut slow).await;
     sleep(Duration::from_millis(200)).await;
     let begun = Instant::now();
-    let registration = harness::Node::new(1).registration(node.network()).statement;
+    let registration = aggregator::Node::new(1)
+        .registration(node.network())
+        .statement;
     // The list is larger than a small message, and is not the one of the registration.
     let refused = node.register(registration, vec![0; 100_000]).await;
     assert!(

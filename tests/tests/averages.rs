@@ -1,5 +1,6 @@
 //! The result of a real round is the average of what the ledger accepted, and of nothing else.
 
+use crate::real_ledger::{all_accepted, ledger_copy};
 use std::fs;
 use std::io::sink;
 use tempfile::TempDir;
@@ -16,7 +17,6 @@ use zk0_protocol::entries::entry::{Body, Entry, MomentsComputed, RoundClosed, EN
 use zk0_protocol::rules::closing::server_moments::ServerMoments;
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::{Refusal, State};
-use zk0_tests::{all_accepted, ledger_copy};
 use zk0_verifier::close::{combined, CloseError};
 use zk0_verifier::combine::bases::BaseError;
 use zk0_verifier::combine::error::CombineError;

@@ -1,9 +1,5 @@
 //! A node's uploads and downloads through connections that are cut again and again.
 
-#[path = "../../aggregator/tests/harness/mod.rs"]
-mod harness;
-
-use harness::{Network, POLICY, START_MS};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -14,6 +10,7 @@ use tokio::time::sleep;
 use zk0_aggregator::Config;
 use zk0_node::client::Node;
 use zk0_protocol::Signed;
+use zk0_testkit::aggregator::{self, Network, POLICY, START_MS};
 use zk0_verifier::blob_digest;
 
 type Test = Result<(), Box<dyn std::error::Error>>;
@@ -78,7 +75,7 @@ async fn relay(
 
 #[tokio::test(flavor = "multi_thread")]
 async fn cut_transfers_go_on_and_send_next_to_nothing_twice() -> Test {
-    let first = harness::Node::new(1);
+    let first = aggregator::Node::new(1);
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,

@@ -1,12 +1,12 @@
 //! An operator denies that a contribution with a real proof verifies: it refuses the contribution, or upholds a dispute of it. The audit
 //! finds both.
 
+use crate::real_ledger::{accepted, ledger_copy};
 use zk0_audit::checks::excuse::Excuse;
 use zk0_audit::checks::{disputed, Check, Recorded};
 use zk0_audit::Depth;
 use zk0_ledger::blobs::Blobs;
 use zk0_protocol::Refusal;
-use zk0_tests::{accepted, ledger_copy};
 
 #[test]
 fn a_good_contribution_that_was_refused_is_a_fault() {

@@ -4,11 +4,11 @@ use rocksdb::{IteratorMode, DB};
 use std::fs;
 use std::path::Path;
 
+use crate::real_ledger::ledger_copy;
 use zk0_audit::verified_entries::{network_id, verified_entries};
 use zk0_audit::Auditor;
 use zk0_ledger::replay::{replay, Verdict};
 use zk0_protocol::entries::entry::Body;
-use zk0_tests::ledger_copy;
 
 fn verdict(dir: &Path) -> Verdict {
     replay(dir, None, &mut Auditor::default()).verdict

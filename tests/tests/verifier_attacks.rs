@@ -1,12 +1,12 @@
 //! A contribution with a real SP1 proof is accepted. With one thing changed, it is refused for the reason that belongs to the change.
 
+use crate::real_ledger::{accepted, ledger_copy, with_rules, Accepted};
 use ed25519_dalek::SigningKey;
 use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::{Claim, Digest, Losses};
 use zk0_protocol::entries::program::{Program, FOUNDING_SP1, OUR_SP1};
 use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::{Genesis, Refusal, State};
-use zk0_tests::{accepted, ledger_copy, with_rules, Accepted};
 use zk0_verifier::decide::decide;
 use zk0_verifier::releases::can_verify;
 use zk0_verifier::{

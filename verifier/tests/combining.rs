@@ -1,8 +1,6 @@
 //! Combining updates is exact, and does not depend on the order they are given in.
 
-mod made;
-
-use made::{OneTensor, STRATEGIES};
+use crate::made::{self, OneTensor, STRATEGIES};
 use proptest::prelude::*;
 use zk0_circuits::{EvalSpec, Mode, NodeId, QuantisedWeights};
 use zk0_protocol::rules::network_rules::{Scaffold, Strategy};

@@ -3,8 +3,7 @@
 //! `scripts/compare-flower/run.sh` makes the results in `tests/fixtures/flower` anew. Flower 1.41 computed them in float64, from the
 //! updates that lie beside them.
 
-mod made;
-
+use crate::made;
 use std::collections::BTreeSet;
 use std::fs;
 use std::io::sink;

@@ -1,8 +1,6 @@
 //! FedAdam keeps moments from round to round, in a file that is read and written while the result is made.
 
-mod made;
-
-use made::{OneTensor, FED_ADAM};
+use crate::made::{self, OneTensor, FED_ADAM};
 use safetensors::{Dtype, SafeTensors};
 use std::io::sink;
 use std::sync::atomic::{AtomicUsize, Ordering};

@@ -1,9 +1,7 @@
 //! A combination reads its contributions from files, a block at a time and by several threads. It gives what it gives in memory, and it
 //! takes no number that was not verified.
 
-mod made;
-
-use made::STRATEGIES;
+use crate::made::{self, STRATEGIES};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use zk0_circuits::model::layout::MAX_WEIGHT_BITS;
 use zk0_circuits::model::spec::Dims;

@@ -1,9 +1,8 @@
 //! Attack 9 of the design: weights that nobody evaluates. The loss does not depend on them, but sampling does.
 
-mod made;
-
-use made::{
-    draw, file, quantise, rounded, sample, tensors, terms, unread_of, Tensors, STRATEGIES, UNREAD,
+use crate::made::{
+    self, draw, file, quantise, rounded, sample, tensors, terms, unread_of, Tensors, STRATEGIES,
+    UNREAD,
 };
 use zk0_circuits::claim::public_values::CLAIM_VERSION;
 use zk0_circuits::model::eval::evaluate;

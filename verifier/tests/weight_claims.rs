@@ -1,19 +1,17 @@
 //! The verifier's half of mode `succinct`: what a proof leaves to check of the weights is what it was, and holds for the files.
 
-mod left;
-mod made;
-
-use made::{file, format, rounded, tensors, terms, unread_of, Tensors};
+use crate::made::{self, file, format, rounded, tensors, terms, unread_of, Tensors};
 use zk0_circuits::claim::public_values::CLAIM_VERSION;
 use zk0_circuits::{Claim, DatasetCommitment, Digest, EvalSpec, Losses, Mode};
 use zk0_protocol::{Refusal, Rules};
+use zk0_testkit::weight_claims;
 use zk0_verifier::{check_weight_claims, Evaluation, WeightFiles};
 
-/// What an argument about these weights could leave ([`left::left`]).
+/// What an argument about these weights could leave ([`weight_claims::left`]).
 fn left(base: &Tensors, update: &Tensors, seed: u32) -> (Vec<u8>, Digest) {
     let spec = EvalSpec::micro();
     let weights = [base, update].map(|tensors| made::quantise(&spec, tensors));
-    left::left(weights.each_ref(), seed)
+    weight_claims::left(weights.each_ref(), seed)
 }
 
 fn honest() -> (Tensors, Tensors) {

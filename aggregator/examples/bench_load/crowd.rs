@@ -1,7 +1,6 @@
 //! Honest nodes beside connections that do harm: idle ones, half-open ones, some that send byte by byte, and some that send garbage.
 
 use crate::figures::figure;
-use crate::harness::{weights, Network, Node};
 use crate::nodes::all_ask;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::Arc;
@@ -11,6 +10,7 @@ use tokio::net::{TcpSocket, TcpStream};
 use tokio::task::JoinSet;
 use tokio::time::{interval, sleep};
 use zk0_aggregator::{Config, Limits};
+use zk0_testkit::aggregator::{weights, Network, Node};
 
 const NODES: u16 = 200;
 const IDLE: u32 = 2000;

@@ -2,7 +2,6 @@
 //! peer is a plain TCP connection over the same line.
 
 use crate::figures::figure;
-use crate::harness::{genesis, Network, Node};
 use crate::uploads::Update;
 use std::fs::File;
 use std::time::{Duration, Instant};
@@ -14,6 +13,7 @@ use zk0_aggregator::{Config, Limits};
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
 use zk0_protocol::rpc::federation::DownloadRequest;
+use zk0_testkit::aggregator::{genesis, Network, Node};
 
 /// Bits a second, in either direction.
 const LINE: f64 = 100e6;

@@ -11,9 +11,6 @@
 //! progress on standard error. `ratio` compares our figure with the peer's: more than 1 means that ours is better. Where there is no peer,
 //! both are null.
 
-#[path = "../../tests/harness/mod.rs"]
-mod harness;
-
 mod crowd;
 mod distance;
 mod figures;

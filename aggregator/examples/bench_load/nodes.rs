@@ -1,6 +1,5 @@
 //! Many nodes that ask at once.
 
-use crate::harness::{Network, Node};
 use std::error::Error;
 use std::future::Future;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -9,6 +8,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::Semaphore;
 use tokio::task::JoinSet;
 use tonic::{Code, Status};
+use zk0_testkit::aggregator::{Network, Node};
 
 /// How many nodes have a request in progress. Each holds its message, and they are in the aggregator's process.
 const AT_ONCE: usize = 256;

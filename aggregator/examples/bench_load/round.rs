@@ -2,8 +2,6 @@
 //! which the ledger records. To prove a claim of its own for each node would take days.
 
 use crate::figures::{figure, peak_memory};
-use crate::harness::real_proof::real_proof;
-use crate::harness::{genesis, weights, Network, Node};
 use crate::nodes::all_ask;
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -14,6 +12,8 @@ use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::Refusal;
+use zk0_testkit::aggregator::real_proof::real_proof;
+use zk0_testkit::aggregator::{genesis, weights, Network, Node};
 use zk0_verifier::releases::check_proof_of;
 
 /// How many proofs are verified for the peer's figure.

@@ -1,7 +1,6 @@
 //! Large updates, all at once.
 
 use crate::figures::{figure, peak_memory};
-use crate::harness::{genesis, Network, Node};
 use sha2::{Digest as _, Sha256};
 use std::io::Write;
 use std::sync::Arc;
@@ -12,6 +11,7 @@ use zk0_circuits::Digest;
 use zk0_protocol::entries::signed::{Signed, UploadRequest};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
+use zk0_testkit::aggregator::{genesis, Network, Node};
 
 /// What a node sends at once, as `zk0 node` does.
 const CHUNK: usize = 16 << 10;

@@ -1,9 +1,6 @@
 //! Crowds that ask for what is only in the store, and leave or wait. They hold nobody else.
 
-use crate::harness::*;
-use crate::s3::failing_network::Fault;
-use crate::s3::S3;
-use crate::{answers_at_once, emptied, started, started_with, AT_ONCE, SECONDS};
+use super::{answers_at_once, emptied, started, started_with, AT_ONCE, SECONDS};
 use std::future::pending;
 use std::net::SocketAddr;
 use std::time::Duration;
@@ -19,6 +16,9 @@ use zk0_aggregator::{ConnectionLimits, Limits};
 use zk0_circuits::Digest;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::federation_client::FederationClient;
+use zk0_testkit::aggregator::*;
+use zk0_testkit::s3::failing_network::Fault;
+use zk0_testkit::s3::S3;
 
 /// Begins four downloads on one connection.
 fn four(

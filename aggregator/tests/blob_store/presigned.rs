@@ -1,9 +1,6 @@
 //! Updates that nodes put into the bucket by themselves.
 
-use crate::harness::*;
-use crate::s3::failing_network::Fault;
-use crate::s3::{send, S3};
-use crate::{answers_at_once, started, started_as, SECONDS};
+use super::{answers_at_once, started, started_as, SECONDS};
 use std::env;
 use std::fs;
 use std::time::{Duration, Instant};
@@ -13,6 +10,9 @@ use tonic::{Code, Status};
 use zk0_protocol::entries::signed::{Signed, UploadRequest};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
+use zk0_testkit::aggregator::*;
+use zk0_testkit::s3::failing_network::Fault;
+use zk0_testkit::s3::{send, S3};
 use zk0_verifier::blob_digest;
 
 /// A network with an open round, which gives addresses of the bucket to its nodes.

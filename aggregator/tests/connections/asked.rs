@@ -1,6 +1,5 @@
 //! The server says whether it is in order, and which services it has.
 
-use crate::harness::{Network, Node};
 use crate::Test;
 use tonic::transport::{Channel, Endpoint};
 use tonic::Code;
@@ -12,6 +11,7 @@ use zk0_aggregator::Config;
 use zk0_protocol::rpc::health::health_check_response::ServingStatus;
 use zk0_protocol::rpc::health::health_client::HealthClient;
 use zk0_protocol::rpc::health::HealthCheckRequest;
+use zk0_testkit::aggregator::{Network, Node};
 
 async fn served() -> (Network, Channel) {
     let config = Config {

@@ -1,12 +1,14 @@
 //! Downloads that nobody reads, or too slowly. Each holds an open file, and strangers have a bounded share of these.
 
-use crate::relay::Counted;
-use crate::{harness::*, network, registration, with, Test};
+use super::relay::Counted;
+use super::{network, registration, with};
+use crate::Test;
 use std::time::{Duration, Instant};
 use tokio::time::sleep;
 use tonic::{Code, Status, Streaming};
 use zk0_aggregator::{ConnectionLimits, Limits};
 use zk0_protocol::rpc::federation as proto;
+use zk0_testkit::aggregator::*;
 
 /// Reads what is left, with a pause after each part. Returns how many bytes came, and how it ended.
 async fn read(mut stream: Streaming<proto::Chunk>, pause: Duration) -> (u64, Result<(), Status>) {

@@ -1,8 +1,7 @@
 //! The end of a server takes a bounded time, and loses nothing that was acknowledged.
 
-use crate::harness::witnesses::three;
-use crate::sockets::speaking;
-use crate::{harness::*, registration, with, Test};
+use super::{registration, with};
+use crate::Test;
 use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 use tokio::time::{sleep, timeout};
@@ -12,6 +11,9 @@ use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::Body;
+use zk0_testkit::aggregator::witnesses::three;
+use zk0_testkit::aggregator::*;
+use zk0_testkit::sockets::speaking;
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_peer_that_holds_a_stream_open_does_not_keep_the_server() -> Test {

@@ -1,6 +1,5 @@
 //! The log's files are served over TLS with the aggregator's certificate.
 
-use crate::harness::REAL;
 use crate::Test;
 use std::future::pending;
 use std::path::{Path, PathBuf};
@@ -11,6 +10,7 @@ use zk0_aggregator::publish::http::{self, Limits};
 use zk0_aggregator::publish::log_server::LogServer;
 use zk0_ledger::published::source::Source;
 use zk0_ledger::published::web::Web;
+use zk0_testkit::aggregator::REAL;
 use zk0_tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
 use zk0_tls::server_certificate::ServerCertificate;
 

@@ -1,13 +1,14 @@
 //! Who makes room when all places are taken.
 
-use crate::relay::Counted;
-use crate::sockets::{closed, closes, speaking};
-use crate::{registration, with, Test};
+use super::relay::Counted;
+use super::{registration, with};
+use crate::Test;
 use std::time::Duration;
 use tokio::time::sleep;
 use tonic::Code;
 use zk0_aggregator::ConnectionLimits;
 use zk0_protocol::rpc::federation as proto;
+use zk0_testkit::sockets::{closed, closes, speaking};
 
 /// The server sees one connection before the next.
 async fn pause() {

@@ -1,6 +1,7 @@
 //! Whoever follows a round or watches the server's health is told when the server ends, and asks again after a while.
 
-use crate::{harness::*, network, with, Test};
+use super::{network, with};
+use crate::Test;
 use std::time::Duration;
 use tokio::time::timeout;
 use tonic::transport::Endpoint;
@@ -9,6 +10,7 @@ use zk0_aggregator::{ConnectionLimits, Limits};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::health::health_client::HealthClient;
 use zk0_protocol::rpc::health::{HealthCheckRequest, HealthCheckResponse};
+use zk0_testkit::aggregator::*;
 
 /// Far more than these streams need to end.
 const SOON: Duration = Duration::from_secs(20);

@@ -1,8 +1,8 @@
 //! Connections on which no request is in progress.
 
-use crate::relay::Counted;
-use crate::sockets::{closes, speaking};
-use crate::{harness::*, network, registration, with, Test};
+use super::relay::Counted;
+use super::{network, registration, with};
+use crate::Test;
 use axum::body::Body;
 use std::future::poll_fn;
 use std::time::Duration;
@@ -17,6 +17,8 @@ use zk0_aggregator::{ConnectionLimits, Limits};
 use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
+use zk0_testkit::aggregator::*;
+use zk0_testkit::sockets::{closes, speaking};
 
 /// How long a stranger may be idle.
 const IDLE: Duration = Duration::from_secs(1);

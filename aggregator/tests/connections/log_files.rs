@@ -1,6 +1,7 @@
 //! Readers of the log's files who need long, or come again for what is missing.
 
-use crate::{harness::*, with, Test};
+use super::with;
+use crate::Test;
 use std::future::pending;
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -10,6 +11,7 @@ use zk0_aggregator::publish::http::{self, Limits};
 use zk0_aggregator::publish::log_server::LogServer;
 use zk0_aggregator::ConnectionLimits;
 use zk0_ledger::blobs::Blobs;
+use zk0_testkit::aggregator::*;
 
 /// Serves the log of `network` with these limits. Returns the path of a blob of [`LONG_BYTES`], and a connection that takes little of it ahead.
 async fn served(network: &Network, limits: Limits) -> (String, TcpStream) {

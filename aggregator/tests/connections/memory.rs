@@ -1,9 +1,8 @@
 //! The memory for large messages is bounded, and strangers cannot take what is for nodes.
 
-use crate::harness::{weights, Network, Node};
-use crate::relay::Counted;
-use crate::sockets::{begin_large_message, from};
-use crate::{network, registration, Test};
+use super::relay::Counted;
+use super::{network, registration};
+use crate::Test;
 use axum::body::{Body, Bytes};
 use std::future::poll_fn;
 use std::net::IpAddr;
@@ -20,6 +19,8 @@ use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::federation_client::FederationClient;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
+use zk0_testkit::aggregator::{weights, Network, Node};
+use zk0_testkit::sockets::{begin_large_message, from};
 
 /// A large message that the aggregator refuses after it has read it.
 fn large() -> proto::CommitRequest {

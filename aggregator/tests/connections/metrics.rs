@@ -1,6 +1,7 @@
 //! What the metrics say of requests.
 
-use crate::{network, Test};
+use super::network;
+use crate::Test;
 use tonic::client::Grpc;
 use tonic::codegen::http::uri::PathAndQuery;
 use tonic::transport::Endpoint;

@@ -1,14 +1,17 @@
 //! Connections that send nothing, too little, or something else than HTTP/2.
 
-use crate::sockets::{closed, closes, from, speaking, PREFACE};
-use crate::{harness::*, network, with, Test};
+use super::{network, with};
+use crate::Test;
 use std::time::Duration;
 use tokio::io::AsyncWriteExt;
 use tokio::time::{sleep, timeout};
 use zk0_aggregator::{ConnectionLimits, Limits};
+use zk0_testkit::aggregator::*;
+use zk0_testkit::sockets::{closed, closes, from, speaking, PREFACE};
 
 #[tokio::test(flavor = "multi_thread")]
 async fn thousands_of_idle_and_half_open_connections_do_not_stop_a_node() -> Test {
+    rlimit::increase_nofile_limit(u64::MAX)?;
     let (network, [node, _]) = with(ConnectionLimits {
         most: 300,
         ..ConnectionLimits::default()

@@ -1,6 +1,5 @@
 //! Rounds that wait until enough nodes are present, and nodes that leave.
 
-use crate::harness::*;
 use crate::Test;
 use std::time::Duration;
 use tokio::time::timeout;
@@ -11,6 +10,7 @@ use zk0_protocol::entries::signed::{Enrolment, Leaving, Signed};
 use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rules::network_rules::Participation;
+use zk0_testkit::aggregator::*;
 
 const SOON: Duration = Duration::from_secs(10);
 const A_MOMENT: Duration = Duration::from_millis(300);

@@ -1,6 +1,5 @@
 //! The signed heads of requests: whoever has read one cannot use it for anything else.
 
-use crate::harness::*;
 use crate::Test;
 use std::time::Duration;
 use tonic::{Code, Request, Status};
@@ -12,6 +11,7 @@ use zk0_protocol::entries::signed::{Enrolment, Signed};
 use zk0_protocol::request_head::{Method, RequestHead};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::head_metadata::{with_head, HEAD};
+use zk0_testkit::aggregator::*;
 
 /// A network in round 0, a node that has uploaded an update, and its commitment to it.
 async fn uploaded() -> (Network, Node, proto::CommitRequest) {

@@ -1,8 +1,7 @@
 //! The randomness of a round from a beacon, which a local server speaks as drand's servers do. A beacon that is down, late, wrong or from
 //! another chain is named as such, and the round and the ledger go on.
 
-use crate::beacon::Beacon;
-use crate::harness::*;
+use crate::Test;
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use axum::routing::get;
@@ -20,8 +19,8 @@ use zk0_ledger::replay::{replay, Verdict};
 use zk0_protocol::challenge::drand::{BeaconSignature, DrandChain};
 use zk0_protocol::challenge::source::RandomnessSource;
 use zk0_protocol::entries::entry::Body;
-
-type Test = Result<(), Box<dyn std::error::Error>>;
+use zk0_testkit::aggregator::*;
+use zk0_testkit::network::beacon::Beacon;
 
 /// The secret key of the chain in the rules.
 const KEY: u64 = 77;

@@ -1,11 +1,11 @@
 //! An aggregator whose clock is set forward records nothing by it, until its operator starts it again. A small step back ends nothing.
 
-use crate::harness::*;
 use std::fmt::{Debug, Display};
 use std::sync::Arc;
 use zk0_aggregator::round::request::RequestError;
 use zk0_aggregator::{Aggregator, Config, Progress};
 use zk0_circuits::NodeId;
+use zk0_testkit::aggregator::*;
 
 fn id(seed: u8) -> NodeId {
     let key = ed25519_dalek::SigningKey::from_bytes(&[seed; 32]);

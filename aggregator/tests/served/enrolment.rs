@@ -1,6 +1,6 @@
 //! The operator enrols nodes while the aggregator runs, and nobody else does.
 
-use crate::harness::*;
+use crate::Test;
 use ed25519_dalek::SigningKey;
 use tonic::Code;
 use zk0_aggregator::{Config, Limits};
@@ -10,8 +10,7 @@ use zk0_protocol::entries::signed::{Enrolment, Signed};
 use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rules::network_rules::EnrolmentRule;
-
-type Test = Result<(), Box<dyn std::error::Error>>;
+use zk0_testkit::aggregator::*;
 
 fn enrolment(network: &Digest, node: &Node) -> Enrolment {
     Enrolment {

@@ -1,6 +1,6 @@
 //! What members say over the network becomes rules. The aggregator finds out that an accepted contribution is false.
 
-use crate::harness::*;
+use crate::Test;
 use std::sync::Arc;
 use tonic::{Code, Status};
 use zk0_aggregator::serve::service::ServeError;
@@ -18,8 +18,7 @@ use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rules::network_rules::Participation;
 use zk0_protocol::rules::state::Standing;
 use zk0_protocol::{Refusal, Rules};
-
-type Test = Result<(), Box<dyn std::error::Error>>;
+use zk0_testkit::aggregator::*;
 
 async fn record(network: &Network, body: &Body) -> Result<u64, Status> {
     let request = network.recording(body);

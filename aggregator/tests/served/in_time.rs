@@ -1,6 +1,6 @@
 //! A request is judged by when it arrived, and nobody waits while the aggregator verifies something.
 
-use crate::harness::*;
+use crate::Test;
 use std::path::PathBuf;
 use std::process::Command;
 use std::time::Duration;
@@ -10,9 +10,8 @@ use zk0_circuits::Claim;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::Refusal;
+use zk0_testkit::aggregator::*;
 use zk0_verifier::blob_digest;
-
-type Test = Result<(), Box<dyn std::error::Error>>;
 
 const SOON: Duration = Duration::from_secs(10);
 const A_MOMENT: Duration = Duration::from_millis(300);

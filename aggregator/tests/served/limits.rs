@@ -1,6 +1,6 @@
 //! The aggregator withstands floods, huge requests and full quotas. Limits act before any work, and memory and disk stay bounded.
 
-use crate::harness::*;
+use crate::Test;
 use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
@@ -14,9 +14,8 @@ use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rules::apply::MAX_EPISODES;
 use zk0_protocol::Body;
+use zk0_testkit::aggregator::*;
 use zk0_verifier::blob_digest;
-
-type Test = Result<(), Box<dyn std::error::Error>>;
 
 fn part(part: Part) -> proto::UploadChunk {
     proto::UploadChunk {

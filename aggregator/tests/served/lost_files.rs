@@ -1,7 +1,5 @@
 //! Lost files. No round opens that could not be closed, and an aggregator whose open round has lost a file starts, and says which one.
 
-use crate::harness::operator::Operator;
-use crate::harness::*;
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -15,6 +13,8 @@ use zk0_circuits::Digest;
 use zk0_protocol::entries::entry::{MomentsComputed, RoundClosed};
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::Body;
+use zk0_testkit::aggregator::operator::Operator;
+use zk0_testkit::aggregator::*;
 use zk0_verifier::blob_digest;
 use zk0_verifier::close::Closing;
 

@@ -1,8 +1,6 @@
 //! Another guest program, and the weights of an earlier round, by vote.
 
-use crate::harness::operator::{proposed, voted, Operator};
-use crate::harness::real_proof::real_proof;
-use crate::harness::*;
+use crate::Test;
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
@@ -15,9 +13,10 @@ use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::Refusal;
+use zk0_testkit::aggregator::operator::{proposed, voted, Operator};
+use zk0_testkit::aggregator::real_proof::real_proof;
+use zk0_testkit::aggregator::*;
 use zk0_verifier::blob_digest;
-
-type Test = Result<(), Box<dyn std::error::Error>>;
 
 const CONFIG: Config = Config {
     rounds: None,

@@ -1,9 +1,7 @@
 //! No network is founded, no rule is proposed and no round opens with public samples that are not there or that cannot be used: the
 //! result of a round could not be evaluated.
 
-use crate::harness::operator::proposed;
-use crate::harness::samples::{public_samples, rule_of};
-use crate::harness::*;
+use crate::Test;
 use std::sync::Arc;
 use zk0_aggregator::round::founding::{Founding, FoundingError};
 use zk0_aggregator::round::request::RequestError;
@@ -12,9 +10,10 @@ use zk0_ledger::Ledger;
 use zk0_protocol::entries::proposal::Action;
 use zk0_protocol::rules::closing::public_samples::PublicSamples;
 use zk0_protocol::Genesis;
+use zk0_testkit::aggregator::operator::proposed;
+use zk0_testkit::aggregator::samples::{public_samples, rule_of};
+use zk0_testkit::aggregator::*;
 use zk0_verifier::blob_digest;
-
-type Test = Result<(), Box<dyn std::error::Error>>;
 
 const CONFIG: Config = Config {
     rounds: Some(1),

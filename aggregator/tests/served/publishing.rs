@@ -1,6 +1,5 @@
 //! The aggregator publishes its ledger as files and over HTTP. A reader who trusts nothing reads it back and replays it.
 
-use crate::harness::*;
 use std::fs;
 use std::path::Path;
 use std::time::Duration;
@@ -25,6 +24,7 @@ use zk0_ledger::published::web::Web;
 use zk0_ledger::replay::{replay, Verdict};
 use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
 use zk0_protocol::WitnessPolicy;
+use zk0_testkit::aggregator::*;
 use zk0_verifier::blob_digest;
 
 fn key() -> VerifierKey {

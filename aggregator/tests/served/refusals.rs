@@ -1,7 +1,7 @@
 //! The aggregator tells strangers, cheats and late nodes over the network why it refuses them. These tests also show which refusals
 //! the ledger records.
 
-use crate::harness::*;
+use crate::Test;
 use tonic::Code;
 use zk0_aggregator::Config;
 use zk0_circuits::Digest;
@@ -9,9 +9,8 @@ use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::evaluation_set::{list_bytes, DrawnLeaf};
 use zk0_protocol::Refusal;
+use zk0_testkit::aggregator::*;
 use zk0_verifier::blob_digest;
-
-type Test = Result<(), Box<dyn std::error::Error>>;
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_unknown_node_is_turned_away_everywhere() -> Test {

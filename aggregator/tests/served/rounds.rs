@@ -1,7 +1,6 @@
 //! Rounds open and close in time, blobs become public in time, and a killed aggregator goes on after a restart.
 
-use crate::harness::operator::Operator;
-use crate::harness::*;
+use crate::Test;
 use ed25519_dalek::SigningKey;
 use std::io::Write;
 use std::sync::Arc;
@@ -14,9 +13,9 @@ use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::rules::network_rules::{Participation, Scaffold, Strategy};
 use zk0_protocol::Refusal;
+use zk0_testkit::aggregator::operator::Operator;
+use zk0_testkit::aggregator::*;
 use zk0_verifier::blob_digest;
-
-type Test = Result<(), Box<dyn std::error::Error>>;
 
 #[test]
 fn a_round_in_which_nobody_may_commit_takes_its_time() -> Test {

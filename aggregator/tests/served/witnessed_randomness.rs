@@ -1,6 +1,6 @@
 //! The randomness of a round from the witnesses' cosignatures of its closing.
 
-use crate::harness::*;
+use crate::Test;
 use ed25519_dalek::SigningKey;
 use std::sync::Arc;
 use std::time::Duration;
@@ -17,8 +17,7 @@ use zk0_protocol::entries::entry::Body;
 use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
 use zk0_protocol::WitnessPolicy;
-
-type Test = Result<(), Box<dyn std::error::Error>>;
+use zk0_testkit::aggregator::*;
 
 fn cosigner(number: u8) -> Cosigner {
     let secret = SigningKey::from_bytes(&[200 + number; 32]);

@@ -1,8 +1,6 @@
 //! The aggregator publishes nothing before a quorum of witnesses has cosigned it. Entries are safe on disk even without the
 //! witnesses.
 
-use crate::harness::witnesses::{cosigned, enrol, ledger, log_verifier, three, DEADLINE};
-use crate::harness::*;
 use ed25519_dalek::SigningKey;
 use std::fs;
 use std::path::Path;
@@ -18,6 +16,8 @@ use zk0_ledger::witness_store::hash;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::WitnessPolicy;
+use zk0_testkit::aggregator::witnesses::{cosigned, enrol, ledger, log_verifier, three, DEADLINE};
+use zk0_testkit::aggregator::*;
 
 fn published(dir: &Path) -> u64 {
     Publication::open(dir, None).unwrap().checkpoint().size

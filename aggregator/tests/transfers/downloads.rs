@@ -1,10 +1,10 @@
 //! Downloads that were cut.
 
-use crate::harness::*;
 use crate::Test;
 use tonic::{Code, Status};
 use zk0_circuits::Digest;
 use zk0_protocol::rpc::federation as proto;
+use zk0_testkit::aggregator::*;
 use zk0_verifier::blob_digest;
 
 #[tokio::test(flavor = "multi_thread")]

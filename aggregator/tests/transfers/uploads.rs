@@ -1,6 +1,5 @@
 //! Uploads that were cut.
 
-use crate::harness::*;
 use crate::Test;
 use std::time::Duration;
 use tokio::sync::mpsc;
@@ -11,6 +10,7 @@ use zk0_aggregator::Aggregator;
 use zk0_protocol::entries::signed::{Signed, UploadRequest};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
+use zk0_testkit::aggregator::*;
 
 pub fn signed(network: &Network, node: &Node, update: &[u8]) -> Signed<UploadRequest> {
     let request = node.upload_request(&network.genesis.network_id(), 0, update);

@@ -1,7 +1,6 @@
 //! Who may not commit may not upload, and gets no address of the bucket.
 
-use crate::harness::*;
-use crate::uploads::signed;
+use super::uploads::signed;
 use crate::Test;
 use std::fs;
 use tonic::{Code, Status};
@@ -9,6 +8,7 @@ use zk0_aggregator::Config;
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::{Leaving, Proposal, Signed, Vote};
 use zk0_protocol::Body;
+use zk0_testkit::aggregator::*;
 
 async fn record(network: &Network, body: &Body) -> Result<(), Status> {
     let request = network.recording(body);

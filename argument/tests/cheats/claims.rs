@@ -1,8 +1,7 @@
 //! Cheats about the claim: the samples are those of the dataset, how much of them is read included; the test of the improvement; and the
 //! statement, which a transcript begins with.
 
-use crate::lies::{self, known};
-use crate::models::claims::{honest, Parts, Random};
+use super::lies::{self, known};
 use crate::models::{committed_to, Models};
 use zk0_argument::claim::{check, context, make, ClaimInput, NotShown, SampleOpening};
 use zk0_argument::expert::statement::{Statement, MOST_SAMPLES};
@@ -14,6 +13,7 @@ use zk0_circuits::claim::statement_error::StatementError;
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{Digest, EvalSpec, Sample};
+use zk0_testkit::claims::{honest, Parts, Random};
 
 /// A node has one sample in its dataset, and argues about another one, with the path of the first.
 fn told(committed: &Sample, evaluated: &Sample) -> Result<(), NotShown> {

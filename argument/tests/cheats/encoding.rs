@@ -1,15 +1,15 @@
 //! Cheats about words: what is said has one encoding, and nothing is left over.
 
-use crate::lies::opening::{QUERIES, RATE};
-use crate::lies::party::Lie;
-use crate::lies::World;
-use crate::models::claims::Parts;
+use super::lies::opening::{QUERIES, RATE};
+use super::lies::party::Lie;
+use super::lies::World;
 use crate::models::Models;
 use zk0_argument::commitment::parameters::{cap_bits, CAP, FOLDS, LAST, SIBLINGS};
 use zk0_argument::expert::argument::Shape;
 use zk0_argument::expert::sample::prove::digest;
 use zk0_argument::transcript::Refused;
 use zk0_circuits::EvalSpec;
+use zk0_testkit::claims::Parts;
 
 /// What a verifier says of a changed proof.
 fn told(world: &World, change: impl FnOnce(&mut Vec<u64>)) -> Result<(), Refused> {
@@ -39,7 +39,7 @@ fn an_argument_that_ends_early_is_refused() {
 fn a_second_digest_of_one_sample_is_refused() {
     let spec = EvalSpec::micro();
     let mut models = Models::new(&spec, 1, 53);
-    let mut parts = Parts::random(&spec, &mut crate::models::claims::Random(53), 2, 0);
+    let mut parts = Parts::random(&spec, &mut zk0_testkit::claims::Random(53), 2, 0);
     parts.actions.fill(0.0);
     for (keys, values) in &mut parts.cache {
         keys.fill(0.0);

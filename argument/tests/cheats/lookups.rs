@@ -1,8 +1,8 @@
 //! Cheats about look-ups: the update's velocity is claimed to be a perfect one, so that its loss is zero.
 
-use crate::lies::party::Lie;
-use crate::lies::Known;
-use crate::lies::{refused, World};
+use super::lies::party::Lie;
+use super::lies::Known;
+use super::lies::{refused, World};
 use zk0_argument::expert::publics::number::{COUNTED, NOISE};
 use zk0_argument::expert::sizes::{A, M, S, T};
 use zk0_argument::prove::{Computed, Tables};

@@ -1,7 +1,7 @@
 //! Cheats about what was committed to: the losses are those of other samples than the ones that the node's dataset holds.
 
-use crate::lies::party::Lie;
-use crate::lies::{refused, World};
+use super::lies::party::Lie;
+use super::lies::{refused, World};
 use crate::models::Models;
 use zk0_argument::expert::sample::prove::digest;
 use zk0_argument::transcript::Refused;

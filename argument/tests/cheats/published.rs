@@ -1,7 +1,7 @@
 //! Cheats about what an argument leaves to check: claims about tables, and claims that are not where the weights are.
 
-use crate::lies::party::Lie;
-use crate::lies::{refused, World};
+use super::lies::party::Lie;
+use super::lies::{refused, World};
 use zk0_argument::expert::argument::verify;
 use zk0_argument::expert::builder::{TABLES, WEIGHTS};
 use zk0_argument::expert::published::Published;

@@ -3,9 +3,9 @@
 //! Two of these cheats succeed today. Their tests are ignored until a check stops them. A node that wrote its own prover could have one sample
 //! in its dataset many times, with a leaf for each copy. It could do nearly the same without a cheat, with copies that differ in one bit.
 
-use crate::lies::party::Lie;
-use crate::lies::Known;
-use crate::lies::World;
+use super::lies::party::Lie;
+use super::lies::Known;
+use super::lies::World;
 use crate::models::Models;
 use zk0_argument::expert::builder::DATA;
 use zk0_argument::expert::sample::prove::digest;

@@ -1,7 +1,7 @@
 //! Cheats about sums, and about the weights and tables that the argument leaves to check.
 
-use crate::lies::party::Lie;
-use crate::lies::{refused, World};
+use super::lies::party::Lie;
+use super::lies::{refused, World};
 use crate::models::Models;
 use zk0_circuits::model::layout::Layout;
 use zk0_circuits::{EvalSpec, QuantisedWeights};

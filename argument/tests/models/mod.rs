@@ -1,15 +1,9 @@
 //! Random models and samples.
-#![allow(dead_code)]
 
-#[path = "../../../circuits/tests/claims/mod.rs"]
-pub mod claims;
-
-use claims::{calmer, louder, quantise, tensors, Honest, Parts, Random, SALT};
 use zk0_argument::claim::committed;
-use zk0_circuits::claim::dataset::leaf;
 use zk0_circuits::model::draw::{draw, Draw};
-use zk0_circuits::vm::merkle;
 use zk0_circuits::{Digest, EvalSpec, Mode, QuantisedWeights, Sample};
+use zk0_testkit::claims::{calmer, louder, quantise, tensors, Honest, Parts, Random};
 
 /// Two models, and samples with what was drawn for them.
 pub struct Models {
@@ -42,21 +36,7 @@ impl Models {
     }
 }
 
-/// A node, with commitments as mode `succinct` asks for them.
-pub fn committed_to(mut honest: Honest) -> Honest {
-    let spec = &honest.input.header.spec;
-    let leaves = honest.dataset.iter().map(|sample| {
-        let digest = committed(Mode::Succinct, spec, sample).unwrap();
-        leaf(&SALT, &digest)
-    });
-    honest.leaves = leaves.collect();
-    let input = &mut honest.input;
-    for opening in &mut input.openings {
-        opening.path = merkle::path(&honest.leaves, opening.index as usize).unwrap();
-    }
-    let terms = &mut input.header.terms;
-    terms.dataset.root = merkle::root(&honest.leaves);
-    terms.base.quantised = input.base.digest(Mode::Succinct);
-    terms.update.quantised = input.update.digest(Mode::Succinct);
-    honest
+/// A node, with commitments as mode `succinct` asks for.
+pub fn committed_to(honest: Honest) -> Honest {
+    honest.succinct(|spec, sample| committed(Mode::Succinct, spec, sample).unwrap())
 }

@@ -34,7 +34,7 @@ fn killed_at(call: &str, count: u32, dir: &Path, now_ms: u64) -> ExitStatus {
     let mut command = Command::new("strace");
     let strace = ["-f", "-qqq", "-o", "/dev/null", "-e", &trace, "-e", &inject];
     command.args(strace).arg(env::current_exe().unwrap());
-    command.args(["--exact", "killed::the_pruning", "--ignored"]);
+    command.args(["--exact", "pruning::killed::the_pruning", "--ignored"]);
     command.args(["--test-threads", "1"]);
     let command = command.env(FOLDER, dir).env(NOW_MS, now_ms.to_string());
     command.output().unwrap().status

@@ -9,6 +9,7 @@ use zk0_protocol::entries::signed::{Dispute, Evidence, Signed};
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::WitnessPolicy;
+use zk0_testkit::aggregator::operator::proposed;
 
 /// Keeps no closed round.
 const NO_ROUND: Keep = Keep {
@@ -158,7 +159,7 @@ fn weights_that_an_open_vote_can_restore_are_kept() {
     let dir = tempfile::tempdir().unwrap();
     let mut operator = after(5, genesis(), dir.path());
     let action = Action::RestoreWeights { round: 1 };
-    operator.append(harness::operator::proposed(operator.state(), action));
+    operator.append(proposed(operator.state(), action));
     assert_eq!(weights_after(operator, dir.path(), &NO_ROUND), [1, 3, 4]);
 }
 

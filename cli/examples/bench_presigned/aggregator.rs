@@ -1,7 +1,5 @@
 //! An aggregator of its own process, and what it costs.
 
-use crate::members::{found, Member};
-use crate::s3::S3;
 use serde_json::Value;
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -10,6 +8,8 @@ use std::process::{Child, Command, Stdio};
 use std::thread;
 use tempfile::TempDir;
 use zk0_circuits::Digest;
+use zk0_testkit::members::{found, Member};
+use zk0_testkit::s3::S3;
 
 /// Ticks of the clock in which Linux counts the time of processes, in a second.
 const TICKS: f64 = 100.0;

@@ -12,20 +12,15 @@
 //! `s3s-fs` reads a whole object whenever it is asked for a part of it, to compute its MD5, which no store does that keeps many objects. So the time
 //! until large updates are with the aggregator is that server's: `s3_server_cpu` shows it.
 
-#[path = "../../tests/harness/members.rs"]
-mod members;
-#[path = "../../../bucket/tests/s3/mod.rs"]
-mod s3;
-
 mod aggregator;
 
 use crate::aggregator::{Aggregator, Cost};
-use members::Member;
-use s3::S3;
 use serde_json::json;
 use std::process::exit;
 use std::time::Instant;
 use tokio::task::JoinSet;
+use zk0_testkit::members::Member;
+use zk0_testkit::s3::S3;
 
 /// Bytes in a megabyte.
 const MB: u64 = 1_000_000;

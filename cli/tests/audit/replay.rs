@@ -1,8 +1,8 @@
 //! `zk0 audit replay`, in full and light, from the beginning and with a state file.
 
+use super::{ends, export, json, look};
 use crate::harness::made_ledger::Made;
 use crate::harness::{copy, text, LEDGER};
-use crate::{ends, export, json, look};
 use ed25519_dalek::SigningKey;
 use std::collections::BTreeSet;
 use std::fs;

@@ -1,6 +1,6 @@
 //! The report for browsers holds no script, and loads nothing.
 
-use crate::ends;
+use super::ends;
 use crate::harness::made_ledger::{Made, NAMES};
 use crate::harness::text;
 use std::fs;

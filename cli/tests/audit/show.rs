@@ -1,8 +1,8 @@
 //! `zk0 audit show`.
 
+use super::{ends, export};
 use crate::harness::made_ledger::{Made, NAMES};
 use crate::harness::{json, prints, text};
-use crate::{ends, export};
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::Body;
 

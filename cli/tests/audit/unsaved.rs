@@ -1,6 +1,6 @@
 //! Audits whose state file cannot be written. They pass no verdict on: the next audit would not notice a rollback.
 
-use crate::ends;
+use super::ends;
 use crate::harness::made_ledger::Made;
 use crate::harness::{copy, text};
 use ed25519_dalek::SigningKey;

@@ -1,8 +1,8 @@
 //! What the auditor mistypes is an error that says so. It is no fault of the ledger.
 
+use super::{ends, export};
 use crate::harness::made_ledger::Made;
 use crate::harness::{prints, text, LEDGER, RECORDING};
-use crate::{ends, export};
 use std::fs;
 use std::io::{Read, Write};
 use std::net::TcpListener;

@@ -1,8 +1,8 @@
 //! `zk0 audit watch`.
 
+use super::{ends, export, look};
 use crate::harness::made_ledger::Made;
 use crate::harness::text;
-use crate::{ends, export, look};
 use std::fs;
 use std::path::PathBuf;
 

@@ -1,8 +1,8 @@
 //! The cosignatures that an audit asks for.
 
+use super::{ends, export, look};
 use crate::harness::made_ledger::Made;
 use crate::harness::{prints, text};
-use crate::{ends, export, look};
 use ed25519_dalek::SigningKey;
 use std::fs;
 use zk0_ledger::folder;

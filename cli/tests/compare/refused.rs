@@ -1,6 +1,6 @@
 //! What cannot be compared.
 
-use crate::{compare, ends, fails, folder, logged, small, text, zk0, DATASETS, SMALL};
+use super::{compare, ends, fails, folder, logged, small, text, zk0, DATASETS, SMALL};
 
 #[track_caller]
 fn refused(more: &[&str], why: &str) {
@@ -95,7 +95,7 @@ fn a_folder_holds_one_comparison() {
         ["--learning-rate", "0.1"],
         ["--same-steps", "node"],
         ["--search-trials", "2"],
-        ["--unseen", crate::UNSEEN],
+        ["--unseen", super::UNSEEN],
     ] {
         let search = match other[0] {
             "--search-trials" => &["--search"][..],

@@ -1,6 +1,6 @@
 //! Results of small comparisons.
 
-use crate::{assert_same, compare, comparison, files, folder, prints, small, UNSEEN};
+use super::{assert_same, compare, comparison, files, folder, prints, small, UNSEEN};
 use serde_json::Value;
 use std::fs;
 

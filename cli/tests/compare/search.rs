@@ -1,6 +1,6 @@
 //! `zk0 compare --search`.
 
-use crate::{assert_same, comparison, fails, files, folder, small, SMALL};
+use super::{assert_same, comparison, fails, files, folder, small, SMALL};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::fs;
@@ -130,7 +130,7 @@ fn trials_that_diverge_are_no_end_of_the_search() {
         "1e30",
     ];
     let none = [&SMALL[..], &none].concat();
-    let said = fails(&crate::compare(out.path(), &none));
+    let said = fails(&super::compare(out.path(), &none));
     assert!(
         said.contains("1 trial of federated failed, so there is nothing to choose from"),
         "{said}"

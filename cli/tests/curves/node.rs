@@ -1,12 +1,12 @@
 //! `zk0 node join --tensorboard`: the steps of one round follow those of the rounds before, also when the node was started again.
 
+use super::names;
 use crate::harness::logged;
 use crate::harness::network::LocalNetwork;
-use crate::names;
-use crate::reader::curves;
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
+use zk0_testkit::event_files::curves;
 
 #[test]
 fn the_curves_of_a_node_go_on_from_round_to_round() {

@@ -1,11 +1,11 @@
 //! `zk0 simulate --tensorboard`: what the files of rounds hold.
 
+use super::names;
 use crate::harness::{fails, prints, text};
-use crate::names;
-use crate::reader::{curves, files};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
+use zk0_testkit::event_files::{curves, files};
 
 fn simulating<'a>(out: &'a str, folder: &'a str, more: &[&'a str]) -> Vec<&'a str> {
     let mut arguments = vec![

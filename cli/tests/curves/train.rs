@@ -1,14 +1,14 @@
 //! `zk0 train --tensorboard`: what `metrics.jsonl` holds, also after a resume.
 
+use super::{names, Curve};
 use crate::harness::{fails, logged, text, zk0, RECORDING};
-use crate::reader::{curves, files};
-use crate::{names, Curve};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
 use std::process::Stdio;
 use std::thread::sleep;
 use std::time::Duration;
+use zk0_testkit::event_files::{curves, files};
 
 /// The arguments of a short run in `dir`, whose results go into `out`.
 fn training<'a>(dir: &'a [String; 3], more: &[&'a str]) -> Vec<&'a str> {

@@ -2,9 +2,7 @@
 
 use std::env;
 use std::process::Command;
-
-/// Says that this process runs in namespaces of its own.
-const INSIDE: &str = "ZK0_TEST_INSIDE_NAMESPACES";
+use zk0_testkit::own_process::{alone, is_alone};
 
 /// Says that a check that cannot run is a failure.
 const ALL: &str = "ZK0_LINT_ALL";
@@ -13,37 +11,31 @@ const ALL: &str = "ZK0_LINT_ALL";
 const OTHER: &str = "other";
 pub const ADDRESS: &str = "10.71.0.1";
 
+/// A command that runs another one in namespaces of its own.
+const UNSHARE: [&str; 6] = [
+    "unshare",
+    "--user",
+    "--map-root-user",
+    "--net",
+    "--mount",
+    "--kill-child",
+];
+
 /// Whether this process runs in namespaces of its own. If not, runs this test there, and waits for its end.
 pub fn inside(test: &str) -> bool {
-    if env::var_os(INSIDE).is_some() {
-        return true;
+    (is_alone() || are_allowed(test)) && alone(&format!("cut_network::{test}"), &UNSHARE)
+}
+
+/// Whether this machine allows namespaces.
+fn are_allowed(test: &str) -> bool {
+    let mut command = Command::new(UNSHARE[0]);
+    let tried = command.args(&UNSHARE[1..]).args(["ip", "link"]).status();
+    let allowed = tried.as_ref().is_ok_and(|status| status.success());
+    if !allowed {
+        assert!(env::var_os(ALL).is_none(), "{tried:?}");
+        eprintln!("{test}: this machine allows no network namespaces, so the network is not cut: {tried:?}");
     }
-    let unshare = |command: &str, arguments: &[&str]| {
-        let own = [
-            "--user",
-            "--map-root-user",
-            "--net",
-            "--mount",
-            "--kill-child",
-        ];
-        let mut unshare = Command::new("unshare");
-        unshare
-            .args(own)
-            .arg(command)
-            .args(arguments)
-            .env(INSIDE, "1");
-        unshare.status()
-    };
-    let possible = unshare("ip", &["link"]);
-    if !possible.as_ref().is_ok_and(|status| status.success()) {
-        assert!(env::var_os(ALL).is_none(), "{possible:?}");
-        eprintln!("{test}: this machine allows no network namespaces, so the network is not cut: {possible:?}");
-        return false;
-    }
-    let binary = env::current_exe().unwrap();
-    let status = unshare(binary.to_str().unwrap(), &["--exact", test, "--nocapture"]);
-    assert!(status.unwrap().success());
-    false
+    allowed
 }
 
 fn run(command: &str) {

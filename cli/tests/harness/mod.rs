@@ -1,9 +1,7 @@
 //! What the tests of the binary share: running it, and looking at files.
-#![allow(dead_code)] // Every test uses only a part of it
 
 pub mod accepting;
 pub mod made_ledger;
-pub mod members;
 pub mod network;
 pub mod process;
 pub mod recorded;

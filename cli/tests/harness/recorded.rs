@@ -11,7 +11,6 @@ use zk0_audit::verified_entries::verified_entries;
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::log::Ledger;
-use zk0_node::turn::unfinished::{Part, UnfinishedUpdate};
 use zk0_protocol::entries::entry::{Body, Entry, RoundClosed};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::signed::{DatasetRegistration, Submission, UpdateCommitment};
@@ -159,26 +158,5 @@ impl Recorded {
                 ledger.append(now_ms, enrolled).unwrap();
             }
         }
-    }
-
-    /// Puts into `state` what the node keeps between starts: its salt and its evaluation set, and the update that it has trained. So it neither
-    /// prepares its recording nor trains: another processor may round in another way, and the proof would be of another update.
-    pub fn keep_state(&self, member: &Member, state: &Path) {
-        super::copy(&fixture(&member.name), state);
-        let opened = self.entries.iter().find_map(|entry| match &entry.body {
-            Body::RoundOpened(opened) => Some(opened),
-            _ => None,
-        });
-        let trained = UnfinishedUpdate {
-            of: Part {
-                network: self.genesis().network_id(),
-                round: 0,
-                base: opened.unwrap().base.blob,
-                dataset: member.registration.dataset.root,
-            },
-            eval_samples: member.commitment.eval_samples,
-            file: member.update.clone(),
-        };
-        trained.keep(state).unwrap();
     }
 }

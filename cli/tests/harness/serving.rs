@@ -1,6 +1,7 @@
 //! A process that serves, ended when it is dropped.
 
 use super::zk0;
+use std::ffi::OsStr;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex};
@@ -17,14 +18,17 @@ pub struct Serving {
 impl Serving {
     /// Starts the binary, and waits until it says where it listens.
     pub fn start(arguments: &[&str]) -> Self {
-        Self::start_with(arguments, &[])
+        Self::start_with(arguments, &[] as &[(&str, &str)])
     }
 
     /// Like [`Self::start`], with these environment variables.
-    pub fn start_with(arguments: &[&str], variables: &[(&str, &str)]) -> Self {
+    pub fn start_with(
+        arguments: &[&str],
+        variables: &[(impl AsRef<OsStr>, impl AsRef<OsStr>)],
+    ) -> Self {
         let mut process = zk0(&["--log", "json"])
             .args(arguments)
-            .envs(variables.iter().copied())
+            .envs(variables.iter().map(|(name, value)| (name, value)))
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();

@@ -3,11 +3,10 @@
 //! `ZK0_STORE` is its address, as `--blob-store` takes it, and the credentials are where the program looks for them. For the published log,
 //! `ZK0_PUBLIC_STORE` is an address that anybody may read, and `ZK0_PUBLIC_URL` says where on the web that is.
 
-use crate::harness::members::Member;
-use crate::large_updates::{bytes, runtime, Large};
-use crate::lives_from;
-use crate::presigned::Presigned;
-use crate::published;
+use super::large_updates::{bytes, runtime, Large};
+use super::lives_from;
+use super::presigned::Presigned;
+use super::published;
 use std::env;
 use std::fs;
 use std::thread::sleep;
@@ -20,6 +19,7 @@ use zk0_ledger::blobs::store::BlobStore;
 use zk0_ledger::blobs::unverified::Unverified;
 use zk0_ledger::blobs::Blobs;
 use zk0_node::client::stored_update::{StoreClient, StoreError};
+use zk0_testkit::members::Member;
 use zk0_tls::service_address::ServiceAddress;
 
 const MINUTE: Duration = Duration::from_secs(60);
@@ -91,7 +91,8 @@ fn blobs_of_several_parts_come_back() {
 #[ignore = "asks a store: scripts/try-buckets"]
 fn a_network_lives_from_it() {
     let address = fresh("ZK0_STORE", "rounds");
-    lives_from(&address, &bucket(&address));
+    // The program inherits the variables.
+    lives_from(&address, &[], &bucket(&address));
 }
 
 #[test]

@@ -1,27 +1,23 @@
 //! Servers that are told to end while a store is silent. A request to it is given up after half a minute, and tried again.
 
+use super::{founded, serving};
 use crate::harness::serving::Serving;
 use crate::harness::words;
-use crate::s3::failing_network::Fault;
-use crate::s3::S3;
-use crate::{founded, serving};
 use std::fs;
 use std::io::Write;
 use std::net::TcpStream;
 use std::path::Path;
 use std::thread::sleep;
 use std::time::Duration;
-
-fn pairs(variables: &[(String, String)]) -> Vec<(&str, &str)> {
-    variables.iter().map(|(a, b)| (&**a, &**b)).collect()
-}
+use zk0_testkit::s3::failing_network::Fault;
+use zk0_testkit::s3::S3;
 
 #[test]
 fn an_aggregator_ends_while_the_store_of_its_log_is_silent() {
     let Some(s3) = S3::start() else { return };
     let (network, variables) = (founded(), s3.variables());
     let arguments = serving(&network, &["--log-store", &s3.address("public")]);
-    let mut aggregator = Serving::start_with(&words(&arguments), &pairs(&variables));
+    let mut aggregator = Serving::start_with(&words(&arguments), &variables);
     aggregator.logs("the log is published in its store");
     s3.network.fail_always(Fault::Silent);
     // Its rounds go on, so that there is something to write.
@@ -40,12 +36,12 @@ fn a_server_of_a_log_ends_while_the_store_of_its_blobs_is_silent() {
     let address = s3.address("net");
     let store = ["--blob-store", &address];
     let arguments = serving(&network, &[&store[..], &["--rounds", "1"]].concat());
-    let mut aggregator = Serving::start_with(&words(&arguments), &pairs(&variables));
+    let mut aggregator = Serving::start_with(&words(&arguments), &variables);
     assert!(aggregator.terminate().success());
     let ledger = network.path("ledger");
     fs::remove_dir_all(Path::new(&ledger).join("blobs")).unwrap();
     let serve = ["ledger", "serve", &ledger, "--listen", "127.0.0.1:0"];
-    let mut server = Serving::start_with(&[&serve[..], &store[..]].concat(), &pairs(&variables));
+    let mut server = Serving::start_with(&[&serve[..], &store[..]].concat(), &variables);
     s3.network.fail_always(Fault::Silent);
     let mut asking = TcpStream::connect(server.address.strip_prefix("http://").unwrap()).unwrap();
     let policy = network.genesis().policy;

@@ -1,15 +1,11 @@
 //! Updates of many parts, which nodes put straight into the bucket, while something fails in the middle. `ZK0_UPDATE_MB` is the size of an update in
 //! megabytes: 200 is the published size.
 
-use crate::harness::members::{found, Member};
+use super::observed::metric;
 use crate::harness::process::Process;
 use crate::harness::{prints, zk0};
-use crate::observed::metric;
-use crate::s3::failing_network::Fault;
-use crate::s3::S3;
 use std::env;
 use std::fs;
-use std::net::TcpListener;
 use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -24,6 +20,10 @@ use zk0_ledger::blobs::store::BlobStore;
 use zk0_ledger::blobs::unverified::Unverified;
 use zk0_node::client::stored_update::{StoreClient, StoreError};
 use zk0_node::client::Node;
+use zk0_testkit::members::{found, Member};
+use zk0_testkit::own_port::OwnPort;
+use zk0_testkit::s3::failing_network::Fault;
+use zk0_testkit::s3::S3;
 use zk0_tls::service_address::ServiceAddress;
 
 /// The requests by which an aggregator reads what nodes have put there.
@@ -48,7 +48,7 @@ pub struct Large {
     variables: Vec<(String, String)>,
     aggregator: Process,
     /// Where it listens, also after a new start, and where its metrics are.
-    addresses: [String; 2],
+    ports: [OwnPort; 2],
 }
 
 impl Large {
@@ -60,13 +60,10 @@ impl Large {
     ) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let network = found(dir.path(), members, bytes() as u64, prints);
-        let addresses = [(); 2].map(|()| {
-            let free = TcpListener::bind("127.0.0.1:0").unwrap();
-            free.local_addr().unwrap().to_string()
-        });
+        let ports = [(); 2].map(|()| OwnPort::take());
         let path = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
         let (ledger, key) = (path("ledger"), path("log.key"));
-        let [listen, metrics] = &addresses;
+        let [listen, metrics] = &ports.each_ref().map(OwnPort::address);
         let nodes = members.len().to_string();
         let begin = ["--log", "json", "aggregator", "serve", &ledger];
         let end = ["--key", &key, "--listen", listen, "--metrics", metrics];
@@ -81,7 +78,7 @@ impl Large {
             serving,
             variables: variables.to_vec(),
             aggregator,
-            addresses,
+            ports,
         }
     }
 
@@ -94,7 +91,7 @@ impl Large {
 
     /// The member's node, in the open round, and its update.
     async fn joined(&self, member: Member) -> (Node, Vec<u8>) {
-        let address = format!("http://{}", self.addresses[0]);
+        let address = format!("http://{}", self.ports[0].address());
         let node = member.join(&address, self.network).await;
         (node, member.update(bytes()))
     }
@@ -120,7 +117,7 @@ impl Large {
     /// How many updates came this way.
     pub fn came_from(&self, from: &str) -> f64 {
         metric(
-            &self.addresses[1],
+            &self.ports[1].address(),
             &format!("zk0_uploads_total{{from=\"{from}\"}}"),
         )
     }

@@ -1,14 +1,14 @@
 //! What an operator sees of the store: metrics, the status, and what readers of the log are told while the store fails.
 
-use crate::founded;
+use super::founded;
+use super::serving;
 use crate::harness::serving::Serving;
 use crate::harness::{json, prints, words};
-use crate::s3::failing_network::Fault;
-use crate::s3::S3;
-use crate::serving;
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::time::Duration;
+use zk0_testkit::s3::failing_network::Fault;
+use zk0_testkit::s3::S3;
 
 /// What a server answers to `GET`, with its head.
 fn get(address: &str, path: &str) -> String {
@@ -42,8 +42,6 @@ pub fn metric(metrics: &str, name: &str) -> f64 {
 #[test]
 fn metrics_and_status_say_whether_the_store_answers() {
     let Some(s3) = S3::start() else { return };
-    let variables = s3.variables();
-    let variables: Vec<_> = variables.iter().map(|(a, b)| (&**a, &**b)).collect();
     let network = founded();
     let genesis = network.genesis();
     let (policy, id) = (genesis.policy.to_string(), genesis.network_id().to_string());
@@ -57,7 +55,7 @@ fn metrics_and_status_say_whether_the_store_answers() {
         ["--metrics", "127.0.0.1:0"],
     ];
     let arguments = serving(&network, &more.concat());
-    let aggregator = Serving::start_with(&words(&arguments), &variables);
+    let aggregator = Serving::start_with(&words(&arguments), &s3.variables());
     aggregator.logs("the metrics are at");
     aggregator.logs("blobs removed from the ledger's folder");
     let metrics = address_after(&aggregator.log(), "the metrics are at http://");

@@ -1,17 +1,17 @@
 //! `--presigned-uploads`: nodes put their updates straight into the bucket.
 
+use super::observed::{address_after, metric};
+use super::{founded, serving};
 use crate::harness::network::{LocalNetwork, Prover};
 use crate::harness::process::Process;
 use crate::harness::serving::Serving;
 use crate::harness::{ends, fails, words, zk0, RECORDING};
-use crate::observed::{address_after, metric};
-use crate::s3::failing_network::Fault;
-use crate::s3::S3;
-use crate::{founded, serving};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 use zk0_circuits::Digest;
 use zk0_protocol::entries::entry::Body;
+use zk0_testkit::s3::failing_network::Fault;
+use zk0_testkit::s3::S3;
 
 /// A network whose aggregator gives its node addresses of the bucket.
 pub struct Presigned {
@@ -31,7 +31,6 @@ impl Presigned {
     pub fn in_store(store: &str, variables: &[(String, String)], more: &[&str]) -> Self {
         let network = LocalNetwork::new();
         network.found(&[]);
-        let variables: Vec<_> = variables.iter().map(|(a, b)| (&**a, &**b)).collect();
         let (ledger, key) = (network.path("ledger"), network.path("log.key"));
         let begin = [
             "aggregator",
@@ -49,7 +48,7 @@ impl Presigned {
             "127.0.0.1:0",
             "--presigned-uploads",
         ];
-        let aggregator = Serving::start_with(&[&begin[..], &end, more].concat(), &variables);
+        let aggregator = Serving::start_with(&[&begin[..], &end, more].concat(), variables);
         aggregator.logs("the metrics are at");
         let metrics = address_after(&aggregator.log(), "the metrics are at http://");
         Self {

@@ -1,12 +1,12 @@
 //! `--log-store`: the published log in a bucket that anybody may read.
 
-use crate::founded;
+use super::founded;
+use super::serving;
 use crate::harness::serving::Serving;
 use crate::harness::{fails, prints, words};
-use crate::s3::S3;
-use crate::serving;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
+use zk0_testkit::s3::S3;
 
 #[test]
 fn anybody_mirrors_the_log_from_its_bucket() {
@@ -18,11 +18,10 @@ fn anybody_mirrors_the_log_from_its_bucket() {
 
 /// Runs rounds, whose blobs are kept in one store and whose log is published in another one, and mirrors and audits the log from its web address.
 pub fn is_mirrored((blobs, log): (&str, &str), variables: &[(String, String)], url: &str) {
-    let variables: Vec<_> = variables.iter().map(|(a, b)| (&**a, &**b)).collect();
     let network = founded();
     let more = ["--blob-store", blobs, "--log-store", log, "--rounds", "2"];
     let arguments = serving(&network, &more);
-    let mut aggregator = Serving::start_with(&words(&arguments), &variables);
+    let mut aggregator = Serving::start_with(&words(&arguments), variables);
     let begun = Instant::now();
     while network.entries().len() < 7 {
         assert!(begun.elapsed() < Duration::from_secs(60), "no rounds");

@@ -1,9 +1,9 @@
 //! The aggregator is killed (SIGKILL) at each step of accepting a contribution, and started again with the same command. The contribution is
 //! accepted exactly once, its node always gets the same receipt, and the round closes with it.
 
+use super::relay::Relay;
 use crate::harness::process::Process;
 use crate::harness::recorded::{Member, Recorded};
-use crate::relay::Relay;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -14,6 +14,7 @@ use tokio::task::JoinHandle;
 use zk0_circuits::{Digest, NodeId};
 use zk0_node::client::{Decision, Node};
 use zk0_protocol::entries::entry::{Body, Entry, RoundClosed};
+use zk0_testkit::own_port::OwnPort;
 
 /// The recorded network, served by a real process behind a relay.
 struct Served {
@@ -22,7 +23,7 @@ struct Served {
     dir: TempDir,
     aggregator: Process,
     /// Where the aggregator listens, and goes on listening when it is started again.
-    address: String,
+    port: OwnPort,
     relay: Relay,
     runtime: Runtime,
 }
@@ -33,16 +34,16 @@ impl Served {
         let dir = tempfile::tempdir().unwrap();
         recorded.found(dir.path());
         let members = Arc::new(recorded.members());
-        let aggregator = serving(&recorded, dir.path(), "127.0.0.1:0", members.len());
-        let listening = aggregator.says("the aggregator of network");
-        let address = listening["listening"].as_str().unwrap().to_owned();
+        let port = OwnPort::take();
+        let aggregator = serving(&recorded, dir.path(), &port.address(), members.len());
+        aggregator.says("the aggregator of network");
         Self {
-            relay: Relay::to(&address),
+            relay: Relay::to(&port.address()),
             recorded,
             members,
             dir,
             aggregator,
-            address,
+            port,
             runtime: Runtime::new().unwrap(),
         }
     }
@@ -52,7 +53,7 @@ impl Served {
         self.aggregator.kill();
         self.relay.let_through();
         let (dir, count) = (self.dir.path(), self.members.len());
-        self.aggregator = serving(&self.recorded, dir, &self.address, count);
+        self.aggregator = serving(&self.recorded, dir, &self.port.address(), count);
         self.aggregator.says("the aggregator of network");
     }
 

@@ -1,8 +1,8 @@
 //! A node is started while another one uses its state folder, for example by hand beside a unit of systemd. It must not touch what is there.
 
+use super::refused::{founded, join, serve};
 use crate::harness::process::Process;
 use crate::harness::{as_in_the_runbook, fails, logs, words};
-use crate::refused::{founded, join, serve};
 use std::fs;
 use std::path::Path;
 

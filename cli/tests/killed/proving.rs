@@ -1,10 +1,10 @@
 //! The proving service has no room or is killed when a node has committed. The node asks again, because it cannot take its commitment back. The
 //! prover of these tests makes no proofs, so the contribution is refused.
 
+use super::refused::{founded, join, serve};
 use crate::harness::network::{LocalNetwork, NoProver, Prover};
 use crate::harness::process::Process;
 use crate::harness::{self, as_in_the_runbook, words};
-use crate::refused::{founded, join, serve};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -20,6 +20,7 @@ use zk0_protocol::Body;
 use zk0_prover::program::{Execution, GuestInput};
 use zk0_prover::prove::Proof;
 use zk0_prover::service::{Backend, JobError, ProvingClient, Waiting};
+use zk0_testkit::own_port::OwnPort;
 
 /// What a node says when the proving service cannot do it now, for the first time and later.
 const TROUBLE: &str = "round 0: the proving service at";
@@ -146,7 +147,8 @@ fn a_node_whose_proving_service_is_full_waits_until_it_has_room() {
 fn a_node_whose_proving_service_is_killed_goes_on_when_it_is_back() {
     let network = founded(&["node"]);
     let (held, begun, _may) = Held::new();
-    let prover = Prover::start(held, 4, "127.0.0.1:0", None);
+    let port = OwnPort::take();
+    let prover = Prover::start(held, 4, &port.address(), None);
     let address = prover.address.clone();
     let aggregator = serve(&network, "127.0.0.1:0", &[]);
     let join = join(&network, "node", &aggregator.address(), &address);
@@ -155,8 +157,7 @@ fn a_node_whose_proving_service_is_killed_goes_on_when_it_is_back() {
     drop(prover);
     warns(&node, &address, "`zk0 prover serve` runs it. The node");
 
-    let listen = address.strip_prefix("http://").unwrap();
-    let _again = Prover::start(NoProver, 4, listen, None);
+    let _again = Prover::start(NoProver, 4, &port.address(), None);
     node.says(DECIDED);
     answered(&network, node, aggregator);
 }
@@ -182,7 +183,8 @@ fn a_node_whose_proving_service_does_not_come_back_goes_on_with_the_next_round()
     let network = founded_with_short_rounds();
     // It makes no proof before it is gone.
     let (held, begun, _may) = Held::new();
-    let prover = Prover::start(held, 4, "127.0.0.1:0", None);
+    let port = OwnPort::take();
+    let prover = Prover::start(held, 4, &port.address(), None);
     let aggregator = serve(&network, "127.0.0.1:0", &[]);
     let join = join(&network, "node", &aggregator.address(), &prover.address);
     let mut node = Process::start(&join);

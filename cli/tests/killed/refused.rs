@@ -1,15 +1,16 @@
 //! The aggregator or the node is killed (SIGKILL) at each step of a round in which a node trains. It is started again with the same command, and both go
 //! on: nothing that was acknowledged is lost, and nothing is done twice. The prover of these tests makes no proofs, so the contribution is refused.
 
+use super::relay::Relay;
 use crate::harness::network::LocalNetwork;
 use crate::harness::process::Process;
 use crate::harness::{self, words, RECORDING};
-use crate::relay::Relay;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 use zk0::keys;
 use zk0_protocol::Body;
+use zk0_testkit::own_port::OwnPort;
 
 /// Who is killed.
 #[derive(Clone, Copy, PartialEq)]
@@ -81,7 +82,8 @@ pub fn join(network: &LocalNetwork, name: &str, aggregator: &str, prover: &str) 
 fn goes_on(killed: Killed, step: &str) {
     let network = founded(&["node"]);
     let prover = network.prover();
-    let mut aggregator = serve(&network, "127.0.0.1:0", &[]);
+    let port = OwnPort::take();
+    let mut aggregator = serve(&network, &port.address(), &[]);
     let address = aggregator.address();
     let join = join(&network, "node", &address, &prover.address);
     let mut node = Process::start(&join);

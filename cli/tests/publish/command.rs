@@ -1,15 +1,15 @@
 //! `zk0 publish hub`: what it publishes, and what it says when it cannot.
 
+use super::{founded, holds, serving, variables, NAME};
 use crate::harness::network::LocalNetwork;
 use crate::harness::serving::Serving;
 use crate::harness::{ends, logged, printed, text, zk0, LEDGER};
-use crate::local_hub::LocalHub;
-use crate::{founded, holds, serving, variables, NAME};
 use std::fs;
 use std::path::Path;
 use std::process::Command;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
+use zk0_testkit::local_hub::LocalHub;
 
 struct Published {
     network: LocalNetwork,

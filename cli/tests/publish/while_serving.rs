@@ -1,13 +1,13 @@
 //! An aggregator that publishes its policy folders. A Hub that fails stops nothing.
 
+use super::{founded, holds, serving, variables, NAME};
 use crate::harness::network::LocalNetwork;
 use crate::harness::serving::Serving;
 use crate::harness::{ends, logged, zk0};
-use crate::local_hub::{LocalHub, READER};
-use crate::{founded, holds, serving, variables, NAME};
 use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
+use zk0_testkit::local_hub::{LocalHub, READER};
 
 /// The summaries of the repository's commits.
 fn summaries(hub: &LocalHub) -> Vec<String> {

@@ -11,6 +11,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::Stdio;
 use std::time::Duration;
+use zk0_testkit::own_port::OwnPort;
 
 fn founded() -> LocalNetwork {
     let network = LocalNetwork::new();
@@ -203,8 +204,8 @@ fn a_backup_that_is_older_than_the_last_checkpoint() {
 
 #[test]
 fn an_aggregator_that_is_killed() {
-    let network = founded();
-    let mut arguments = serve(&network, "127.0.0.1:0");
+    let (network, port) = (founded(), OwnPort::take());
+    let arguments = serve(&network, &port.address());
     let mut serving = Serving::start(&words(&arguments));
     let id = network.genesis().network_id().to_string();
     let mut watch = vec!["status", "--watch", "--json", "--network", &id];
@@ -224,7 +225,6 @@ fn an_aggregator_that_is_killed() {
         "cannot be reached: Connection refused (os error 111)",
     );
     // The same command goes on with the same ledger.
-    *arguments.last_mut().unwrap() = serving.address.trim_start_matches("http://").into();
     let again = Serving::start(&words(&arguments));
     let status = ["status", "--aggregator", &again.address, "--network", &id];
     assert!(prints(&status).contains("the newest checkpoint covers 2"));

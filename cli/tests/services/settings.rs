@@ -3,9 +3,9 @@
 use clap::{Parser, Subcommand};
 use std::ffi::OsString;
 use std::path::PathBuf;
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::{env, fs};
 use zk0::settings::parse_from;
+use zk0_testkit::own_process::alone;
 
 #[derive(Debug, Parser)]
 struct Cli {
@@ -41,30 +41,10 @@ struct Settings {
     secret: Option<String>,
 }
 
-/// The environment is one for all tests.
-static ENVIRONMENT: Mutex<()> = Mutex::new(());
-
-struct Variables {
-    _alone: MutexGuard<'static, ()>,
-}
-
-impl Variables {
-    fn set(variables: &[(&str, &str)]) -> Self {
-        let alone = ENVIRONMENT.lock().unwrap_or_else(PoisonError::into_inner);
-        for (name, value) in variables {
-            env::set_var(name, value);
-        }
-        Self { _alone: alone }
-    }
-}
-
-impl Drop for Variables {
-    fn drop(&mut self) {
-        let ours = env::vars_os().map(|(name, _)| name);
-        for name in ours.filter(|name| name.to_string_lossy().starts_with("ZK0_WITNESS_")) {
-            env::remove_var(name);
-        }
-    }
+/// Whether this process runs this test alone, and may set variables. If not, this runs it so.
+#[track_caller]
+fn may_set_variables(test: &str) -> bool {
+    alone(&format!("services::settings::{test}"), &[])
 }
 
 fn parsed(file: &str, more: &[&str]) -> Result<Settings, String> {
@@ -86,7 +66,11 @@ const ALL: &str = "dir = 'store'\nnumber = 2\nserver = ['a', 'b']\nquiet = true\
 
 #[test]
 fn a_flag_counts_before_a_variable_that_before_the_file_and_that_before_the_default() {
-    let _alone = Variables::set(&[]);
+    if !may_set_variables(
+        "a_flag_counts_before_a_variable_that_before_the_file_and_that_before_the_default",
+    ) {
+        return;
+    }
     let number = |file, more: &[&str]| parsed(file, more).unwrap().number;
     assert_eq!(number("dir = 'store'", &[]), 1);
     assert_eq!(number(ALL, &[]), 2);
@@ -97,7 +81,6 @@ fn a_flag_counts_before_a_variable_that_before_the_file_and_that_before_the_defa
 
 #[test]
 fn a_file_holds_arguments_lists_and_switches() {
-    let _alone = Variables::set(&[]);
     let settings = parsed(ALL, &[]).unwrap();
     assert_eq!(settings.dir, PathBuf::from("store"));
     assert_eq!(settings.servers, ["a", "b"]);
@@ -111,11 +94,12 @@ fn a_file_holds_arguments_lists_and_switches() {
 
 #[test]
 fn variables_hold_arguments_lists_switches_and_the_name_of_the_file() {
-    let _alone = Variables::set(&[
-        ("ZK0_WITNESS_DIR", "other"),
-        ("ZK0_WITNESS_SERVER", "c,d"),
-        ("ZK0_WITNESS_QUIET", "false"),
-    ]);
+    if !may_set_variables("variables_hold_arguments_lists_switches_and_the_name_of_the_file") {
+        return;
+    }
+    env::set_var("ZK0_WITNESS_DIR", "other");
+    env::set_var("ZK0_WITNESS_SERVER", "c,d");
+    env::set_var("ZK0_WITNESS_QUIET", "false");
     let settings = parsed(ALL, &[]).unwrap();
     assert_eq!(settings.dir, PathBuf::from("other"));
     assert_eq!(settings.servers, ["c", "d"]);
@@ -137,7 +121,6 @@ fn refused(file: &str, words: &[&str]) {
 
 #[test]
 fn what_is_wrong_in_a_file_is_refused_with_its_key_and_line() {
-    let _alone = Variables::set(&[]);
     refused(
         "dir = 'x'\n\nnumbr = 2\n",
         &[
@@ -189,7 +172,12 @@ fn what_is_wrong_in_a_file_is_refused_with_its_key_and_line() {
 
 #[test]
 fn a_switch_that_a_variable_turns_off_needs_nothing_and_conflicts_with_nothing() {
-    let _alone = Variables::set(&[("ZK0_WITNESS_SEALED", "false")]);
+    if !may_set_variables(
+        "a_switch_that_a_variable_turns_off_needs_nothing_and_conflicts_with_nothing",
+    ) {
+        return;
+    }
+    env::set_var("ZK0_WITNESS_SEALED", "false");
     assert!(!parsed(ALL, &[]).unwrap().sealed);
     // It counts before the file all the same.
     let file = "dir = 'x'\nsealed = true\nsecret = 'y'";
@@ -204,7 +192,10 @@ fn a_switch_that_a_variable_turns_off_needs_nothing_and_conflicts_with_nothing()
 
 #[test]
 fn a_wrong_variable_is_refused_although_the_file_is_right() {
-    let _alone = Variables::set(&[("ZK0_WITNESS_NUMBER", "two")]);
+    if !may_set_variables("a_wrong_variable_is_refused_although_the_file_is_right") {
+        return;
+    }
+    env::set_var("ZK0_WITNESS_NUMBER", "two");
     let variable = "the environment variable ZK0_WITNESS_NUMBER: ";
     refused(ALL, &[variable, "--number", "two"]);
     // A flag that is wrong, too, is what counts.

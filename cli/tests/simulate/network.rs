@@ -1,6 +1,6 @@
 //! A simulation against the network of the committed ledger, whose nodes trained with real proofs.
 
-use crate::{folder, prints, root, simulate};
+use super::{folder, prints, root, simulate};
 use std::fs;
 use zk0_audit::verified_entries::verified_entries;
 use zk0_circuits::EvalSpec;

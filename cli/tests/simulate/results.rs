@@ -1,6 +1,6 @@
 //! Results of small simulations, and what is refused.
 
-use crate::{ends, fails, folder, logged, round, simulate, small, zk0, DATASETS, SMALL};
+use super::{ends, fails, folder, logged, round, simulate, small, zk0, DATASETS, SMALL};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -29,7 +29,7 @@ fn a_simulation_learns_and_says_that_nothing_is_proven() {
         "--eval-frames",
         "16",
     ];
-    let said = crate::prints(&simulate(out.path(), &[&more[..], &unseen].concat()));
+    let said = super::prints(&simulate(out.path(), &[&more[..], &unseen].concat()));
     assert_eq!(
         said.matches("nothing in this simulation is proven").count(),
         2,

@@ -1,6 +1,6 @@
 //! Which certificates a node believes, and what it says of the others.
 
-use crate::encrypted::{Certificates, Encrypted, HANDSHAKE};
+use super::encrypted::{Certificates, Encrypted, HANDSHAKE};
 use rcgen::date_time_ymd;
 use std::fs;
 use std::path::Path;

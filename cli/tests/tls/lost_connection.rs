@@ -1,6 +1,6 @@
 //! A node whose connection is lost in the middle of a request.
 
-use crate::encrypted::Encrypted;
+use super::encrypted::Encrypted;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{mpsc, Arc};
 use std::time::Duration;

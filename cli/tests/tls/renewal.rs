@@ -1,6 +1,6 @@
 //! A certificate that is renewed while the aggregator runs.
 
-use crate::encrypted::{Certificates, Encrypted};
+use super::encrypted::{Certificates, Encrypted};
 use std::fs;
 use std::time::Duration;
 use tokio::time::sleep;

@@ -1,7 +1,7 @@
 //! The other services show certificates, too, and their clients believe the right ones: logs and their readers, witnesses and the aggregator, the
 //! proving service and nodes.
 
-use crate::encrypted::Certificates;
+use super::encrypted::Certificates;
 use crate::harness::network::LocalNetwork;
 use crate::harness::serving::Serving;
 use crate::harness::{ends, fails, logged, printed, prints, text, zk0, LEDGER, RECORDING};

@@ -1,12 +1,13 @@
 //! A collector that is down, or that accepts connections and then says nothing.
 
-use crate::collector::{serving, Collector};
+use super::collector::{serving, Collector};
 use crate::harness::network::LocalNetwork;
 use crate::harness::serving::Serving;
 use crate::harness::{prints, words};
 use std::net::TcpListener;
 use std::thread;
 use std::time::{Duration, Instant};
+use zk0_testkit::own_port::OwnPort;
 
 /// Spans are sent this often, so that a test sees several attempts.
 const OFTEN: (&str, &str) = ("OTEL_BSP_SCHEDULE_DELAY", "100");
@@ -50,11 +51,8 @@ impl Traced {
 
 #[test]
 fn a_collector_that_is_down_is_logged_once_and_gets_traces_when_it_is_there() {
-    let address = {
-        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        listener.local_addr().unwrap().to_string()
-    };
-    let traced = Traced::start(&format!("http://{address}"), &[OFTEN]);
+    let port = OwnPort::take();
+    let traced = Traced::start(&format!("http://{}", port.address()), &[OFTEN]);
     for _ in 0..6 {
         traced.ask();
         thread::sleep(Duration::from_millis(300));
@@ -64,7 +62,7 @@ fn a_collector_that_is_down_is_logged_once_and_gets_traces_when_it_is_there() {
     assert_eq!(log.matches("takes no traces").count(), 1, "{log}");
     assert!(!log.contains("takes traces again"), "{log}");
 
-    let collector = Collector::on(&address, None);
+    let collector = Collector::on(&port.address(), None);
     traced.ask();
     collector.receives("zk0.v1.Federation/GetStatus");
     traced.aggregator.logs("takes traces again");

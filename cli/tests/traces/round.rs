@@ -1,6 +1,6 @@
 //! A round of real processes, seen by their collector. The prover of this test makes no proofs, so that the contribution is refused.
 
-use crate::collector::{serving, text, Collector, Spans};
+use super::collector::{serving, text, Collector, Spans};
 use crate::harness::network::LocalNetwork;
 use crate::harness::serving::Serving;
 use crate::harness::{logged, logs, words, zk0, RECORDING};
@@ -9,6 +9,7 @@ use std::path::Path;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 use zk0::keys;
+use zk0_testkit::own_process::alone;
 use zk0_traces::export::Traces;
 
 const AGGREGATOR: &str = "zk0-aggregator";
@@ -81,6 +82,13 @@ fn played() -> (String, Spans) {
 
 #[test]
 fn a_submission_and_its_verification_are_one_trace() {
+    // The prover's spans go to the subscriber of the whole process.
+    if !alone(
+        "traces::round::a_submission_and_its_verification_are_one_trace",
+        &[],
+    ) {
+        return;
+    }
     let (node, spans) = played();
     let turn = spans.one(NODE, "turn");
     assert!(turn.parent_span_id.is_empty());

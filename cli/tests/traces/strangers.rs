@@ -1,6 +1,6 @@
 //! Whoever sends a request may send a header with it. It says which trace the request belongs to, and nothing else.
 
-use crate::collector::{serving, text, Collector};
+use super::collector::{serving, text, Collector};
 use crate::harness::network::LocalNetwork;
 use crate::harness::serving::Serving;
 use crate::harness::words;
@@ -49,7 +49,7 @@ fn a_header_neither_hides_a_request_nor_adds_to_its_span() {
     let spans = collector.spans();
     let requests = spans.named("zk0.v1.Federation/GetNetwork");
     assert_eq!(requests.len(), 1 + harmless.len());
-    let named = |span: &&&crate::collector::Traced| hex(&span.span.trace_id) == TRACE;
+    let named = |span: &&&super::collector::Traced| hex(&span.span.trace_id) == TRACE;
     let joined: Vec<_> = requests.iter().filter(named).collect();
     assert_eq!(joined.len(), 1);
     assert_eq!(hex(&joined[0].span.parent_span_id), SPAN);

@@ -1,6 +1,6 @@
 //! The address of a collector: with TLS, without, and a wrong one.
 
-use crate::collector::{serving, Collector};
+use super::collector::{serving, Collector};
 use crate::harness::network::LocalNetwork;
 use crate::harness::serving::Serving;
 use crate::harness::{fails, text, words};

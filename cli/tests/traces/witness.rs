@@ -1,6 +1,6 @@
 //! A witness that cosigns a checkpoint does so in the trace of the aggregator that asks it.
 
-use crate::collector::{serving, text, Collector};
+use super::collector::{serving, text, Collector};
 use crate::harness::network::LocalNetwork;
 use crate::harness::serving::Serving;
 use crate::harness::{prints, words};

@@ -1,12 +1,8 @@
 //! A network of any size, founded as the protocol's test network. Its nodes commit and submit round after round, and every statement
 //! is signed.
 
-#[path = "../../../protocol/tests/network/mod.rs"]
-mod founded;
-
 use anyhow::{Context, Result};
 use ed25519_dalek::SigningKey;
-use founded::{closed, commitments_closed, drawn, genesis, invalid_proof, log_key, opened};
 use rayon::prelude::*;
 use std::path::Path;
 use zk0_circuits::{Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest};
@@ -17,12 +13,15 @@ use zk0_protocol::entries::entry::{CommitmentsClosed, RoundClosed, RoundOpened};
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::signed::{DatasetRegistration, Episode, Submission, UpdateCommitment};
 use zk0_protocol::{Body, Signed, State};
+use zk0_testkit::network::{
+    closed, commitments_closed, drawn, genesis, invalid_proof, log_key, opened, T0,
+};
 
 /// How many nodes the network has.
 pub const NODES: u64 = 250;
 
 /// When the network begins, in Unix milliseconds.
-pub const TIME: u64 = founded::T0;
+pub const TIME: u64 = T0;
 
 /// Returns a digest that belongs to this number only.
 fn digest(what: u64, number: u64) -> Digest {

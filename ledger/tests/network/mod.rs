@@ -1,14 +1,10 @@
 //! The network of the protocol's tests, and ledgers on disk to test with.
-#![allow(dead_code)]
 
 pub mod long;
-#[path = "../../../protocol/tests/network/mod.rs"]
-mod pure;
-pub mod rounds;
 pub mod scenario;
-pub mod shelf;
 
-pub use pure::*;
+pub use zk0_testkit::ledgers::{rounds, shelf};
+pub use zk0_testkit::network::*;
 
 use zk0_ledger::group::Wanted;
 use zk0_ledger::{Ledger, LedgerError};

@@ -39,8 +39,11 @@ fn acknowledge(receipt: &Receipt) {
     say(format!("acknowledged {}", hex::encode(receipt)));
 }
 
-/// Runs the whole scenario in the folder that the environment names, and ends the process. Without a folder, it does nothing.
-pub fn run_as_child() {
+/// This is not a test of its own. The child processes of other tests run it. It runs the whole scenario in the folder that the environment
+/// names, and ends the process. Without a folder, it does nothing.
+#[test]
+#[ignore = "run by other tests as a child process"]
+fn the_scenario() {
     let Some(dir) = std::env::var_os(FOLDER) else {
         return;
     };
@@ -158,7 +161,8 @@ pub fn child(dir: &Path, wrapper: &[String]) -> Output {
         }
     };
     command
-        .args(["--exact", "the_scenario", "--ignored", "--nocapture"])
+        .args(["--exact", "network::scenario::the_scenario"])
+        .args(["--ignored", "--nocapture"])
         .args(["--test-threads", "1"])
         .env(FOLDER, dir)
         .output()

@@ -1,7 +1,7 @@
 //! Go's `sumdb/note` and `sumdb/tlog` verify our checkpoints, cosignatures and proofs (Debian: `golang-go golang-golang-x-mod-dev`). If
 //! they are not installed, the test says so and passes.
 
-use crate::network::shelf::log_vkey;
+use crate::network::log::log_vkey;
 use crate::network::*;
 use ed25519_dalek::SigningKey;
 use std::fs;

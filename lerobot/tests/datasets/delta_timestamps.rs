@@ -3,8 +3,7 @@
 use std::collections::BTreeMap;
 
 use zk0_lerobot::dataset::{Dataset, Frame, Info, Loader, Window};
-
-use crate::recordings::open;
+use zk0_testkit::recordings::open;
 
 const TOP: &str = "observation.images.top";
 const STATE: &str = "observation.state";

@@ -6,8 +6,7 @@ use safetensors::{Dtype, SafeTensors};
 use zk0_lerobot::dataset::{
     rgb_from_yuv420, Dataset, Format, Frame, Normalizer, VideoReader, Yuv420,
 };
-
-use crate::recordings::{fixtures, frames, open, Copy, STATS};
+use zk0_testkit::recordings::{fixtures, frames, open, Copy, STATS};
 
 const RECORDINGS: [&str; 5] = [
     "so100_pickplace",
@@ -294,11 +293,11 @@ fn v20_has_its_statistics_in_one_file() {
     let copy = Copy::of("so100_pickplace_v21");
     std::fs::remove_file(copy.path("meta/episodes_stats.jsonl")).unwrap();
     std::fs::copy(
-        crate::recordings::recording("so100_pickplace").join(STATS),
+        zk0_testkit::recordings::recording("so100_pickplace").join(STATS),
         copy.path(STATS),
     )
     .unwrap();
-    copy.edit_text(crate::recordings::INFO, "\"v2.1\"", "\"v2.0\"");
+    copy.edit_text(zk0_testkit::recordings::INFO, "\"v2.1\"", "\"v2.0\"");
     let (ours, like) = (copy.open().unwrap(), open("so100_pickplace_v21"));
     assert_eq!(ours.info().format, Format::V20);
     assert!(ours.frame(122, 10).unwrap() == like.frame(122, 10).unwrap());

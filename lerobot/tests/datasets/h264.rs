@@ -7,9 +7,8 @@ use openh264::decoder::Decoder;
 use openh264::encoder::Profile;
 use openh264::formats::YUVSource;
 use zk0_lerobot::dataset::{rgb_from_yuv420, VideoReader, Yuv420};
-
-use crate::mp4_writer::{encode, Stream};
-use crate::recordings::{fixtures, frames, open, patch, Copy};
+use zk0_testkit::recordings::mp4_writer::{encode, Stream};
+use zk0_testkit::recordings::{fixtures, frames, open, patch, Copy};
 
 const HEIGHT: usize = 96;
 const WIDTH: usize = 128;

@@ -4,8 +4,7 @@ use std::fs;
 
 use arrow_array::RecordBatch;
 use zk0_lerobot::dataset::{Dataset, DatasetError};
-
-use crate::recordings::{fixtures, open, recording, Copy, DATA, INFO, STATS, TOP};
+use zk0_testkit::recordings::{fixtures, open, recording, Copy, DATA, INFO, STATS, TOP};
 
 const TASK_TABLE: &str = "meta/tasks.parquet";
 
@@ -16,7 +15,7 @@ fn folder_and_files_that_are_not_there() {
 
     let files = [INFO, STATS, TASK_TABLE, "meta/episodes", DATA, TOP];
     for file in files {
-        let copy = Copy::new();
+        let copy = Copy::default();
         let path = copy.path(file);
         if path.is_dir() {
             fs::remove_dir_all(path).unwrap();
@@ -85,11 +84,11 @@ fn broken_info() {
         ("videos/{video_key}", "/{video_key}", "path template"),
     ];
     for (from, to, cause) in cases {
-        let copy = Copy::new();
+        let copy = Copy::default();
         copy.edit_text(INFO, from, to);
         copy.fails(INFO, cause);
     }
-    let copy = Copy::new();
+    let copy = Copy::default();
     copy.edit(INFO, |_| vec![b' '; 17 << 20]);
     copy.fails(INFO, "larger than");
 }
@@ -98,7 +97,7 @@ fn broken_info() {
 fn depth_cameras_are_named_and_not_read() {
     // LeRobot 0.6.1 writes more keys into `info`; the older key is that of LeRobot before.
     for key in ["is_depth_map", "video.is_depth_map"] {
-        let copy = Copy::new();
+        let copy = Copy::default();
         let describe = |says: bool| {
             copy.edit(INFO, |bytes| {
                 let mut info: serde_json::Value = serde_json::from_slice(&bytes).unwrap();
@@ -125,16 +124,16 @@ fn depth_cameras_are_named_and_not_read() {
 
 #[test]
 fn counts_that_the_files_do_not_hold() {
-    let copy = Copy::new();
+    let copy = Copy::default();
     copy.edit_text(INFO, "\"total_frames\": 245", "\"total_frames\": 246");
     copy.fails("meta/episodes", "meta/info.json declares 6 with 246");
-    let copy = Copy::new();
+    let copy = Copy::default();
     copy.edit_text(INFO, "\"total_episodes\": 6", "\"total_episodes\": 5");
     copy.fails(
         "meta/episodes/chunk-000/file-000.parquet",
         "expected episode 5 of 5",
     );
-    let copy = Copy::new();
+    let copy = Copy::default();
     copy.edit_text(INFO, "\"total_tasks\": 1", "\"total_tasks\": 2");
     copy.fails(TASK_TABLE, "does not name all 2 tasks");
 }
@@ -162,7 +161,7 @@ fn task_tables_of_a_newer_lerobot() {
 fn task_strings_in_two_columns_or_in_none() {
     let index = "__index_level_0__";
     let table_with = |names: &[&str]| {
-        let copy = Copy::new();
+        let copy = Copy::default();
         copy.edit_table(TASK_TABLE, |table| {
             let column = |name: &str| table.column_by_name(name).unwrap().clone();
             let strings = names.iter().map(|name| (*name, column(index)));
@@ -195,12 +194,12 @@ fn an_older_format_is_told_how_to_convert() {
 
 #[test]
 fn broken_stats() {
-    let copy = Copy::new();
+    let copy = Copy::default();
     copy.edit(STATS, |bytes| bytes[..bytes.len() / 2].to_vec());
     copy.fails(STATS, "not the JSON");
 
     let damage = |change: fn(&mut serde_json::Value), cause| {
-        let copy = Copy::new();
+        let copy = Copy::default();
         copy.edit(STATS, |bytes| {
             let mut stats = serde_json::from_slice(&bytes).unwrap();
             change(&mut stats);

@@ -5,23 +5,22 @@ use std::sync::Arc;
 
 use arrow_array::{Float32Array, Float64Array, Int64Array, RecordBatch};
 use zk0_lerobot::dataset::{Dataset, DatasetError, Repair};
-
-use crate::recordings::{open, with_column, Copy, DATA, INFO};
+use zk0_testkit::recordings::{open, with_column, Copy, DATA, INFO};
 
 #[test]
 fn rows_that_do_not_fit() {
-    let copy = Copy::new();
+    let copy = Copy::default();
     copy.edit_rows(|rows| rows.slice(0, 235));
     copy.fails(DATA, "ends after 235 frames, meta/info.json declares 245");
 
-    let copy = Copy::new();
+    let copy = Copy::default();
     copy.edit_rows(|rows| rows.slice(1, 244));
     copy.fails(
         DATA,
         "index 1 found where the episodes' metadata expects index 0",
     );
 
-    let copy = Copy::new();
+    let copy = Copy::default();
     copy.edit_rows(|rows| {
         let times = rows.column_by_name("timestamp").unwrap();
         let times = arrow_array::cast::as_primitive_array::<arrow_array::types::Float32Type>(times);
@@ -30,7 +29,7 @@ fn rows_that_do_not_fit() {
     });
     copy.fails(DATA, "column timestamp holds Float64, expected Float32");
 
-    let copy = Copy::new();
+    let copy = Copy::default();
     copy.edit_rows(|rows| {
         let ones = Float32Array::from(vec![1.0; rows.num_rows()]);
         with_column(rows, "action", Arc::new(ones))
@@ -40,7 +39,7 @@ fn rows_that_do_not_fit() {
         "column action holds Float32, expected lists of float32",
     );
 
-    let copy = Copy::new();
+    let copy = Copy::default();
     copy.edit_rows(|rows| {
         let gaps: Float32Array = (0..rows.num_rows())
             .map(|i| (i != 9).then_some(0.0))
@@ -49,7 +48,7 @@ fn rows_that_do_not_fit() {
     });
     copy.fails(DATA, "column timestamp has empty cells");
 
-    let copy = Copy::new();
+    let copy = Copy::default();
     copy.edit_rows(|rows| {
         let at = rows.schema().index_of("task_index").unwrap();
         let mut rows = rows;
@@ -58,7 +57,7 @@ fn rows_that_do_not_fit() {
     });
     copy.fails(DATA, "has no column \"task_index\"");
 
-    let copy = Copy::new();
+    let copy = Copy::default();
     copy.edit_text(INFO, "                6", "                7");
     let error = copy.error().to_string();
     assert!(error.contains("7 dimensions"), "{error}");
@@ -69,7 +68,7 @@ fn values_that_are_not_finite() {
     use arrow_array::cast::AsArray;
     use arrow_array::types::Float32Type;
     use arrow_array::{Array, FixedSizeListArray};
-    let copy = Copy::new();
+    let copy = Copy::default();
     copy.edit_rows(|rows| {
         let states = rows
             .column_by_name("observation.state")
@@ -142,7 +141,7 @@ fn frames_stored_twice_are_read_once() {
 #[test]
 fn other_ways_of_repeating_rows_are_repaired_too() {
     // Every row comes three times in a row.
-    let copy = Copy::new();
+    let copy = Copy::default();
     copy.edit_table(DATA, |rows| {
         (0..rows.num_rows() * 3)
             .map(|i| rows.slice(i / 3, 1))
@@ -151,7 +150,7 @@ fn other_ways_of_repeating_rows_are_repaired_too() {
     repaired(&copy, "so100_pickplace", DATA, 245 * 2, 1);
 
     // The first episode comes a second time in the middle of the third.
-    let copy = Copy::new();
+    let copy = Copy::default();
     copy.edit_table(DATA, |rows| {
         vec![rows.slice(0, 100), rows.slice(0, 41), rows.slice(100, 145)]
     });
@@ -198,7 +197,7 @@ fn copies_that_differ_are_not_taken_for_repetitions() {
         ("timestamp", floats([0.0, 0.1, 2.0 / 30.0])),
     ];
     for (column, values) in cases {
-        let copy = Copy::new();
+        let copy = Copy::default();
         copy.edit_table(DATA, |rows| {
             let again = with_column(tail(&rows), column, values);
             vec![rebuilt(&rows), again]
@@ -217,7 +216,7 @@ fn copies_that_differ_are_not_taken_for_repetitions() {
         );
     }
     for column in ["action", "observation.state"] {
-        let copy = Copy::new();
+        let copy = Copy::default();
         copy.edit_table(DATA, |rows| {
             let other = rows.column_by_name(column).unwrap().slice(7, 3);
             vec![rebuilt(&rows), with_column(tail(&rows), column, other)]
@@ -241,7 +240,7 @@ fn copies_that_differ_are_not_taken_for_repetitions() {
 fn episodes_described_twice_are_read_once() {
     let file = "meta/episodes/chunk-000/file-000.parquet";
     let again = "meta/episodes/chunk-000/file-001.parquet";
-    let copy = Copy::new();
+    let copy = Copy::default();
     fs::copy(copy.path(file), copy.path(again)).unwrap();
     let dataset = copy.open().unwrap();
     let path = copy.path(again);
@@ -272,7 +271,7 @@ fn episodes_described_twice_are_read_once() {
 
 #[test]
 fn timestamps_off_the_frame_grid_are_named() {
-    let error = Dataset::open(crate::recordings::recording(
+    let error = Dataset::open(zk0_testkit::recordings::recording(
         "so100_pickplace_bad_timestamps",
     ))
     .unwrap_err();

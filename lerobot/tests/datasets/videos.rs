@@ -4,8 +4,7 @@ use std::fs;
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-
-use crate::recordings::{patch, recording, Copy, INFO, TOP};
+use zk0_testkit::recordings::{patch, recording, Copy, INFO, TOP};
 
 #[test]
 fn videos_that_are_cut_or_no_videos() {
@@ -13,15 +12,15 @@ fn videos_that_are_cut_or_no_videos() {
         .unwrap()
         .len();
     for len in [0, 7, 20, 1000, whole / 2, whole - 1] {
-        let copy = Copy::new();
+        let copy = Copy::default();
         copy.edit(TOP, |bytes| bytes[..len].to_vec());
         copy.fails(TOP, "cut off");
     }
-    let copy = Copy::new();
+    let copy = Copy::default();
     copy.edit(TOP, |bytes| bytes.iter().map(|b| b ^ 0x5a).collect());
     copy.fails(TOP, "not an mp4");
 
-    let copy = Copy::new();
+    let copy = Copy::default();
     copy.edit(TOP, |mut bytes| {
         let at = bytes.windows(4).position(|w| w == b"av01").unwrap();
         // The first match is a brand in ftyp. The next one is the sample description.
@@ -36,7 +35,7 @@ fn videos_that_are_cut_or_no_videos() {
     });
     copy.fails(TOP, "codec \"vp09\", only AV1 (av01) and H.264 (avc1)");
 
-    let copy = Copy::new();
+    let copy = Copy::default();
     copy.edit_text(INFO, "                96", "                97");
     copy.fails(
         TOP,
@@ -72,7 +71,7 @@ fn mp4_tables_that_contradict_themselves() {
         (b"hdlr", 8, b"soun", "has no video track"),
     ];
     for (kind, skip, value, cause) in cases {
-        let copy = Copy::new();
+        let copy = Copy::default();
         copy.edit(TOP, |mut bytes| {
             patch(&mut bytes, kind, 0, skip, value);
             bytes
@@ -85,7 +84,7 @@ fn mp4_tables_that_contradict_themselves() {
         (b"stsc", b"free", "has no stsc box"),
         (b"stco", b"free", "has no chunk offsets"),
     ] {
-        let copy = Copy::new();
+        let copy = Copy::default();
         copy.edit(TOP, |bytes| {
             let at = bytes.windows(4).position(|w| w == kind).unwrap();
             [&bytes[..at], name, &bytes[at + 4..]].concat()
@@ -98,7 +97,7 @@ fn mp4_tables_that_contradict_themselves() {
 fn a_bitstream_of_another_size_than_the_container_says() {
     // The second "av01" is the sample description. Width and height are 24 bytes into it.
     let claim = |height: u8, width: u8| {
-        let copy = Copy::new();
+        let copy = Copy::default();
         copy.edit(TOP, |mut bytes| {
             patch(&mut bytes, b"av01", 1, 24, &[0, width, 0, height]);
             bytes
@@ -118,7 +117,7 @@ fn a_bitstream_of_another_size_than_the_container_says() {
 #[test]
 fn a_video_that_does_not_decode_names_the_frame() {
     // The container stays the same, but its content is noise.
-    let copy = Copy::new();
+    let copy = Copy::default();
     copy.edit(TOP, |mut bytes| {
         let mdat = bytes.windows(4).position(|w| w == b"mdat").unwrap() + 4;
         let mut rng = ChaCha8Rng::seed_from_u64(1);
@@ -135,7 +134,7 @@ fn a_video_that_does_not_decode_names_the_frame() {
 
 #[test]
 fn a_video_with_too_few_frames_names_the_first_that_is_missing() {
-    let copy = Copy::new();
+    let copy = Copy::default();
     let short =
         recording("so100_sorting").join("videos/observation.images.top/chunk-000/file-001.mp4");
     copy.edit(TOP, |_| fs::read(short).unwrap());

@@ -6,8 +6,7 @@ use zk0_lerobot::config::PolicyConfig;
 use zk0_lerobot::layout::{expert_layout, policy_layout, state_dict_layout, Layout};
 use zk0_lerobot::policy_folder::LeRobotConfig;
 use zk0_lerobot::StoredPolicyError;
-
-use crate::recordings::fixtures;
+use zk0_testkit::recordings::fixtures;
 
 fn text(file: &str) -> String {
     std::fs::read_to_string(fixtures().join("smolvla_tiny").join(file)).unwrap()

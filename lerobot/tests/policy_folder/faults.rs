@@ -7,7 +7,7 @@ use half::bf16;
 use safetensors::tensor::Dtype;
 use zk0_lerobot::policy_folder::PolicyFolder;
 
-use crate::folder::*;
+use super::folder::*;
 
 /// Opens a folder after a change to it, and returns the error.
 fn refusal(change: impl Fn(&Path)) -> String {

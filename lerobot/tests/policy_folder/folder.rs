@@ -9,8 +9,7 @@ use safetensors::tensor::{serialize, Dtype, SafeTensors, TensorView};
 use zk0_lerobot::layout::expert_layout;
 use zk0_lerobot::policy_folder::PolicyFolder;
 use zk0_tensors::TensorSet;
-
-use crate::recordings::fixtures;
+use zk0_testkit::recordings::fixtures;
 
 pub const LM_HEAD: &str = "model.vlm_with_expert.vlm.lm_head.weight";
 pub const NORM: &str = "model.vlm_with_expert.lm_expert.norm.weight";

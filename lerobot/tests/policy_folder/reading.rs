@@ -8,7 +8,7 @@ use zk0_lerobot::layout::policy_layout;
 use zk0_lerobot::policy_folder::{PolicyFolder, Precision};
 use zk0_tensors::{TensorFile, TensorSet, HEADER_LIMIT};
 
-use crate::folder::*;
+use super::folder::*;
 
 #[test]
 fn values_are_read_exactly_from_all_three_types() {

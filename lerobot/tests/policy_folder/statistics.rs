@@ -5,7 +5,7 @@ use std::fs;
 
 use zk0_lerobot::policy_folder::{PolicyFolder, Precision};
 
-use crate::folder::*;
+use super::folder::*;
 
 #[test]
 fn statistics_come_from_the_processors() {

@@ -10,7 +10,7 @@ use zk0_lerobot::dataset::{Normalizer, Stats};
 use zk0_lerobot::policy_folder::{PolicyFolder, Precision};
 use zk0_tensors::TensorSet;
 
-use crate::folder::*;
+use super::folder::*;
 
 /// Statistics that need many decimal digits. BF16 would lose the last ones.
 fn recording() -> Stats {

@@ -8,7 +8,7 @@ use zk0_lerobot::policy_folder::{PolicyFolder, Precision};
 use zk0_lerobot::StoredPolicyError;
 use zk0_tensors::{TensorError, TensorSet};
 
-use crate::folder::*;
+use super::folder::*;
 
 #[test]
 fn an_untouched_policy_is_written_back_bit_for_bit() {

@@ -11,10 +11,6 @@
 //! It prints one JSON line for each figure on standard output, and its progress on standard error. `peer` is what all samples of the
 //! recording would take in memory, as float32 and in fixed point: it is computed from the size of one. `ratio` is `peer / ours`.
 
-#[path = "../../tests/made_recording/mod.rs"]
-mod made_recording;
-
-use made_recording::{make, Episode};
 use std::error::Error;
 use std::fs;
 use std::path::Path;
@@ -37,6 +33,7 @@ use zk0_smolvla::policy::init::init_policy;
 use zk0_smolvla::policy::policy_file::{self, PolicyFile};
 use zk0_smolvla::train::{train_on, Samples, TrainOptions};
 use zk0_smolvla::{ExpertWeights, Profile};
+use zk0_testkit::made_recording::{make, Episode};
 use zk0_verifier::dataset::check_leaf_list;
 
 /// The allocator is that of the `zk0` binary.

@@ -1,13 +1,13 @@
 //! An auditor who has the recording and the salt finds out whether the registered samples are those of the recording.
 
-use crate::made_recording::{make, Episode};
-use crate::setting::{pickplace, Setting, MODE, SALT};
 use std::path::Path;
 use zk0_circuits::Digest;
 use zk0_node::recording::recompute::{recompute, Recomputed};
 use zk0_node::recording::Recording;
 use zk0_protocol::entries::signed::DatasetRegistration;
 use zk0_protocol::evaluation_set::DrawnLeaf;
+use zk0_testkit::made_recording::{make, Episode};
+use zk0_testkit::micro_network::{pickplace, Setting, MODE, SALT};
 
 struct Audited {
     setting: Setting,

@@ -1,6 +1,5 @@
 //! The samples of an evaluation set stay on disk, and are made once.
 
-use crate::setting::{pickplace, Setting};
 use std::borrow::Cow;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,6 +9,7 @@ use zk0_node::recording::Recording;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::PolicyError;
+use zk0_testkit::micro_network::{pickplace, Setting};
 
 /// All frames, but nothing can be made of them.
 struct NothingMade;

@@ -1,11 +1,11 @@
 //! Image transforms are for training alone.
 
-use crate::setting::{pickplace, Setting};
 use zk0_circuits::NodeId;
 use zk0_node::recording::Recording;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::image_transforms::{ImageTransformsConfig, Variants};
 use zk0_smolvla::frames::prefix_cache::DiskCache;
+use zk0_testkit::micro_network::{pickplace, Setting};
 
 /// A node that trains on transformed frames commits to the samples of the frames as they are recorded, whatever the cache holds.
 #[test]

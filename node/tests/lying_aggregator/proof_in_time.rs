@@ -1,6 +1,6 @@
 //! A node waits for a proof for as long as the round takes submissions, and no longer.
 
-use crate::Told;
+use super::Told;
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::time::timeout;

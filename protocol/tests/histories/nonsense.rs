@@ -1,6 +1,5 @@
 //! Entries of all kinds with arbitrary content. Most of them are signed by the signer that they name.
 
-use super::network::*;
 use super::steps::key_of;
 use proptest::prelude::*;
 use zk0_circuits::claim::student::Confidence;
@@ -22,6 +21,7 @@ use zk0_protocol::entries::signed::{
 use zk0_protocol::rules::closing::shares::WHOLE_SHARE;
 use zk0_protocol::rules::network_rules::{Participation, Strategy as Average};
 use zk0_protocol::{Body, Entry, Genesis, Refusal, Rules, Signed};
+use zk0_testkit::network::*;
 
 fn any_digest() -> impl Strategy<Value = Digest> {
     any::<u8>().prop_map(digest)

@@ -1,6 +1,5 @@
 //! The steps of histories. The rules allow most of them; the others are nonsense of all kinds.
 
-use super::network::*;
 use super::nonsense::nonsense;
 use ed25519_dalek::SigningKey;
 use proptest::prelude::*;
@@ -17,6 +16,7 @@ use zk0_protocol::rules::closing::shares::Shares;
 use zk0_protocol::rules::network_rules::{EnrolmentRule, Participation};
 use zk0_protocol::rules::state::{Node, Standing};
 use zk0_protocol::{Body, Entry, Refusal, Rules, Signed, State};
+use zk0_testkit::network::*;
 
 /// The keys that join, the keys that take their places, and the governors' keys.
 static KEYS: LazyLock<Vec<(NodeId, SigningKey)>> = LazyLock::new(|| {

@@ -1,13 +1,13 @@
 //! Which events the second model allows next.
 
-use super::network::{
-    COMMIT_WINDOW, DISPUTE_WINDOW, RANDOMNESS_WINDOW, SUBMIT_WINDOW, TIME_LOCK, VOTING,
-};
 use super::second::{followed, Change, Event, Invited, Model, Who, IDS, KEYS};
 use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_protocol::entries::proposal::{Ballot, Outcome};
 use zk0_protocol::entries::signed::Evidence;
 use zk0_protocol::rules::state::Standing;
+use zk0_testkit::network::{
+    COMMIT_WINDOW, DISPUTE_WINDOW, RANDOMNESS_WINDOW, SUBMIT_WINDOW, TIME_LOCK, VOTING,
+};
 
 impl Model<'_> {
     /// How a proposal ends if it may be settled now.

@@ -1,7 +1,5 @@
 //! Makes the entries for the model's events.
 
-use super::network::votes::*;
-use super::network::*;
 use super::second::{Change, Event, Invited, Model, Who, IDS};
 use ed25519_dalek::SigningKey;
 use zk0_circuits::{NodeId, WeightsDigest};
@@ -11,6 +9,8 @@ use zk0_protocol::entries::proposal::{Action, Outcome};
 use zk0_protocol::entries::signed::{Dispute, KeyRotation, KeyTakeover, Proposal, Vote};
 use zk0_protocol::rules::network_rules::Participation;
 use zk0_protocol::{Body, Rules, Signed, State};
+use zk0_testkit::network::votes::*;
+use zk0_testkit::network::*;
 
 fn signer(who: Who) -> (NodeId, SigningKey) {
     match who {
@@ -30,7 +30,7 @@ pub fn body(event: &Event, state: &State, model: &Model, now: u64) -> Option<Bod
         Event::Registered(key) => {
             let mut registration = registration(&network, model.node(*key));
             registration.node = id(key);
-            Body::DatasetCommitted(Signed::new(registration, &super::network::key(*key)))
+            Body::DatasetCommitted(Signed::new(registration, &zk0_testkit::network::key(*key)))
         }
         Event::Rotated(old, new) => {
             let rotation = KeyRotation {
@@ -51,7 +51,7 @@ pub fn body(event: &Event, state: &State, model: &Model, now: u64) -> Option<Bod
             update.quantised.0[..8].copy_from_slice(&state.entries().to_be_bytes());
             let mut commitment = commitment(state, model.node(*key), update);
             commitment.node = id(key);
-            Body::UpdateCommitted(Signed::new(commitment, &super::network::key(*key)))
+            Body::UpdateCommitted(Signed::new(commitment, &zk0_testkit::network::key(*key)))
         }
         Event::Shut => {
             state.round()?;

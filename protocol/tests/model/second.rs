@@ -1,11 +1,11 @@
 //! The second model. It keeps only the history, and answers every question by a search through it.
 
-use super::network::{id, DISPUTE_WINDOW};
 use std::sync::LazyLock;
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::entries::proposal::{Ballot, Outcome};
 use zk0_protocol::entries::signed::Evidence;
 use zk0_protocol::rules::state::Standing;
+use zk0_testkit::network::{id, DISPUTE_WINDOW};
 
 /// Weights of the governors.
 pub const GOVERNORS: [u64; 3] = [5, 3, 2];

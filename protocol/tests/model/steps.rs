@@ -1,10 +1,10 @@
 //! The events that are tried. Most of them are allowed by the second model, so that histories become long, and some are arbitrary.
 
-use super::network::digest;
 use super::second::{Change, Event, Invited, Model, Who, KEYS};
 use proptest::prelude::*;
 use zk0_protocol::entries::proposal::{Ballot, Outcome};
 use zk0_protocol::entries::signed::Evidence;
+use zk0_testkit::network::digest;
 
 #[derive(Clone, Debug)]
 pub enum Step {

@@ -1,8 +1,6 @@
 //! Commitments close before the randomness of the challenges exists, and nobody can grind a challenge.
 
 use super::refused;
-use crate::beacon::Beacon;
-use crate::network::*;
 use curve25519_dalek::edwards::EdwardsPoint;
 use curve25519_dalek::scalar::Scalar;
 use sha2::{Digest as _, Sha512};
@@ -19,6 +17,8 @@ use zk0_protocol::entries::entry::RandomnessDrawn;
 use zk0_protocol::entries::signed::{Statement, UpdateCommitment};
 use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::{Body, Checkpoint, Genesis, Refusal, RuleViolation, Signed, State};
+use zk0_testkit::network::beacon::Beacon;
+use zk0_testkit::network::*;
 
 fn challenge_of(state: &State, node: u8) -> Digest {
     state.expected_claim(&id(node)).unwrap().terms.challenge

@@ -1,10 +1,10 @@
 //! Claims are accepted, or refused for the true reason.
 
 use super::{refused, Breaks};
-use crate::network::*;
 use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::{Claim, Disclosure, Losses};
 use zk0_protocol::{Body, Refusal, RuleViolation};
+use zk0_testkit::network::*;
 
 #[test]
 fn a_claim_says_what_the_ledger_fixed() {

@@ -1,8 +1,8 @@
 //! A node registers its dataset once, and cannot change it in a round in which it has committed.
 
 use super::refused;
-use crate::network::*;
 use zk0_protocol::{Body, Refusal, RuleViolation, Signed};
+use zk0_testkit::network::*;
 
 #[test]
 fn datasets_are_signed_by_an_enrolled_node_of_this_network() {

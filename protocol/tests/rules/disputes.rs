@@ -1,13 +1,13 @@
 //! A node earns credits for proven contributions, and loses them when a dispute is upheld.
 
-use crate::network::votes::*;
-use crate::network::*;
 use zk0_circuits::{Digest, Losses};
 use zk0_protocol::entries::entry::DisputeResolved;
 use zk0_protocol::entries::proposal::Action;
 use zk0_protocol::entries::signed::{Dispute, Evidence};
 use zk0_protocol::rules::state::Standing;
 use zk0_protocol::{Body, Refusal, RuleViolation, Signed, State};
+use zk0_testkit::network::votes::*;
+use zk0_testkit::network::*;
 
 /// Makes two contributions to round 0, which is over: entry 10 (node 0) and entry 11 (node 1).
 fn contributed() -> Chain {

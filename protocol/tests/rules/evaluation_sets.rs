@@ -1,7 +1,6 @@
 //! A node commits to the frames that the hash of its episodes draws, and to no others.
 
 use super::refused;
-use crate::network::*;
 use zk0_circuits::claim::challenge::DrawError;
 use zk0_circuits::Digest;
 use zk0_protocol::entries::proposal::Action;
@@ -10,6 +9,7 @@ use zk0_protocol::evaluation_set::{
     distinct, draw, list_bytes, total, DrawnLeaf, EvaluationSetError,
 };
 use zk0_protocol::{Body, Refusal, Rules, Signed};
+use zk0_testkit::network::*;
 
 /// Three episodes of a thousand frames together.
 fn episodes() -> Vec<Episode> {

@@ -1,7 +1,6 @@
 //! The genesis, versions, times, and the first enrolments.
 
 use super::Breaks;
-use crate::network::*;
 use zk0_circuits::{Mode, NodeId};
 use zk0_protocol::challenge::drand::DrandChain;
 use zk0_protocol::challenge::source::RandomnessSource;
@@ -13,6 +12,7 @@ use zk0_protocol::rules::upper_bounds::{
     MAX_CREDITS, MAX_GOVERNANCE_WINDOW_MS, MAX_PROOF_BYTES, MAX_ROUND_WINDOW_MS, MAX_UPDATE_BYTES,
 };
 use zk0_protocol::{Body, RuleViolation, Rules, State};
+use zk0_testkit::network::*;
 
 #[test]
 fn genesis_comes_first_and_only_first() {

@@ -1,12 +1,12 @@
 //! A round takes no more nodes than its closing entry can name, because a round that cannot close would end the network.
 
-use crate::network::*;
 use ed25519_dalek::SigningKey;
 use zk0_circuits::{Digest, NodeId, WeightsDigest};
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::signed::{DatasetRegistration, Submission, UpdateCommitment};
 use zk0_protocol::rules::apply::{MAX_COMMITS, MAX_EPISODES};
 use zk0_protocol::{Body, Refusal, RuleViolation, Signed};
+use zk0_testkit::network::*;
 
 /// Returns a digest that belongs to this number only.
 fn numbered(kind: u8, number: usize) -> Digest {

@@ -1,7 +1,5 @@
 //! A node keeps everything when its key changes, or when it leaves and comes back, and an episode belongs to one node.
 
-use crate::network::votes::*;
-use crate::network::*;
 use ed25519_dalek::SigningKey;
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::entries::entry::DisputeResolved;
@@ -13,6 +11,8 @@ use zk0_protocol::rules::apply::MAX_ROTATIONS;
 use zk0_protocol::rules::network_rules::Participation;
 use zk0_protocol::rules::state::Standing;
 use zk0_protocol::{Body, Refusal, RuleViolation, Signed, State};
+use zk0_testkit::network::votes::*;
+use zk0_testkit::network::*;
 
 fn rotation(state: &State, node: u8, with: u8) -> KeyRotation {
     KeyRotation {

@@ -1,9 +1,9 @@
 //! Rules that ask for present nodes. Who is present is not on the ledger, but how many nodes there are is.
 
-use crate::network::*;
 use zk0_protocol::rules::network_rules::Participation;
 use zk0_protocol::rules::upper_bounds::MAX_COMMITS;
 use zk0_protocol::{Body, RuleViolation, Rules};
+use zk0_testkit::network::*;
 
 fn present(min_nodes: u32, fraction_bps: u32) -> Participation {
     Participation::Present {

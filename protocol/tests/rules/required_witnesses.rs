@@ -1,11 +1,11 @@
 //! A program that only reads a log finds the same required witnesses as one that replays it.
 
-use crate::network::votes::*;
-use crate::network::*;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::rules::required_witnesses::RequiredWitnesses;
 use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::{Body, Rules};
+use zk0_testkit::network::votes::*;
+use zk0_testkit::network::*;
 
 /// Rules that ask for this many witnesses.
 fn asking(witnesses: u8) -> Rules {

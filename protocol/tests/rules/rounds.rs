@@ -1,10 +1,10 @@
 //! Rounds open, take commitments and close.
 
 use super::{refused, Breaks};
-use crate::network::*;
 use zk0_protocol::entries::entry::RoundClosed;
 use zk0_protocol::entries::signed::UpdateCommitment;
 use zk0_protocol::{Body, Refusal, RuleViolation, Signed, State};
+use zk0_testkit::network::*;
 
 #[test]
 fn a_round_runs_from_opening_to_closing() {

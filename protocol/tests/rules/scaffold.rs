@@ -1,7 +1,7 @@
 //! The strategy SCAFFOLD says how all nodes train, because control variates follow from the ledger only then.
 
-use crate::network::*;
 use zk0_protocol::rules::network_rules::{Scaffold, Strategy};
+use zk0_testkit::network::*;
 
 fn scaffold(steps: u32, learning_rate_millionths: u32, restart_rounds: u32) -> Scaffold {
     Scaffold {

@@ -1,9 +1,9 @@
 //! A commitment without a claim is recorded when its round closes, and a node with too many of them pauses.
 
 use super::refused;
-use crate::network::*;
 use zk0_protocol::challenge::unanswered::UnansweredRule;
 use zk0_protocol::{Body, Refusal, RuleViolation};
+use zk0_testkit::network::*;
 
 /// One node besides node 0 always contributes, so that rounds go on while node 0 pauses.
 fn network() -> Chain {

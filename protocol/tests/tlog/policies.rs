@@ -1,13 +1,13 @@
 //! Verifier keys, policies and quorums (C2SP signed-note, tlog-policy, tlog-cosignature).
 
-use crate::network::log::*;
-use crate::network::*;
 use ed25519_dalek::SigningKey;
 use zk0_protocol::tlog::checkpoint::{CheckpointError, Parsed};
 use zk0_protocol::tlog::cosigner::{self, Cosigner};
 use zk0_protocol::tlog::verifier_key::{KeyError, Role};
 use zk0_protocol::tlog::witness_policy::PolicyError;
 use zk0_protocol::{Checkpoint, VerifierKey, WitnessPolicy};
+use zk0_testkit::network::log::*;
+use zk0_testkit::network::*;
 
 fn cosigner(number: u8) -> Cosigner {
     let secret = SigningKey::from_bytes(&[200 + number; 32]);

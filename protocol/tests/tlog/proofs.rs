@@ -1,9 +1,9 @@
 //! Receipts as tlog-proof bundles (C2SP tlog-proof).
 
-use crate::network::log::{log_vkey, MemoryLog};
-use crate::network::*;
 use zk0_protocol::tlog::tlog_proof::ProofError;
 use zk0_protocol::{TlogProof, WitnessPolicy};
+use zk0_testkit::network::log::{log_vkey, MemoryLog};
+use zk0_testkit::network::*;
 
 fn proof(index: u64) -> TlogProof {
     MemoryLog::of_enrolments(5, 0).receipt(index).into()

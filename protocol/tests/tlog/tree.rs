@@ -1,13 +1,13 @@
 //! Compares our tree with another implementation of RFC 6962.
 
-use crate::network::log::*;
-use crate::network::*;
 use ct_merkle::mem_backed_tree::MemoryBackedTree;
 use ct_merkle::{ConsistencyProof, InclusionProof};
 use proptest::prelude::*;
 use sha2_11::Sha256;
 use zk0_circuits::Digest;
 use zk0_protocol::tlog::tree::Frontier;
+use zk0_testkit::network::log::*;
+use zk0_testkit::network::*;
 
 /// Returns the other implementation's root over the first `size` leaves.
 fn oracle(leaves: &[Vec<u8>]) -> MemoryBackedTree<Sha256, Vec<u8>> {

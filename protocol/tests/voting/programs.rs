@@ -1,12 +1,12 @@
 //! A vote puts another guest program in force, between two rounds.
 
-use crate::network::votes::*;
-use crate::network::*;
 use zk0_protocol::entries::entry::DisputeResolved;
 use zk0_protocol::entries::program::{Program, FOUNDING_SP1};
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::entries::signed::{Dispute, Evidence};
 use zk0_protocol::{Body, Refusal, RuleViolation, Signed};
+use zk0_testkit::network::votes::*;
+use zk0_testkit::network::*;
 
 fn next() -> Program {
     Program {

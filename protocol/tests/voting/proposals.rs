@@ -1,8 +1,6 @@
 //! What can be proposed, and what an executed proposal changes.
 
 use super::change;
-use crate::network::votes::*;
-use crate::network::*;
 use zk0_circuits::{Mode, NodeId};
 use zk0_protocol::entries::entry::ProposalSettled;
 use zk0_protocol::entries::member::NodeEnrolled;
@@ -12,6 +10,8 @@ use zk0_protocol::rules::governance::{Governance, MAX_OPEN_PROPOSALS};
 use zk0_protocol::rules::network_rules::{Participation, Strategy};
 use zk0_protocol::rules::state::Standing;
 use zk0_protocol::{Body, Genesis, Refusal, RuleViolation, Rules, Signed};
+use zk0_testkit::network::votes::*;
+use zk0_testkit::network::*;
 
 fn multi_krum(byzantine_bps: u32, keep_bps: u32) -> Strategy {
     Strategy::MultiKrum {

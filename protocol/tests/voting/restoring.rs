@@ -1,19 +1,23 @@
 //! A vote goes back to the weights that an earlier round ended with.
 
-use crate::network::votes::*;
-use crate::network::*;
 use zk0_protocol::entries::entry::MomentsComputed;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::rules::round_results::REMEMBERED_RESULTS;
 use zk0_protocol::{Body, RuleViolation};
+use zk0_testkit::network::votes::*;
+use zk0_testkit::network::*;
 
 fn restore(round: u64) -> Action {
     Action::RestoreWeights { round }
 }
 
-impl Chain {
+trait RoundTo {
     /// Opens a round in which node 0 contributes, and closes it with these weights.
+    fn round_to(&mut self, result: u8);
+}
+
+impl RoundTo for Chain {
     fn round_to(&mut self, result: u8) {
         self.open();
         let update = weights(0x10 + result);

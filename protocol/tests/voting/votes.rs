@@ -1,13 +1,13 @@
 //! Votes, vetoes, their times and their weights.
 
 use super::{change, other_rules};
-use crate::network::votes::*;
-use crate::network::*;
 use zk0_protocol::entries::entry::DisputeResolved;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::entries::signed::{Dispute, Evidence, Proposal, Vote};
 use zk0_protocol::rules::open_proposal::Tally;
 use zk0_protocol::{Body, Refusal, RuleViolation, Signed};
+use zk0_testkit::network::votes::*;
+use zk0_testkit::network::*;
 
 #[test]
 fn rules_change_after_vote_and_time_lock() {

@@ -1,6 +1,6 @@
 //! What comes of a request: a proof that was verified, or an error that says what went wrong.
 
-use crate::server::{account, options, Answer, Network};
+use super::server::{account, options, Answer, Network};
 use sp1_sdk::network::proto::artifact::ArtifactType;
 use sp1_sdk::network::proto::types::FulfillmentStatus;
 use sp1_sdk::{ProofFromNetwork, SP1Proof, SP1PublicValues};

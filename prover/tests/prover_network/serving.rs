@@ -1,6 +1,6 @@
 //! The proving service before a network: what its clients see, and what happens when they go away.
 
-use crate::server::{options, Answer, Network};
+use super::server::{options, Answer, Network};
 use sp1_sdk::network::proto::artifact::ArtifactType;
 use sp1_sdk::network::proto::types::FulfillmentStatus;
 use std::time::Duration;

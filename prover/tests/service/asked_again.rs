@@ -1,6 +1,6 @@
 //! Clients that go away and ask again: no claim is proven twice because of them.
 
-use crate::{comes, input, reaches, refusal, service, soon, Service, SOON};
+use super::{comes, input, reaches, refusal, service, soon, Service, SOON};
 use std::sync::atomic::Ordering;
 use std::sync::Arc;
 use std::time::Duration;

@@ -1,6 +1,6 @@
 //! Connections that say nothing, too many of them, and a process that has no file left for another one.
 
-use crate::{bounded_service, patient_service, service, soon, SOON};
+use super::{bounded_service, patient_service, service, soon, SOON};
 use std::fs::File;
 use std::io::{Read, Seek};
 use std::time::Duration;
@@ -101,8 +101,8 @@ async fn connections_beyond_the_bound_wait_until_one_ends() {
 /// Runs in a process of its own, which may open few files.
 #[test]
 fn a_service_that_may_open_no_file_waits_until_it_may() {
-    let name = "connections::a_service_that_may_open_no_file_waits_until_it_may";
-    if !crate::one_prover::is_limited("ulimit -n 64", name) {
+    let name = "service::connections::a_service_that_may_open_no_file_waits_until_it_may";
+    if !super::one_prover::is_limited("ulimit -n 64", name) {
         return;
     }
     let runtime = tokio::runtime::Runtime::new().unwrap();

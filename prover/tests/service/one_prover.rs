@@ -8,28 +8,13 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::Duration;
 use zk0_prover::machine::{LockError, ProverLock};
-
-/// Set in a process that [`is_limited`].
-const LIMITED: &str = "ZK0_TEST_IS_LIMITED";
+use zk0_testkit::own_process::alone;
 
 /// Whether this process runs under the limit that `shell` sets. If not, the test of this name runs in another process that does, and has to
 /// pass there.
 pub fn is_limited(shell: &str, test: &str) -> bool {
-    if std::env::var_os(LIMITED).is_some() {
-        return true;
-    }
-    let script = format!("{shell} && exec \"$0\" --exact \"$1\" --nocapture");
-    let ran = Command::new("sh")
-        .args(["-c", &script])
-        .arg(std::env::current_exe().unwrap())
-        .arg(test)
-        .env(LIMITED, "1")
-        .output()
-        .unwrap();
-    let said = String::from_utf8_lossy(&ran.stdout) + String::from_utf8_lossy(&ran.stderr);
-    assert!(ran.status.success(), "{said}");
-    assert!(said.contains("1 passed"), "no such test: {said}");
-    false
+    let limited = format!("{shell} && exec \"$0\" \"$@\"");
+    alone(test, &["sh", "-c", &limited])
 }
 
 /// A service of systemd has a temporary folder of its own, but the same shared memory.
@@ -48,7 +33,8 @@ fn a_folder_is_locked_and_nothing_is_left_in_it() {
     assert!(matches!(error, LockError::Held(_)), "{error}");
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
     drop(first);
-    ProverLock::acquire(folder.path(), Duration::ZERO).unwrap();
+    // A child process that another test starts at this moment holds the lock until it runs its program.
+    ProverLock::acquire(folder.path(), super::SOON).unwrap();
 }
 
 #[test]
@@ -85,7 +71,7 @@ fn a_pipe_in_the_place_of_the_lock_keeps_nobody_waiting() {
 /// Runs in a process of its own, whose files only their owner may read.
 #[test]
 fn other_users_can_lock_the_same_file() {
-    let name = "one_prover::other_users_can_lock_the_same_file";
+    let name = "service::one_prover::other_users_can_lock_the_same_file";
     if !is_limited("umask 077", name) {
         return;
     }

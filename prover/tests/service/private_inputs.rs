@@ -1,6 +1,6 @@
 //! Private inputs on their way to the service: their form, their size, and how long they take.
 
-use crate::{patient_service, refusal, service, soon, Service, SOON};
+use super::{patient_service, refusal, service, soon, Service, SOON};
 use std::time::Duration;
 use tokio::task::JoinSet;
 use tokio::time::timeout;

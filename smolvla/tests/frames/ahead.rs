@@ -16,7 +16,7 @@ use zk0_smolvla::policy::tokenizer::WordHash;
 use zk0_smolvla::policy::weights::Policy;
 use zk0_smolvla::train::{train, train_by_sgd, train_on, Samples, TrainOptions};
 
-use crate::setting::{copy, frames, policy, recording, PLENTY};
+use super::setting::{copy, frames, policy, recording, PLENTY};
 
 /// A recording, a policy, and which threads have loaded the policy's frozen half.
 struct Setting {

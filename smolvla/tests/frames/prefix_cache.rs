@@ -17,7 +17,7 @@ use zk0_smolvla::policy::tokenizer::WordHash;
 use zk0_smolvla::policy::weights::Policy;
 use zk0_smolvla::PolicyError;
 
-use crate::setting::{copy, frames, policy, recording, PLENTY};
+use super::setting::{copy, frames, policy, recording, PLENTY};
 
 fn direct(policy: &Policy, dataset: &Dataset, count: usize) -> Vec<PreparedSample> {
     let tokenizer = WordHash::new(&policy.config);

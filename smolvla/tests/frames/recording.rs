@@ -1,7 +1,5 @@
 //! Prepares a recording on disk, and trains an expert that learns from it.
 
-use std::path::PathBuf;
-
 use zk0_lerobot::dataset::{Dataset, Normalizer, Stats};
 use zk0_smolvla::frames::sample::{PreparedSample, Preparer};
 use zk0_smolvla::measure::evaluate::{evaluate, fixed_draws};
@@ -10,14 +8,15 @@ use zk0_smolvla::policy::profile::Profile;
 use zk0_smolvla::policy::tokenizer::WordHash;
 use zk0_smolvla::train::{train, TrainOptions};
 
+use super::setting::recording;
+use crate::reference::fixtures;
+
 #[test]
 fn a_recording_is_prepared_and_learnt_from() {
     let config = Profile::Micro.config();
     let policy = init_policy(&config, 1).unwrap();
     let tokenizer = WordHash::new(&config);
-    let folder =
-        PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/datasets/so100_sorting");
-    let dataset = Dataset::open(folder).unwrap();
+    let dataset = Dataset::open(recording()).unwrap();
     let mut seen = Vec::new();
     let samples = Preparer::new(&policy, &tokenizer)
         .unwrap()
@@ -61,10 +60,7 @@ fn a_recording_is_prepared_and_learnt_from() {
 /// Two recordings for a policy that is trained on both have one normaliser, of all their frames.
 #[test]
 fn recordings_are_normalised_together() {
-    let open = |name: &str| {
-        let fixtures = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures");
-        Dataset::open(fixtures.join("datasets").join(name)).unwrap()
-    };
+    let open = |name: &str| Dataset::open(fixtures().join("datasets").join(name)).unwrap();
     let mut datasets = ["so100_pickplace", "so100_sorting"].map(open);
     let [a, b] = &datasets;
     let own = [(a.stats(), a.len()), (b.stats(), b.len())];

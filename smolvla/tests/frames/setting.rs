@@ -12,6 +12,8 @@ use zk0_smolvla::policy::profile::Profile;
 use zk0_smolvla::policy::tokenizer::WordHash;
 use zk0_smolvla::policy::weights::Policy;
 
+use crate::reference::fixtures;
+
 /// A size with room for everything.
 pub const PLENTY: u64 = 1 << 30;
 
@@ -20,7 +22,7 @@ pub fn policy() -> Policy {
 }
 
 pub fn recording() -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/datasets/so100_sorting")
+    fixtures().join("datasets/so100_sorting")
 }
 
 /// Returns the first frames of a recording with their keys.

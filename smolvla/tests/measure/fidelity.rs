@@ -1,7 +1,6 @@
 //! LeRobot's tiny policy in fixed point: losses as close to float32 as promised, ranges chosen from data with the promised
 //! headroom, and errors that name the place where a value does not fit.
 
-use std::path::PathBuf;
 use std::sync::LazyLock;
 
 use zk0_circuits::model::quantise::QuantiseError;
@@ -19,7 +18,7 @@ use zk0_smolvla::policy::weights::ExpertWeights;
 use zk0_smolvla::train::{train, TrainOptions};
 use zk0_smolvla::PolicyError;
 
-use crate::reference::{config, policy};
+use crate::reference::{config, fixtures, policy};
 
 /// What the project promises: 0.5 % of the mean loss.
 const PROMISE: f64 = 5e-3;
@@ -31,9 +30,7 @@ static SAMPLES: LazyLock<[Vec<PreparedSample>; 2]> = LazyLock::new(|| {
     let policy = policy();
     let tokenizer = WordHash::new(&policy.config);
     let preparer = Preparer::new(&policy, &tokenizer).unwrap();
-    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR"))
-        .join("../tests/fixtures/datasets/so100_pickplace");
-    let dataset = Dataset::open(folder).unwrap();
+    let dataset = Dataset::open(fixtures().join("datasets/so100_pickplace")).unwrap();
     let every_third = (0..dataset.len()).step_by(3);
     let all = preparer.prepare_frames(&dataset, every_third, |_, _| ());
     let all = all.unwrap();

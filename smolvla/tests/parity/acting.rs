@@ -7,8 +7,8 @@ use zk0_lerobot::tokenizer::Tokenizer;
 use zk0_smolvla::frames::sample::{CameraImage, Pixels};
 use zk0_smolvla::policy::model::Parameters;
 
+use super::case::{last_frames, Case, SAMPLED};
 use crate::actor::{Actor, Scene};
-use crate::case::{last_frames, Case, SAMPLED};
 use crate::reference::{check, distance, is_of_repository, policy};
 
 /// The reference's token ids of one sample.

@@ -4,9 +4,9 @@ use zk0_smolvla::policy::model::flow;
 use zk0_smolvla::policy::model::kernels::gradients::backward;
 use zk0_smolvla::policy::model::sampling::sample_actions;
 
-use crate::case::{LOSS, SAMPLED};
+use super::case::{LOSS, SAMPLED};
+use super::training::Training;
 use crate::reference::{check, distance, is_odd, lerobot, numbers};
-use crate::training::Training;
 
 /// LeRobot's values come from the folder's `make.py`, run with `"rms_norm_eps": 3e-2`. Its weights and inputs are the same then.
 #[test]

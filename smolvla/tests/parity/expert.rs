@@ -6,7 +6,7 @@ use zk0_smolvla::measure::evaluate::{evaluate, FlowDraw};
 use zk0_smolvla::policy::model::flow;
 use zk0_smolvla::policy::model::observe::Site;
 
-use crate::case::{Case, EARLY, HIDDEN, LOSS, LOSSES};
+use super::case::{Case, EARLY, HIDDEN, LOSS, LOSSES};
 use crate::reference::{check, close, is_committed, json, numbers, policy};
 
 #[test]

@@ -4,10 +4,10 @@ use candle_core::Tensor;
 use zk0_smolvla::policy::model::flow;
 use zk0_smolvla::policy::model::kernels::gradients::backward;
 
+use super::training::Training;
 use crate::reference::{
     check, is_of_repository, numbers, relative_distance, training_preset, Values,
 };
-use crate::training::Training;
 
 fn gradients_agree(training: &Training, file: &str, loss: &Tensor) {
     let gradients = backward(loss).unwrap();

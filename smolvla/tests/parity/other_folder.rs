@@ -10,6 +10,7 @@ fn the_same_holds_for_a_policy_of_other_dimensions() {
         return; // This process already tests another folder
     }
     let tests = Command::new(std::env::current_exe().unwrap())
+        .arg("parity::")
         .env("ZK0_PARITY_DIR", fixtures().join("smolvla_odd"))
         .output()
         .unwrap();

@@ -12,7 +12,7 @@ use zk0_smolvla::policy::model::visibility::{
 use zk0_smolvla::policy::model::vision::VisionSite;
 use zk0_smolvla::policy::model::Parameters;
 
-use crate::case::{last_frames, Case, EARLY, HIDDEN};
+use super::case::{last_frames, Case, EARLY, HIDDEN};
 use crate::reference::{close, close_numbers, close_where, is_committed, policy};
 
 /// Returns the batch's images, in the policy's order and at its size, with blank ones for missing cameras.

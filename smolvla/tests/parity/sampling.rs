@@ -3,7 +3,7 @@
 use candle_core::Tensor;
 use zk0_smolvla::policy::model::sampling::sample_actions_observed;
 
-use crate::case::{Case, HIDDEN, SAMPLED};
+use super::case::{Case, HIDDEN, SAMPLED};
 use crate::reference::{check, close, distance, is_committed, numbers};
 
 /// Of a velocity that was sampled along: the bound of hidden states. Only the last one, that of the state which all steps before

@@ -9,11 +9,11 @@ use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions, Optimizer};
 use zk0_smolvla::train::schedule::Schedule;
 use zk0_smolvla::train::TrainOptions;
 
-use crate::case::LOSS;
+use super::case::LOSS;
+use super::training::{idle, Training};
 use crate::reference::{
     check, is_committed, is_of_repository, json, numbers, training_preset, TrainingPreset, Values,
 };
-use crate::training::{idle, Training};
 
 /// Of the loss before a step: that of a loss. An entry whose gradient is rounding noise may move either way by a whole learning rate
 /// at the first step, and the second step's gradients are then others; so from the third step on it may be more in other folders

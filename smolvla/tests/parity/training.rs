@@ -8,7 +8,7 @@ use zk0_lerobot::policy_folder::LeRobotConfig;
 use zk0_smolvla::policy::model::key_values::PrefixCache;
 use zk0_smolvla::policy::model::{flow, Parameters};
 
-use crate::case::Case;
+use super::case::Case;
 use crate::reference::{json, lerobot, policy, training_preset, Values};
 
 pub struct Training {

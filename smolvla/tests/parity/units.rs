@@ -6,7 +6,7 @@ use zk0_smolvla::policy::model::rope::Rope;
 use zk0_smolvla::policy::model::time_embedding::time_embedding;
 use zk0_smolvla::policy::profile::Profile;
 
-use crate::case::EARLY;
+use super::case::EARLY;
 use crate::reference::{check, close, close_numbers, config, distance, is_committed, Values};
 
 #[test]

@@ -2,7 +2,7 @@
 
 use zk0_smolvla::policy::model::kernels::without;
 
-use crate::{acting, expert, gradients, prefix, sampling, steps, units};
+use super::{acting, expert, gradients, prefix, sampling, steps, units};
 
 #[test]
 fn the_frozen_half() {

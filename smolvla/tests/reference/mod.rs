@@ -1,7 +1,5 @@
 //! Reads the LeRobot reference values, and compares with them.
 
-#![allow(dead_code)] // Each test file uses only a part of it
-
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 

@@ -2,7 +2,7 @@
 
 use zk0_smolvla::PolicyError;
 
-use crate::scene::Scene;
+use super::scene::Scene;
 
 #[test]
 fn a_sample_has_the_profiles_shapes_and_only_real_tokens() {

@@ -13,7 +13,7 @@ use zk0_smolvla::train::trainer::evaluate_samples;
 use zk0_smolvla::train::{Samples, TrainScope, Trainer};
 use zk0_smolvla::PolicyError;
 
-use crate::scene::{config, options, policy, samples, Scene};
+use super::scene::{config, options, policy, samples, Scene};
 
 /// Training the state projection as well starts from the same numbers as training the expert alone.
 #[test]

@@ -9,7 +9,7 @@ use zk0_smolvla::train::schedule::Schedule;
 use zk0_smolvla::train::{train, TrainOptions};
 use zk0_smolvla::PolicyError;
 
-use crate::scene::{config, held_out, options, policy, samples, Scene};
+use super::scene::{config, held_out, options, policy, samples, Scene};
 
 #[test]
 fn training_lowers_the_held_out_loss_round_after_round() {

@@ -4,7 +4,7 @@ use serde_json::{json, Value};
 use std::future::Future;
 use tokio::runtime::Runtime;
 use tonic::Status;
-use zk0_tests::changed_copy::Change;
+use zk0_testkit::changed_copy::Change;
 
 /// What became of an attack.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -24,7 +24,7 @@ pub struct Defence {
     pub out: &'static [Change],
 }
 
-/// The variable of the environment that names the defences which are out, as in `PROOF;nodes::stale_base`.
+/// The variable of the environment that names the defences which are out, as in `PROOF;attacks::nodes::stale_base`.
 pub const WITHOUT: &str = "ZK0_WITHOUT";
 
 /// Code that says whether the defence with this name is out. It works in crates without the standard library, too.
@@ -35,7 +35,7 @@ pub fn switch(name: &str) -> String {
 }
 
 /// What an attack needs of a proof. This test cannot make one: it takes a quarter of an hour. Where the attacker could, it is given one in the
-/// copy ([`crate::scene::PROOF_OF_ANY_CLAIM`]), which alone must not be enough.
+/// copy ([`super::scene::PROOF_OF_ANY_CLAIM`]), which alone must not be enough.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Proof {
     /// None.
@@ -72,7 +72,7 @@ pub struct Attack {
 pub const MARK: &str = "attack: ";
 
 impl Attack {
-    /// Carries the attack out, prints what became of it for [`crate::counter`], and demands that it was refused for its own reason.
+    /// Carries the attack out, prints what became of it for [`super::counter`], and demands that it was refused for its own reason.
     pub fn is_refused(&self) {
         let outcome = (self.carry_out)();
         // What cargo prints about a test may stand in front of it on the same line.
@@ -94,13 +94,13 @@ impl Attack {
         }
     }
 
-    /// The module of the attack within this file of tests. Its defence has this name, too.
+    /// The module of the attack within this program of tests. Its defence has this name, too.
     pub fn path(&self) -> &'static str {
         let (_, path) = self.module.split_once("::").unwrap_or_default();
         path
     }
 
-    /// The test of the attack, as it is called in this file of tests.
+    /// The test of the attack, as it is called in this program of tests.
     pub fn test(&self) -> String {
         format!("{}::it_is_refused", self.path())
     }

@@ -4,13 +4,13 @@
 //! copy, each attack is carried out three times: with all defences, where it has to be refused; where the attacker needs a proof, with that
 //! proof, where it has to be refused for its own reason; and without the defence, where it has to **succeed**. Another refusal shows nothing.
 
-use crate::attack::{printed, switch, Attack, Outcome, Proof, UNPROVEN, WITHOUT};
-use crate::scene::PROOF_OF_ANY_CLAIM;
-use crate::table::ATTACKS;
+use super::attack::{printed, switch, Attack, Outcome, Proof, UNPROVEN, WITHOUT};
+use super::scene::PROOF_OF_ANY_CLAIM;
+use super::table::ATTACKS;
 use serde_json::{json, Value};
 use std::collections::BTreeMap;
 use std::path::Path;
-use zk0_tests::changed_copy::{Change, ChangedCopy};
+use zk0_testkit::changed_copy::{Change, ChangedCopy};
 
 /// The name of the switch that gives attackers a proof of their claim.
 const PROOF: &str = "PROOF";
@@ -67,7 +67,7 @@ fn carried_out(
     let mut arguments: Vec<_> = tests.iter().map(String::as_str).collect();
     arguments.extend(["--exact", "--nocapture", "--test-threads", "1"]);
     let without = [(WITHOUT, &without.join(";")[..])];
-    let ran = copy.run("zk0-tests", "attacks", &arguments, &without);
+    let ran = copy.run("zk0-tests", "system", &arguments, &without);
     let outcome = |attack: &Attack| {
         let not_tried = || format!("not tried: {}{}", ran.printed, ran.errors);
         printed(attack, &ran.printed).ok_or_else(not_tried)

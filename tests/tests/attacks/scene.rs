@@ -1,12 +1,12 @@
 //! What several attacks begin with: a network in its first round, an update that the service can accept, and a real proof.
 
-use crate::attack::{Defence, Outcome};
-use crate::harness::real_proof::real_proof;
-use crate::harness::{genesis, open_round_of, weights, Network, Node};
+use super::attack::{Defence, Outcome};
 use zk0_circuits::Claim;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::rpc::federation::SubmitReply;
-use zk0_tests::changed_copy::Change;
+use zk0_testkit::aggregator::real_proof::real_proof;
+use zk0_testkit::aggregator::{genesis, open_round_of, weights, Network, Node};
+use zk0_testkit::changed_copy::Change;
 
 /// What an attacker is given who could prove the claim: making a proof takes a quarter of an hour, and this test has one. SP1 verifies it,
 /// whatever the claim is. Then only the claim that it proves is another one. It is taken out for whoever could prove a claim.

@@ -1,8 +1,8 @@
 //! All attacks, by the rows of the table.
 
-use crate::attack::Attack;
-use crate::scene::PROOF_OF_ANY_CLAIM;
-use crate::{edge, nodes, operators, proofs};
+use super::attack::Attack;
+use super::scene::PROOF_OF_ANY_CLAIM;
+use super::{edge, nodes, operators, proofs};
 
 /// The attacks, row by row.
 pub const ATTACKS: &[Attack] = &[

@@ -1,8 +1,7 @@
 //! A clock jumps by a day, forward or back: the aggregator's, or a node's. Nothing is recorded by a wrong clock, no round ends by it, and when
 //! it is right again, everything goes on.
 
-use crate::harness::{digest, open_round, refused, weights, Network, Node};
-use crate::{by_the_machines_clock, client, now_ms, DAY_MS};
+use super::{by_the_machines_clock, client, now_ms, DAY_MS};
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::sync::Arc;
 use std::time::Duration;
@@ -10,6 +9,7 @@ use tokio::time::timeout;
 use tonic::Code;
 use zk0_aggregator::{Config, Progress};
 use zk0_protocol::entries::entry::Body;
+use zk0_testkit::aggregator::{digest, open_round, refused, weights, Network, Node};
 use zk0_tls::service_address::Silence;
 
 const DAY: i64 = DAY_MS as i64;

@@ -1,12 +1,12 @@
 //! The network between a node and its aggregator is cut for a while. Nothing tells either of them.
 
-use crate::black_hole::BlackHole;
-use crate::harness::{digest, weights, Network, Node};
-use crate::{by_the_machines_clock, client};
+use super::black_hole::BlackHole;
+use super::{by_the_machines_clock, client};
 use std::time::Duration;
 use tokio::time::{sleep, timeout};
 use zk0_aggregator::Config;
 use zk0_protocol::entries::entry::Body;
+use zk0_testkit::aggregator::{digest, weights, Network, Node};
 use zk0_tls::service_address::Silence;
 
 /// How soon the node notices here. By default it takes a minute.

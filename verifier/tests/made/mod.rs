@@ -1,5 +1,4 @@
 //! Weights, a sample and a claim that tests make themselves.
-#![allow(dead_code)] // Every test file uses only a part of it
 
 use std::collections::BTreeMap;
 use std::io::sink;

@@ -1,11 +1,11 @@
 //! A round by FedAdam ends with moments. The ledger names them before it closes, and the next round goes on from them.
 
-use crate::network::*;
 use zk0_protocol::entries::entry::{MomentsComputed, RoundClosed};
 use zk0_protocol::rules::closing::server_moments::ServerMoments;
 use zk0_protocol::rules::named_blobs::{named_blobs, BlobKind, NamedBlob};
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::{Body, RuleViolation};
+use zk0_testkit::network::*;
 
 const FED_ADAM: Strategy = Strategy::FedAdam {
     server_rate_billionths: 1_000_000,
@@ -25,8 +25,12 @@ fn network(strategy: Strategy) -> Chain {
     chain
 }
 
-impl Chain {
+trait Contributed {
     /// Opens a round in which node 0 contributes.
+    fn contributed(&mut self, update: u8);
+}
+
+impl Contributed for Chain {
     fn contributed(&mut self, update: u8) {
         self.open();
         self.apply(committed(&self.state, 0, weights(update)));

@@ -1,11 +1,11 @@
 //! A round's result is the new global weights only if its losses on the public samples allow that.
 
-use crate::network::*;
 use zk0_protocol::entries::entry::RoundClosed;
 use zk0_protocol::entries::round_result::{EvaluatedResult, PublicLoss, ResultOutcome};
 use zk0_protocol::rules::closing::public_samples::PublicSamples;
 use zk0_protocol::rules::named_blobs::{named_blobs, BlobKind, NamedBlob};
 use zk0_protocol::{Body, RuleViolation};
+use zk0_testkit::network::*;
 
 const SAMPLES: PublicSamples = PUBLIC_SAMPLES;
 

@@ -1,6 +1,5 @@
 //! How much a contribution counts, and what it earns: declared samples gain nothing, or little.
 
-use crate::network::*;
 use proptest::prelude::*;
 use zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES;
 use zk0_protocol::entries::entry::Contributor;
@@ -8,6 +7,7 @@ use zk0_protocol::entries::signed::{DatasetRegistration, UpdateCommitment};
 use zk0_protocol::rules::closing::credits::CreditRule;
 use zk0_protocol::rules::closing::shares::{Shares, WHOLE_SHARE};
 use zk0_protocol::{Body, Signed};
+use zk0_testkit::network::*;
 
 const TWICE: Shares = Shares::Samples {
     max_of_median_bps: 20_000,

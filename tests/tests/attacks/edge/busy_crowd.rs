@@ -2,16 +2,16 @@
 //! request is still on its way looks idle.
 
 use super::crowds::{is_answered, with_places};
-use super::sockets::{begin_large_message, from};
-use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
-use crate::harness::Node;
+use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
 use std::net::{IpAddr, SocketAddr};
 use std::time::Duration;
 use tokio::io::copy_bidirectional;
 use tokio::net::{TcpListener, TcpSocket};
 use tokio::time::{sleep, timeout};
 use zk0_protocol::rpc::federation::GetNetworkRequest;
-use zk0_tests::changed_copy::Change;
+use zk0_testkit::aggregator::Node;
+use zk0_testkit::changed_copy::Change;
+use zk0_testkit::sockets::{begin_large_message, from};
 
 pub const ATTACK: Attack = Attack {
     number: 16,

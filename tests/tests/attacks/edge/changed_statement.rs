@@ -1,11 +1,11 @@
 //! Row 17. Somebody between a node and its aggregator changes what the node has signed: on how many samples its update is to be evaluated.
 
-use crate::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
-use crate::harness::{open_round, weights};
+use crate::attacks::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
 use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation::CommitRequest;
-use zk0_tests::changed_copy::Change;
+use zk0_testkit::aggregator::{open_round, weights};
+use zk0_testkit::changed_copy::Change;
 
 pub const ATTACK: Attack = Attack {
     number: 17,

@@ -1,11 +1,11 @@
 //! What the attacks of crowds share: a service with few places, and somebody new who asks it.
 
-use crate::harness::{Network, Node};
 use std::time::Duration;
 use tokio::time::timeout;
 use zk0_aggregator::{Config, ConnectionLimits, Limits};
 use zk0_protocol::rpc::federation::federation_client::FederationClient;
 use zk0_protocol::rpc::federation::GetNetworkRequest;
+use zk0_testkit::aggregator::{Network, Node};
 
 /// A network of this node, whose aggregator has `most` places for connections.
 pub async fn with_places(node: &Node, most: usize) -> Network {

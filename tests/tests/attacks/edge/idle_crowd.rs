@@ -1,12 +1,12 @@
 //! Row 16. Strangers open as many connections as the service has places for, say nothing more, and keep nodes out.
 
 use super::crowds::{is_answered, with_places};
-use super::sockets::{closed, speaking};
-use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
-use crate::harness::Node;
+use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
 use std::time::Duration;
 use tokio::time::sleep;
-use zk0_tests::changed_copy::Change;
+use zk0_testkit::aggregator::Node;
+use zk0_testkit::changed_copy::Change;
+use zk0_testkit::sockets::{closed, speaking};
 
 pub const ATTACK: Attack = Attack {
     number: 16,

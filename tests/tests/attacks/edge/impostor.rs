@@ -1,15 +1,15 @@
 //! Row 17. Somebody between a node and its aggregator answers in its place, with a certificate for the right address that an authority of its own
 //! has signed. It hands on all that it hears, so that nobody notices, and reads everything.
 
-use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
-use crate::harness::{Network, Node};
+use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 use tokio::net::TcpListener;
 use zk0_aggregator::Config;
 use zk0_node::client;
-use zk0_tests::changed_copy::Change;
+use zk0_testkit::aggregator::{Network, Node};
+use zk0_testkit::changed_copy::Change;
 use zk0_tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
 use zk0_tls::server_certificate::ServerCertificate;
 use zk0_tls::service_address::ServiceAddress;

@@ -6,6 +6,4 @@ mod crowds;
 pub mod idle_crowd;
 pub mod impostor;
 pub mod silent_uploads;
-#[path = "../../../../aggregator/tests/connections/sockets.rs"]
-mod sockets;
 pub mod stolen_request;

@@ -1,7 +1,6 @@
 //! Row 16. A node begins an upload and falls silent, so that its connection, its file and its place are held for as long as it likes.
 
-use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
-use crate::harness::{weights, Network, Node};
+use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
 use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio::time::timeout;
@@ -10,7 +9,8 @@ use zk0_aggregator::{Config, Limits};
 use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rpc::federation::UploadChunk;
-use zk0_tests::changed_copy::Change;
+use zk0_testkit::aggregator::{weights, Network, Node};
+use zk0_testkit::changed_copy::Change;
 
 pub const ATTACK: Attack = Attack {
     number: 16,

@@ -1,11 +1,11 @@
 //! Row 17. Somebody keeps a request that a node made in one network, with its signed head, and sends it to another network in which the node
 //! is enrolled as well.
 
-use crate::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
-use crate::harness::{genesis, Network, Node};
+use crate::attacks::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
 use tonic::{Extensions, Request};
 use zk0_aggregator::{Config, Limits};
-use zk0_tests::changed_copy::Change;
+use zk0_testkit::aggregator::{genesis, Network, Node};
+use zk0_testkit::changed_copy::Change;
 
 pub const ATTACK: Attack = Attack {
     number: 17,

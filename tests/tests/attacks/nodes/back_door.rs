@@ -1,11 +1,11 @@
 //! Row 9. A node writes a back door where no sample looks: into weights that the evaluation does not read, and that a robot reads when it
 //! moves. Its claim is true, and it could prove it.
 
-use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
-use crate::harness::{digest, weights};
-use crate::scene::{commit, proving_network, submitted};
+use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
+use crate::attacks::scene::{commit, proving_network, submitted};
 use zk0_circuits::EvalSpec;
-use zk0_tests::changed_copy::Change;
+use zk0_testkit::aggregator::{digest, weights};
+use zk0_testkit::changed_copy::Change;
 use zk0_weights::scale::{exact, narrowed};
 use zk0_weights::{Format, WeightsError};
 

@@ -1,9 +1,9 @@
 //! Row 6. A node downloads the update of another one while the round is open, changes a bit of it, and commits to it as its own.
 
-use crate::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
-use crate::harness::open_round;
-use crate::scene::{commit, near_base};
-use zk0_tests::changed_copy::Change;
+use crate::attacks::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
+use crate::attacks::scene::{commit, near_base};
+use zk0_testkit::aggregator::open_round;
+use zk0_testkit::changed_copy::Change;
 use zk0_verifier::blob_digest;
 
 pub const ATTACK: Attack = Attack {

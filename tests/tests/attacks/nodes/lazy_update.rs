@@ -1,9 +1,9 @@
 //! Row 7. A node does not train. It adds noise to the base until the update looks better on the samples of its challenge, by chance, and
 //! claims an improvement. It runs the guest program's code as it is, because no other code has the network's verifying key.
 
-use crate::attack::{Attack, Defence, Proof};
-use crate::proofs::guest;
-use zk0_tests::changed_copy::Change;
+use crate::attacks::attack::{Attack, Defence, Proof};
+use crate::attacks::proofs::guest;
+use zk0_testkit::changed_copy::Change;
 
 pub const ATTACK: Attack = Attack {
     number: 7,

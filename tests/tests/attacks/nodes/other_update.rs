@@ -1,9 +1,9 @@
 //! Row 4. A node commits to the update that its proof is about, and uploads another one under its name.
 
-use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
-use crate::scene::{near_base, proving_network, submitted};
+use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
+use crate::attacks::scene::{near_base, proving_network, submitted};
 use zk0_protocol::entries::signed::Signed;
-use zk0_tests::changed_copy::Change;
+use zk0_testkit::changed_copy::Change;
 use zk0_verifier::blob_digest;
 
 pub const ATTACK: Attack = Attack {

@@ -1,11 +1,11 @@
 //! Row 2. A node has one sample, and registers ten copies of it as a dataset of ten samples.
 
-use crate::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
-use crate::harness::{list, Network, Node};
+use crate::attacks::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
 use zk0_aggregator::Config;
 use zk0_circuits::vm::merkle;
 use zk0_protocol::entries::signed::Signed;
-use zk0_tests::changed_copy::Change;
+use zk0_testkit::aggregator::{list, Network, Node};
+use zk0_testkit::changed_copy::Change;
 use zk0_verifier::blob_digest;
 
 pub const ATTACK: Attack = Attack {

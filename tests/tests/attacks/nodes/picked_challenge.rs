@@ -1,12 +1,12 @@
 //! Row 1. A node waits until the randomness of a round is known. Then it computes the challenge of each update that it could commit to, and
 //! commits to the one whose samples suit it.
 
-use crate::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
-use crate::harness::{committed, digest, open_round, weights};
+use crate::attacks::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
 use zk0_circuits::claim::challenge::{challenge, sample_indices};
 use zk0_protocol::challenge::closing::commitment;
 use zk0_protocol::entries::entry::Body;
-use zk0_tests::changed_copy::Change;
+use zk0_testkit::aggregator::{committed, digest, open_round, weights};
+use zk0_testkit::changed_copy::Change;
 
 pub const ATTACK: Attack = Attack {
     number: 1,

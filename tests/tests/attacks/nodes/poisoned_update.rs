@@ -1,9 +1,9 @@
 //! Row 9. A node whose claim is true and proven sends an update that moves the weights further than the rules allow. The contribution is
 //! that of a real demo, with its real proof; the rules allow steps of at most one basis point.
 
-use crate::attack::{Attack, Defence, Outcome, Proof};
-use zk0_tests::changed_copy::Change;
-use zk0_tests::{accepted, ledger_copy, with_rules};
+use crate::attacks::attack::{Attack, Defence, Outcome, Proof};
+use crate::real_ledger::{accepted, ledger_copy, with_rules};
+use zk0_testkit::changed_copy::Change;
 use zk0_verifier::{authenticate, verify};
 
 pub const ATTACK: Attack = Attack {

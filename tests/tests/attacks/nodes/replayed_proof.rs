@@ -1,7 +1,7 @@
 //! Row 5. A node takes a proof that somebody else has made, and submits it as the proof of its own claim.
 
-use crate::attack::{over_the_network, Attack, Outcome, Proof};
-use crate::scene::{commit, near_base, proving_network, submitted, PROOF_OF_ANY_CLAIM};
+use crate::attacks::attack::{over_the_network, Attack, Outcome, Proof};
+use crate::attacks::scene::{commit, near_base, proving_network, submitted, PROOF_OF_ANY_CLAIM};
 
 pub const ATTACK: Attack = Attack {
     number: 5,

@@ -1,10 +1,10 @@
 //! Row 8. Two nodes, which one person has had enrolled, register the same recording under different salts, so that it counts twice.
 
-use crate::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
-use crate::harness::{Network, Node};
+use crate::attacks::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
 use zk0_aggregator::Config;
 use zk0_protocol::entries::signed::Signed;
-use zk0_tests::changed_copy::Change;
+use zk0_testkit::aggregator::{Network, Node};
+use zk0_testkit::changed_copy::Change;
 
 pub const ATTACK: Attack = Attack {
     number: 8,

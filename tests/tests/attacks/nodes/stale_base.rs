@@ -1,9 +1,9 @@
 //! Row 3. A node shows an improvement on other weights than those that the round started from: on weights that are easy to improve on.
 
-use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
-use crate::harness::{digest, weights};
-use crate::scene::{commit, near_base, proving_network, submitted};
-use zk0_tests::changed_copy::Change;
+use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
+use crate::attacks::scene::{commit, near_base, proving_network, submitted};
+use zk0_testkit::aggregator::{digest, weights};
+use zk0_testkit::changed_copy::Change;
 
 pub const ATTACK: Attack = Attack {
     number: 3,

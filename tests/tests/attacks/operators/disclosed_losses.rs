@@ -1,10 +1,10 @@
 //! Row 15. The network's genesis lets nobody know the losses. A contribution says them all the same: with a client that its aggregator
 //! wrote, for example.
 
-use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
-use crate::scene::{commit, near_base, proving_network, submitted};
+use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
+use crate::attacks::scene::{commit, near_base, proving_network, submitted};
 use zk0_circuits::{Disclosure, Losses};
-use zk0_tests::changed_copy::Change;
+use zk0_testkit::changed_copy::Change;
 
 pub const ATTACK: Attack = Attack {
     number: 15,

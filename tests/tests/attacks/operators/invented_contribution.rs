@@ -1,12 +1,12 @@
 //! Row 13. An aggregator records that it accepted a contribution which no proof shows. Its log's signature is right, and the rules of the
 //! ledger look into no proof.
 
-use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
-use crate::harness::{both_committed, copy_of, log_key, open_round, START_MS};
-use crate::operators::audited;
+use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
+use crate::attacks::operators::audited;
 use zk0_ledger::log::Ledger;
 use zk0_protocol::entries::entry::Body;
-use zk0_tests::changed_copy::Change;
+use zk0_testkit::aggregator::{both_committed, copy_of, log_key, open_round, START_MS};
+use zk0_testkit::changed_copy::Change;
 
 pub const ATTACK: Attack = Attack {
     number: 13,

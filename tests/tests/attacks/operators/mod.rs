@@ -6,7 +6,7 @@ pub mod picked_randomness;
 pub mod split_view;
 pub mod worthless_program;
 
-use crate::attack::Outcome;
+use crate::attacks::attack::Outcome;
 use std::path::Path;
 use zk0_audit::Auditor;
 use zk0_ledger::replay::{replay, Verdict};

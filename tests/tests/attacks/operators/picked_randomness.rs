@@ -1,17 +1,17 @@
 //! Row 1. An aggregator draws the randomness of a round for a friend: with keys of its own, until the friend's easiest sample is among those that
 //! are evaluated. It signs the log with the right key, and shows it to an auditor.
 
-use crate::attack::{Attack, Defence, Outcome, Proof};
-use crate::harness::operator::Operator;
-use crate::harness::{genesis, weights, Node};
-use crate::operators::audited;
+use crate::attacks::attack::{Attack, Defence, Outcome, Proof};
+use crate::attacks::operators::audited;
 use ed25519_dalek::SigningKey;
 use zk0_circuits::claim::challenge::{challenge, sample_indices};
 use zk0_protocol::challenge::closing::commitment;
 use zk0_protocol::challenge::drawing::Drawing;
 use zk0_protocol::challenge::vrf::VrfProof;
 use zk0_protocol::entries::entry::{Body, RandomnessDrawn};
-use zk0_tests::changed_copy::Change;
+use zk0_testkit::aggregator::operator::Operator;
+use zk0_testkit::aggregator::{genesis, weights, Node};
+use zk0_testkit::changed_copy::Change;
 
 pub const ATTACK: Attack = Attack {
     number: 1,

@@ -1,11 +1,11 @@
 //! Row 14. An aggregator shows two histories: one to its witnesses, and another one, with an entry replaced, to whom it wants to deceive. It
 //! asks the witnesses to cosign the other one as well.
 
-use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
-use crate::harness::witnesses::{cosigned, ledger, log_verifier, three};
+use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
 use std::sync::Arc;
 use zk0_aggregator::publish::cosigning::CosigningError;
-use zk0_tests::changed_copy::Change;
+use zk0_testkit::aggregator::witnesses::{cosigned, ledger, log_verifier, three};
+use zk0_testkit::changed_copy::Change;
 
 pub const ATTACK: Attack = Attack {
     number: 14,

@@ -1,10 +1,10 @@
 //! Row 12. Somebody founds a network whose guest program proves nothing, and shows an auditor that its ledger is in order.
 
-use crate::attack::{Attack, Defence, Outcome, Proof};
-use crate::harness::operator::Operator;
-use crate::harness::{genesis, Node};
-use crate::operators::audited;
-use zk0_tests::changed_copy::Change;
+use crate::attacks::attack::{Attack, Defence, Outcome, Proof};
+use crate::attacks::operators::audited;
+use zk0_testkit::aggregator::operator::Operator;
+use zk0_testkit::aggregator::{genesis, Node};
+use zk0_testkit::changed_copy::Change;
 
 pub const ATTACK: Attack = Attack {
     number: 12,

@@ -3,13 +3,13 @@
 //!
 //! The guess is what the transcript says next if nothing else is said. So it is wrong as long as the transcript depends on what is said.
 
-use crate::attack::{Attack, Defence, Outcome, Proof};
+use crate::attacks::attack::{Attack, Defence, Outcome, Proof};
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::hash::Digest;
 use zk0_argument::multilinear::bind;
 use zk0_argument::sumcheck::verify;
 use zk0_argument::transcript::{require, Challenges, Prover, Refused, Verifier};
-use zk0_tests::changed_copy::Change;
+use zk0_testkit::changed_copy::Change;
 
 pub const ATTACK: Attack = Attack {
     number: 11,

@@ -4,11 +4,11 @@ pub mod guessed_point;
 pub mod other_program;
 pub mod wrapped_values;
 
-use crate::attack::Outcome;
-use crate::cheats::try_cheat;
+use crate::attacks::attack::Outcome;
+use zk0_testkit::cheats::try_cheat;
 
-/// Has the code of the guest program, as it is in this build, judge the private input of a cheat of `circuits/tests/cheats`. If it ends without an error, SP1 proves what
-/// it says: that is the false claim.
+/// Has the code of the guest program, as it is in this build, judge the private input of a cheat. If it ends without an error, SP1 proves what it says:
+/// that is the false claim.
 pub fn guest(cheat: &str, what: &str) -> Outcome {
     match try_cheat(cheat) {
         Ok(()) => Outcome::Succeeded(format!(

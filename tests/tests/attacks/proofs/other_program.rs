@@ -1,8 +1,8 @@
 //! Row 12. A node runs a guest program of its own, which checks nothing, and submits the proof of what that says.
 
-use crate::attack::{over_the_network, Attack, Defence, Outcome, Proof};
-use crate::scene::{commit, near_base, proving_network, submitted};
-use zk0_tests::changed_copy::Change;
+use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
+use crate::attacks::scene::{commit, near_base, proving_network, submitted};
+use zk0_testkit::changed_copy::Change;
 
 pub const ATTACK: Attack = Attack {
     number: 12,

@@ -1,8 +1,8 @@
 //! Row 10. A node makes weights whose velocities are too large for an int16, by just so much that they come out right if they wrap.
 
-use crate::attack::{Attack, Defence, Proof};
-use crate::proofs::guest;
-use zk0_tests::changed_copy::Change;
+use crate::attacks::attack::{Attack, Defence, Proof};
+use crate::attacks::proofs::guest;
+use zk0_testkit::changed_copy::Change;
 
 pub const ATTACK: Attack = Attack {
     number: 10,

@@ -1,0 +1,9 @@
+//! What the aggregator does, as nodes, operators, witnesses and strangers see it.
+
+mod blob_store;
+mod connections;
+mod senders;
+mod served;
+mod transfers;
+
+type Test = Result<(), Box<dyn std::error::Error>>;

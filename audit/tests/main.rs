@@ -1,0 +1,9 @@
+//! What audits find, and what they say of it.
+
+mod depths_and_threads;
+mod dishonest_aggregator;
+mod programs;
+mod pruning;
+mod restoring;
+mod results;
+mod verdicts;

@@ -1,0 +1,5 @@
+mod cache;
+mod failing_store;
+mod kept_blobs;
+mod public_log;
+mod sent;

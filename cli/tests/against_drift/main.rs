@@ -1,7 +1,0 @@
-//! `zk0 node join` where the nodes' recordings differ much: FedCM, and SCAFFOLD where the rules ask for it.
-
-#[path = "../harness/mod.rs"]
-mod harness;
-
-mod fedcm;
-mod scaffold;

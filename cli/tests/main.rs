@@ -1,0 +1,31 @@
+//! The program, as its users run it. [`harness`] is what the tests share.
+
+mod against_drift;
+mod audit;
+mod audit_recording;
+mod calibrate;
+mod compare;
+mod curves;
+mod cut_network;
+mod dataset;
+mod export;
+mod followed_losses;
+mod harness;
+mod in_a_bucket;
+mod interrupted;
+mod killed;
+mod ledger;
+mod lerobot;
+mod nodes;
+mod other_program;
+mod own_policy;
+mod policy_folders;
+mod public_samples;
+mod publish;
+mod real_demo;
+mod real_proof;
+mod services;
+mod simulate;
+mod tls;
+mod traces;
+mod train;

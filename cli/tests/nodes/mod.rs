@@ -1,0 +1,9 @@
+//! Nodes: their keys, how the first are enrolled, what a node is told before it trains, and how it leaves.
+
+mod devices;
+mod diverged;
+mod eval_samples;
+mod founding;
+mod keys;
+mod leaving;
+mod unwritable;

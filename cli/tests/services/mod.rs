@@ -1,0 +1,10 @@
+//! What operators of services have: settings in files and variables, metrics, a status, units for systemd, and what is printed or logged
+//! when something fails.
+
+mod accused;
+mod examples;
+mod observed;
+mod packaging;
+mod runbook;
+mod settings;
+mod stopped;

@@ -1,0 +1,4 @@
+//! `zk0 train` and `zk0 eval` as processes.
+
+mod image_transforms;
+mod runs;

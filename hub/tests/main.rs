@@ -1,0 +1,3 @@
+//! The tests of publishing.
+
+mod hub_uploads;

@@ -1,0 +1,6 @@
+//! Tests that count what the whole process allocates.
+
+mod fuzz_ledger;
+
+#[global_allocator]
+static ALLOCATOR: zk0_testkit::allocations::Watched = zk0_testkit::allocations::Watched;

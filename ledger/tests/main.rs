@@ -1,0 +1,15 @@
+mod backup;
+mod blobs;
+mod durability;
+mod failing_fs;
+mod faults;
+mod groups;
+mod network;
+mod other_implementations;
+mod power_loss;
+mod published;
+mod refused_input;
+mod replaying;
+mod tamper;
+mod witnesses;
+mod writer_clock;

@@ -1,0 +1,7 @@
+//! Tests that count what the whole process allocates.
+
+mod bounded_memory;
+mod fuzz_node;
+
+#[global_allocator]
+static ALLOCATOR: zk0_testkit::allocations::Watched = zk0_testkit::allocations::Watched;

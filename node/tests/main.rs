@@ -1,0 +1,3 @@
+mod evaluation_set;
+mod lying_aggregator;
+mod stored_update;

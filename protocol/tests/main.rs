@@ -1,0 +1,10 @@
+mod encodings;
+mod histories;
+mod keys;
+mod model;
+mod proof_blobs;
+mod randomness;
+mod refused_bytes;
+mod rules;
+mod tlog;
+mod voting;

@@ -1,0 +1,28 @@
+//! Every rule of the state machine has a test that fails without it.
+
+mod challenges;
+mod claims;
+mod closings;
+mod datasets;
+mod disputes;
+mod evaluation_sets;
+mod founding;
+mod full_rounds;
+mod members;
+mod presence;
+mod required_witnesses;
+mod rounds;
+mod scaffold;
+mod unanswered;
+
+use zk0_protocol::{Refusal, RuleViolation};
+
+/// What is wrong, and a function that makes it so.
+type Breaks<T> = (&'static str, fn(&mut T));
+
+fn refused(violation: RuleViolation) -> Refusal {
+    match violation {
+        RuleViolation::Refused(refusal) => refusal,
+        other => panic!("not a refusal: {other}"),
+    }
+}

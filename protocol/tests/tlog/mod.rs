@@ -1,0 +1,5 @@
+//! The formats of the transparency log.
+
+mod policies;
+mod proofs;
+mod tree;

@@ -1,0 +1,22 @@
+//! Only a vote changes the rules. Every way to cheat is refused, and every vote has the right outcome.
+
+mod programs;
+mod proposals;
+mod restoring;
+mod votes;
+
+use zk0_protocol::entries::proposal::Action;
+use zk0_protocol::Rules;
+use zk0_testkit::network::genesis;
+
+/// Returns rules with another number of samples per claim.
+fn other_rules() -> Rules {
+    Rules {
+        min_eval_samples: 7,
+        ..genesis().rules
+    }
+}
+
+fn change() -> Action {
+    Action::ChangeRules(Box::new(other_rules()))
+}

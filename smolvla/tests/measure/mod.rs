@@ -1,0 +1,3 @@
+//! How far the fixed-point loss is from the float32 loss.
+
+mod fidelity;

@@ -1,0 +1,7 @@
+//! The policy: its weights, its profiles, and what it does.
+
+mod acting;
+mod folder;
+mod profiles;
+mod trainable;
+mod weights;

@@ -1,0 +1,3 @@
+//! The tests of event files.
+
+mod event_files;

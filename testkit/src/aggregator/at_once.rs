@@ -1,0 +1,113 @@
+//! An aggregator without a service in front of it: each request takes all of its steps at once.
+
+use zk0_aggregator::round::recording::group::ToRecord;
+use zk0_aggregator::round::recording::statements::{decode, read_signed, Begun, Said};
+use zk0_aggregator::round::recording::submission::Decided;
+use zk0_aggregator::round::request::RequestError;
+use zk0_aggregator::{Aggregator, Progress};
+use zk0_ledger::blobs::partial::PartialBlob;
+use zk0_protocol::entries::signed::{Signed, Submission, UploadRequest};
+use zk0_protocol::{Body, Receipt};
+
+/// Requests as their bytes, one after the other.
+pub trait AtOnce {
+    /// Records what a message `Record` says.
+    fn say(&mut self, body: &[u8]) -> Result<Receipt, RequestError>;
+    /// Records the enrolment of a node that asks for it.
+    fn let_in(&mut self, enrolment: &[u8]) -> Result<Receipt, RequestError>;
+    /// Records a dataset, with the list of its drawn frames.
+    fn register(&mut self, registration: &[u8], leaves: &[u8]) -> Result<Receipt, RequestError>;
+    /// Begins an upload, if the aggregator does not have the blob.
+    fn upload(&self, request: &[u8]) -> Result<Option<PartialBlob>, RequestError>;
+    /// Records a commitment to an update.
+    fn commit(&mut self, commitment: &[u8]) -> Result<Receipt, RequestError>;
+    /// Decides about a submission, and records that.
+    fn submit(&mut self, submission: &[u8], proof: Vec<u8>) -> Result<Decided, RequestError>;
+    /// A step of the rounds, with what it needs to be computed.
+    fn go_on(&mut self) -> Result<Progress, RequestError>;
+}
+
+impl AtOnce for Aggregator {
+    fn say(&mut self, body: &[u8]) -> Result<Receipt, RequestError> {
+        let now = self.now_ms();
+        match self.begin_saying(&Said::read(body)?, now)? {
+            Begun::Recorded(receipt) => Ok(receipt),
+            Begun::New(allowed) => recorded(self, allowed.check()?),
+        }
+    }
+
+    fn let_in(&mut self, enrolment: &[u8]) -> Result<Receipt, RequestError> {
+        let signed = read_signed("enrolment", enrolment)?;
+        match self.begin_enrolment(&signed, self.now_ms())? {
+            Begun::Recorded(receipt) => Ok(receipt),
+            Begun::New(body) => recorded(self, body),
+        }
+    }
+
+    fn register(&mut self, registration: &[u8], leaves: &[u8]) -> Result<Receipt, RequestError> {
+        let signed = read_signed("dataset registration", registration)?;
+        match self.begin_registration(&signed, self.now_ms())? {
+            Begun::Recorded(receipt) => Ok(receipt),
+            Begun::New(allowed) => recorded(self, allowed.keep(leaves)?),
+        }
+    }
+
+    fn upload(&self, request: &[u8]) -> Result<Option<PartialBlob>, RequestError> {
+        let signed: Signed<UploadRequest> = read_signed("upload request", request)?;
+        match self.begin_upload(&signed.statement)? {
+            Begun::Recorded(()) => Ok(None),
+            Begun::New(staging) => Ok(staging.go_on(&signed.statement, 0)?),
+        }
+    }
+
+    fn commit(&mut self, commitment: &[u8]) -> Result<Receipt, RequestError> {
+        let signed = read_signed("commitment", commitment)?;
+        match self.begin_commitment(&signed, self.now_ms())? {
+            Begun::Recorded(receipt) => Ok(receipt),
+            Begun::New(allowed) => recorded(self, allowed.keep()?),
+        }
+    }
+
+    fn submit(&mut self, submission: &[u8], proof: Vec<u8>) -> Result<Decided, RequestError> {
+        let signed: Signed<Submission> = decode("submission", submission)?;
+        let undecided = match self.begin_submission(&signed, self.now_ms())? {
+            Begun::Recorded(decided) => return Ok(decided),
+            Begun::New(undecided) => undecided,
+        };
+        let contribution = undecided.authenticate(signed, proof)?;
+        let judged = undecided.judge(contribution)?.keep()?;
+        let rejected = judged.rejected().cloned();
+        let receipt = one(self, ToRecord::Decision(Box::new(judged)))?;
+        Ok(Decided { rejected, receipt })
+    }
+
+    fn go_on(&mut self) -> Result<Progress, RequestError> {
+        match self.step()? {
+            Progress::NeedsVerdict(disputed) => {
+                let verdict = disputed.verify_again()?;
+                self.resolve(disputed.dispute, verdict)
+            }
+            Progress::NeedsClosing(_) => match self.to_close().compute()? {
+                Ok(computed) => self.close(computed),
+                Err(why) => Ok(Progress::Blocked(why)),
+            },
+            Progress::NeedsSamples(samples) => match samples.check() {
+                Ok(()) => {
+                    self.samples_checked(&samples);
+                    self.go_on()
+                }
+                Err(why) => Ok(Progress::Blocked(why)),
+            },
+            done => Ok(done),
+        }
+    }
+}
+
+fn recorded(aggregator: &mut Aggregator, body: Body) -> Result<Receipt, RequestError> {
+    one(aggregator, ToRecord::Statement(Box::new(body)))
+}
+
+fn one(aggregator: &mut Aggregator, what: ToRecord) -> Result<Receipt, RequestError> {
+    let now = aggregator.now_ms();
+    aggregator.record(vec![(now, what)]).pop().unwrap()
+}

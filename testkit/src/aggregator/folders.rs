@@ -1,0 +1,36 @@
+//! Folders with files, as a test finds and copies them.
+
+use std::fs;
+use std::path::Path;
+use tempfile::TempDir;
+
+/// A copy of a folder, with all that is in it.
+pub fn copy_of(folder: &Path) -> TempDir {
+    fn copy(from: &Path, to: &Path) {
+        fs::create_dir_all(to).unwrap();
+        for found in fs::read_dir(from).unwrap() {
+            let found = found.unwrap();
+            let (path, place) = (found.path(), to.join(found.file_name()));
+            match path.is_dir() {
+                true => copy(&path, &place),
+                false => drop(fs::copy(&path, &place).unwrap()),
+            }
+        }
+    }
+    let dir = tempfile::tempdir().unwrap();
+    copy(folder, dir.path());
+    dir
+}
+
+/// Files in a folder, at any depth.
+pub fn files(folder: &Path) -> usize {
+    let Ok(entries) = std::fs::read_dir(folder) else {
+        return 0;
+    };
+    entries
+        .map(|entry| match entry.unwrap().path() {
+            path if path.is_dir() => files(&path),
+            _ => 1,
+        })
+        .sum()
+}

@@ -1,0 +1,388 @@
+//! An aggregator that serves on loopback, and can be killed and started again.
+
+use super::{files, found, genesis, log_key, ManualClock, Node, COMMIT_MS, START_MS};
+use ed25519_dalek::SigningKey;
+use std::fs::File;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::Arc;
+use std::time::Duration;
+use tempfile::TempDir;
+use tokio::sync::oneshot;
+use tokio::task::JoinHandle;
+use tonic::transport::{Channel, Endpoint};
+use tonic::Status;
+use zk0_aggregator::connections::listening::listen;
+use zk0_aggregator::publish::beacon::BeaconServers;
+use zk0_aggregator::publish::cosigning::Witnesses;
+use zk0_aggregator::round::recording::statements::Said;
+use zk0_aggregator::{Aggregator, Clock, Config, Limits, Service};
+use zk0_circuits::{Digest, NodeId};
+use zk0_ledger::blobs::Blobs;
+use zk0_protocol::blob::blob_digest;
+use zk0_protocol::entries::entry::{Body, Entry};
+use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::request_head::{Method, RequestHead};
+use zk0_protocol::rpc::federation as proto;
+use zk0_protocol::rpc::federation::federation_client::FederationClient;
+use zk0_protocol::rpc::head_metadata::with_head;
+use zk0_protocol::tlog::checkpoint::Checkpoint;
+use zk0_protocol::tlog::receipt::Receipt;
+use zk0_protocol::tlog::witness_policy::WitnessPolicy;
+use zk0_protocol::Signed;
+
+/// Bytes of [`Network::long_download`].
+pub const LONG_BYTES: u64 = 8 << 20;
+
+/// A running aggregator.
+pub struct Network {
+    /// The folder of the ledger.
+    pub dir: TempDir,
+    /// The clock of the aggregator.
+    pub clock: Arc<ManualClock>,
+    /// The genesis of the ledger.
+    pub genesis: Genesis,
+    /// How the aggregator holds rounds, from the next start on.
+    pub config: Config,
+    service: Option<Service>,
+    limits: Limits,
+    /// The policy of witnesses that the aggregator follows from its next start on.
+    pub policy: Option<WitnessPolicy>,
+    /// Where the aggregator fetches beacons.
+    pub beacons: Option<BeaconServers>,
+    /// The URL at which the aggregator serves.
+    pub address: String,
+    /// How the blobs of a folder are kept, from the next start on.
+    kept: Box<dyn Fn(&Path) -> Blobs + Send + Sync>,
+    /// How many bytes of blobs the folder may hold, from the next start on.
+    pub blob_cache_bytes: Option<u64>,
+    /// For how long nodes get addresses of the store, from the next start on.
+    pub presigned: Option<Duration>,
+    running: Option<(oneshot::Sender<()>, JoinHandle<()>)>,
+}
+
+impl Network {
+    /// Founds a network with these nodes and serves it.
+    pub async fn start(nodes: &[&Node], config: Config) -> Self {
+        Self::start_with(nodes, config, Limits::default()).await
+    }
+
+    /// The same under these limits.
+    pub async fn start_with(nodes: &[&Node], config: Config, limits: Limits) -> Self {
+        Self::start_as(nodes, config, limits, genesis(), None, None).await
+    }
+
+    /// Founds the network of `genesis` with these nodes, and serves it with these witnesses and these servers of beacons.
+    pub async fn start_as(
+        nodes: &[&Node],
+        config: Config,
+        limits: Limits,
+        genesis: Genesis,
+        policy: Option<WitnessPolicy>,
+        beacons: Option<BeaconServers>,
+    ) -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let clock = Arc::new(ManualClock::at(START_MS));
+        let mut aggregator = found(dir.path(), genesis.clone(), clock.clone(), config).unwrap();
+        for (number, node) in nodes.iter().enumerate() {
+            aggregator
+                .enrol(node.id(), format!("node-{number}"))
+                .unwrap();
+        }
+        let mut network = Self {
+            dir,
+            clock,
+            genesis,
+            config,
+            service: None,
+            limits,
+            policy,
+            beacons,
+            address: String::new(),
+            kept: Box::new(Blobs::at),
+            blob_cache_bytes: None,
+            presigned: None,
+            running: None,
+        };
+        network.service = Some(network.service_of(aggregator).await);
+        network.serve().await;
+        network
+    }
+
+    async fn service_of(&self, aggregator: Aggregator) -> Service {
+        let mut service = Service::with_limits(aggregator, self.limits);
+        if let Some(beacons) = &self.beacons {
+            service = service.with_beacons(beacons.clone());
+        }
+        if let Some(bytes) = self.blob_cache_bytes {
+            service = service.with_blob_cache(bytes);
+        }
+        if let Some(valid) = self.presigned {
+            service = service.with_presigned_uploads(valid);
+        }
+        if let Some(policy) = &self.policy {
+            let witnesses = Witnesses::new(policy.clone(), Duration::from_secs(2)).unwrap();
+            service = service.witnessed(witnesses).await.unwrap();
+        }
+        service
+    }
+
+    async fn serve(&mut self) {
+        let listener = listen(([127, 0, 0, 1], 0).into()).unwrap();
+        self.address = format!("http://{}", listener.local_addr().unwrap());
+        let (stop, stopped) = oneshot::channel::<()>();
+        let service = self.service().clone();
+        let task = tokio::spawn(async move {
+            let stopped = async {
+                let _ = stopped.await;
+            };
+            service.serve(listener, stopped).await.unwrap();
+        });
+        self.running = Some((stop, task));
+    }
+
+    /// Kills the aggregator and starts it again on what is on disk.
+    pub async fn restart(&mut self) {
+        let (stop, task) = self.running.take().unwrap();
+        task.abort(); // The aggregator gets no time to end its work
+        let _ = task.await;
+        drop(stop);
+        self.start_again().await;
+    }
+
+    /// Tells the aggregator to end, and waits until it has.
+    pub async fn stop(&mut self) {
+        let (stop, task) = self.running.take().unwrap();
+        stop.send(()).unwrap();
+        task.await.unwrap();
+    }
+
+    /// Starts an aggregator that has ended on what is on disk.
+    pub async fn start_again(&mut self) {
+        // The database is locked until every clone of the old service is gone. Requests that were in progress hold such clones.
+        let mut tries = 0;
+        self.service = None;
+        let aggregator = loop {
+            match self.open() {
+                Ok(aggregator) => break aggregator,
+                Err(error) if tries < 100 && error.to_string().contains("in use") => {
+                    tries += 1;
+                    tokio::time::sleep(Duration::from_millis(50)).await;
+                }
+                Err(error) => panic!("{error}"),
+            }
+        };
+        self.service = Some(self.service_of(aggregator).await);
+        self.serve().await;
+    }
+
+    fn open(&self) -> Result<Aggregator, zk0_aggregator::round::request::RequestError> {
+        Aggregator::open_with(
+            self.dir.path(),
+            Some(&self.genesis.network_id()),
+            log_key(),
+            self.clock.clone(),
+            self.config,
+            (self.kept)(self.dir.path()),
+        )
+    }
+
+    /// From the next start on, blobs are kept like this.
+    pub fn keep_blobs(&mut self, kept: impl Fn(&Path) -> Blobs + Send + Sync + 'static) {
+        self.kept = Box::new(kept);
+    }
+
+    /// The running service.
+    pub fn service(&self) -> &Service {
+        self.service.as_ref().unwrap()
+    }
+
+    /// Lets the aggregator look at the clock until nothing changes.
+    pub async fn settle(&self) {
+        use zk0_aggregator::Progress;
+        loop {
+            let progress = self.service().step().await.unwrap();
+            if matches!(
+                progress,
+                Progress::Waiting
+                    | Progress::Finished
+                    | Progress::Blocked(_)
+                    | Progress::WrongClock(_)
+                    | Progress::NeedsBeacon(_)
+            ) {
+                return;
+            }
+        }
+    }
+
+    /// Lets the commitments of the open round close, and the randomness be drawn. The clock moves past their deadline if a node may
+    /// still commit.
+    pub async fn drawn(&self) {
+        self.settle().await;
+        let waits = |aggregator: &mut Aggregator| {
+            let round = aggregator.state().round();
+            Ok(round.is_some_and(|round| round.closing.is_none()))
+        };
+        if self.service().with(waits).await.unwrap() {
+            self.clock.advance(COMMIT_MS + 1);
+            self.settle().await;
+        }
+    }
+
+    /// All entries of the ledger.
+    pub async fn entries(&self) -> Vec<Entry> {
+        self.service()
+            .with(|aggregator| {
+                let ledger = aggregator.ledger();
+                Ok((0..ledger.size())
+                    .map(|at| ledger.entry(at).unwrap())
+                    .collect())
+            })
+            .await
+            .unwrap()
+    }
+
+    /// The newest entry.
+    pub async fn last(&self) -> Body {
+        self.entries().await.pop().unwrap().body
+    }
+
+    /// A client with a connection of its own.
+    pub async fn client(&self) -> FederationClient<Channel> {
+        FederationClient::connect(self.address.clone())
+            .await
+            .unwrap()
+    }
+
+    /// A head that counts, for a request whose message carries this statement.
+    pub fn head(
+        &self,
+        key: &SigningKey,
+        method: Method,
+        round: Option<u64>,
+        statement: &[u8],
+    ) -> RequestHead {
+        static HEADS: AtomicU64 = AtomicU64::new(0);
+        let mut nonce = [0; 16];
+        nonce[..8].copy_from_slice(&HEADS.fetch_add(1, Ordering::SeqCst).to_le_bytes());
+        RequestHead {
+            network: self.genesis.network_id(),
+            run: self.service().run(),
+            method,
+            round,
+            body: blob_digest(statement),
+            sender: NodeId(key.verifying_key().to_bytes()),
+            time_ms: self.clock.now_ms(),
+            nonce,
+        }
+    }
+
+    /// A request with a head that counts.
+    pub fn request<T>(
+        &self,
+        key: &SigningKey,
+        method: Method,
+        round: Option<u64>,
+        statement: &[u8],
+        message: T,
+    ) -> tonic::Request<T> {
+        let head = self.head(key, method, round, statement);
+        with_head(message, &Signed::new(head, key))
+    }
+
+    /// The request that records `body`, sent by whoever has signed it.
+    pub fn recording(&self, body: &Body) -> tonic::Request<proto::RecordRequest> {
+        let body = borsh::to_vec(body).unwrap();
+        let message = proto::RecordRequest { body: body.clone() };
+        let signer = Said::read(&body).map(|said| said.signer());
+        let signers = signer.iter().flat_map(|signer| {
+            let nodes = (0..=255).map(Node::new);
+            nodes.filter(|node| node.id() == *signer)
+        });
+        let key = signers.map(|node| node.key).next().unwrap_or_else(log_key);
+        self.request(&key, Method::Record, None, &body, message)
+    }
+
+    /// What the aggregator says about this round, or about the newest one.
+    pub async fn round(&self, round: Option<u64>) -> proto::RoundInfo {
+        let request = proto::GetRoundRequest {
+            round,
+            node: Vec::new(),
+        };
+        self.client()
+            .await
+            .get_round(request)
+            .await
+            .unwrap()
+            .into_inner()
+    }
+
+    /// Opens a receipt with nothing but the genesis.
+    pub fn opened(&self, receipt: proto::Receipt) -> (u64, Checkpoint, Entry) {
+        let receipt = Receipt {
+            index: receipt.index,
+            entry: receipt.entry,
+            checkpoint: receipt.checkpoint.into_bytes(),
+            proof: receipt
+                .inclusion
+                .into_iter()
+                .map(|hash| Digest(hash.try_into().unwrap()))
+                .collect(),
+        };
+        let index = receipt.index;
+        let (checkpoint, entry) = receipt
+            .verify(&self.genesis.log_key, &self.genesis.name)
+            .unwrap();
+        (index, checkpoint, entry)
+    }
+
+    /// Downloads a blob.
+    pub async fn download(&self, blob: Digest) -> Result<Vec<u8>, Status> {
+        let request = proto::DownloadRequest {
+            blob: blob.0.to_vec(),
+            begins: 0,
+        };
+        let mut stream = self.client().await.download(request).await?.into_inner();
+        let mut bytes = Vec::new();
+        while let Some(chunk) = stream.message().await? {
+            bytes.extend(chunk.data);
+        }
+        Ok(bytes)
+    }
+
+    /// The request for a file of 8 MiB: more than what waits between a server and a client that reads little. The policy's file is made
+    /// longer for it. Nobody verifies a file before it is sent.
+    pub fn long_download(&self) -> proto::DownloadRequest {
+        let policy = self.genesis.policy;
+        let path = Blobs::at(self.dir.path()).path(&policy);
+        let file = File::options().write(true).open(path).unwrap();
+        file.set_len(LONG_BYTES).unwrap();
+        proto::DownloadRequest {
+            blob: policy.0.to_vec(),
+            begins: 0,
+        }
+    }
+
+    /// A client that has little in memory of what it does not read.
+    pub async fn slow_reader(&self) -> FederationClient<Channel> {
+        let endpoint = Endpoint::try_from(self.address.clone()).unwrap();
+        let endpoint = endpoint
+            .initial_stream_window_size(1 << 16)
+            .initial_connection_window_size(1 << 18);
+        FederationClient::new(endpoint.connect_lazy())
+    }
+
+    /// How many uploads the folder holds.
+    pub fn uploads(&self) -> usize {
+        files(&self.dir.path().join("uploads"))
+    }
+}
+
+impl Drop for Network {
+    /// The server ends at once. Otherwise the end of the runtime would interrupt what it does while it drains.
+    fn drop(&mut self) {
+        if let Some((_, task)) = self.running.take() {
+            task.abort();
+        }
+    }
+}

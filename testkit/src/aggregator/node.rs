@@ -1,0 +1,144 @@
+//! A node, and what it signs.
+
+use super::digest;
+use ed25519_dalek::SigningKey;
+use zk0_circuits::vm::merkle;
+use zk0_circuits::{Claim, DatasetCommitment, Digest, Losses, NodeId};
+use zk0_protocol::entries::signed::{
+    DatasetRegistration, Episode, Signed, Submission, UpdateCommitment, UploadRequest,
+};
+use zk0_protocol::evaluation_set::{draw, list_bytes, DrawnLeaf};
+use zk0_protocol::rules::bindings::ExpectedClaim;
+use zk0_verifier::blob_digest;
+
+/// Frames that are drawn of each dataset.
+pub const EVALUATION_FRAMES: u32 = 10;
+
+/// A node that signs what it is told to.
+pub struct Node {
+    /// The node's key.
+    pub key: SigningKey,
+    /// Its number, from which all that belongs to it follows.
+    pub seed: u16,
+}
+
+impl Node {
+    /// The node of this number.
+    pub fn new(seed: u8) -> Self {
+        Self::numbered(seed.into())
+    }
+
+    /// One of more than 256 nodes.
+    pub fn numbered(seed: u16) -> Self {
+        Self {
+            key: SigningKey::from_bytes(&bytes_of(seed, 0)),
+            seed,
+        }
+    }
+
+    /// Its identity.
+    pub fn id(&self) -> NodeId {
+        NodeId(self.key.verifying_key().to_bytes())
+    }
+
+    /// The leaves of its dataset.
+    pub fn leaves(&self) -> Vec<Digest> {
+        (0..10).map(|at| Digest(bytes_of(self.seed, at))).collect()
+    }
+
+    /// Its dataset.
+    pub fn dataset(&self) -> DatasetCommitment {
+        let leaves = self.leaves();
+        DatasetCommitment {
+            root: merkle::root(&leaves),
+            samples: leaves.len() as u64,
+            feature_spec: Digest([1; 32]),
+            salt_commitment: Digest(bytes_of(self.seed, 0)),
+        }
+    }
+
+    /// The registration of its dataset in this network.
+    pub fn registration(&self, network: &Digest) -> Signed<DatasetRegistration> {
+        let mut registration = DatasetRegistration {
+            network: *network,
+            node: self.id(),
+            dataset: self.dataset(),
+            evaluation_frames: EVALUATION_FRAMES,
+            leaves: Digest::default(),
+            episodes: vec![Episode {
+                digest: Digest(bytes_of(self.seed, 0)),
+                frames: EVALUATION_FRAMES,
+            }],
+        };
+        registration.leaves = blob_digest(&list(&registration, &self.leaves()));
+        Signed::new(registration, &self.key)
+    }
+
+    /// The list of drawn frames of [`Self::registration`], the same in all networks, because all its frames are drawn.
+    pub fn list(&self) -> Vec<u8> {
+        let registration = self.registration(&Digest::default());
+        list(&registration.statement, &self.leaves())
+    }
+
+    /// Its request to upload `bytes` in this round.
+    pub fn upload_request(&self, network: &Digest, round: u64, bytes: &[u8]) -> UploadRequest {
+        UploadRequest {
+            network: *network,
+            round,
+            node: self.id(),
+            blob: blob_digest(bytes),
+            size: bytes.len() as u64,
+        }
+    }
+
+    /// Its commitment to this update.
+    pub fn commitment(&self, network: &Digest, round: u64, update: &[u8]) -> UpdateCommitment {
+        UpdateCommitment {
+            network: *network,
+            round,
+            node: self.id(),
+            dataset_root: self.dataset().root,
+            update: digest(update),
+            eval_samples: 4,
+        }
+    }
+
+    /// The claim that the ledger expects, with losses that it would hold for.
+    pub fn claim_of(&self, expected: ExpectedClaim) -> Claim {
+        let mut claim = expected.with(Losses::Disclosed {
+            before: 1000,
+            after: 900,
+            elements: 10,
+        });
+        claim.terms.node = self.id();
+        claim
+    }
+
+    /// A submission of this claim with this proof, which the node signs.
+    pub fn submission(&self, claim: Claim, proof: &[u8]) -> Signed<Submission> {
+        let proof = blob_digest(proof);
+        Signed::new(Submission { claim, proof }, &self.key)
+    }
+}
+
+/// The list of a registration's drawn frames, with these leaves in order. If there are fewer leaves than frames, it ends early.
+pub fn list(registration: &DatasetRegistration, leaves: &[Digest]) -> Vec<u8> {
+    let DatasetRegistration {
+        network,
+        episodes,
+        evaluation_frames,
+        ..
+    } = registration;
+    let frames = draw(network, episodes, *evaluation_frames).unwrap();
+    let drawn = frames.into_iter().zip(leaves);
+    let drawn = drawn.map(|(frame, leaf)| DrawnLeaf { frame, leaf: *leaf });
+    list_bytes(&drawn.collect::<Vec<_>>())
+}
+
+/// Bytes that belong to a node.
+fn bytes_of(seed: u16, number: u8) -> [u8; 32] {
+    let [low, high] = seed.to_le_bytes();
+    let mut bytes = [low ^ number; 32];
+    bytes[0] ^= high;
+    bytes
+}

@@ -1,0 +1,224 @@
+//! What a node asks a network for. Each request says what the test tells it to say.
+
+use super::{list, Network, Node};
+use tonic::{Code, Status};
+use zk0_circuits::{Claim, Digest};
+use zk0_protocol::entries::signed::{
+    DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest,
+};
+use zk0_protocol::request_head::Method;
+use zk0_protocol::rpc::federation as proto;
+use zk0_protocol::rpc::federation::upload_chunk::Part;
+
+impl Node {
+    /// Registers its dataset.
+    pub async fn register(&self, network: &Network) -> Result<proto::Receipt, Status> {
+        self.register_as(
+            network,
+            &self.registration(&network.genesis.network_id()),
+            &self.leaves(),
+        )
+        .await
+    }
+
+    /// Registers a dataset with this registration, and a list of drawn frames with these leaves.
+    pub async fn register_as(
+        &self,
+        network: &Network,
+        registration: &Signed<DatasetRegistration>,
+        leaves: &[Digest],
+    ) -> Result<proto::Receipt, Status> {
+        let leaves = list(&registration.statement, leaves);
+        let request = self.registering(network, registration, leaves);
+        let reply = network.client().await.register_dataset(request).await?;
+        Ok(reply.into_inner())
+    }
+
+    /// A request with this registration, and this list of drawn frames.
+    pub fn registering(
+        &self,
+        network: &Network,
+        registration: &Signed<DatasetRegistration>,
+        leaves: Vec<u8>,
+    ) -> tonic::Request<proto::RegisterDatasetRequest> {
+        let statement = borsh::to_vec(registration).unwrap();
+        let message = proto::RegisterDatasetRequest {
+            registration: statement.clone(),
+            leaves,
+        };
+        network.request(
+            &self.key,
+            Method::RegisterDataset,
+            None,
+            &statement,
+            message,
+        )
+    }
+
+    /// A request that uploads `stream`, which begins with `request`.
+    pub fn uploading<T>(
+        &self,
+        network: &Network,
+        request: &Signed<UploadRequest>,
+        stream: T,
+    ) -> tonic::Request<T> {
+        let statement = borsh::to_vec(request).unwrap();
+        let round = Some(request.statement.round);
+        network.request(&self.key, Method::Upload, round, &statement, stream)
+    }
+
+    /// Uploads `bytes`.
+    pub async fn upload(&self, network: &Network, round: u64, bytes: &[u8]) -> Result<(), Status> {
+        let request = Signed::new(
+            self.upload_request(&network.genesis.network_id(), round, bytes),
+            &self.key,
+        );
+        self.upload_as(network, &request, bytes).await
+    }
+
+    /// Uploads `bytes` with this request.
+    pub async fn upload_as(
+        &self,
+        network: &Network,
+        request: &Signed<UploadRequest>,
+        bytes: &[u8],
+    ) -> Result<(), Status> {
+        self.go_on(network, request, bytes, 0).await
+    }
+
+    /// Uploads `bytes` from number `begins` on.
+    pub async fn go_on(
+        &self,
+        network: &Network,
+        request: &Signed<UploadRequest>,
+        bytes: &[u8],
+        begins: usize,
+    ) -> Result<(), Status> {
+        let first = proto::UploadChunk {
+            part: Some(Part::Request(borsh::to_vec(request).unwrap())),
+            begins: begins as u64,
+        };
+        let data = bytes[begins..].chunks(1000).map(|data| proto::UploadChunk {
+            part: Some(Part::Data(data.to_vec())),
+            begins: 0,
+        });
+        let parts: Vec<_> = std::iter::once(first).chain(data).collect();
+        let request = self.uploading(network, request, tokio_stream::iter(parts));
+        network.client().await.upload(request).await?;
+        Ok(())
+    }
+
+    /// How many bytes of this upload the aggregator says that it has.
+    pub async fn held(
+        &self,
+        network: &Network,
+        request: &Signed<UploadRequest>,
+    ) -> Result<u64, Status> {
+        Ok(self.upload_info(network, request).await?.held)
+    }
+
+    /// What the aggregator says of this upload.
+    pub async fn upload_info(
+        &self,
+        network: &Network,
+        request: &Signed<UploadRequest>,
+    ) -> Result<proto::UploadInfo, Status> {
+        let request = proto::GetUploadRequest {
+            request: borsh::to_vec(request).unwrap(),
+        };
+        let info = network.client().await.get_upload(request).await?;
+        Ok(info.into_inner())
+    }
+
+    /// Says that the update is in the store.
+    pub async fn stored(
+        &self,
+        network: &Network,
+        request: &Signed<UploadRequest>,
+    ) -> Result<(), Status> {
+        let first = proto::UploadChunk {
+            part: Some(Part::Stored(borsh::to_vec(request).unwrap())),
+            begins: 0,
+        };
+        let request = self.uploading(network, request, tokio_stream::once(first));
+        network.client().await.upload(request).await?;
+        Ok(())
+    }
+
+    /// Commits to this update.
+    pub async fn commit(
+        &self,
+        network: &Network,
+        round: u64,
+        update: &[u8],
+    ) -> Result<proto::Receipt, Status> {
+        let commitment = Signed::new(
+            self.commitment(&network.genesis.network_id(), round, update),
+            &self.key,
+        );
+        self.commit_as(network, &commitment).await
+    }
+
+    /// Sends this commitment.
+    pub async fn commit_as(
+        &self,
+        network: &Network,
+        commitment: &Signed<UpdateCommitment>,
+    ) -> Result<proto::Receipt, Status> {
+        let statement = borsh::to_vec(commitment).unwrap();
+        let message = proto::CommitRequest {
+            commitment: statement.clone(),
+        };
+        let round = Some(commitment.statement.round);
+        let request = network.request(&self.key, Method::Commit, round, &statement, message);
+        Ok(network.client().await.commit(request).await?.into_inner())
+    }
+
+    /// Waits for the randomness, and returns the claim that the ledger expects, with losses that the claim would hold for.
+    pub async fn claim(&self, network: &Network) -> Claim {
+        network.drawn().await;
+        let node = self.id();
+        let expected = network
+            .service()
+            .with(move |aggregator| Ok(aggregator.state().expected_claim(&node)?))
+            .await
+            .unwrap();
+        self.claim_of(expected)
+    }
+
+    /// Submits this claim with this proof.
+    pub async fn submit(
+        &self,
+        network: &Network,
+        claim: Claim,
+        proof: &[u8],
+    ) -> Result<proto::SubmitReply, Status> {
+        self.submit_as(network, &self.submission(claim, proof), proof)
+            .await
+    }
+
+    /// Sends this submission with this proof.
+    pub async fn submit_as(
+        &self,
+        network: &Network,
+        submission: &Signed<Submission>,
+        proof: &[u8],
+    ) -> Result<proto::SubmitReply, Status> {
+        let statement = borsh::to_vec(submission).unwrap();
+        let message = proto::SubmitRequest {
+            submission: statement.clone(),
+            proof: proof.to_vec(),
+        };
+        let round = Some(submission.statement.claim.terms.round);
+        let request = network.request(&self.key, Method::Submit, round, &statement, message);
+        Ok(network.client().await.submit(request).await?.into_inner())
+    }
+}
+
+/// Asserts that the request is refused with this code and these words.
+#[track_caller]
+pub fn refused<T: std::fmt::Debug>(result: Result<T, Status>, code: Code, words: &str) {
+    let status = result.unwrap_err();
+    assert_eq!(status.code(), code, "{status}");
+    assert!(status.message().contains(words), "{status}");
+}

@@ -1,0 +1,79 @@
+//! A published log from a database with any leaves, at any size, and a source of its files that can lie.
+
+use crate::network::log::ORIGIN;
+use crate::network::log_key;
+use std::collections::BTreeMap;
+use std::io::{Cursor, Read};
+use zk0_ledger::published::source::{Source, SourceError};
+use zk0_ledger::published::tiles;
+use zk0_ledger::store::{Batch, Store};
+use zk0_protocol::tlog::layout::Resource;
+use zk0_protocol::tlog::tree::Frontier;
+use zk0_protocol::Checkpoint;
+
+/// A database with these leaves.
+pub struct Shelf {
+    _dir: tempfile::TempDir,
+    /// The database.
+    pub store: Store,
+}
+
+impl Shelf {
+    /// Writes a database with these leaves, and a checkpoint of each size.
+    pub fn of(leaves: &[Vec<u8>]) -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let store = Store::open(dir.path()).unwrap();
+        let mut tree = Frontier::default();
+        for (index, leaf) in leaves.iter().enumerate() {
+            let hashes = tree.push(leaf).unwrap();
+            let root = tree.root().unwrap();
+            let size = index as u64 + 1;
+            let text = Checkpoint { size, root }.sign(ORIGIN, &log_key()).unwrap();
+            let mut batch = Batch::default();
+            batch.entry(index as u64, leaf, &hashes);
+            batch.checkpoint(size, &text);
+            store.commit(batch).unwrap();
+        }
+        Self { _dir: dir, store }
+    }
+
+    /// The checkpoint of the first `size` leaves.
+    pub fn checkpoint(&self, size: u64) -> Checkpoint {
+        let root = self.store.root(size).unwrap();
+        Checkpoint { size, root }
+    }
+
+    /// Returns what a log publishes of the first `size` leaves.
+    pub fn at(&self, size: u64) -> Shown<'_> {
+        Shown {
+            store: &self.store,
+            size,
+            instead: BTreeMap::new(),
+        }
+    }
+}
+
+/// The log at one size; `instead` replaces files, or hides them.
+pub struct Shown<'a> {
+    /// The database of the whole log.
+    pub store: &'a Store,
+    /// How many leaves are shown.
+    pub size: u64,
+    /// What is read in place of files. `None` hides a file.
+    pub instead: BTreeMap<String, Option<Vec<u8>>>,
+}
+
+impl Source for Shown<'_> {
+    fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError> {
+        if let Some(instead) = self.instead.get(path) {
+            let bytes = instead.clone();
+            return Ok(bytes.map(|bytes| Box::new(Cursor::new(bytes)) as Box<dyn Read>));
+        }
+        let bytes = match Resource::parse(path) {
+            Some(Resource::Checkpoint) => self.store.checkpoint(self.size).unwrap(),
+            Some(Resource::Tile(tile)) => tiles::read(self.store, self.size, &tile).unwrap(),
+            _ => None,
+        };
+        Ok(bytes.map(|bytes| Box::new(Cursor::new(bytes)) as Box<dyn Read>))
+    }
+}

@@ -1,0 +1,44 @@
+//! What the tests and benches of several crates share. Nothing here is part of `zk0`.
+//!
+//! - What watches a test: [`allocations`] counts what a program allocates, [`fuzzing`] gives readers the inputs that fuzzing found,
+//!   and [`own_process`] runs a test alone.
+//! - What is tested with: [`claims`] and [`cheats`], the history of a [`network`], its [`ledgers`] on disk, a serving [`aggregator`] and
+//!   [`sockets`] that pester it, [`members`] of a network, an [`s3`] server, a [`local_hub`], [`recordings`] and [`made_recording`]s, a
+//!   [`micro_network`] for them, [`weight_claims`], a reader of [`event_files`], and a port of a test's own ([`own_port`]).
+//! - [`changed_copy`]: a copy of the sources, in which code is changed and tests run.
+//!
+//! Each of them that needs another crate of ours is behind a feature of its name.
+
+#[cfg(feature = "aggregator")]
+pub mod aggregator;
+pub mod allocations;
+pub mod changed_copy;
+#[cfg(feature = "claims")]
+pub mod cheats;
+#[cfg(feature = "claims")]
+pub mod claims;
+#[cfg(feature = "event_files")]
+pub mod event_files;
+pub mod fuzzing;
+#[cfg(feature = "ledgers")]
+pub mod ledgers;
+#[cfg(feature = "local_hub")]
+pub mod local_hub;
+#[cfg(feature = "made_recording")]
+pub mod made_recording;
+#[cfg(feature = "members")]
+pub mod members;
+#[cfg(feature = "micro_network")]
+pub mod micro_network;
+#[cfg(feature = "network")]
+pub mod network;
+pub mod own_port;
+pub mod own_process;
+#[cfg(feature = "recordings")]
+pub mod recordings;
+#[cfg(feature = "s3")]
+pub mod s3;
+#[cfg(feature = "aggregator")]
+pub mod sockets;
+#[cfg(feature = "weight_claims")]
+pub mod weight_claims;

@@ -1,0 +1,153 @@
+//! Nodes that a program speaks for with the node's own client. Their datasets are made up, and their updates are any bytes: nobody looks into an
+//! update before its submission.
+
+use ed25519_dalek::SigningKey;
+use serde_json::Value;
+use sha2::{Digest as _, Sha256};
+use std::fs;
+use std::path::Path;
+use zk0_audit::verified_entries::verified_entries;
+use zk0_circuits::vm::merkle;
+use zk0_circuits::{DatasetCommitment, Digest, NodeId, WeightsDigest};
+use zk0_node::client::Node;
+use zk0_node::client_error::NodeError;
+use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
+use zk0_protocol::evaluation_set::{draw, list_bytes, DrawnLeaf};
+
+/// Frames of a made-up dataset. All of them are drawn.
+const FRAMES: u32 = 10;
+
+/// On how many samples an update is to be evaluated.
+const EVAL_SAMPLES: u32 = 4;
+
+/// The node with this number.
+#[derive(Clone, Copy)]
+pub struct Member(pub u16);
+
+impl Member {
+    fn key(self) -> SigningKey {
+        SigningKey::from_bytes(&self.bytes(0).0)
+    }
+
+    /// Its identity.
+    pub fn id(self) -> NodeId {
+        NodeId(self.key().verifying_key().to_bytes())
+    }
+
+    fn bytes(self, number: u64) -> Digest {
+        let text = format!("member {} {number}", self.0);
+        Digest(Sha256::digest(text).into())
+    }
+
+    fn leaves(self) -> Vec<Digest> {
+        (0..u64::from(FRAMES)).map(|at| self.bytes(at)).collect()
+    }
+
+    fn dataset(self) -> DatasetCommitment {
+        DatasetCommitment {
+            root: merkle::root(&self.leaves()),
+            samples: FRAMES.into(),
+            feature_spec: Digest([1; 32]),
+            salt_commitment: self.bytes(0),
+        }
+    }
+
+    /// Connects to the aggregator, and puts a dataset on the ledger.
+    pub async fn join(self, aggregator: &str, network: Digest) -> Node {
+        let node = Node::connect(aggregator.to_owned(), network, self.key());
+        let mut node = node.await.unwrap();
+        let episodes = vec![Episode {
+            digest: self.bytes(0),
+            frames: FRAMES,
+        }];
+        let drawn = draw(&network, &episodes, FRAMES).unwrap();
+        let drawn = drawn.into_iter().zip(self.leaves());
+        let drawn: Vec<_> = drawn
+            .map(|(frame, leaf)| DrawnLeaf { frame, leaf })
+            .collect();
+        let list = list_bytes(&drawn);
+        let registration = DatasetRegistration {
+            network,
+            node: self.id(),
+            dataset: self.dataset(),
+            evaluation_frames: FRAMES,
+            leaves: Digest(Sha256::digest(&list).into()),
+            episodes,
+        };
+        node.register(registration, list).await.unwrap();
+        node
+    }
+
+    /// An update of so many bytes. No other member has the same.
+    pub fn update(self, bytes: usize) -> Vec<u8> {
+        let mut update = vec![self.0 as u8; bytes];
+        for (number, block) in update.chunks_mut(4096).enumerate() {
+            let tag = self.bytes(number as u64).0;
+            let shown = block.len().min(tag.len());
+            block[..shown].copy_from_slice(&tag[..shown]);
+        }
+        update
+    }
+
+    /// Puts an update into the first round.
+    pub async fn upload(self, node: &mut Node, update: Vec<u8>) -> Result<Digest, NodeError> {
+        let blob = Digest(Sha256::digest(&update).into());
+        node.upload(0, update).await?;
+        Ok(blob)
+    }
+
+    /// Commits in the first round to an update that is uploaded.
+    pub async fn commit(self, node: &mut Node, blob: Digest) -> Result<(), NodeError> {
+        let update = WeightsDigest {
+            blob,
+            quantised: self.bytes(1),
+        };
+        let root = self.dataset().root;
+        node.commit(0, &root, &update, EVAL_SAMPLES).await?;
+        Ok(())
+    }
+}
+
+/// Founds a network of these members in the folder `dir`, in `ledger` beside `log.key`, with room for updates of so many bytes. `run` runs the
+/// program with arguments, and returns what it prints. Returns the network's id.
+pub fn found(
+    dir: &Path,
+    members: &[Member],
+    bytes: u64,
+    run: impl Fn(&[&str]) -> String,
+) -> Digest {
+    let path = |name: &str| dir.join(name).to_str().unwrap().to_owned();
+    let key = path("log.key");
+    run(&["aggregator", "keygen", &key]);
+    let mut rules: Value = serde_json::from_str(&run(&["aggregator", "rules"])).unwrap();
+    for (rule, value) in [
+        ("min_dataset_samples", 4),
+        ("min_eval_samples", EVAL_SAMPLES.into()),
+        ("evaluation_frames", FRAMES.into()),
+        ("max_update_bytes", bytes.max(1 << 20)),
+        // A round with commitments and no submissions ends soon.
+        ("submit_window_ms", 1000),
+        ("commit_window_ms", 3_600_000),
+    ] {
+        assert!(rules[rule].is_u64(), "{rule}");
+        rules[rule] = value.into();
+    }
+    fs::write(path("rules.json"), rules.to_string()).unwrap();
+    let (ledger, rules) = (path("ledger"), path("rules.json"));
+    let founding = ["aggregator", "init", &ledger, "--name", "members"];
+    let with = ["--key", &key, "--rules", &rules];
+    let named = members.iter().map(|one| format!("m{}={}", one.0, one.id()));
+    let named: Vec<_> = named.flat_map(|name| ["--node".to_owned(), name]).collect();
+    let named: Vec<_> = named.iter().map(String::as_str).collect();
+    run(&[&founding[..], &with, &named].concat());
+    match verified_entries(&dir.join("ledger"))
+        .unwrap()
+        .0
+        .remove(0)
+        .body
+    {
+        Body::Genesis(genesis) => genesis.network_id(),
+        other => panic!("{other:?}"),
+    }
+}

@@ -1,0 +1,177 @@
+//! The fixtures' recordings, and copies of them to damage.
+
+pub mod mp4_writer;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use arrow_array::{ArrayRef, RecordBatch};
+use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
+use parquet::arrow::ArrowWriter;
+use tempfile::TempDir;
+use zk0_lerobot::dataset::{Dataset, DatasetError, Frame};
+
+/// What a recording in v3.0 says of itself.
+pub const INFO: &str = "meta/info.json";
+/// Its statistics.
+pub const STATS: &str = "meta/stats.json";
+/// Its rows.
+pub const DATA: &str = "data/chunk-000/file-000.parquet";
+/// The video of one of its cameras.
+pub const TOP: &str = "videos/observation.images.top/chunk-000/file-000.mp4";
+
+/// The folder of what is committed for tests.
+pub fn fixtures() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures")
+}
+
+/// The folder of a committed recording.
+pub fn recording(name: &str) -> PathBuf {
+    fixtures().join("datasets").join(name)
+}
+
+/// Opens a committed recording.
+pub fn open(name: &str) -> Dataset {
+    Dataset::open(recording(name)).unwrap()
+}
+
+/// All frames in order; ends after the first error.
+pub fn frames(
+    dataset: &Dataset,
+    chunk: usize,
+) -> impl Iterator<Item = Result<Frame, DatasetError>> + '_ {
+    let (mut loader, mut failed) = (dataset.loader(chunk).unwrap(), false);
+    (0..dataset.len()).map_while(move |index| {
+        let frame = (!failed).then(|| loader.frame(index))?;
+        failed = frame.is_err();
+        Some(frame)
+    })
+}
+
+/// A copy of a recording to damage.
+pub struct Copy(TempDir);
+
+impl Default for Copy {
+    /// Copies a good recording in v3.0.
+    fn default() -> Self {
+        Self::of("so100_pickplace")
+    }
+}
+
+impl Copy {
+    /// Copies the recording of this name.
+    pub fn of(name: &str) -> Self {
+        fn copy(from: &Path, to: &Path) {
+            fs::create_dir_all(to).unwrap();
+            for entry in fs::read_dir(from).unwrap() {
+                let entry = entry.unwrap();
+                let to = to.join(entry.file_name());
+                if entry.file_type().unwrap().is_dir() {
+                    copy(&entry.path(), &to);
+                } else {
+                    fs::write(to, fs::read(entry.path()).unwrap()).unwrap();
+                }
+            }
+        }
+        let dir = tempfile::tempdir().unwrap();
+        copy(&recording(name), dir.path());
+        Self(dir)
+    }
+
+    /// Its folder.
+    pub fn root(&self) -> &Path {
+        self.0.path()
+    }
+
+    /// Where one of its files is.
+    pub fn path(&self, file: &str) -> PathBuf {
+        self.0.path().join(file)
+    }
+
+    /// Changes the bytes of a file.
+    pub fn edit(&self, file: &str, change: impl FnOnce(Vec<u8>) -> Vec<u8>) {
+        let path = self.path(file);
+        fs::write(&path, change(fs::read(&path).unwrap())).unwrap();
+    }
+
+    /// Replaces a text that a file has.
+    pub fn edit_text(&self, file: &str, from: &str, to: &str) {
+        self.edit(file, |bytes| {
+            let text = String::from_utf8(bytes).unwrap();
+            assert!(text.contains(from), "{from} is not in {file}");
+            text.replacen(from, to, 1).into_bytes()
+        });
+    }
+
+    /// Rewrites the table of a parquet file. `change` gets all rows in one batch, and returns the new batches.
+    pub fn edit_table(&self, file: &str, change: impl FnOnce(RecordBatch) -> Vec<RecordBatch>) {
+        let path = self.path(file);
+        let reader = ParquetRecordBatchReaderBuilder::try_new(fs::File::open(&path).unwrap())
+            .unwrap()
+            .with_batch_size(1 << 20)
+            .build()
+            .unwrap();
+        let whole: Vec<RecordBatch> = reader.map(Result::unwrap).collect();
+        let [whole] = &whole[..] else {
+            panic!("{file} has several batches")
+        };
+        let batches = change(whole.clone());
+        let file = fs::File::create(&path).unwrap();
+        let mut writer = ArrowWriter::try_new(file, batches[0].schema(), None).unwrap();
+        for batch in &batches {
+            writer.write(batch).unwrap();
+        }
+        writer.close().unwrap();
+    }
+
+    /// Rewrites the data file's table.
+    pub fn edit_rows(&self, change: impl FnOnce(RecordBatch) -> RecordBatch) {
+        self.edit_table(DATA, |rows| vec![change(rows)]);
+    }
+
+    /// Opens the copy.
+    pub fn open(&self) -> Result<Dataset, DatasetError> {
+        Dataset::open(self.0.path())
+    }
+
+    /// Returns the error of opening and reading everything.
+    pub fn error(&self) -> DatasetError {
+        let dataset = match self.open() {
+            Ok(dataset) => dataset,
+            Err(e) => return e,
+        };
+        let mut frames = frames(&dataset, 10);
+        frames
+            .find_map(Result::err)
+            .expect("the damage went unnoticed")
+    }
+
+    /// Expects an error that names `file` and says `cause`.
+    #[track_caller]
+    pub fn fails(&self, file: &str, cause: &str) {
+        let message = self.error().to_string();
+        let path = self.path(file);
+        assert!(
+            message.contains(path.to_str().unwrap()) && message.contains(cause),
+            "expected {file} and {cause:?} in: {message}"
+        );
+    }
+}
+
+/// Returns the rows with other values in one column.
+pub fn with_column(batch: RecordBatch, name: &str, column: ArrayRef) -> RecordBatch {
+    let schema = batch.schema();
+    let columns = schema.fields().iter().enumerate().map(|(i, field)| {
+        let replaced = field.name() == name;
+        let column = if replaced { &column } else { batch.column(i) };
+        (field.name().clone(), column.clone())
+    });
+    RecordBatch::try_from_iter(columns.collect::<Vec<_>>()).unwrap()
+}
+
+/// Overwrites bytes of the `nth` box of this kind, from `skip` bytes after its name on.
+pub fn patch(bytes: &mut [u8], kind: &[u8; 4], nth: usize, skip: usize, value: &[u8]) {
+    let mut named = bytes.windows(4).enumerate().filter(|(_, w)| w == kind);
+    let at = named.nth(nth).unwrap().0 + 4 + skip;
+    bytes[at..at + value.len()].copy_from_slice(value);
+}

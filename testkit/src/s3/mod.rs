@@ -1,0 +1,259 @@
+//! A real S3 server on loopback (`s3s-fs`, which keeps objects as files), and a network in front of it that fails. It can also stand for a server of
+//! Google Cloud Storage.
+
+pub mod failing_network;
+mod google;
+
+use self::failing_network::FailingNetwork;
+use crate::own_port::OwnPort;
+use std::env;
+use std::fs;
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+use tempfile::TempDir;
+
+const ACCESS_KEY: &str = "zk0-tests";
+const SECRET_KEY: &str = "a secret of the tests";
+
+/// The bucket that exists.
+pub const BUCKET: &str = "blobs";
+
+/// Sends a request with a body to an address of HTTP, and returns the status of the answer.
+pub fn send(method: &str, address: &str, body: &[u8]) -> u16 {
+    send_in_parts(method, address, &[body], Duration::ZERO)
+}
+
+/// The same with so much time after each part of the body.
+pub fn send_in_parts(method: &str, address: &str, body: &[&[u8]], apart: Duration) -> u16 {
+    let (host, path) = address
+        .strip_prefix("http://")
+        .unwrap()
+        .split_once('/')
+        .unwrap();
+    let mut server = TcpStream::connect(host).unwrap();
+    let length: usize = body.iter().map(|part| part.len()).sum();
+    let head = format!(
+        "{method} /{path} HTTP/1.1\r\nhost: {host}\r\ncontent-length: {length}\r\nconnection: close\r\n\r\n"
+    );
+    server.write_all(head.as_bytes()).unwrap();
+    for part in body {
+        // Who is refused may be cut off before the end.
+        let _ = server.write_all(part);
+        sleep(apart);
+    }
+    let mut answer = Vec::new();
+    let _ = server.read_to_end(&mut answer);
+    let status = String::from_utf8_lossy(&answer);
+    let status = status.split(' ').nth(1).unwrap_or_default();
+    status.parse().unwrap_or(0)
+}
+
+/// A serving S3 server, ended when it is dropped.
+pub struct S3 {
+    process: Child,
+    root: TempDir,
+    port: OwnPort,
+    speaks: Speaks,
+    /// The network between the server and its clients.
+    pub network: FailingNetwork,
+}
+
+/// Whose protocol the clients of the server speak.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Speaks {
+    Amazons,
+    Googles,
+}
+
+/// Where the server's program is.
+fn program() -> Option<PathBuf> {
+    let home = env::var_os("CARGO_HOME").map(PathBuf::from);
+    let home = home.or_else(|| Some(PathBuf::from(env::var_os("HOME")?).join(".cargo")));
+    let installed = home.map(|home| home.join("bin"));
+    let path = env::var_os("PATH").unwrap_or_default();
+    env::split_paths(&path)
+        .chain(installed)
+        .map(|folder| folder.join("s3s-fs"))
+        .find(|program| program.is_file())
+}
+
+/// Starts a server of the buckets in `root`, and returns its port. The server cannot say which port it took, so it gets one.
+fn started(program: &Path, credentials: &[&str], root: &Path) -> (Child, OwnPort) {
+    let port = OwnPort::take();
+    let process = Command::new(program)
+        .args(["--host", "127.0.0.1", "--port", &port.number().to_string()])
+        .args(credentials)
+        .arg(root)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let begun = Instant::now();
+    while TcpStream::connect(port.address()).is_err() {
+        assert!(
+            begun.elapsed() < Duration::from_secs(20),
+            "s3s-fs does not serve"
+        );
+        sleep(Duration::from_millis(20));
+    }
+    (process, port)
+}
+
+/// A server of the same buckets that asks nobody who he is, ended when it is dropped.
+pub struct OpenToAll {
+    process: Child,
+    port: OwnPort,
+}
+
+impl OpenToAll {
+    /// The address of what is under a prefix in the bucket.
+    pub fn url(&self, prefix: &str) -> String {
+        format!("http://{}/{BUCKET}/{prefix}", self.port.address())
+    }
+}
+
+impl Drop for OpenToAll {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+impl S3 {
+    /// Starts a server, or returns `None` after saying how to get it.
+    pub fn start() -> Option<Self> {
+        Self::speaking(Speaks::Amazons)
+    }
+
+    /// Starts a server for clients of Google Cloud Storage, or returns `None` after saying how to get it. It asks nobody who he is, and verifies
+    /// no signature.
+    pub fn start_as_google() -> Option<Self> {
+        google::key()?;
+        Self::speaking(Speaks::Googles)
+    }
+
+    fn speaking(speaks: Speaks) -> Option<Self> {
+        let Some(program) = program() else {
+            eprintln!("SKIPPED: there is no s3s-fs here; `scripts/setup.sh guest` installs it");
+            return None;
+        };
+        let root = tempfile::tempdir().unwrap();
+        fs::create_dir(root.path().join(BUCKET)).unwrap();
+        let credentials = ["--access-key", ACCESS_KEY, "--secret-key", SECRET_KEY];
+        let (credentials, translation): (&[&str], _) = match speaks {
+            Speaks::Amazons => (&credentials, None),
+            Speaks::Googles => (&[], Some(google::TO_S3)),
+        };
+        let (process, port) = started(&program, credentials, root.path());
+        Some(Self {
+            process,
+            root,
+            network: FailingNetwork::in_front_of(port.number(), translation),
+            port,
+            speaks,
+        })
+    }
+
+    /// What tells a client where the server is, and who the client is.
+    pub fn variables(&self) -> Vec<(String, String)> {
+        match self.speaks {
+            Speaks::Amazons => self.variables_with(SECRET_KEY),
+            Speaks::Googles => google::variables(&self.network.address()),
+        }
+    }
+
+    /// The same, past the network that fails. Nothing is between the server and its clients then.
+    pub fn variables_without_network(&self) -> Vec<(String, String)> {
+        let mut variables = self.variables();
+        for (name, value) in &mut variables {
+            if name == "AWS_ENDPOINT" {
+                *value = format!("http://{}", self.port.address());
+            }
+        }
+        variables
+    }
+
+    /// The same with another secret.
+    pub fn variables_with(&self, secret: &str) -> Vec<(String, String)> {
+        [
+            ("AWS_ACCESS_KEY_ID", ACCESS_KEY),
+            ("AWS_SECRET_ACCESS_KEY", secret),
+            ("AWS_ENDPOINT", &self.network.address()),
+            ("AWS_ALLOW_HTTP", "true"),
+        ]
+        .map(|(name, value)| (name.to_owned(), value.to_owned()))
+        .into()
+    }
+
+    /// The number of the server's process.
+    pub fn process(&self) -> u32 {
+        self.process.id()
+    }
+
+    /// The address of a prefix in the bucket.
+    pub fn address(&self, prefix: &str) -> String {
+        let scheme = match self.speaks {
+            Speaks::Amazons => "s3",
+            Speaks::Googles => "gs",
+        };
+        format!("{scheme}://{BUCKET}/{prefix}")
+    }
+
+    /// The file in which the server keeps a blob.
+    pub fn file(&self, prefix: &str, blob: impl ToString) -> PathBuf {
+        self.folder(prefix).join(blob.to_string())
+    }
+
+    /// The folder in which the server keeps blobs.
+    pub fn folder(&self, prefix: &str) -> PathBuf {
+        self.root(prefix).join("blobs").join("sha256")
+    }
+
+    /// The folder in which the server keeps what is under a prefix.
+    pub fn root(&self, prefix: &str) -> PathBuf {
+        self.root.path().join(BUCKET).join(prefix)
+    }
+
+    /// How many objects there are under a prefix.
+    pub fn objects(&self, prefix: &str) -> usize {
+        fn files(folder: &Path) -> usize {
+            let Ok(found) = fs::read_dir(folder) else {
+                return 0;
+            };
+            let paths = found.map(|file| file.unwrap().path());
+            paths
+                .map(|path| if path.is_dir() { files(&path) } else { 1 })
+                .sum()
+        }
+        files(&self.root(prefix))
+    }
+
+    /// Lets anybody read what is in the bucket, as the owner of a real one may.
+    pub fn open_to_all(&self) -> OpenToAll {
+        let program = program().unwrap();
+        let (process, port) = started(&program, &[], self.root.path());
+        OpenToAll { process, port }
+    }
+
+    /// How many files of unfinished uploads the server has.
+    pub fn unfinished(&self) -> usize {
+        let files = fs::read_dir(self.root.path()).unwrap();
+        files
+            .filter(|file| {
+                let name = file.as_ref().unwrap().file_name();
+                name.to_string_lossy().contains(".part-")
+            })
+            .count()
+    }
+}
+
+impl Drop for S3 {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}

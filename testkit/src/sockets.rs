@@ -1,0 +1,69 @@
+//! Connections without HTTP, from any address of loopback.
+
+use std::time::Duration;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpSocket, TcpStream};
+use tokio::time::timeout;
+
+/// What every client of HTTP/2 sends first, and an empty frame of settings.
+pub const PREFACE: &[u8] = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0\x04\0\0\0\0\0";
+
+/// Connects to `url` from 127.0.`network`.`host`.
+pub async fn from([network, host]: [u8; 2], url: &str) -> TcpStream {
+    let socket = TcpSocket::new_v4().unwrap();
+    socket.bind(([127, 0, network, host], 0).into()).unwrap();
+    let address = url.strip_prefix("http://").unwrap();
+    socket.connect(address.parse().unwrap()).await.unwrap()
+}
+
+/// Like [`from`], and begins to speak HTTP/2.
+pub async fn speaking(address: [u8; 2], url: &str) -> TcpStream {
+    let mut stream = from(address, url).await;
+    stream.write_all(PREFACE).await.unwrap();
+    stream
+}
+
+/// Whether the server closes the connection within this time.
+pub async fn closes(stream: &mut TcpStream, within: Duration) -> bool {
+    let mut buffer = [0; 1024];
+    timeout(within, async {
+        while !matches!(stream.read(&mut buffer).await, Ok(0) | Err(_)) {}
+    })
+    .await
+    .is_ok()
+}
+
+/// Whether the server has closed the connection, or does so at once.
+pub async fn closed(stream: &mut TcpStream) -> bool {
+    closes(stream, Duration::from_millis(200)).await
+}
+
+/// Begins a request on `stream` with a message of 4 MiB, of which nothing more comes. The headers are in HPACK's literal form.
+pub async fn begin_large_message(stream: &mut TcpStream) {
+    let mut headers = Vec::new();
+    for (name, value) in [
+        (":method", "POST"),
+        (":scheme", "http"),
+        (":path", "/zk0.v1.Federation/Commit"),
+        (":authority", "x"),
+        ("content-type", "application/grpc"),
+        ("te", "trailers"),
+    ] {
+        headers.push(0);
+        for text in [name, value] {
+            headers.push(text.len() as u8);
+            headers.extend_from_slice(text.as_bytes());
+        }
+    }
+    let frame = |kind: u8, flags: u8, payload: &[u8]| {
+        let length = (payload.len() as u32).to_be_bytes();
+        [&length[1..], &[kind, flags, 0, 0, 0, 1], payload].concat()
+    };
+    let prefix = [&[0][..], &(4u32 << 20).to_be_bytes()].concat();
+    let begun = [
+        PREFACE.to_vec(),
+        frame(1, 4, &headers),
+        frame(0, 0, &prefix),
+    ];
+    stream.write_all(&begun.concat()).await.unwrap();
+}

@@ -1,0 +1,10 @@
+mod accepted_alone;
+mod combining;
+mod flower;
+mod made;
+mod malformed_proofs;
+mod moments;
+mod public_samples;
+mod streaming;
+mod unread_weights;
+mod weight_claims;

@@ -1,0 +1,4 @@
+//! The tests of the files of weights.
+
+mod files;
+mod unread;
