@@ -439,7 +439,7 @@ pub const REMOVALS: &[Removal] = &[
         ..audited(
             "an import goes on where the folder of its database was left empty",
             "ledger/src/published/mirror.rs",
-            &[(".join(\"CURRENT\").exists()", ".exists()")],
+            &[("Store::is_in(&folder::database(dir))", "folder::database(dir).exists()")],
             "an_audit_says_the_same_wherever_the_ledger_is_read",
         )
     },
