@@ -4,6 +4,7 @@
 mod ended;
 #[path = "../harness/mod.rs"]
 mod harness;
+mod processor;
 mod replay;
 mod report;
 mod show;
