@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Installs what building zk0 needs and this machine lacks: system packages, and a Rust toolchain where none is recent enough.
-# It knows Debian and Ubuntu, and uses sudo when it does not run as root. Arguments add to that:
+# It knows Debian and Ubuntu, and uses sudo when it does not run as root. Arguments change that:
 #
+#   light      only what an auditor's program needs
 #   guest      what rebuilds the guest programs, and what some tests want: Go, strace, iproute2 and an S3 server
 #   lint       what scripts/lint runs: rustfmt, clippy and cargo-deny
 #   coverage   what scripts/coverage runs: cargo-llvm-cov and LLVM's tools
@@ -11,8 +12,12 @@
 #   rollout    what draws pictures for scripts/rollout without a display, and reads videos
 set -euo pipefail
 
-packages=(gcc g++ make pkg-config git protobuf-compiler libprotobuf-dev clang libclang-dev cmake nasm)
 here=$(dirname "$(readlink -f "$0")")
+arguments=$*
+wanted() { [[ " $arguments " == *" $1 "* ]]; }
+
+packages=(gcc libc6-dev)
+wanted light || packages=(gcc g++ make pkg-config git protobuf-compiler libprotobuf-dev clang libclang-dev cmake nasm)
 
 install() {
     local missing=() package
@@ -26,8 +31,9 @@ install() {
         sudo=(sudo)
     fi
     echo "setup: installing ${missing[*]}" >&2
-    "${sudo[@]}" apt-get update -qq
-    "${sudo[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+    "${sudo[@]}" apt-get update -qq &&
+        "${sudo[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null ||
+        { echo "setup: this needs the network, for packages of Debian or Ubuntu: ${missing[*]}" >&2; return 1; }
 }
 
 if [ "$(uname -m)" = x86_64 ] && [ -z "${RUSTFLAGS:-}" ] && ! grep -qw avx2 /proc/cpuinfo; then
@@ -49,13 +55,11 @@ if ! "$here/with-rust" true 2>/dev/null; then
         install rustc-web cargo-web
     else
         install curl ca-certificates
-        curl --proto '=https' --tlsv1.2 -sSf https://sh.rustup.rs | sh -s -- -y --profile minimal
+        curl --proto '=https' --tlsv1.2 -sSf https://sh.rustup.rs | sh -s -- -y --profile minimal ||
+            { echo "setup: this needs the network, for Rust's toolchain from rustup.rs" >&2; exit 1; }
     fi
     "$here/with-rust" true
 fi
-
-wanted() { [[ " $arguments " == *" $1 "* ]]; }
-arguments=$*
 
 # Installs a program of crates.io into cargo's own folder, if cargo does not find one. It is built for a quick build rather
 # than a quick program, outside the target folder.
