@@ -3,7 +3,7 @@
 # It knows Debian and Ubuntu, and uses sudo when it does not run as root. Arguments change that:
 #
 #   light      only what an auditor's program needs
-#   guest      what rebuilds the guest programs, and what some tests want: Go, strace, iproute2 and an S3 server
+#   guest      what rebuilds the guest programs, and what some tests want: Go, strace, iproute2, qemu-user and an S3 server
 #   lint       what scripts/lint runs: rustfmt, clippy and cargo-deny
 #   coverage   what scripts/coverage runs: cargo-llvm-cov and LLVM's tools
 #   cuda       what scripts/with-cuda needs
@@ -94,6 +94,8 @@ if wanted guest; then
     install strace || echo "setup: strace cannot be installed here, so the tests do not make the ledger's writes fail" >&2
     # With ip and unshare, a test cuts the network between an aggregator and a node. Without them it says so.
     install iproute2 util-linux || echo "setup: iproute2 cannot be installed here, so no test cuts a network" >&2
+    # With qemu-x86_64, a test runs the program on an old processor. Without it, the test says so.
+    install qemu-user || echo "setup: qemu-user cannot be installed here, so no test has a processor without AVX2" >&2
     # A real S3 server, which keeps objects as files. Without it the tests of buckets say that they did not run.
     install_cargo s3s-fs --version 0.13.0 --features binary ||
         echo "setup: s3s-fs cannot be installed here, so no blobs are kept in a bucket of S3 by the tests" >&2
