@@ -20,7 +20,7 @@ packages=(gcc libc6-dev)
 wanted light || packages=(gcc g++ make pkg-config git protobuf-compiler libprotobuf-dev clang libclang-dev cmake nasm)
 
 install() {
-    local missing=() package
+    local missing=() package why
     for package in "$@"; do
         [ "$(dpkg-query -W -f='${db:Status-Status}' "$package" 2>/dev/null)" = installed ] || missing+=("$package")
     done
@@ -31,9 +31,9 @@ install() {
         sudo=(sudo)
     fi
     echo "setup: installing ${missing[*]}" >&2
-    "${sudo[@]}" apt-get update -qq &&
-        "${sudo[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null ||
-        { echo "setup: this needs the network, for packages of Debian or Ubuntu: ${missing[*]}" >&2; return 1; }
+    why=$({ "${sudo[@]}" apt-get update -qq &&
+        "${sudo[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}"; } 2>&1 >/dev/null) ||
+        { echo "setup: this needs the network, for packages of Debian or Ubuntu: ${missing[*]} (${why##*$'\n'})" >&2; return 1; }
 }
 
 if [ "$(uname -m)" = x86_64 ] && [ -z "${RUSTFLAGS:-}" ] && ! grep -qw avx2 /proc/cpuinfo; then
