@@ -1,5 +1,5 @@
-# `make demo` runs a federation whose updates are proven, and `make test` runs every check and test. Each target installs what it
-# needs. CONTRIBUTING.md says which target is for what.
+# `make look` audits a committed ledger, `make demo` runs a federation whose updates are proven, and `make test` runs every check and test. Each target
+# installs what it needs. CONTRIBUTING.md says which target is for what.
 
 ROUNDS ?= 1
 NODES ?= 3
@@ -13,7 +13,13 @@ RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 SUDO := $(if $(filter-out 0,$(shell id -u)),sudo)
 
-.PHONY: demo test deletions attacks mutants quick lint coverage setup build image guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load bench-simulate cuda network flower rollout units buckets
+.PHONY: look demo test deletions attacks mutants quick lint coverage setup build image guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load bench-simulate cuda network flower rollout units buckets
+
+# Audits the committed ledger, which holds real proofs, and shows the report. It builds an auditor's program, without a prover, in the place of the
+# whole one: `make build` builds that again.
+look:
+	@scripts/setup.sh light
+	@scripts/look
 
 demo: build
 	$(ZK0) demo --rounds $(ROUNDS) --nodes $(NODES)

@@ -14,10 +14,14 @@ stolen=$fixtures/proof.bin
 
 results=$(echo "$out"/*)
 accepted=$(grep -A20 '"accepted": true' "$results/metrics.json" | sed -n 's/.*"proof": "\([0-9a-f]*\)".*/\1/p' | head -n 1)
-rm -rf "$fixtures/ledger" "$fixtures/keys" "$fixtures/node-1"
+rm -rf "$fixtures/ledger" "$fixtures/export" "$fixtures/keys" "$fixtures/node-1"
 cp -r "$results/network" "$fixtures/ledger"
 # RocksDB's own log and lock are not part of the ledger, and name this machine's folders.
 rm -f "$fixtures"/ledger/log/LOG* "$fixtures"/ledger/log/LOCK
+# What the ledger publishes. Its blobs are the ledger's own.
+"$zk0" ledger export "$results/network" "$fixtures/export"
+rm -r "$fixtures/export/blobs"
+ln -s ../ledger/blobs "$fixtures/export/blobs"
 cp "$results/network/blobs/sha256/$accepted" "$fixtures/proof.bin"
 cp "$results/loss.png" docs/demo.png
 

@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # Installs what building zk0 needs and this machine lacks: system packages, and a Rust toolchain where none is recent enough.
-# It knows Debian and Ubuntu, and uses sudo when it does not run as root. Arguments add to that:
+# It knows Debian and Ubuntu, and uses sudo when it does not run as root. Arguments change that:
 #
-#   guest      what rebuilds the guest programs, and what some tests want: Go, strace, iproute2 and an S3 server
+#   light      only what an auditor's program needs
+#   guest      what rebuilds the guest programs, and what some tests want: Go, strace, iproute2, qemu-user and an S3 server
 #   lint       what scripts/lint runs: rustfmt, clippy and cargo-deny
 #   coverage   what scripts/coverage runs: cargo-llvm-cov and LLVM's tools
 #   mutants    what `make mutants` runs: cargo-mutants
@@ -12,11 +13,15 @@
 #   rollout    what draws pictures for scripts/rollout without a display, and reads videos
 set -euo pipefail
 
-packages=(gcc g++ make pkg-config git protobuf-compiler libprotobuf-dev clang libclang-dev cmake nasm)
 here=$(dirname "$(readlink -f "$0")")
+arguments=$*
+wanted() { [[ " $arguments " == *" $1 "* ]]; }
+
+packages=(gcc libc6-dev)
+wanted light || packages=(gcc g++ make pkg-config git protobuf-compiler libprotobuf-dev clang libclang-dev cmake nasm)
 
 install() {
-    local missing=() package
+    local missing=() package why
     for package in "$@"; do
         [ "$(dpkg-query -W -f='${db:Status-Status}' "$package" 2>/dev/null)" = installed ] || missing+=("$package")
     done
@@ -27,8 +32,9 @@ install() {
         sudo=(sudo)
     fi
     echo "setup: installing ${missing[*]}" >&2
-    "${sudo[@]}" apt-get update -qq
-    "${sudo[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
+    why=$({ "${sudo[@]}" apt-get update -qq &&
+        "${sudo[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}"; } 2>&1 >/dev/null) ||
+        { echo "setup: this needs the network, for packages of Debian or Ubuntu: ${missing[*]} (${why##*$'\n'})" >&2; return 1; }
 }
 
 if [ "$(uname -m)" = x86_64 ] && [ -z "${RUSTFLAGS:-}" ] && ! grep -qw avx2 /proc/cpuinfo; then
@@ -50,13 +56,11 @@ if ! "$here/with-rust" true 2>/dev/null; then
         install rustc-web cargo-web
     else
         install curl ca-certificates
-        curl --proto '=https' --tlsv1.2 -sSf https://sh.rustup.rs | sh -s -- -y --profile minimal
+        curl --proto '=https' --tlsv1.2 -sSf https://sh.rustup.rs | sh -s -- -y --profile minimal ||
+            { echo "setup: this needs the network, for Rust's toolchain from rustup.rs" >&2; exit 1; }
     fi
     "$here/with-rust" true
 fi
-
-wanted() { [[ " $arguments " == *" $1 "* ]]; }
-arguments=$*
 
 # Installs a program of crates.io into cargo's own folder, if cargo does not find one. It is built for a quick build rather
 # than a quick program, outside the target folder.
@@ -104,6 +108,8 @@ if wanted guest; then
     install strace || echo "setup: strace cannot be installed here, so the tests do not make the ledger's writes fail" >&2
     # With ip and unshare, a test cuts the network between an aggregator and a node. Without them it says so.
     install iproute2 util-linux || echo "setup: iproute2 cannot be installed here, so no test cuts a network" >&2
+    # With qemu-x86_64, a test runs the program on an old processor. Without it, the test says so.
+    install qemu-user || echo "setup: qemu-user cannot be installed here, so no test has a processor without AVX2" >&2
     # A real S3 server, which keeps objects as files. Without it the tests of buckets say that they did not run.
     install_cargo s3s-fs --version 0.13.0 --features binary ||
         echo "setup: s3s-fs cannot be installed here, so no blobs are kept in a bucket of S3 by the tests" >&2

@@ -2,6 +2,9 @@
 //! line. `zk0 audit replay` also has 3 for an incomplete audit. It, `zk0 audit watch`, `zk0 audit recording` and `zk0 audit verify-proof`
 //! have 4 for an error, which is no verdict.
 
+#[cfg(all(target_os = "linux", target_arch = "x86_64", target_feature = "avx2"))]
+mod processor;
+
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 #[cfg(feature = "full")]

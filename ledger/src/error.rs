@@ -2,7 +2,7 @@
 
 use crate::blobs::BlobError;
 use crate::clock::ClockError;
-use rocksdb::ErrorKind;
+use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 use tlog_tiles::tlog::Error as TreeError;
@@ -92,9 +92,12 @@ pub enum LedgerError {
     /// The tree's hashes are missing or wrong.
     #[error("tree: {0}")]
     Tree(String),
+    /// The folder has a database of RocksDB, which an auditor's build does not read.
+    #[error("{0} has a database of RocksDB, which this build of zk0 cannot read: name an export of the ledger (`zk0 ledger export`) or the address of the served log, or build zk0 with RocksDB (`cargo build --release --locked -p zk0 --no-default-features --features audit,rocksdb`)")]
+    NeedsRocksDb(PathBuf),
     /// The database failed.
-    #[error("database: {}{}", .0, if_damaged(.0))]
-    Database(#[from] rocksdb::Error),
+    #[error("database: {0}")]
+    Database(#[from] DatabaseError),
     /// A blob cannot be read or written.
     #[error(transparent)]
     Blob(#[from] BlobError),
@@ -103,12 +106,52 @@ pub enum LedgerError {
     Io { path: PathBuf, error: io::Error },
 }
 
+/// Why the database failed, whichever it is.
+#[derive(Debug)]
+pub struct DatabaseError {
+    failure: Failure,
+    text: String,
+}
+
+/// What has failed in a database.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Failure {
+    /// The disk, or the file system.
+    OfDisk,
+    /// Its files are missing or damaged.
+    Damaged,
+    /// Anything else.
+    Other,
+}
+
+impl DatabaseError {
+    pub(crate) fn new(failure: Failure, text: impl ToString) -> Self {
+        let text = text.to_string();
+        Self { failure, text }
+    }
+}
+
+impl fmt::Display for DatabaseError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text)?;
+        match self.failure {
+            Failure::Damaged => f.write_str(
+                ". If files of the database are missing or damaged, restore the newest copy",
+            ),
+            Failure::OfDisk | Failure::Other => Ok(()),
+        }
+    }
+}
+
+impl std::error::Error for DatabaseError {}
+
 impl LedgerError {
-    /// Whether a disk has failed, which says nothing about the ledger.
-    pub(crate) fn is_of_disk(&self) -> bool {
+    /// Whether the ledger cannot be read here and now, which says nothing about it: a disk has failed, another process writes to it, or this
+    /// build lacks its database.
+    pub(crate) fn is_of_reading(&self) -> bool {
         match self {
-            Self::Io { .. } => true,
-            Self::Database(error) => error.kind() == ErrorKind::IOError,
+            Self::Io { .. } | Self::Locked(_) | Self::NeedsRocksDb(_) => true,
+            Self::Database(error) => error.failure == Failure::OfDisk,
             _ => false,
         }
     }
@@ -119,16 +162,6 @@ fn if_published(published: u64, size: u64) -> &'static str {
     match published < size {
         true => "If the aggregator was killed, start it once. If this is a copy and `zk0 ledger import` was interrupted there, run it again",
         false => "The database was rolled back or damaged: restore the newest copy",
-    }
-}
-
-/// What to do where the files of a database are missing or damaged.
-fn if_damaged(error: &rocksdb::Error) -> &'static str {
-    match error.kind() {
-        ErrorKind::Corruption | ErrorKind::InvalidArgument => {
-            ". If files of the database are missing or damaged, restore the newest copy"
-        }
-        _ => "",
     }
 }
 

@@ -1,7 +1,7 @@
 //! The storage of a network: the log on disk, the blobs beside it, backups, mirrors, and replay.
 //!
 //! [`zk0_protocol`] defines the entries and which entry may come next. This crate stores and reads them. A short tour:
-//! - [`log`]: the log on disk, over [`store`] (RocksDB) and [`folder`]; [`group`]: entries that are written together; [`blobs`]: files
+//! - [`log`]: the log on disk, over [`store`] (RocksDB, or plain files) and [`folder`]; [`group`]: entries that are written together; [`blobs`]: files
 //!   beside the log, named by their SHA-256; [`clock`]: whether the writer's clock is right.
 //! - [`replay`]: an auditor reads and verifies everything again.
 //! - [`published`]: the log as others read it, and mirrors of it; [`backup`]: copies of a ledger's folder, and how one is restored.

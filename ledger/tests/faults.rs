@@ -4,7 +4,7 @@
 //! `cargo test --release --workspace --test ledger faults::` tries every ninth call, and with `-- --include-ignored` every call.
 
 use crate::network::scenario::{
-    check, child, said, scratch as memory, strace, Said, ENTRIES, STOPPED,
+    check, child, said, scratch as memory, strace, Said, ENTRIES, PLAIN, STOPPED,
 };
 use crate::network::*;
 use ed25519_dalek::SigningKey;
@@ -57,12 +57,12 @@ fn traced(calls: &str, log: &Path) -> Vec<String> {
 
 /// Returns the calls that the scenario makes. Each has its number among those of the same name and thread, because strace counts
 /// this way. Calls that load the program are left out.
-fn calls() -> Vec<(String, u64)> {
+fn calls(folder: &str) -> Vec<(String, u64)> {
     let scratch = memory();
     let log = scratch.path().join("calls");
     // With a `writev`, the scenario says that it begins.
     let traced = traced(&format!("{CALLS},writev"), &log);
-    let output = child(&scratch.path().join("ledger"), &traced);
+    let output = child(&scratch.path().join(folder), &traced);
     let complained = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{}: {complained}", output.status);
     assert_eq!(said(&output.stdout).receipts.len(), ENTRIES);
@@ -87,16 +87,16 @@ fn calls() -> Vec<(String, u64)> {
     calls.into_iter().collect()
 }
 
-/// Runs the scenario with `fault` at every `stride`th of its calls.
-fn sweep(fault: Fault, first: usize, stride: usize) {
+/// Runs the scenario in the folder of this name, with `fault` at every `stride`th of its calls.
+fn sweep(folder: &str, fault: Fault, first: usize, stride: usize) {
     if strace().is_none() {
         return;
     }
-    let calls = calls();
+    let calls = calls(folder);
     let (mut runs, mut acknowledging, mut stopped) = (0, 0, 0);
     for (call, count) in calls.iter().skip(first).step_by(stride) {
         let scratch = memory();
-        let dir = scratch.path().join("ledger");
+        let dir = scratch.path().join(folder);
         let output = child(&dir, &fault.at(call, *count));
         let when = format!("{fault:?} at {call} {count}");
         let (said, status) = (said(&output.stdout), output.status);
@@ -126,17 +126,23 @@ fn sweep(fault: Fault, first: usize, stride: usize) {
 
 #[test]
 fn killed_at_any_write_it_loses_nothing_and_never_forks() {
-    sweep(Fault::Kill, 5, 9);
+    sweep("ledger", Fault::Kill, 5, 9);
+}
+
+#[test]
+fn plain_files_lose_nothing_at_any_write() {
+    sweep(PLAIN, Fault::Kill, 2, 3);
+    sweep(PLAIN, Fault::Fails("EIO"), 1, 3);
 }
 
 #[test]
 fn a_write_that_fails_stops_the_ledger_and_loses_nothing() {
-    sweep(Fault::Fails("EIO"), 7, 9);
+    sweep("ledger", Fault::Fails("EIO"), 7, 9);
 }
 
 #[test]
 fn a_disk_that_fills_up_stops_the_ledger_and_loses_nothing() {
-    sweep(Fault::FailsFromNow("ENOSPC"), 3, 9);
+    sweep("ledger", Fault::FailsFromNow("ENOSPC"), 3, 9);
 }
 
 #[test]
@@ -149,7 +155,8 @@ fn every_write_killed_and_failed() {
         Fault::FailsFromNow("ENOSPC"),
         Fault::FailsFromNow("EIO"),
     ] {
-        sweep(fault, 0, 1);
+        sweep("ledger", fault, 0, 1);
+        sweep(PLAIN, fault, 0, 1);
     }
 }
 

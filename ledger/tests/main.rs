@@ -12,4 +12,5 @@ mod refused_input;
 mod replaying;
 mod tamper;
 mod witnesses;
+mod without_rocksdb;
 mod writer_clock;

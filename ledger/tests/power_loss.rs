@@ -2,7 +2,7 @@
 //! with strace, and puts together the disk as it may be after a failure at any of these moments. Everything that was acknowledged has
 //! to be there, and the log must have signed only one history.
 
-use crate::network::scenario::{check, child, said, scratch as memory, strace, ENTRIES};
+use crate::network::scenario::{check, child, said, scratch as memory, strace, ENTRIES, PLAIN};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -245,6 +245,16 @@ impl Disk {
 
 #[test]
 fn after_a_power_failure_all_that_was_acknowledged_is_there() {
+    power_fails_in("ledger");
+}
+
+#[test]
+fn after_a_power_failure_plain_files_have_all_that_was_acknowledged() {
+    power_fails_in(PLAIN);
+}
+
+/// The power fails at every moment of the scenario in the folder of this name.
+fn power_fails_in(folder: &str) {
     let Some(strace) = strace() else { return };
     let scratch = memory();
     let (root, log) = (scratch.path().join("disk"), scratch.path().join("calls"));
@@ -264,7 +274,7 @@ fn after_a_power_failure_all_that_was_acknowledged_is_there() {
         &format!("trace={CALLS}"),
     ];
     // The folder above the ledger's is new, too.
-    let output = child(&root.join("new/ledger"), &wrapper.map(String::from));
+    let output = child(&root.join("new").join(folder), &wrapper.map(String::from));
     let complained = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{complained}");
 
@@ -296,7 +306,7 @@ fn after_a_power_failure_all_that_was_acknowledged_is_there() {
                 "power fails after call {at} ({}), left: {left:?}",
                 call.name
             );
-            check(&found.path().join("new/ledger"), &said, &when);
+            check(&found.path().join("new").join(folder), &said, &when);
             failures += 1;
         }
     }

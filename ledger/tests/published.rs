@@ -9,8 +9,9 @@ use ct_merkle::mem_backed_tree::MemoryBackedTree;
 use ct_merkle::InclusionProof;
 use proptest::prelude::*;
 use sha2_11::Sha256;
+use std::collections::BTreeMap;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use zk0_ledger::folder;
 use zk0_ledger::log::Ledger;
 use zk0_ledger::published::export::{export, ExportError};
@@ -418,4 +419,32 @@ fn a_damaged_blob_keeps_nothing_else_back_from_an_export_and_is_no_blob_of_a_mir
         panic!("{refused}");
     };
     assert!(matches!(error, BlobError::WrongDigest { .. }), "{error}");
+}
+
+/// All files below a folder.
+fn files(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    for entry in fs::read_dir(dir).unwrap() {
+        let path = entry.unwrap().path();
+        let name = PathBuf::from(path.file_name().unwrap());
+        match path.is_dir() {
+            true => found.extend(
+                files(&path)
+                    .into_iter()
+                    .map(|(below, bytes)| (name.join(below), bytes)),
+            ),
+            false => drop(found.insert(name, fs::read(&path).unwrap())),
+        }
+    }
+    found
+}
+
+#[test]
+fn the_committed_export_is_what_the_committed_ledger_publishes() {
+    let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures");
+    let view = Publication::open(&fixtures.join("ledger"), None).unwrap();
+    let out = tempfile::tempdir().unwrap();
+    export(&view, out.path()).unwrap();
+    let (committed, now) = (files(&fixtures.join("export")), files(out.path()));
+    assert!(committed == now, "{:?} {:?}", committed.keys(), now.keys());
 }

@@ -2,6 +2,7 @@
 //! hostile names and whose log forks.
 
 mod ended;
+mod processor;
 mod replay;
 mod report;
 mod show;

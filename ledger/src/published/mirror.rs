@@ -144,8 +144,8 @@ pub(crate) fn mirror_with(
     policy: Option<&WitnessPolicy>,
     network: Option<&Digest>,
 ) -> Result<Mirrored, MirrorError> {
-    // If this file is missing, an import was killed while RocksDB was making the database. This import makes it anew.
-    let begun = folder::database(dir).join("CURRENT").exists();
+    // If there is none, an import was perhaps killed while it made the database. This import makes it anew.
+    let begun = Store::is_in(&folder::database(dir));
     let known = match begun {
         true => Store::open_read_only(&folder::database(dir))?.entry(0)?,
         false => None,

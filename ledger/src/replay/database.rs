@@ -51,7 +51,7 @@ pub fn is_unread(dir: &Path, error: &LedgerError) -> bool {
         LedgerError::OtherPublished {
             published, size, ..
         } => published < size && is_earlier(dir, *published).unwrap_or(false),
-        error => error.is_of_disk(),
+        error => error.is_of_reading(),
     }
 }
 

@@ -81,9 +81,9 @@ impl Finding {
         }
     }
 
-    /// What an error in reading the ledger says about it: a fault, unless a disk has failed.
+    /// What an error in reading the ledger says about it: a fault, unless it just cannot be read.
     pub(crate) fn of_error(index: impl Into<Option<u64>>, error: &LedgerError) -> Self {
-        match error.is_of_disk() {
+        match error.is_of_reading() {
             true => Self::not_checked(index, error.to_string()),
             false => Self::fault(index, error.to_string()),
         }

@@ -6,9 +6,24 @@ pub mod scenario;
 pub use zk0_testkit::ledgers::{rounds, shelf};
 pub use zk0_testkit::network::*;
 
+use sha2::{Digest, Sha256};
+use std::io;
+use std::path::Path;
+use zk0_files::atomic_file::{self, create_folder};
+use zk0_ledger::folder::database;
 use zk0_ledger::group::Wanted;
 use zk0_ledger::{Ledger, LedgerError};
 use zk0_protocol::{Body, Receipt, RuleViolation};
+
+/// Puts an empty database of plain files where the ledger in `dir` has its own. It then goes on with that.
+pub fn plain_files(dir: &Path) -> io::Result<()> {
+    create_folder(&database(dir))?;
+    let none = [&[0; 8][..], &Sha256::digest([0; 8])].concat();
+    for (name, content) in [("records", &[][..]), ("ends", &[]), ("size", &none)] {
+        atomic_file::replace(&database(dir).join(name), content)?;
+    }
+    Ok(())
+}
 
 /// Appends several entries as one group.
 pub trait AppendAll {

@@ -100,7 +100,17 @@ fn cosign(dir: &Path, checkpoint: &[u8]) -> Result<(), AddError> {
     Ok(())
 }
 
+/// The name of a folder in which the scenario keeps its database in plain files.
+pub const PLAIN: &str = "plain";
+
 fn scenario(dir: &Path) -> Result<(), LedgerError> {
+    if dir.ends_with(PLAIN) {
+        let failed = |error| LedgerError::Io {
+            path: dir.into(),
+            error,
+        };
+        plain_files(dir).map_err(failed)?;
+    }
     let (mut ledger, receipt) = Ledger::create(dir, genesis(), log_key(), T0)?;
     acknowledge(&receipt);
     let network = *ledger.state().network();

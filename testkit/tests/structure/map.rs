@@ -59,6 +59,7 @@ const LIGHT: [(&str, &[&str]); 8] = [
             "sp1-sdk",
             "sp1-prover",
             "candle-core",
+            "rocksdb",
             "tonic",
             "tokio-rustls",
             "rcgen",

@@ -1,0 +1,23 @@
+//! An auditor's old processor.
+
+use super::harness::{logged, printed};
+use std::process::Command;
+
+#[test]
+fn a_processor_without_avx2_is_named_with_the_remedy() {
+    let mut old = Command::new("qemu-x86_64");
+    old.args(["-cpu", "Westmere", env!("CARGO_BIN_EXE_zk0"), "--version"]);
+    let Ok(output) = old.output() else {
+        eprintln!("SKIPPED: there is no qemu-x86_64 here; `apt-get install qemu-user`");
+        return;
+    };
+    let said = logged(&output);
+    match cfg!(target_feature = "avx2") {
+        true => {
+            assert_eq!(output.status.code(), Some(4), "{said}");
+            assert!(said.contains("-C target-cpu=x86-64"), "{said}");
+            assert_eq!(said.lines().count(), 1, "{said}");
+        }
+        false => assert!(printed(&output).starts_with("zk0 "), "{said}"),
+    }
+}
