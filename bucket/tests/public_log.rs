@@ -132,9 +132,7 @@ fn a_file_in_a_folder_has_its_bytes_on_the_disk_before_its_name() {
         .as_ref()
         .is_err_and(|error| error.kind() == io::ErrorKind::NotFound)
     {
-        eprintln!(
-            "SKIPPED: there is no strace here; `apt-get install strace`, or scripts/setup.sh guest"
-        );
+        zk0_testkit::skipped::skipped("there is no strace; scripts/setup.sh guest installs it");
         return;
     }
     assert!(traced.unwrap().success());

@@ -204,7 +204,7 @@ fn a_full_disk_stops_the_ledger_and_with_room_again_it_goes_on() {
         mount.is_ok_and(|output| output.status.success())
     };
     if !mount(&["-t", "tmpfs", "-o", "size=10m", "tmpfs"]) {
-        eprintln!("SKIPPED: mounting a small disk needs root");
+        zk0_testkit::skipped::skipped("mounting a small disk needs root");
         return;
     }
     let filled = std::panic::catch_unwind(|| {

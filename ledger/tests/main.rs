@@ -11,6 +11,6 @@ mod published;
 mod refused_input;
 mod replaying;
 mod tamper;
-mod witnesses;
 mod without_rocksdb;
+mod witnesses;
 mod writer_clock;

@@ -1,7 +1,7 @@
 //! What the tests and benches of several crates share. Nothing here is part of `zk0`.
 //!
 //! - What watches a test: [`allocations`] counts what a program allocates, [`fuzzing`] gives readers the inputs that fuzzing found,
-//!   and [`own_process`] runs a test alone.
+//!   [`own_process`] runs a test alone, and [`skipped`] says which cannot run here.
 //! - What is tested with: [`claims`] and [`cheats`], the history of a [`network`], its [`ledgers`] on disk, a serving [`aggregator`] and
 //!   [`sockets`] that pester it, [`members`] of a network, an [`s3`] server, a [`local_hub`], [`recordings`] and [`made_recording`]s, a
 //!   [`micro_network`] for them, [`weight_claims`], a reader of [`event_files`], and a port of a test's own ([`own_port`]).
@@ -38,6 +38,7 @@ pub mod own_process;
 pub mod recordings;
 #[cfg(feature = "s3")]
 pub mod s3;
+pub mod skipped;
 #[cfg(feature = "aggregator")]
 pub mod sockets;
 #[cfg(feature = "weight_claims")]

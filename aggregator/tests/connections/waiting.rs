@@ -13,7 +13,7 @@ const COME: u64 = 1_500;
 async fn connections_that_are_not_taken_yet_wait() -> Test {
     let allowed = std::fs::read_to_string("/proc/sys/net/core/somaxconn")?;
     if allowed.trim().parse::<u64>()? < COME {
-        eprintln!("SKIPPED: net.core.somaxconn is {}", allowed.trim());
+        zk0_testkit::skipped::skipped(format!("net.core.somaxconn is {}", allowed.trim()));
         return Ok(());
     }
     rlimit::increase_nofile_limit(u64::MAX)?; // Other tests of this process open many files, too

@@ -48,9 +48,7 @@ fn blobs(dir: &Path) -> BTreeSet<std::ffi::OsString> {
 #[test]
 fn whoever_is_killed_while_pruning_has_signed_what_is_gone() {
     if Command::new("strace").arg("-V").output().is_err() {
-        eprintln!(
-            "SKIPPED: there is no strace here; `apt-get install strace`, or scripts/setup.sh guest"
-        );
+        zk0_testkit::skipped::skipped("there is no strace; scripts/setup.sh guest installs it");
         return;
     }
     let (whole, now_ms) = four_rounds();

@@ -8,7 +8,9 @@ fn a_processor_without_avx2_is_named_with_the_remedy() {
     let mut old = Command::new("qemu-x86_64");
     old.args(["-cpu", "Westmere", env!("CARGO_BIN_EXE_zk0"), "--version"]);
     let Ok(output) = old.output() else {
-        eprintln!("SKIPPED: there is no qemu-x86_64 here; `apt-get install qemu-user`");
+        zk0_testkit::skipped::skipped(
+            "there is no qemu-x86_64; scripts/setup.sh guest installs it",
+        );
         return;
     };
     let said = logged(&output);

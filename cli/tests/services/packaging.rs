@@ -109,7 +109,7 @@ fn has_analyze() -> bool {
         .output()
         .is_ok();
     if !there {
-        eprintln!("skipped: systemd-analyze is not installed, so the units are not verified");
+        zk0_testkit::skipped::skipped("there is no systemd-analyze, so the units are not verified");
     }
     there
 }

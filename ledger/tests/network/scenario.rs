@@ -281,9 +281,7 @@ pub fn strace() -> Option<PathBuf> {
         .map(|dir| dir.join("strace"))
         .find(|file| file.is_file());
     if found.is_none() {
-        eprintln!(
-            "SKIPPED: there is no strace here; `apt-get install strace`, or scripts/setup.sh guest"
-        );
+        zk0_testkit::skipped::skipped("there is no strace; scripts/setup.sh guest installs it");
     }
     found
 }

@@ -19,7 +19,9 @@ fn build(dir: &Path) -> Option<std::path::PathBuf> {
         .join("src/golang.org/x/mod/sumdb/note")
         .is_dir();
     if !installed || Command::new("go").arg("version").output().is_err() {
-        println!("SKIPPED: install golang-go and golang-golang-x-mod-dev to have Go verify our checkpoints");
+        zk0_testkit::skipped::skipped(
+            "there is no Go with golang-golang-x-mod-dev; scripts/setup.sh guest installs it",
+        );
         return None;
     }
     let program = dir.join("verify");

@@ -2,6 +2,7 @@
 //! No emulator that a package registry has speaks that protocol whole.
 
 use super::failing_network::Translation;
+use crate::skipped::skipped;
 use std::process::Command;
 use std::sync::OnceLock;
 
@@ -49,7 +50,7 @@ pub fn key() -> Option<&'static str> {
             .output();
         let made = made.ok().filter(|made| made.status.success());
         if made.is_none() {
-            eprintln!("SKIPPED: there is no openssl here, which makes a key of a service account");
+            skipped("there is no openssl, which makes a key of a service account");
         }
         Some(String::from_utf8(made?.stdout).unwrap())
     });

@@ -6,6 +6,7 @@ mod google;
 
 use self::failing_network::FailingNetwork;
 use crate::own_port::OwnPort;
+use crate::skipped::skipped;
 use std::env;
 use std::fs;
 use std::io::{Read, Write};
@@ -138,7 +139,7 @@ impl S3 {
 
     fn speaking(speaks: Speaks) -> Option<Self> {
         let Some(program) = program() else {
-            eprintln!("SKIPPED: there is no s3s-fs here; `scripts/setup.sh guest` installs it");
+            skipped("there is no s3s-fs; scripts/setup.sh guest installs it");
             return None;
         };
         let root = tempfile::tempdir().unwrap();
