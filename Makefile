@@ -60,9 +60,8 @@ flower: build
 test:
 	scripts/test
 
-# Removes each check of the protocol, the argument, the verifier, the ledger and the audit from a copy of the sources, and fails where no
-# test fails without it. `make test` does so for the protocol and the guest alone. SP1 is built for the copy, which takes half an hour. From then on, the
-# argument takes a quarter of an hour, and all others 11 minutes.
+# Takes each check of the protocol, the argument and the verifier out of a copy of the sources, and fails where no test fails without it. `make test`
+# does so for the protocol and the guest alone.
 deletions:
 	@scripts/setup.sh guest
 	$(RUST) cargo test --release --workspace --locked --test tree deletions:: -- --include-ignored --nocapture --test-threads 1
