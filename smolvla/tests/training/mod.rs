@@ -2,7 +2,7 @@
 
 mod flow_time;
 mod resuming;
+mod runs;
 mod samples;
 mod scene;
 mod state_projection;
-mod training;
