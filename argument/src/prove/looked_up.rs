@@ -91,13 +91,17 @@ fn mask(tables: &Tables<'_>, number: usize, axes: &[Axis]) -> Vec<i64> {
 /// For each table, in the order of the look-ups that offer one: how often each of its rows is looked up. Of equal rows the last one has it.
 pub fn count(tables: &Tables<'_>) -> Result<Vec<(usize, Vec<i64>)>, NotInTable> {
     let relations: &Relations = tables.relations;
-    let mut rows: FxHashMap<[i64; COLUMNS], (usize, usize)> = FxHashMap::default();
+    let offered = |lookup: &&Lookup| matches!(lookup.count, Count::Offered(_));
+    let sizes = relations.lookups.iter().filter(offered);
+    let sizes = sizes.map(|lookup| 1 << relations.size(&lookup.axes));
+    let mut rows: FxHashMap<[i64; COLUMNS], (u32, u32)> =
+        FxHashMap::with_capacity_and_hasher(sizes.sum(), Default::default());
     let mut counts = vec![];
     for (number, lookup) in relations.lookups.iter().enumerate() {
-        if let Count::Offered(_) = lookup.count {
+        if offered(&lookup) {
             let columns = columns(tables, lookup);
             for index in 0..columns[0].len() {
-                rows.insert(row(&columns, index), (counts.len(), index));
+                rows.insert(row(&columns, index), (counts.len() as u32, index as u32));
             }
             counts.push((number, vec![0; columns[0].len()]));
         }
@@ -109,31 +113,27 @@ pub fn count(tables: &Tables<'_>) -> Result<Vec<(usize, Vec<i64>)>, NotInTable> 
             Count::Masked(public) => Some(mask(tables, public, &lookup.axes)),
         };
         let columns = columns(tables, lookup);
-        // Each core counts a part of the entries.
+        // Each core looks up a part of the entries.
         let entries = columns[0].len();
-        let part = entries.div_ceil(rayon::current_num_threads());
-        let parts = (0..entries).into_par_iter().step_by(part.max(1));
-        let counted = parts.map(|first| {
-            let mut own: Vec<Vec<i64>> = counts.iter().map(|(_, of)| vec![0; of.len()]).collect();
-            for index in first..entries.min(first + part) {
-                if mask.as_ref().is_some_and(|mask| mask[index] == 0) {
-                    continue;
-                }
-                let entry = row(&columns, index);
-                let &(table, row) = rows.get(&entry).ok_or(NotInTable {
-                    lookup: lookup.name,
-                    index,
-                    entry,
-                })?;
-                own[table][row] += 1;
-            }
-            Ok(own)
+        let part = entries.div_ceil(rayon::current_num_threads()).max(1);
+        let parts = (0..entries).into_par_iter().step_by(part);
+        let found = parts.map(|first| {
+            (first..entries.min(first + part))
+                .filter(|&index| mask.as_ref().is_none_or(|mask| mask[index] != 0))
+                .map(|index| {
+                    let entry = row(&columns, index);
+                    rows.get(&entry).copied().ok_or(NotInTable {
+                        lookup: lookup.name,
+                        index,
+                        entry,
+                    })
+                })
+                .collect()
         });
         // The parts are in order, so that the error is about the first entry that no table offers.
-        for own in counted.collect::<Vec<Result<_, NotInTable>>>() {
-            for ((_, counts), own) in counts.iter_mut().zip(own?) {
-                let pairs = counts.iter_mut().zip(own);
-                pairs.for_each(|(count, own)| *count += own);
+        for found in found.collect::<Vec<Result<Vec<(u32, u32)>, NotInTable>>>() {
+            for (table, row) in found? {
+                counts[table as usize].1[row as usize] += 1;
             }
         }
     }
