@@ -1,7 +1,7 @@
 //! Shows for every check of the statement that a cheat passes without the check and fails with it.
 //!
-//! This test builds copies of the crate, each with one check deleted, and tries a cheat (`testkit/src/cheats/`) on each. `deletion/checks.rs`
-//! lists what is deleted.
+//! This test builds a copy of the crate in which each check has a switch that takes it out at run time, and tries a cheat (`testkit/src/cheats/`)
+//! without each. `deletion/checks.rs` lists what is deleted.
 //!
 //! `cargo test --release -p zk0-circuits --test circuits deletion -- --nocapture` prints what is deleted and what passes.
 
@@ -11,29 +11,27 @@ use checks::{Deletion, DELETIONS};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use zk0_testkit::changed_copy::OUT;
 use zk0_testkit::cheats::{try_cheat, CHEATS};
 
 #[test]
 fn every_check_stops_a_cheat() {
     let workspace = Workspace::copy();
-    let sources: Vec<_> = DELETIONS
+    let moved: Vec<String> = DELETIONS
         .iter()
-        .map(|deletion| deletion.apply(&workspace.source(deletion)))
-        .collect();
-    let moved: Vec<&str> = sources
-        .iter()
-        .filter_map(|source| source.as_ref().err().map(String::as_str))
+        .filter_map(|deletion| workspace.switch(deletion).err())
         .collect();
     assert!(moved.is_empty(), "{}", moved.join("\n"));
+    workspace.build();
 
     let mut wrong = vec![];
-    for (deletion, source) in DELETIONS.iter().zip(sources.iter().flatten()) {
+    for deletion in DELETIONS {
         let Deletion { check, cheat, .. } = deletion;
         let with = match try_cheat(cheat) {
             Ok(()) => "accepted".to_string(),
             Err(why) => format!("refused: {why}"),
         };
-        let without = workspace.try_cheat(deletion, source);
+        let without = workspace.try_cheat(deletion);
         println!("{check}\n  deleted   {}", deletion.text());
         println!("  cheat     {cheat}\n  with      {with}\n  without   {without}\n");
         if !with.starts_with("refused: ") || !with.contains(deletion.refused) {
@@ -61,8 +59,6 @@ fn every_cheat_is_used() {
 /// A workspace of this crate and the program that cheats, beside the build that this test is part of.
 struct Workspace {
     folder: PathBuf,
-    /// The crate as it is.
-    sources: PathBuf,
 }
 
 impl Workspace {
@@ -97,33 +93,37 @@ impl Workspace {
         let manifest = manifest.replace(members, "members = [\"circuits\", \"cheats\"]");
         write(&folder.join("Cargo.toml"), manifest + PROFILE);
         write(&folder.join("Cargo.lock"), read(&root.join("Cargo.lock")));
-        Self {
-            folder,
-            sources: here.join("src"),
-        }
+        Self { folder }
     }
 
-    /// Returns the whole text of the file that holds a check.
-    fn source(&self, deletion: &Deletion) -> String {
-        read(&self.sources.join(deletion.file))
-    }
-
-    /// Builds with `source` in place of the file, tries the cheat, and puts the file back. Returns what the program prints.
-    fn try_cheat(&self, deletion: &Deletion, source: &str) -> String {
+    /// Gives a check its switch.
+    fn switch(&self, deletion: &Deletion) -> Result<(), String> {
         let place = self.folder.join("circuits/src").join(deletion.file);
-        write(&place, source);
-        let output = Command::new(env!("CARGO"))
-            .args(["run", "--quiet", "--offline", "--profile", "weakened"])
-            .args(["--package", "cheats", "--", deletion.cheat])
+        write(&place, deletion.switched(&read(&place))?);
+        Ok(())
+    }
+
+    /// Builds the program that cheats.
+    fn build(&self) {
+        let built = Command::new(env!("CARGO"))
+            .args(["build", "--quiet", "--offline", "--profile", "weakened"])
+            .args(["--package", "cheats"])
             .env("CARGO_TARGET_DIR", self.folder.join("target"))
             .current_dir(&self.folder)
+            .status();
+        assert!(built.expect("cargo runs").success());
+    }
+
+    /// Tries the cheat without the check. Returns what the program prints.
+    fn try_cheat(&self, deletion: &Deletion) -> String {
+        let output = Command::new(self.folder.join("target/weakened/cheats"))
+            .arg(deletion.cheat)
+            .env(OUT, deletion.check)
             .output()
-            .expect("cargo runs");
-        write(&place, self.source(deletion));
-        if output.status.success() {
-            String::from_utf8_lossy(&output.stdout).trim().to_string()
-        } else {
-            format!("not tried:\n{}", String::from_utf8_lossy(&output.stderr))
+            .expect("the program runs");
+        match output.status.success() {
+            true => String::from_utf8_lossy(&output.stdout).trim().to_string(),
+            false => format!("not tried:\n{}", String::from_utf8_lossy(&output.stderr)),
         }
     }
 }
@@ -150,14 +150,10 @@ fn write(path: &Path, content: impl AsRef<[u8]>) {
         .unwrap_or_else(|error| panic!("{}: {error}", path.display()));
 }
 
-/// A profile that builds quickly, because most of it is built once. Arithmetic wraps silently, as it does in the guest.
+/// A profile that builds quickly. Arithmetic wraps silently, as it does in the guest.
 const PROFILE: &str = r#"
 [profile.weakened]
 inherits = "release"
-opt-level = 0
-incremental = true
-
-[profile.weakened.package."*"]
 opt-level = 1
 "#;
 

@@ -5,6 +5,21 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+/// The variable of the environment that names the checks which are out, with semicolons between them.
+pub const OUT: &str = "ZK0_OUT";
+
+/// `code`, in which `OUT` stands for the question whether this check is out. So one build serves many checks. Some are in hot loops, so the variable is
+/// read once. It works in crates without the standard library, too.
+pub fn switched(code: &str, check: &str) -> String {
+    let question = format!(
+        "({{ extern crate std; \
+         static OUT: std::sync::LazyLock<bool> = std::sync::LazyLock::new(|| \
+         std::env::var({OUT:?}).is_ok_and(|out| out.split(';').any(|one| one == {check:?}))); \
+         *OUT }})"
+    );
+    code.replace("OUT", &question)
+}
+
 /// Code of one source that is replaced.
 #[derive(Clone, Copy, Debug)]
 pub struct Change {

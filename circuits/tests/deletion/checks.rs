@@ -1,7 +1,10 @@
-//! The checks. Each is a text of the source, and when it is deleted, a cheat passes. Every text must be in the source exactly
-//! once. When the source changes, the text here must change with it.
+//! The checks. Each is a text of the source, and when it is out, a cheat passes. Every text must be in the source exactly once. When the source
+//! changes, the text here must change with it.
 
-/// Code that is deleted or, where an expression is needed, replaced.
+use zk0_testkit::changed_copy::switched;
+
+/// Code that gets a switch which takes a check out at run time, and what stands in its place then: another value, or nothing in place of a statement.
+/// Where the second text has `OUT`, it takes the place of the code, and asks the switch itself.
 type Replacement = (&'static str, &'static str);
 
 /// A check, and the cheat that it stops.
@@ -50,8 +53,8 @@ impl Deletion {
         all.join("; ")
     }
 
-    /// Returns the source without the check, or an error that names the text that is not there exactly once.
-    pub fn apply(&self, source: &str) -> Result<String, String> {
+    /// Returns the source with the switch of this check, or an error that names the text that is not there exactly once.
+    pub fn switched(&self, source: &str) -> Result<String, String> {
         let mut source = source.to_string();
         for (code, left) in self.replacements {
             let found = source.matches(code).count();
@@ -62,11 +65,25 @@ impl Deletion {
                     self.check, self.file
                 ));
             }
-            source = source.replace(code, left);
+            let asked = match *left {
+                "" => format!("if !OUT {{ {code} }}"),
+                left if left.contains("OUT") => left.into(),
+                left => format!("(if OUT {{ {left} }} else {{ {code} }})"),
+            };
+            source = source.replace(code, &switched(&asked, self.check));
         }
         Ok(source)
     }
 }
+
+/// The path of an opening is verified.
+const PATH: &str = "merkle::verify(&dataset.root, dataset.samples, drawn, leaf, path)";
+
+/// It is that of the sample which the node names, and not of the drawn one.
+const PATH_OF_ANOTHER: Replacement = (
+    PATH,
+    "merkle::verify(&dataset.root, dataset.samples, *index, leaf, path)",
+);
 
 /// All checks.
 pub const DELETIONS: &[Deletion] = &[
@@ -98,10 +115,7 @@ pub const DELETIONS: &[Deletion] = &[
     check(
         "drawn index, in the opening and in the path",
         "claim/statement.rs",
-        &[
-            ("*index != drawn", "false"),
-            ("dataset.samples, drawn,", "dataset.samples, *index,"),
-        ],
+        &[("*index != drawn", "false"), PATH_OF_ANOTHER],
         "opens a lucky sample instead",
         "the challenge draws sample",
     ),
@@ -116,7 +130,7 @@ pub const DELETIONS: &[Deletion] = &[
     check(
         "drawn index, in the path alone",
         "claim/statement.rs",
-        &[("dataset.samples, drawn,", "dataset.samples, *index,")],
+        &[PATH_OF_ANOTHER],
         "opens a lucky sample instead",
         "the challenge draws sample",
     )
@@ -124,7 +138,7 @@ pub const DELETIONS: &[Deletion] = &[
     check(
         "Merkle path",
         "claim/statement.rs",
-        &[("!merkle::verify(", "false && !merkle::verify(")],
+        &[(PATH, "true")],
         "invents a sample",
         "its path does not lead to the dataset root",
     ),
@@ -145,7 +159,7 @@ pub const DELETIONS: &[Deletion] = &[
     check(
         "Merkle path: not too long",
         "vm/merkle.rs",
-        &[("if last == 0 {", "if false {")],
+        &[("if last == 0 {", "if !OUT && last == 0 {")],
         "hides more samples than it counts",
         "its path does not lead to the dataset root",
     ),
@@ -186,7 +200,7 @@ pub const DELETIONS: &[Deletion] = &[
     check(
         "sample: zeros behind the last value",
         "vm/values.rs",
-        &[(".all(|&value| value == 0)", ".all(|_| true)")],
+        &[("|&value| value == 0", "|&value| OUT || value == 0")],
         "pads copies of a sample",
         "with zeros as padding",
     ),
@@ -194,14 +208,20 @@ pub const DELETIONS: &[Deletion] = &[
     check(
         "digest of the update",
         "claim/statement.rs",
-        &[(", (Model::Update, terms.update)", "")],
+        &[(
+            "(Model::Update, terms.update)] {",
+            "(Model::Update, terms.update)] { if OUT && model == Model::Update { continue; }",
+        )],
         "evaluates another update",
         "the digest of the update weights is not the one in the terms",
     ),
     check(
         "digest of the base",
         "claim/statement.rs",
-        &[("(Model::Base, terms.base), ", "")],
+        &[(
+            "(Model::Update, terms.update)] {",
+            "(Model::Update, terms.update)] { if OUT && model == Model::Base { continue; }",
+        )],
         "evaluates another base",
         "the digest of the base weights is not the one in the terms",
     ),
@@ -284,7 +304,7 @@ pub const DELETIONS: &[Deletion] = &[
     check(
         "specification: the one that the terms name",
         "claim/statement.rs",
-        &[("match claimed == given {", "match true {")],
+        &[("claimed == given", "true")],
         "evaluates by another specification",
         "the terms name the evaluation specification with digest",
     ),

@@ -1,11 +1,10 @@
 //! A copy of the sources whose checks have switches, and its programs of tests.
 
-use super::switch::VARIABLE;
 use super::Removal;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use zk0_testkit::changed_copy::ChangedCopy;
+use zk0_testkit::changed_copy::{ChangedCopy, OUT};
 
 /// The copy.
 pub struct Copy {
@@ -94,7 +93,7 @@ impl Program {
         let output = Command::new(&self.path)
             .args(self.tests.iter().filter(is_one))
             .arg("--exact")
-            .env(VARIABLE, out)
+            .env(OUT, out)
             .current_dir(&self.folder)
             .output()
             .expect("the program is built");

@@ -92,7 +92,7 @@ impl Removal {
         if !codes.any(|code| code.contains("OUT")) {
             return Err("nothing asks its switch".into());
         }
-        let switched = |code: &str| switch::switched(code, self.check);
+        let switched = |code: &str| zk0_testkit::changed_copy::switched(code, self.check);
         self.change.applied_with(source, switched)
     }
 

@@ -1,22 +1,7 @@
 //! How a check gets a switch that takes it out at run time, so that one build of a copy serves all rows.
 //!
-//! In the code that takes the place of a check, `OUT` stands for the question whether the check is out. As long as it is not, the new code does
-//! what the old code does. The macros are the usual kinds of such code. Each gives pairs of old and new code.
-
-/// The variable of the environment that names the check which is out.
-pub const VARIABLE: &str = "ZK0_OUT";
-
-/// `code`, with the question whether this check is out in place of `OUT`. Some checks are in hot loops, so it reads the variable once. It works
-/// in crates without the standard library, too.
-pub fn switched(code: &str, check: &str) -> String {
-    let question = format!(
-        "({{ extern crate std; \
-         static OUT: std::sync::LazyLock<bool> = \
-         std::sync::LazyLock::new(|| std::env::var({VARIABLE:?}).is_ok_and(|out| out == {check:?})); \
-         *OUT }})"
-    );
-    code.replace("OUT", &question)
-}
+//! In the code that takes the place of a check, `OUT` stands for the question whether the check is out ([`zk0_testkit::changed_copy::switched`]). As long
+//! as it is not, the new code does what the old code does. The macros are the usual kinds of such code. Each gives pairs of old and new code.
 
 /// A condition that never holds without the check.
 macro_rules! never {

@@ -20,18 +20,8 @@ pub enum Outcome {
 pub struct Defence {
     /// What it does, in words.
     pub check: &'static str,
-    /// How the sources get a switch that takes it out: the new code has `OUT` where the switch is asked ([`switch`]).
+    /// How the sources get a switch that takes it out: the new code has `OUT` where the switch is asked ([`zk0_testkit::changed_copy::switched`]).
     pub out: &'static [Change],
-}
-
-/// The variable of the environment that names the defences which are out, as in `PROOF;attacks::nodes::stale_base`.
-pub const WITHOUT: &str = "ZK0_WITHOUT";
-
-/// Code that says whether the defence with this name is out. It works in crates without the standard library, too.
-pub fn switch(name: &str) -> String {
-    format!(
-        "({{ extern crate std; std::env::var(\"{WITHOUT}\").is_ok_and(|out| out.split(';').any(|one| one == \"{name}\")) }})"
-    )
 }
 
 /// What an attack needs of a proof. This test cannot make one: it takes a quarter of an hour. Where the attacker could, it is given one in the

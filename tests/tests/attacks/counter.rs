@@ -4,13 +4,13 @@
 //! copy, each attack is carried out three times: with all defences, where it has to be refused; where the attacker needs a proof, with that
 //! proof, where it has to be refused for its own reason; and without the defence, where it has to **succeed**. Another refusal shows nothing.
 
-use super::attack::{printed, switch, Attack, Outcome, Proof, UNPROVEN, WITHOUT};
+use super::attack::{printed, Attack, Outcome, Proof, UNPROVEN};
 use super::scene::PROOF_OF_ANY_CLAIM;
 use super::table::ATTACKS;
 use serde_json::{json, Value};
 use std::collections::BTreeMap;
 use std::path::Path;
-use zk0_testkit::changed_copy::{Change, ChangedCopy};
+use zk0_testkit::changed_copy::{switched, Change, ChangedCopy, OUT};
 
 /// The name of the switch that gives attackers a proof of their claim.
 const PROOF: &str = "PROOF";
@@ -37,7 +37,7 @@ fn with_switches() -> ChangedCopy {
     let copy = ChangedCopy::of_workspace(Path::new(env!("CARGO_TARGET_TMPDIR")), "attacks");
     let put = |name: &str, changes: &[Change]| {
         for change in changes {
-            let asked = |code: &str| code.replace("OUT", &switch(name));
+            let asked = |code: &str| switched(code, name);
             let done = copy.edit(change.file, |source| change.applied_with(source, asked));
             done.expect("the test of the table says that it fits");
         }
@@ -66,7 +66,7 @@ fn carried_out(
     let tests: Vec<_> = attacks.iter().map(Attack::test).collect();
     let mut arguments: Vec<_> = tests.iter().map(String::as_str).collect();
     arguments.extend(["--exact", "--nocapture", "--test-threads", "1"]);
-    let without = [(WITHOUT, &without.join(";")[..])];
+    let without = [(OUT, &without.join(";")[..])];
     let ran = copy.run("zk0-tests", "system", &arguments, &without);
     let outcome = |attack: &Attack| {
         let not_tried = || format!("not tried: {}{}", ran.printed, ran.errors);
