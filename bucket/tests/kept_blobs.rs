@@ -2,12 +2,12 @@
 
 use crate::cache::{emptied, held};
 use std::collections::BTreeSet;
-use std::fs;
+use std::fs::{self, File};
 use std::io::Read;
 use std::path::Path;
 use std::sync::Barrier;
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 use zk0_bucket::bucket::PART_BYTES;
 use zk0_bucket::waiting::Patience;
 use zk0_bucket::Bucket;
@@ -176,14 +176,17 @@ fn the_folder_shrinks_to_its_limit_and_keeps_what_is_needed_or_only_there() {
     with_stores(|open, _| {
         let dir = tempfile::tempdir().unwrap();
         let blobs = open(dir.path());
+        let begun = SystemTime::now();
         let names: Vec<_> = (0..4u8)
             .map(|number| {
+                let name = blobs.put(&vec![number; 1000]).unwrap();
                 // The times of files have to differ.
-                thread::sleep(Duration::from_millis(20));
-                blobs.put(&vec![number; 1000]).unwrap()
+                let before = Duration::from_secs(10 - u64::from(number));
+                let file = File::open(blobs.path(&name)).unwrap();
+                file.set_modified(begun - before).unwrap();
+                name
             })
             .collect();
-        thread::sleep(Duration::from_millis(20));
         blobs.get(&names[0], LIMIT).unwrap();
         let only_here = Blobs::at(dir.path()).put(&vec![9; 1000]).unwrap();
         let needed = BTreeSet::from([names[1]]);

@@ -14,6 +14,7 @@ use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_protocol::blob::blob_digest;
 use zk0_testkit::s3::failing_network::Fault;
 use zk0_testkit::s3::{send, send_in_parts, S3};
+use zk0_testkit::until;
 
 const NODE: NodeId = NodeId([7; 32]);
 const MINUTE: Duration = Duration::from_secs(60);
@@ -237,10 +238,7 @@ fn a_copy_of_what_has_grown_is_given_up_at_once_and_removed() {
     let failed = thread::scope(|scope| {
         let taking = scope.spawn(|| kept.take(b"update").unwrap_err().to_string());
         // The size was right, and the copy is on its way.
-        while kept.s3.network.counted(to_copies) == 0 {
-            assert!(!taking.is_finished());
-            sleep(Duration::from_millis(5));
-        }
+        until("it is copied", || kept.s3.network.counted(to_copies) > 0);
         assert_eq!(send("PUT", &address, b"much more"), 200);
         taking.join().unwrap()
     });

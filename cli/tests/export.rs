@@ -6,8 +6,6 @@ use crate::harness::{ends, fails, logs, printed, prints, words, zk0};
 use serde_json::{json, Value};
 use std::fs;
 use std::path::Path;
-use std::thread::sleep;
-use std::time::{Duration, Instant};
 use zk0_lerobot::policy_folder::PolicyFolder;
 
 /// A network of LeRobot's fixture that has closed two rounds, to which nobody contributed.
@@ -31,18 +29,7 @@ fn two_rounds(policy: &str) -> LocalNetwork {
         "2",
     ]);
     let mut aggregator = Serving::start(&arguments);
-    let begun = Instant::now();
-    let closed = || {
-        printed(
-            &zk0(&["audit", "show", &ledger, "--round", "1"])
-                .output()
-                .unwrap(),
-        )
-    };
-    while !closed().contains("round 1 closed") {
-        assert!(begun.elapsed() < Duration::from_secs(120));
-        sleep(Duration::from_millis(100));
-    }
+    network.closes(2);
     assert!(aggregator.terminate().success());
     network
 }

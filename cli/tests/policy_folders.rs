@@ -7,10 +7,9 @@ use serde_json::Value;
 use std::fs;
 use std::net::TcpListener;
 use std::path::Path;
-use std::thread::sleep;
-use std::time::{Duration, Instant};
 use zk0_lerobot::policy_folder::PolicyFolder;
 use zk0_smolvla::Policy;
+use zk0_testkit::until;
 
 /// Founds a network of LeRobot's fixture, whose rounds close after a moment, because nobody commits.
 fn founded(policy: &str) -> LocalNetwork {
@@ -58,23 +57,12 @@ fn rounds(folder: &Path) -> Vec<String> {
     names
 }
 
-/// Waits until the folder holds these policy folders.
-fn wait_for(folder: &Path, expected: &[&str]) {
-    let begun = Instant::now();
-    while rounds(folder) != expected {
-        assert!(
-            begun.elapsed() < Duration::from_secs(120),
-            "{:?}",
-            rounds(folder)
-        );
-        sleep(Duration::from_millis(50));
-    }
-}
-
 /// Serves until the folder holds these policy folders.
 fn serve_until(arguments: &[String], folder: &Path, expected: &[&str]) {
     let mut aggregator = Serving::start(&words(arguments));
-    wait_for(folder, expected);
+    until(format!("{expected:?} are there"), || {
+        rounds(folder) == expected
+    });
     assert!(aggregator.terminate().success());
 }
 
@@ -123,9 +111,9 @@ fn an_aggregator_that_is_told_to_end_writes_the_last_round() {
     let arguments = serving(&network, &policy, "3", "1000");
     serve_until(&arguments, Path::new(&out), &["round-2"]);
     fs::remove_dir_all(Path::new(&out).join("round-2")).unwrap();
-    // All rounds but one more.
+    // The round after them is not the last.
     let mut aggregator = Serving::start(&words(&serving(&network, &policy, "1000000", "1000")));
-    sleep(Duration::from_millis(500));
+    network.closes(4);
     assert!(aggregator.terminate().success());
     let written = rounds(Path::new(&out));
     assert_eq!(written.len(), 1, "{written:?}");

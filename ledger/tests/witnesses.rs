@@ -6,14 +6,13 @@ use crate::network::*;
 use ed25519_dalek::SigningKey;
 use std::fs;
 use std::path::Path;
-use std::thread::sleep;
-use std::time::{Duration, Instant};
 use zk0_circuits::Digest;
 use zk0_ledger::witness_store::{hash, AddError, WitnessError, WitnessStore};
 use zk0_protocol::tlog::checkpoint::Parsed;
 use zk0_protocol::tlog::cosigner::{self, Cosigner};
 use zk0_protocol::tlog::witness::{AddCheckpoint, WitnessRefusal};
 use zk0_protocol::{Checkpoint, VerifierKey, WitnessPolicy};
+use zk0_testkit::until;
 
 const NOW: u64 = 1_700_000_000;
 
@@ -24,15 +23,12 @@ fn cosigner() -> Cosigner {
 /// Opens a witness that was just closed. A child process that another test starts at this moment holds the witness' lock until it runs its
 /// program.
 fn opened(dir: &Path) -> Result<WitnessStore, WitnessError> {
-    let until = Instant::now() + Duration::from_secs(20);
-    loop {
+    until("the lock is free", || {
         match WitnessStore::open(dir, cosigner(), vec![log_vkey()]) {
-            Err(WitnessError::Locked(_)) if Instant::now() < until => {
-                sleep(Duration::from_millis(5));
-            }
-            opened => return opened,
+            Err(WitnessError::Locked(_)) => None,
+            opened => Some(opened),
         }
-    }
+    })
 }
 
 fn witness(dir: &Path) -> WitnessStore {

@@ -2,6 +2,7 @@
 //!
 //! - What watches a test: [`allocations`] counts what a program allocates, [`fuzzing`] gives readers the inputs that fuzzing found,
 //!   [`own_process`] runs a test alone, and [`skipped`] says which cannot run here.
+//! - What a test waits with: [`until`] something has happened.
 //! - What is tested with: [`claims`] and [`cheats`], the history of a [`network`], its [`ledgers`] on disk, a serving [`aggregator`] and
 //!   [`sockets`] that pester it, [`members`] of a network, an [`s3`] server, a [`local_hub`], [`recordings`] and [`made_recording`]s, a
 //!   [`micro_network`] for them, [`weight_claims`], a reader of [`event_files`], and a port of a test's own ([`own_port`]).
@@ -41,5 +42,10 @@ pub mod s3;
 pub mod skipped;
 #[cfg(feature = "aggregator")]
 pub mod sockets;
+mod waiting;
 #[cfg(feature = "weight_claims")]
 pub mod weight_claims;
+
+pub use self::waiting::until;
+#[cfg(feature = "until_async")]
+pub use self::waiting::until_async;

@@ -16,10 +16,11 @@ pub async fn from([network, host]: [u8; 2], url: &str) -> TcpStream {
     socket.connect(address.parse().unwrap()).await.unwrap()
 }
 
-/// Like [`from`], and begins to speak HTTP/2.
+/// Like [`from`], begins to speak HTTP/2, and waits until the server speaks, too, or has no place for the connection.
 pub async fn speaking(address: [u8; 2], url: &str) -> TcpStream {
     let mut stream = from(address, url).await;
     stream.write_all(PREFACE).await.unwrap();
+    let _ = stream.read_u8().await;
     stream
 }
 

@@ -1,7 +1,7 @@
 //! A node that has connected anew, while strangers hold all that they may share. The node has its own.
 
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
-use tokio::time::{sleep, timeout};
+use tokio::time::timeout;
 use tonic::Code;
 use zk0_aggregator::{Config, ConnectionLimits, Limits};
 use zk0_node::client::Node;
@@ -38,7 +38,7 @@ async fn the_first_large_message_of_a_node_does_not_wait_for_those_of_strangers(
     .await;
     let mut slow = from([1, 1], &network.address).await;
     begin_large_message(&mut slow).await;
-    sleep(Duration::from_millis(200)).await;
+    network.large_message().await;
     let begun = Instant::now();
     let registration = aggregator::Node::new(1)
         .registration(node.network())

@@ -7,7 +7,7 @@ use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinSet;
-use tokio::time::{sleep, timeout};
+use tokio::time::timeout;
 use tonic::transport::Channel;
 use tonic::{Code, Status};
 use zk0_aggregator::publish::http::{self, Limits as HttpLimits};
@@ -19,6 +19,7 @@ use zk0_protocol::rpc::federation::federation_client::FederationClient;
 use zk0_testkit::aggregator::*;
 use zk0_testkit::s3::failing_network::Fault;
 use zk0_testkit::s3::S3;
+use zk0_testkit::until_async;
 
 /// Begins four downloads on one connection.
 fn four(
@@ -54,24 +55,20 @@ async fn downloads_whose_callers_have_left_hold_no_turns() {
         let client = network.client().await;
         let mut downloads = JoinSet::new();
         four(&client, network.genesis.initial.blob, &mut downloads);
-        sleep(Duration::from_millis(50)).await;
+        network.in_progress("Download", 4).await;
         downloads.shutdown().await;
+        network.in_progress("Download", 0).await;
     }
     answers_at_once(&network).await;
     s3.network.mend();
     // A stranger has one place for downloads here. Those whose callers have left get it, too, when the store answers them, but for a moment.
-    let downloaded = async {
-        loop {
-            match network.download(network.genesis.initial.blob).await {
-                Err(status) if status.code() == Code::Unavailable => {
-                    sleep(Duration::from_millis(50)).await;
-                }
-                base => return base,
-            }
+    let base = until_async("a download gets the place", async || {
+        match network.download(network.genesis.initial.blob).await {
+            Err(status) if status.code() == Code::Unavailable => None,
+            base => Some(base),
         }
-    };
-    let base = timeout(Duration::from_secs(20), downloaded).await.unwrap();
-    assert!(base.unwrap() == weights(0));
+    });
+    assert!(base.await.unwrap() == weights(0));
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -91,12 +88,14 @@ async fn few_downloads_wait_for_the_store_and_the_others_are_told_to_come_again(
         let ended = ended.expect("nobody is sent away").unwrap();
         refused(ended.unwrap(), Code::Unavailable, "ask again later");
     }
-    sleep(Duration::from_millis(300)).await;
+    // All others have come. If one more of them were sent away, it would know that before this is answered.
+    network.in_progress("Download", 8 + 64).await;
+    answers_at_once(&network).await;
     let more = downloads.try_join_next();
     assert!(more.is_none(), "{more:?}");
     // When those who wait have left, there is room again.
     downloads.shutdown().await;
-    sleep(Duration::from_secs(1)).await;
+    network.in_progress("Download", 0).await;
     s3.network.mend();
     let base = network.download(network.genesis.initial.blob).await;
     assert!(base.unwrap() == weights(0));
@@ -110,12 +109,11 @@ async fn asking(log: SocketAddr, path: &str) -> TcpStream {
     stream
 }
 
-/// How the answer begins, if it comes at once.
+/// What the log answers.
 async fn answer(mut stream: TcpStream) -> String {
-    let mut answer = [0; 12];
-    let read = timeout(AT_ONCE, stream.read_exact(&mut answer));
-    read.await.expect("nothing came").unwrap();
-    String::from_utf8_lossy(&answer).into_owned()
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).await.unwrap();
+    answer
 }
 
 /// Here, the machine has few threads for reading the disk.
@@ -143,10 +141,12 @@ fn readers_of_the_log_who_have_left_hold_no_threads() {
             limits,
             pending(),
         ));
-        assert_eq!(
-            answer(asking(log, "checkpoint").await).await,
-            "HTTP/1.1 200"
-        );
+        let answers = async || {
+            let answer = timeout(AT_ONCE, answer(asking(log, "checkpoint").await));
+            let answer = answer.await.expect("nothing came");
+            assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+        };
+        answers().await;
         emptied(&network);
         s3.network.fail_always(Fault::Silent);
         let path = format!("blobs/sha256/{}", network.genesis.initial.blob);
@@ -155,23 +155,17 @@ fn readers_of_the_log_who_have_left_hold_no_threads() {
             for _ in 0..8 {
                 readers.push(asking(log, &path).await);
             }
-            sleep(Duration::from_millis(50)).await;
+            // The log takes whoever comes first.
+            answers().await;
         }
-        assert_eq!(
-            answer(asking(log, "checkpoint").await).await,
-            "HTTP/1.1 200"
-        );
         answers_at_once(&network).await;
         // Those who stay wait, up to a number.
-        let mut readers = Vec::new();
-        for _ in 0..64 {
-            readers.push(asking(log, &path).await);
+        let mut readers = JoinSet::new();
+        for _ in 0..64 + 1 {
+            readers.spawn(answer(asking(log, &path).await));
         }
-        sleep(Duration::from_millis(500)).await;
-        let mut sent_away = asking(log, &path).await;
-        let mut text = String::new();
-        let read = timeout(AT_ONCE, sent_away.read_to_string(&mut text));
-        read.await.expect("nothing came").unwrap();
+        let sent_away = timeout(AT_ONCE, readers.join_next()).await;
+        let text = sent_away.expect("nothing came").unwrap().unwrap();
         assert!(text.starts_with("HTTP/1.1 503"), "{text}");
         assert!(text.contains("retry-after: 5"), "{text}");
         s3.network.mend();

@@ -18,6 +18,7 @@ use zk0_protocol::Refusal;
 use zk0_testkit::aggregator::*;
 use zk0_testkit::s3::failing_network::Fault;
 use zk0_testkit::s3::S3;
+use zk0_testkit::until_async;
 use zk0_verifier::blob_digest;
 
 const CONFIG: Config = Config {
@@ -75,6 +76,12 @@ async fn answers_at_once(network: &Network) {
     assert!(begun.elapsed() < AT_ONCE, "{:?}", begun.elapsed());
 }
 
+/// The same once somebody waits for the store.
+async fn answers_while_the_store_is_asked(network: &Network, s3: &S3) {
+    until_async("the store is asked", async || s3.network.counted("") > 0).await;
+    answers_at_once(network).await;
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn a_commitment_is_recorded_only_when_its_update_is_in_the_store() {
     let Some(s3) = S3::start() else { return };
@@ -88,10 +95,10 @@ async fn a_commitment_is_recorded_only_when_its_update_is_in_the_store() {
     for fault in [Fault::Unavailable, Fault::Silent] {
         s3.network.fail_always(fault);
         let begun = Instant::now();
-        let (committed, ()) = tokio::join!(node.commit(&network, 0, &update), async {
-            tokio::time::sleep(Duration::from_millis(500)).await;
-            answers_at_once(&network).await;
-        });
+        let (committed, ()) = tokio::join!(
+            node.commit(&network, 0, &update),
+            answers_while_the_store_is_asked(&network, &s3)
+        );
         refused(committed, Code::Unavailable, "blob store does not answer");
         assert!(begun.elapsed() < Duration::from_secs(40), "{fault:?}");
         assert_eq!(network.entries().await.len(), before);
@@ -214,7 +221,7 @@ fn a_store_that_is_silent_holds_only_who_needs_it() {
                 client.download(request).await.map(drop)
             });
         }
-        tokio::time::sleep(Duration::from_millis(500)).await;
+        network.in_progress("Download", 40).await;
         answers_at_once(&network).await;
         // They end in bounded time, and nothing is left of them.
         s3.network.mend();
@@ -240,14 +247,7 @@ async fn a_bounded_folder_holds_what_the_open_round_needs() {
     let update = committed(&network, &node, 0, 7).await;
     let blobs = Blobs::at(network.dir.path());
     let policy = blob_digest(POLICY);
-    let begun = Instant::now();
-    while blobs.is_here(&policy) {
-        assert!(
-            begun.elapsed() < Duration::from_secs(20),
-            "the policy stays"
-        );
-        tokio::time::sleep(Duration::from_millis(100)).await;
-    }
+    until_async("the policy goes", async || !blobs.is_here(&policy)).await;
     assert!(blobs.is_here(&network.genesis.initial.blob));
     assert!(blobs.is_here(&blob_digest(&update)));
     assert!(network.download(policy).await.unwrap() == POLICY);

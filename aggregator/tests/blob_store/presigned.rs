@@ -1,6 +1,6 @@
 //! Updates that nodes put into the bucket by themselves.
 
-use super::{answers_at_once, started, started_as, SECONDS};
+use super::{answers_at_once, answers_while_the_store_is_asked, started, started_as, SECONDS};
 use std::env;
 use std::fs;
 use std::time::{Duration, Instant};
@@ -13,6 +13,7 @@ use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_testkit::aggregator::*;
 use zk0_testkit::s3::failing_network::Fault;
 use zk0_testkit::s3::{send, S3};
+use zk0_testkit::until_async;
 use zk0_verifier::blob_digest;
 
 /// A network with an open round, which gives addresses of the bucket to its nodes.
@@ -199,17 +200,18 @@ async fn a_bucket_that_fails_holds_neither_the_node_nor_others() {
     for fault in [Fault::Unavailable, Fault::Silent] {
         s3.network.fail_always(fault);
         let begun = Instant::now();
-        let (taken, ()) = tokio::join!(stored(&network, &node, &update), async {
-            tokio::time::sleep(Duration::from_millis(500)).await;
-            answers_at_once(&network).await;
-        });
+        let (taken, ()) = tokio::join!(
+            stored(&network, &node, &update),
+            answers_while_the_store_is_asked(&network, &s3)
+        );
         refused(taken, Code::Unavailable, "blob store does not answer");
         assert!(begun.elapsed() < Duration::from_secs(40), "{fault:?}");
         assert_eq!(network.uploads(), 0);
     }
     // A newer upload does not wait for one that the bucket holds for long.
+    s3.network.fail_always(Fault::Silent);
     let (held, newer) = tokio::join!(stored(&network, &node, &update), async {
-        tokio::time::sleep(Duration::from_millis(300)).await;
+        answers_while_the_store_is_asked(&network, &s3).await;
         let newer = node.upload(&network, 0, &update);
         timeout(Duration::from_secs(20), newer).await
     });
@@ -230,9 +232,5 @@ async fn what_nobody_claims_is_removed_when_its_round_has_closed() {
     network.drawn().await;
     assert_eq!(s3.objects("net/uploads"), 1);
     network.clock.advance(SUBMIT_MS + 1);
-    let begun = Instant::now();
-    while s3.objects("net/uploads") > 0 {
-        assert!(begun.elapsed() < Duration::from_secs(60), "it stays");
-        tokio::time::sleep(Duration::from_millis(200)).await;
-    }
+    until_async("it is removed", async || s3.objects("net/uploads") == 0).await;
 }

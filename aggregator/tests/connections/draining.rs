@@ -3,7 +3,8 @@
 use super::{registration, with};
 use crate::Test;
 use std::time::{Duration, Instant};
-use tokio::sync::mpsc;
+use tokio::net::TcpStream;
+use tokio::sync::{mpsc, oneshot};
 use tokio::time::{sleep, timeout};
 use tokio_stream::wrappers::ReceiverStream;
 use zk0_aggregator::{Aggregator, ConnectionLimits};
@@ -14,10 +15,11 @@ use zk0_protocol::Body;
 use zk0_testkit::aggregator::witnesses::three;
 use zk0_testkit::aggregator::*;
 use zk0_testkit::sockets::speaking;
+use zk0_testkit::until_async;
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_peer_that_holds_a_stream_open_does_not_keep_the_server() -> Test {
-    let drain = Duration::from_millis(800);
+    let drain = Duration::from_millis(300);
     let (mut network, [node, other]) = with(ConnectionLimits {
         drain,
         ..ConnectionLimits::default()
@@ -40,7 +42,7 @@ async fn a_peer_that_holds_a_stream_open_does_not_keep_the_server() -> Test {
         .register_dataset(registration(&network, &other))
         .await?;
     let index = receipt.into_inner().index;
-    sleep(Duration::from_millis(500)).await;
+    network.in_progress("Upload", 1).await;
 
     let begun = Instant::now();
     network.stop().await;
@@ -88,8 +90,10 @@ async fn with_a_long_drain() -> (Network, [Node; 2]) {
 
 /// Tells the server to end while somebody has the aggregator. The rounds wait for it, and behind them two requests. Both have to be answered.
 async fn end_with_requests_behind_the_rounds(network: &mut Network, node: &Node) -> Test {
+    let (has, holds) = oneshot::channel();
     let (let_go, held) = std::sync::mpsc::channel::<()>();
     let hold = move |_: &mut Aggregator| {
+        let _ = has.send(());
         // This is ready when the other end is dropped.
         let _ = held.recv();
         Ok(())
@@ -101,14 +105,18 @@ async fn end_with_requests_behind_the_rounds(network: &mut Network, node: &Node)
     }
     let service = network.service().clone();
     let holding = tokio::spawn(async move { service.with(hold).await });
+    holds.await?;
     // The rounds look four times a second whether something is due.
-    sleep(Duration::from_millis(600)).await;
+    sleep(Duration::from_millis(300)).await;
     let request = registration(network, node);
     let registering = tokio::spawn(async move { first.register_dataset(request).await });
     let asking = tokio::spawn(async move { second.get_network(proto::GetNetworkRequest {}).await });
-    sleep(Duration::from_secs(1)).await;
+    network.in_progress("RegisterDataset", 1).await;
+    network.in_progress("GetNetwork", 1).await;
+    let address = network.address.replace("http://", "");
     let let_go = async move {
-        sleep(Duration::from_millis(300)).await;
+        let ends = async || TcpStream::connect(&address).await.is_err();
+        until_async("the server takes no more connections", ends).await;
         drop(let_go);
     };
     timeout(SOON, async { tokio::join!(network.stop(), let_go) }).await?;

@@ -4,16 +4,10 @@ use super::relay::Counted;
 use super::{registration, with};
 use crate::Test;
 use std::time::Duration;
-use tokio::time::sleep;
 use tonic::Code;
 use zk0_aggregator::ConnectionLimits;
 use zk0_protocol::rpc::federation as proto;
 use zk0_testkit::sockets::{closed, closes, speaking};
-
-/// The server sees one connection before the next.
-async fn pause() {
-    sleep(Duration::from_millis(20)).await;
-}
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_address_has_a_bounded_number_of_connections() -> Test {
@@ -26,7 +20,6 @@ async fn an_address_has_a_bounded_number_of_connections() -> Test {
     let mut streams = Vec::new();
     for _ in 0..5 {
         streams.push(speaking([1, 1], &network.address).await);
-        pause().await;
     }
     let mut ended = Vec::new();
     for stream in &mut streams {
@@ -51,7 +44,6 @@ async fn nodes_keep_their_places_and_the_idlest_strangers_go() -> Test {
     let mut strangers = Vec::new();
     for host in 1..=10 {
         strangers.push(speaking([1, host], &network.address).await);
-        pause().await;
     }
     let mut ended = Vec::new();
     for stream in &mut strangers {
@@ -87,7 +79,6 @@ async fn a_request_that_somebody_else_has_sent_gives_nobody_a_place() -> Test {
     let mut streams = Vec::new();
     for host in 1..=4 {
         streams.push(speaking([1, host], &network.address).await);
-        pause().await;
     }
     thief
         .client

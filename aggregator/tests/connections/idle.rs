@@ -30,6 +30,11 @@ fn impatient() -> ConnectionLimits {
     }
 }
 
+/// A stranger comes, and is closed because it is idle. Whoever was idle before it would have been closed before it.
+async fn a_stranger_is_idle_for_too_long(network: &Network) {
+    Counted::connect(&network.address).await.ends(1).await;
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn an_idle_stranger_is_closed_and_connects_again_by_itself() -> Test {
     let (network, _) = with(impatient()).await;
@@ -41,7 +46,7 @@ async fn an_idle_stranger_is_closed_and_connects_again_by_itself() -> Test {
             .get_network(proto::GetNetworkRequest {})
             .await?;
         assert_eq!(stranger.connections(), connections);
-        sleep(2 * IDLE).await;
+        stranger.ends(connections).await;
     }
     assert!(closes(&mut silent, Duration::from_secs(5)).await);
     Ok(())
@@ -53,7 +58,7 @@ async fn an_idle_node_keeps_its_connection() -> Test {
     let mut member = Counted::connect(&network.address).await;
     let request = registration(&network, &node);
     member.client.register_dataset(request).await?;
-    sleep(2 * IDLE).await;
+    a_stranger_is_idle_for_too_long(&network).await;
     member
         .client
         .get_network(proto::GetNetworkRequest {})
@@ -72,7 +77,7 @@ async fn a_node_is_closed_when_it_is_idle_for_too_long() -> Test {
     let mut member = Counted::connect(&network.address).await;
     let request = registration(&network, &node);
     member.client.register_dataset(request).await?;
-    sleep(2 * IDLE).await;
+    member.ends(1).await;
     member
         .client
         .get_network(proto::GetNetworkRequest {})
@@ -103,14 +108,15 @@ async fn a_request_in_progress_keeps_its_connection() -> Test {
     let mut client = uploader.client.clone();
     let request = node.uploading(&network, &request, ReceiverStream::new(receiver));
     let uploading = tokio::spawn(async move { client.upload(request).await });
-    sleep(2 * IDLE).await;
+    network.in_progress("Upload", 1).await;
+    a_stranger_is_idle_for_too_long(&network).await;
     sender
         .send(part(Part::Data(update[100..].to_vec())))
         .await?;
     drop(sender);
     uploading.await??;
     // The upload has shown whose connection it is.
-    sleep(2 * IDLE).await;
+    a_stranger_is_idle_for_too_long(&network).await;
     uploader
         .client
         .get_network(proto::GetNetworkRequest {})

@@ -54,8 +54,8 @@ async fn a_connection_whose_time_is_over_sends_its_file_to_the_end_and_takes_no_
     ask(&mut stream, &path, "x: y").await;
     assert!(head(&mut stream).await.starts_with("HTTP/1.1 200"));
     ask(&mut stream, "/checkpoint", "x: y").await;
-    // A reader takes nothing for longer than a connection lasts, and longer than one that closes may take.
-    sleep(Duration::from_millis(2500)).await;
+    // A reader takes nothing for longer than a connection lasts, and longer than one that closes may take, which is a second.
+    sleep(limits.lifetime + Duration::from_millis(1300)).await;
     let mut come = 0;
     let mut part = vec![0; 64 << 10];
     let rest = async {

@@ -8,7 +8,6 @@ use std::future::poll_fn;
 use std::net::IpAddr;
 use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
-use tokio::time::sleep;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::codegen::http::{Request, Uri};
 use tonic::codegen::Service;
@@ -31,7 +30,7 @@ fn large() -> proto::CommitRequest {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn strangers_wait_for_memory_and_nodes_do_not() -> Test {
-    let message = Duration::from_secs(6);
+    let message = Duration::from_secs(4);
     let (network, [node, _]) = network(Limits {
         // So there is room for one message of a stranger and for one of a node.
         message_memory: 0,
@@ -45,7 +44,7 @@ async fn strangers_wait_for_memory_and_nodes_do_not() -> Test {
     let begun = Instant::now();
     let mut slow = from([1, 1], &network.address).await;
     begin_large_message(&mut slow).await;
-    sleep(Duration::from_secs(1)).await;
+    network.large_message().await;
     // Small requests, and large ones of nodes, are answered meanwhile.
     let mut stranger = network.client().await;
     stranger.get_network(proto::GetNetworkRequest {}).await?;
@@ -63,7 +62,7 @@ async fn strangers_wait_for_memory_and_nodes_do_not() -> Test {
 async fn who_waits_for_memory_for_too_long_is_told_to_come_again() -> Test {
     let (network, [node, _]) = network(Limits {
         message_memory: 0,
-        message: Duration::from_secs(3),
+        message: Duration::from_secs(2),
         ..Limits::default()
     })
     .await;
@@ -81,7 +80,7 @@ async fn who_waits_for_memory_for_too_long_is_told_to_come_again() -> Test {
     let mut request = registration(&network, &node);
     request.get_mut().leaves = vec![0; 3 << 20];
     let waiting = tokio::spawn(async move { first.register_dataset(request).await });
-    sleep(Duration::from_secs(1)).await;
+    network.large_message().await;
     let status = network.client().await.commit(large()).await.unwrap_err();
     assert_eq!(status.code(), Code::Unavailable, "{status}");
     assert!(status.message().contains("again later"), "{status}");
@@ -94,7 +93,7 @@ async fn who_waits_for_memory_for_too_long_is_told_to_come_again() -> Test {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_address_sends_one_large_message_at_a_time() -> Test {
-    let message = Duration::from_secs(6);
+    let message = Duration::from_secs(4);
     let (network, _) = network(Limits {
         message,
         ..Limits::default()
@@ -103,7 +102,7 @@ async fn an_address_sends_one_large_message_at_a_time() -> Test {
     let begun = Instant::now();
     let mut slow = from([1, 1], &network.address).await;
     begin_large_message(&mut slow).await;
-    sleep(Duration::from_secs(1)).await;
+    network.large_message().await;
     let mut took = Vec::new();
     for host in [2, 1] {
         let endpoint = Endpoint::try_from(network.address.clone())?;
@@ -164,10 +163,11 @@ async fn a_node_takes_no_memory_of_other_nodes() -> Test {
     let mut client = FederationClient::new(introduced(&network, &other).await);
     // The first connections are strangers' again when the last ones are the node's.
     let mut slow = Vec::new();
-    for _ in 0..4 {
+    for number in 1..=4 {
         let channel = introduced(&network, &greedy).await;
         slow.push(begin_slow_message(channel, &network.address).await);
-        sleep(Duration::from_millis(100)).await;
+        network.in_progress("Submit", number).await;
+        network.large_message().await;
     }
     let begun = Instant::now();
     let refused = client.commit(large()).await.unwrap_err();

@@ -11,9 +11,9 @@ use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rules::network_rules::Participation;
 use zk0_testkit::aggregator::*;
+use zk0_testkit::until_async;
 
 const SOON: Duration = Duration::from_secs(10);
-const A_MOMENT: Duration = Duration::from_millis(300);
 
 /// A network of three nodes with datasets, whose rounds wait for so many of them.
 async fn waiting(min_nodes: u32, fraction_bps: u32) -> (Network, [Node; 3]) {
@@ -66,14 +66,12 @@ async fn noticed(network: &Network, node: &Node) {
         .with(|aggregator| Ok(aggregator.presence().clone()))
         .await
         .unwrap();
-    let gone = async {
-        // A node that has gone a minute ago is not present.
-        while presence.among([&id].into_iter()) > 0 {
-            network.clock.advance(60_000);
-            tokio::time::sleep(Duration::from_millis(20)).await;
-        }
+    // A node that has gone a minute ago is not present.
+    let gone = async || {
+        network.clock.advance(60_000);
+        presence.among([&id].into_iter()) == 0
     };
-    timeout(SOON, gone).await.unwrap();
+    until_async("the node has gone", gone).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -128,11 +126,11 @@ async fn nobody_is_present_in_the_name_of_another() -> Test {
 async fn a_node_is_present_for_a_minute_after_it_has_gone() -> Test {
     let (network, [first, second, _]) = waiting(2, 0).await;
     drop(follow(&network, &first).await?);
-    tokio::time::sleep(A_MOMENT).await;
     noticed(&network, &first).await;
     let _second = follow(&network, &second).await?;
     assert!(!opened(&network).await);
     drop(follow(&network, &first).await?);
+    network.in_progress("WatchRound", 1).await;
     assert!(opened(&network).await);
     Ok(())
 }

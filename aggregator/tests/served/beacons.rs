@@ -21,6 +21,7 @@ use zk0_protocol::challenge::source::RandomnessSource;
 use zk0_protocol::entries::entry::Body;
 use zk0_testkit::aggregator::*;
 use zk0_testkit::network::beacon::Beacon;
+use zk0_testkit::until_async;
 
 /// The secret key of the chain in the rules.
 const KEY: u64 = 77;
@@ -77,14 +78,9 @@ impl Doing {
     }
 
     /// Waits until the server was asked twice for a beacon. The second question shows that the first answer did not end the service.
-    async fn asked_twice(&self) -> bool {
-        for _ in 0..200 {
-            if self.0.lock().unwrap().1 >= 2 {
-                return true;
-            }
-            tokio::time::sleep(Duration::from_millis(50)).await;
-        }
-        false
+    async fn asked_twice(&self) {
+        let asked = async || self.0.lock().unwrap().1 >= 2;
+        until_async(format!("{:?} is asked twice", self.does()), asked).await;
     }
 }
 
@@ -241,16 +237,6 @@ async fn step(network: &Network) -> Progress {
     network.service().with(Aggregator::step).await.unwrap()
 }
 
-async fn drawn_soon(network: &Network) -> bool {
-    for _ in 0..200 {
-        if network.round(Some(0)).await.randomness.is_some() {
-            return true;
-        }
-        tokio::time::sleep(Duration::from_millis(50)).await;
-    }
-    false
-}
-
 #[tokio::test(flavor = "multi_thread")]
 async fn a_round_waits_for_its_beacon_and_goes_on_with_it() -> Test {
     let (network, first, doing) = waiting(Does::Fails).await;
@@ -261,7 +247,7 @@ async fn a_round_waits_for_its_beacon_and_goes_on_with_it() -> Test {
     assert!(matches!(awaited, Progress::NeedsBeacon(_)), "{awaited:?}");
     for does in [Does::Late, Does::WrongSignature, Does::OtherChain] {
         doing.set(does);
-        assert!(doing.asked_twice().await, "{does:?}");
+        doing.asked_twice().await;
         // The ledger takes what others send meanwhile.
         let enrol = move |aggregator: &mut Aggregator| {
             let node = Node::new(20 + does as u8);
@@ -271,7 +257,8 @@ async fn a_round_waits_for_its_beacon_and_goes_on_with_it() -> Test {
         assert_eq!(network.round(Some(0)).await.randomness, None);
     }
     doing.set(Does::Right);
-    assert!(drawn_soon(&network).await);
+    let drawn = async || network.round(Some(0)).await.randomness;
+    until_async("the randomness is drawn", drawn).await;
     let claim = first.claim(&network).await;
     first.submit(&network, claim, b"no proof").await?;
     let report = replay(network.dir.path(), None, &mut Auditor::default());
@@ -285,13 +272,8 @@ async fn a_round_whose_beacon_never_comes_closes_and_the_next_one_may_open() -> 
     network.clock.advance(60_000);
     assert!(matches!(step(&network).await, Progress::NeedsBeacon(_)));
     network.clock.advance(1);
-    for _ in 0..100 {
-        if network.round(Some(0)).await.closed.is_some() {
-            break;
-        }
-        tokio::time::sleep(Duration::from_millis(50)).await;
-    }
-    let closed = network.round(Some(0)).await.closed.ok_or("not closed")?;
+    let closed = async || network.round(Some(0)).await.closed;
+    let closed = until_async("the round closes", closed).await;
     let (_, _, entry) = network.opened(closed);
     let Body::RoundClosed(closed) = entry.body else {
         panic!("{entry:?}");

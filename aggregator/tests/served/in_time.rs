@@ -1,9 +1,12 @@
 //! A request is judged by when it arrived, and nobody waits while the aggregator verifies something.
 
 use crate::Test;
+use std::fs::{self, File};
+use std::io::Write;
 use std::path::PathBuf;
 use std::process::Command;
 use std::time::Duration;
+use tokio::task::spawn_blocking;
 use tokio::time::timeout;
 use tonic::{Code, Streaming};
 use zk0_circuits::Claim;
@@ -11,10 +14,11 @@ use zk0_protocol::entries::entry::Body;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::Refusal;
 use zk0_testkit::aggregator::*;
+use zk0_testkit::until_async;
 use zk0_verifier::blob_digest;
 
 const SOON: Duration = Duration::from_secs(10);
-const A_MOMENT: Duration = Duration::from_millis(300);
+const A_MOMENT: Duration = Duration::from_millis(100);
 
 /// A network in which the first node has committed to an update, and its claim. Reading the update takes until the test lets go of it.
 async fn with_a_slow_update() -> (Network, Node, Claim, SlowFile) {
@@ -32,38 +36,38 @@ struct SlowFile {
     content: Vec<u8>,
 }
 
+/// Somebody waits for the content of such a file.
+struct Reader {
+    pipe: File,
+    content: Vec<u8>,
+}
+
 impl SlowFile {
     fn instead_of(path: PathBuf) -> Self {
-        let content = std::fs::read(&path).unwrap();
-        std::fs::remove_file(&path).unwrap();
+        let content = fs::read(&path).unwrap();
+        fs::remove_file(&path).unwrap();
         let made = Command::new("mkfifo").arg(&path).status().unwrap();
         assert!(made.success());
         Self { path, content }
     }
 
-    /// Waits until somebody reads the pipe, and lets them read it to its end.
-    async fn let_go(self) {
-        tokio::task::spawn_blocking(move || std::fs::write(self.path, self.content))
-            .await
-            .unwrap()
-            .unwrap();
+    /// Waits until somebody reads the pipe.
+    async fn reader(self) -> Reader {
+        let opened = spawn_blocking(|| File::options().write(true).open(self.path));
+        let pipe = timeout(SOON, opened).await.expect("nobody reads it");
+        Reader {
+            pipe: pipe.unwrap().unwrap(),
+            content: self.content,
+        }
     }
 }
 
-/// Waits until a request is in progress.
-async fn arrived(network: &Network) {
-    let arrivals = network
-        .service()
-        .with(|aggregator| Ok(aggregator.arrivals().clone()))
-        .await
-        .unwrap();
-    timeout(SOON, async {
-        while !arrivals.any_by(u64::MAX) {
-            tokio::time::sleep(Duration::from_millis(5)).await;
-        }
-    })
-    .await
-    .unwrap();
+impl Reader {
+    /// Lets them read the pipe to its end.
+    async fn let_go(mut self) {
+        let written = spawn_blocking(move || self.pipe.write_all(&self.content));
+        written.await.unwrap().unwrap();
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -74,12 +78,11 @@ async fn the_service_answers_while_it_verifies_a_submission() -> Test {
         let network = network.clone();
         tokio::spawn(async move { first.submit(&network, claim, b"no proof").await })
     };
-    arrived(&network).await;
-    tokio::time::sleep(A_MOMENT).await;
+    let reader = slow.reader().await;
     assert!(!submitting.is_finished());
     timeout(SOON, network.round(None)).await?;
     timeout(SOON, network.entries()).await?;
-    slow.let_go().await;
+    reader.let_go().await;
     let reply = timeout(SOON, submitting).await???;
     assert!(
         reply.reason.contains("not an SP1 compressed proof"),
@@ -98,12 +101,12 @@ async fn a_submission_that_arrived_in_time_is_not_late_however_long_it_takes() -
         let network = network.clone();
         tokio::spawn(async move { first.submit(&network, claim, b"no proof").await })
     };
-    arrived(&network).await;
+    let reader = slow.reader().await;
     network.clock.advance(60_000);
     // The round waits for it.
     network.settle().await;
     assert_eq!(network.round(Some(0)).await.closed, None);
-    slow.let_go().await;
+    reader.let_go().await;
     let reply = timeout(SOON, submitting).await???;
     assert!(
         reply.reason.contains("not an SP1 compressed proof"),
@@ -128,12 +131,13 @@ async fn what_arrives_late_waits_for_what_arrived_in_time() -> Test {
         tokio::spawn(async move { node.submit(&network, claim, b"no proof").await })
     };
     let early = submitting(first, early);
-    arrived(&network).await;
+    let reader = slow.reader().await;
     network.clock.advance(SUBMIT_MS + 5);
-    let late = submitting(second, late);
-    tokio::time::sleep(A_MOMENT).await;
-    assert!(!late.is_finished());
-    slow.let_go().await;
+    let mut late = submitting(second, late);
+    network.in_progress("Submit", 2).await;
+    let waits = timeout(A_MOMENT, &mut late).await;
+    assert!(waits.is_err(), "{waits:?}");
+    reader.let_go().await;
     let early = timeout(SOON, early).await???;
     let late = timeout(SOON, late).await???;
     assert!(
@@ -179,14 +183,11 @@ async fn a_late_request_does_not_hold_up_an_earlier_one_of_its_node() -> Test {
     };
     // The proof of the earlier one takes longer to hash, so that the late one is the first to ask for the turn of their node.
     let early = submitting(vec![1; 2_000_000]);
-    timeout(SOON, async {
-        while !arrivals.any_by(u64::MAX) {
-            tokio::time::sleep(Duration::from_millis(5)).await;
-        }
-    })
-    .await?;
+    let arrived = async || arrivals.any_by(u64::MAX);
+    until_async("the earlier one arrives", arrived).await;
     network.clock.advance(5);
     let late = submitting(vec![2]);
+    network.in_progress("Submit", 2).await;
     tokio::time::sleep(A_MOMENT).await;
     let_go.send(())?;
     timeout(SOON, holding).await???;

@@ -5,7 +5,6 @@ use ed25519_dalek::SigningKey;
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
 use tokio::net::TcpListener;
 use tonic::Code;
 use zk0_aggregator::publish::cosigning::CosigningError;
@@ -18,6 +17,7 @@ use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::WitnessPolicy;
 use zk0_testkit::aggregator::witnesses::{cosigned, enrol, ledger, log_verifier, three, DEADLINE};
 use zk0_testkit::aggregator::*;
+use zk0_testkit::until_async;
 
 fn published(dir: &Path) -> u64 {
     Publication::open(dir, None).unwrap().checkpoint().size
@@ -130,12 +130,8 @@ async fn a_round_that_is_not_published_is_not_shown() {
     witnesses[0].on().await;
     second.register(&network).await.unwrap();
     // The newest checkpoint is cosigned soon, even if nobody asks for it.
-    let mut tries = 0;
-    while network.round(None).await.opened.is_none() {
-        tries += 1;
-        assert!(tries < 100, "the round is never published");
-        tokio::time::sleep(Duration::from_millis(50)).await;
-    }
+    let published = async || network.round(None).await.opened;
+    until_async("the round is published", published).await;
     committed(&network, &first, 0, 1).await;
 }
 

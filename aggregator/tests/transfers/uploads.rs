@@ -11,6 +11,7 @@ use zk0_protocol::entries::signed::{Signed, UploadRequest};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_testkit::aggregator::*;
+use zk0_testkit::until_async;
 
 pub fn signed(network: &Network, node: &Node, update: &[u8]) -> Signed<UploadRequest> {
     let request = node.upload_request(&network.genesis.network_id(), 0, update);
@@ -202,9 +203,7 @@ async fn an_upload_whose_round_ends_is_told_so() -> Test {
     let (network, first, _) = open_round().await;
     let update = weights(1);
     let (_sender, uploading) = silent_after(&network, &first, &update, 3000).await;
-    while network.uploads() == 0 {
-        tokio::time::sleep(Duration::from_millis(5)).await;
-    }
+    until_async("something has come", async || network.uploads() > 0).await;
     network.clock.advance(COMMIT_MS + 1);
     network.settle().await;
     assert!(network.round(Some(0)).await.closed.is_some());

@@ -6,9 +6,8 @@ use serde_json::Value;
 use std::fs;
 use std::path::Path;
 use std::process::Stdio;
-use std::thread::sleep;
-use std::time::Duration;
 use zk0_testkit::event_files::{curves, files};
+use zk0_testkit::until;
 
 /// The arguments of a short run in `dir`, whose results go into `out`.
 fn training<'a>(dir: &'a [String; 3], more: &[&'a str]) -> Vec<&'a str> {
@@ -45,9 +44,9 @@ fn a_run_that_was_killed_has_the_curves_of_its_metrics() {
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    while process.try_wait().unwrap().is_none() && of(&text(), "loss").len() < 20 {
-        sleep(Duration::from_millis(1));
-    }
+    until("there are 20 steps, or the run has ended", || {
+        of(&text(), "loss").len() >= 20 || process.try_wait().unwrap().is_some()
+    });
     process.kill().unwrap();
     assert!(
         !process.wait().unwrap().success(),

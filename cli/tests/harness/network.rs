@@ -26,6 +26,7 @@ use zk0_prover::prove::Proof;
 use zk0_prover::service::{Backend, JobError, Pace, ProvingService, Waiting};
 use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::policy::policy_file::{self, PolicyFile};
+use zk0_testkit::until;
 use zk0_tls::server_certificate::ServerCertificate;
 
 /// A folder for a ledger, a node and their keys.
@@ -110,6 +111,16 @@ impl LocalNetwork {
 
     pub fn entries(&self) -> Vec<Entry> {
         verified_entries(Path::new(&self.path("ledger"))).unwrap().0
+    }
+
+    /// Waits until so many rounds have closed.
+    #[track_caller]
+    pub fn closes(&self, rounds: usize) {
+        until(format!("{rounds} rounds close"), || {
+            let entries = self.entries().into_iter();
+            let closed = entries.filter(|entry| matches!(entry.body, Body::RoundClosed(_)));
+            closed.count() >= rounds
+        });
     }
 
     pub fn genesis(&self) -> Genesis {
@@ -213,7 +224,11 @@ impl LocalNetwork {
         services.iter().for_each(|service| service.abort());
         // All tasks that still hold the database end here.
         drop(runtime);
-        self.wait_until_closed();
+        let (ledger, key) = (self.path("ledger"), self.path("log.key"));
+        until("the aggregator lets go of its ledger", || {
+            let key = keys::read(Path::new(&key)).unwrap();
+            Ledger::open(Path::new(&ledger), None, key).is_ok()
+        });
         output
     }
 
@@ -224,18 +239,6 @@ impl LocalNetwork {
         let said = logged(&output);
         assert!(output.status.success(), "{said}");
         said
-    }
-
-    fn wait_until_closed(&self) {
-        let ledger = self.path("ledger");
-        for _ in 0..100 {
-            let key = keys::read(Path::new(&self.path("log.key"))).unwrap();
-            match Ledger::open(Path::new(&ledger), None, key) {
-                Ok(_) => return,
-                Err(_) => std::thread::sleep(std::time::Duration::from_millis(50)),
-            }
-        }
-        panic!("the aggregator does not let go of its ledger");
     }
 }
 

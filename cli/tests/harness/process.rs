@@ -4,7 +4,7 @@ use super::{words, zk0};
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
-use std::sync::mpsc::{channel, Receiver};
+use std::sync::mpsc::{channel, Receiver, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -52,14 +52,19 @@ impl Process {
     pub fn says_one_of(&self, messages: &[&str]) -> Value {
         let until = Instant::now() + PATIENCE;
         loop {
-            let left = until.saturating_duration_since(Instant::now());
-            let line = self.log.recv_timeout(left);
+            let line = self.line(until);
             let line = line.unwrap_or_else(|error| panic!("no log says {messages:?}: {error}"));
             let said = line["message"].as_str().unwrap_or_default();
             if messages.iter().any(|begin| said.starts_with(begin)) {
                 return line;
             }
         }
+    }
+
+    /// The next line of the log, which may take until then.
+    fn line(&self, until: Instant) -> Result<Value, RecvTimeoutError> {
+        let left = until.saturating_duration_since(Instant::now());
+        self.log.recv_timeout(left)
     }
 
     /// Waits until the process serves, and returns its address.
@@ -85,15 +90,17 @@ impl Process {
     /// Waits until the process has ended by itself, with success.
     pub fn ends(&mut self) {
         let until = Instant::now() + PATIENCE;
-        let status = loop {
-            match self.child.try_wait().unwrap() {
-                Some(status) => break status,
-                None if Instant::now() > until => panic!("the process does not end"),
-                None => thread::sleep(Duration::from_millis(50)),
+        let mut said = vec![];
+        let ended = loop {
+            match self.line(until) {
+                Ok(line) => said.push(line.to_string()),
+                Err(ended) => break ended,
             }
         };
-        let said: Vec<_> = self.log.try_iter().map(|line| line.to_string()).collect();
-        assert!(status.success(), "{}", said.join("\n"));
+        let said = said.join("\n");
+        // The log ends with the process.
+        assert_eq!(ended, RecvTimeoutError::Disconnected, "{said}");
+        assert!(self.child.wait().unwrap().success(), "{said}");
     }
 }
 

@@ -4,13 +4,18 @@ use super::zk0;
 use std::ffi::OsStr;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::mpsc::{channel, Receiver, RecvTimeoutError};
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::thread;
+use std::time::Duration;
+use zk0_testkit::until;
 
 /// A serving process.
 pub struct Serving {
     process: Child,
     log: Arc<Mutex<String>>,
+    /// Disconnected when the log ends, and with it the process.
+    ended: Receiver<()>,
     /// The address that it serves on.
     pub address: String,
 }
@@ -44,7 +49,9 @@ impl Serving {
         // It goes on to write its log.
         let written = Arc::new(Mutex::new(String::new()));
         let more = written.clone();
-        std::thread::spawn(move || {
+        let (running, ended) = channel();
+        thread::spawn(move || {
+            let _running = running;
             for line in log.lines().map_while(Result::ok) {
                 *more.lock().unwrap() += &(line + "\n");
             }
@@ -52,6 +59,7 @@ impl Serving {
         Self {
             process,
             log: written,
+            ended,
             address: format!("http://{address}"),
         }
     }
@@ -76,18 +84,12 @@ impl Serving {
         self.log.lock().unwrap().clone()
     }
 
-    /// Waits until its log holds these words. Panics after half a minute.
+    /// Waits until its log holds these words.
     #[track_caller]
     pub fn logs(&self, words: &str) {
-        let begun = Instant::now();
-        while !self.log.lock().unwrap().contains(words) {
-            let log = self.log.lock().unwrap().clone();
-            assert!(
-                begun.elapsed() < Duration::from_secs(30),
-                "{words:?} is not in the log: {log}"
-            );
-            std::thread::sleep(Duration::from_millis(50));
-        }
+        until(format!("{words:?} is logged"), || {
+            self.log().contains(words)
+        });
     }
 
     /// Kills the process, as the system does when memory is short.
@@ -98,19 +100,18 @@ impl Serving {
 
     /// How the process ended, if it does so by itself in this time.
     pub fn ended_within(&mut self, time: Duration) -> Option<ExitStatus> {
-        let begun = Instant::now();
-        while begun.elapsed() < time {
-            if let Some(status) = self.process.try_wait().unwrap() {
-                return Some(status);
-            }
-            std::thread::sleep(Duration::from_millis(50));
+        match self.ended.recv_timeout(time) {
+            Err(RecvTimeoutError::Disconnected) => Some(self.process.wait().unwrap()),
+            _ => None,
         }
-        None
     }
 }
 
 impl Drop for Serving {
     fn drop(&mut self) {
+        if thread::panicking() {
+            eprintln!("{}", self.log());
+        }
         let _ = self.process.kill();
         let _ = self.process.wait();
     }

@@ -7,10 +7,10 @@ use std::fs;
 use std::io::Write;
 use std::net::TcpStream;
 use std::path::Path;
-use std::thread::sleep;
 use std::time::Duration;
 use zk0_testkit::s3::failing_network::Fault;
 use zk0_testkit::s3::S3;
+use zk0_testkit::until;
 
 #[test]
 fn an_aggregator_ends_while_the_store_of_its_log_is_silent() {
@@ -21,7 +21,7 @@ fn an_aggregator_ends_while_the_store_of_its_log_is_silent() {
     aggregator.logs("the log is published in its store");
     s3.network.fail_always(Fault::Silent);
     // Its rounds go on, so that there is something to write.
-    sleep(Duration::from_secs(4));
+    until("it writes", || s3.network.counted("PUT") > 0);
     aggregator.told_to_end();
     // 10 seconds for the last files, and 2 more.
     let ended = aggregator.ended_within(Duration::from_secs(18));
@@ -47,10 +47,9 @@ fn a_server_of_a_log_ends_while_the_store_of_its_blobs_is_silent() {
     let policy = network.genesis().policy;
     let request = format!("GET /blobs/sha256/{policy} HTTP/1.1\r\nhost: log\r\n\r\n");
     asking.write_all(request.as_bytes()).unwrap();
-    sleep(Duration::from_secs(2));
+    until("it asks the store", || s3.network.counted("HEAD") > 0);
     server.told_to_end();
     // 10 seconds for the requests in progress, and 2 more.
     let ended = server.ended_within(Duration::from_secs(18));
     assert!(ended.expect("it ends").success());
-    assert!(s3.network.counted("HEAD") > 0, "it has asked the store");
 }

@@ -7,8 +7,7 @@ use crate::harness::{prints, zk0};
 use std::env;
 use std::fs;
 use std::path::Path;
-use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tempfile::TempDir;
 use tokio::runtime::Runtime;
 use tokio::task::JoinSet;
@@ -24,6 +23,7 @@ use zk0_testkit::members::{found, Member};
 use zk0_testkit::own_port::OwnPort;
 use zk0_testkit::s3::failing_network::Fault;
 use zk0_testkit::s3::S3;
+use zk0_testkit::until;
 use zk0_tls::service_address::ServiceAddress;
 
 /// The requests by which an aggregator reads what nodes have put there.
@@ -149,24 +149,13 @@ fn staged(folder: &Path) -> u64 {
     found.map(|file| of(&file.unwrap().path())).sum()
 }
 
-#[track_caller]
-fn waits_for(what: &str, done: impl Fn() -> bool) {
-    let begun = Instant::now();
-    while !done() {
-        assert!(begun.elapsed() < Duration::from_secs(120), "{what}");
-        sleep(Duration::from_millis(50));
-    }
-}
-
 /// The update is in the bucket, and nothing is left of what was on its way.
 #[track_caller]
 fn is_whole(s3: &S3, large: &Large, blob: Digest) {
     let stored = fs::metadata(s3.file("net", blob)).unwrap();
     assert_eq!(stored.len(), bytes() as u64);
-    waits_for("an object stays in the bucket", || {
-        s3.objects("net/uploads") == 0
-    });
-    waits_for("an upload stays", || large.staged() == 0);
+    until("no object is left", || s3.objects("net/uploads") == 0);
+    until("no upload is left", || large.staged() == 0);
     assert_eq!(s3.unfinished(), 0);
 }
 
@@ -185,7 +174,7 @@ fn an_aggregator_that_is_killed_while_it_takes_an_update_goes_on() {
         let blob = member.upload(&mut node, update).await.unwrap();
         (node, blob)
     });
-    waits_for("no part comes", || large.staged() == 2 * PART_BYTES);
+    until("two parts come", || large.staged() == 2 * PART_BYTES);
     large.kill(|| s3.network.mend());
     runtime.block_on(async {
         let (mut node, blob) = uploading.await.unwrap();

@@ -15,8 +15,6 @@ use seen::Seen;
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
-use std::thread::sleep;
-use std::time::{Duration, Instant};
 use zk0_ledger::blobs::Blobs;
 use zk0_testkit::s3::S3;
 
@@ -48,11 +46,7 @@ fn lives_from(address: &str, variables: &[(String, String)], inside: &dyn Seen) 
     let cached = [&store[..], &["--blob-cache-bytes", "0", "--rounds", "2"]].concat();
     let mut aggregator = Serving::start_with(&words(&serving(&network, &cached)), variables);
     aggregator.logs("blobs removed from the ledger's folder");
-    let begun = Instant::now();
-    while network.entries().len() < 7 {
-        assert!(begun.elapsed() < Duration::from_secs(60), "no rounds");
-        sleep(Duration::from_millis(100));
-    }
+    network.closes(2);
     assert!(aggregator.terminate().success());
     let genesis = network.genesis();
     let policy = genesis.policy.to_string();
@@ -104,14 +98,9 @@ fn lives_from(address: &str, variables: &[(String, String)], inside: &dyn Seen) 
 
     // The rounds go on from the store alone.
     fs::remove_dir_all(Path::new(&ledger).join("blobs")).ok();
-    let before = network.entries().len();
     let more = [&store[..], &["--rounds", "4"]].concat();
     let mut aggregator = Serving::start_with(&words(&serving(&network, &more)), variables);
-    let begun = Instant::now();
-    while network.entries().len() < before + 6 {
-        assert!(begun.elapsed() < Duration::from_secs(60), "no more rounds");
-        sleep(Duration::from_millis(100));
-    }
+    network.closes(4);
     assert!(aggregator.terminate().success());
 }
 

@@ -6,12 +6,12 @@ use crate::harness::network::{LocalNetwork, Prover};
 use crate::harness::process::Process;
 use crate::harness::serving::Serving;
 use crate::harness::{ends, fails, words, zk0, RECORDING};
-use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use zk0_circuits::Digest;
 use zk0_protocol::entries::entry::Body;
 use zk0_testkit::s3::failing_network::Fault;
 use zk0_testkit::s3::S3;
+use zk0_testkit::until;
 
 /// A network whose aggregator gives its node addresses of the bucket.
 pub struct Presigned {
@@ -79,22 +79,13 @@ impl Presigned {
 
     /// Waits until the node has committed to its update.
     pub fn committed(&self) -> Digest {
-        let begun = Instant::now();
-        loop {
-            let committed = self
-                .network
-                .entries()
-                .into_iter()
-                .find_map(|entry| match entry.body {
-                    Body::UpdateCommitted(signed) => Some(signed.statement.update.blob),
-                    _ => None,
-                });
-            if let Some(update) = committed {
-                return update;
-            }
-            assert!(begun.elapsed() < Duration::from_secs(120), "no commitment");
-            sleep(Duration::from_millis(100));
-        }
+        until("the node commits to its update", || {
+            let mut entries = self.network.entries().into_iter();
+            entries.find_map(|entry| match entry.body {
+                Body::UpdateCommitted(signed) => Some(signed.statement.update.blob),
+                _ => None,
+            })
+        })
     }
 
     /// How many updates came this way.

@@ -7,9 +7,8 @@ use crate::harness::{ends, logged, printed, text, zk0, LEDGER};
 use std::fs;
 use std::path::Path;
 use std::process::Command;
-use std::thread::sleep;
-use std::time::{Duration, Instant};
 use zk0_testkit::local_hub::LocalHub;
+use zk0_testkit::until;
 
 struct Published {
     network: LocalNetwork,
@@ -25,11 +24,8 @@ impl Published {
         let network = founded(&policy);
         let [ledger, key, out] = ["ledger", "log.key", "out"].map(|name| network.path(name));
         let mut aggregator = Serving::start(&serving(&ledger, &key, &out, &policy));
-        let begun = Instant::now();
-        while !Path::new(&out).join("round-2").exists() {
-            assert!(begun.elapsed() < Duration::from_secs(120));
-            sleep(Duration::from_millis(50));
-        }
+        let last = Path::new(&out).join("round-2");
+        until("the last folder is there", || last.exists());
         assert!(aggregator.terminate().success());
         Self {
             network,

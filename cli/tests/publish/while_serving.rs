@@ -6,23 +6,14 @@ use crate::harness::serving::Serving;
 use crate::harness::{ends, logged, zk0};
 use std::path::Path;
 use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use zk0_testkit::local_hub::{LocalHub, READER};
+use zk0_testkit::until;
 
 /// The summaries of the repository's commits.
 fn summaries(hub: &LocalHub) -> Vec<String> {
     let model = hub.held().models.get(NAME).cloned().unwrap_or_default();
     model.commits.into_iter().map(|one| one.summary).collect()
-}
-
-#[track_caller]
-fn wait_for(hub: &LocalHub, expected: &[&str]) {
-    let begun = Instant::now();
-    while summaries(hub) != expected {
-        let waited = begun.elapsed();
-        assert!(waited < Duration::from_secs(120), "{:?}", summaries(hub));
-        sleep(Duration::from_millis(50));
-    }
 }
 
 #[test]
@@ -37,7 +28,9 @@ fn each_policy_folder_is_published_once_and_a_hub_that_fails_is_asked_again() {
     arguments.extend(["--hf-repo-id", NAME, "--hf-private", "--hf-license", "mit"]);
     let variables = variables(&hub, &home);
     let mut aggregator = Serving::start_with(&arguments, &variables);
-    wait_for(&hub, &["Round 1", "Round 2"]);
+    until("both are published", || {
+        summaries(&hub) == ["Round 1", "Round 2"]
+    });
     assert!(aggregator.terminate().success());
     holds(&hub, &Path::new(&out).join("round-2"));
     let model = hub.model(NAME);
@@ -55,10 +48,10 @@ fn each_policy_folder_is_published_once_and_a_hub_that_fails_is_asked_again() {
         assert!(card.contains(text), "{card}");
     }
 
-    // After a restart, nothing is published again.
+    // After a restart, nothing is published again. The folders are looked at each second.
     hub.asked();
     let mut aggregator = Serving::start_with(&arguments, &variables);
-    sleep(Duration::from_secs(3));
+    sleep(Duration::from_millis(1500));
     assert!(aggregator.terminate().success());
     assert_eq!(hub.asked(), [""; 0]);
 }
@@ -75,11 +68,10 @@ fn an_aggregator_whose_token_may_not_write_goes_on() {
     let mut variables = variables(&hub, &home);
     variables[1].1 = READER;
     let mut aggregator = Serving::start_with(&arguments, &variables);
-    let begun = Instant::now();
-    while !Path::new(&out).join("round-2").exists() || hub.held().requests.is_empty() {
-        assert!(begun.elapsed() < Duration::from_secs(120));
-        sleep(Duration::from_millis(50));
-    }
+    let last = Path::new(&out).join("round-2");
+    until("the Hub is asked, and the rounds go on", || {
+        last.exists() && !hub.held().requests.is_empty()
+    });
     assert!(aggregator.terminate().success());
     assert_eq!(summaries(&hub), [""; 0]);
 

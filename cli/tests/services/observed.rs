@@ -8,7 +8,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, Stdio};
 use std::thread;
-use std::time::{Duration, Instant};
+use zk0_testkit::until;
 
 /// A running aggregator with metrics.
 struct Observed {
@@ -86,15 +86,9 @@ impl Observed {
     /// Waits until the metric has this value.
     #[track_caller]
     fn becomes(&self, name: &str, wanted: f64) {
-        let begun = Instant::now();
-        while self.metric(name) != wanted {
-            let text = self.get("/metrics");
-            assert!(
-                begun.elapsed() < Duration::from_secs(10),
-                "{name} is not {wanted}: {text}"
-            );
-            thread::sleep(Duration::from_millis(50));
-        }
+        until(format!("{name} is {wanted}"), || {
+            self.metric(name) == wanted
+        });
     }
 
     fn of_network(&self) -> [String; 4] {
@@ -256,16 +250,8 @@ fn a_watched_status_is_shown_again() {
         .collect();
     assert!(up[0] < up[2], "{up:?}");
     // The reader has left, so the watch ends.
-    let until = Instant::now() + Duration::from_secs(60);
-    let ended = loop {
-        let ended = watching.try_wait().unwrap();
-        if ended.is_some() || Instant::now() > until {
-            break ended;
-        }
-        thread::sleep(Duration::from_millis(20));
-    };
-    watching.kill().unwrap();
-    assert!(ended.is_some_and(|status| status.success()), "{ended:?}");
+    let ended = until("the watch ends", || watching.try_wait().unwrap());
+    assert!(ended.success(), "{ended:?}");
 }
 
 #[test]

@@ -2,7 +2,9 @@
 
 use crate::harness::serving::Serving;
 use std::time::Duration;
+use tokio::runtime::Runtime;
 use zk0_prover::machine::{LockError, ProverLock, ProverOptions, Resources};
+use zk0_prover::service::ProvingClient;
 
 /// SP1 starts for a minute or two, and cannot be interrupted.
 #[test]
@@ -19,7 +21,11 @@ fn a_proving_service_that_starts_sp1_ends_in_time() {
     }
     drop(lock);
     let mut serving = Serving::start(&["prover", "serve", "--listen", "127.0.0.1:0"]);
-    std::thread::sleep(Duration::from_secs(1));
+    let address = ProvingClient::address(serving.address.clone());
+    let connected = Runtime::new()
+        .unwrap()
+        .block_on(ProvingClient::connect(address));
+    connected.unwrap();
     serving.told_to_end();
     let ended = serving.ended_within(Duration::from_secs(15));
     assert!(ended.expect("it ends").success());

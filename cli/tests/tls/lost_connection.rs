@@ -3,11 +3,10 @@
 use super::encrypted::Encrypted;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{mpsc, Arc};
-use std::time::Duration;
 use tokio::io::{copy_bidirectional, AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Notify;
-use tokio::time::{sleep, timeout};
+use zk0_testkit::until_async;
 
 /// Passes the bytes of nodes on to an aggregator, and can cut the connection.
 #[derive(Default)]
@@ -35,13 +34,6 @@ impl Relay {
         let read = node.read(&mut request).await.unwrap();
         aggregator.write_all(&request[..read]).await.unwrap();
     }
-
-    /// Waits until there have been so many connections.
-    async fn has_had(&self, connections: usize) {
-        while self.connections.load(Ordering::SeqCst) < connections {
-            sleep(Duration::from_millis(10)).await;
-        }
-    }
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -58,8 +50,8 @@ async fn a_node_asks_again_when_its_connection_is_lost() {
     relay.cut.notify_one();
     let asking = tokio::spawn(async move { node.governance().await });
     // The aggregator answers nobody before the node has asked again.
-    let again = timeout(Duration::from_secs(60), relay.has_had(2)).await;
-    again.expect("the node connects again");
+    let again = async || relay.connections.load(Ordering::SeqCst) == 2;
+    until_async("the node connects again", again).await;
     release.send(()).unwrap();
     asking.await.unwrap().unwrap();
     busy.await.unwrap();

@@ -4,9 +4,10 @@ use super::encrypted::{Certificates, Encrypted};
 use std::fs;
 use std::time::Duration;
 use tokio::time::sleep;
+use zk0_testkit::until_async;
 use zk0_tls::local_authority::{CERTIFICATE, KEY};
 
-const EVERY: Duration = Duration::from_millis(50);
+const EVERY: Duration = Duration::from_millis(5);
 
 /// Several looks at the files.
 async fn looked() {
@@ -29,8 +30,8 @@ async fn a_new_certificate_is_shown_and_a_broken_one_is_not() {
     looked().await;
     served.connect("https", certificates.ca()).await.unwrap();
     replace(KEY);
-    looked().await;
-    served.connect("https", renewed.ca()).await.unwrap();
+    let shown = async || served.connect("https", renewed.ca()).await.is_ok();
+    until_async("the new certificate is shown", shown).await;
     let message = served.refused("https", certificates.ca()).await;
     assert!(message.contains("not signed by"), "{message}");
 

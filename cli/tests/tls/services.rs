@@ -8,10 +8,11 @@ use crate::harness::{ends, fails, logged, printed, prints, text, zk0, LEDGER, RE
 use std::fs;
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tempfile::TempDir;
 use tokio::runtime::Runtime;
 use zk0_prover::service::ProvingClient;
+use zk0_testkit::until;
 use zk0_tls::local_authority::{CA, CERTIFICATE, KEY};
 
 /// An authority with a server's certificate, as the binary makes them.
@@ -51,16 +52,6 @@ impl Made {
 fn says(message: &str, words: &[&str]) {
     for word in words {
         assert!(message.contains(word), "{word:?} is not in {message:?}");
-    }
-}
-
-/// Tries again for fifteen seconds.
-#[track_caller]
-fn soon(what: &str, done: impl Fn() -> bool) {
-    let begun = Instant::now();
-    while !done() {
-        assert!(begun.elapsed() < Duration::from_secs(15), "{what}");
-        std::thread::sleep(Duration::from_millis(200));
     }
 }
 
@@ -193,7 +184,7 @@ fn a_proving_service_shows_its_certificate() {
     for name in [CERTIFICATE, KEY] {
         fs::copy(other.path(name), certificates.path(name)).unwrap();
     }
-    soon("the new certificate is shown", || {
+    until("the new certificate is shown", || {
         connect(&served.address, other.ca()).is_ok()
     });
     let refused = connect(&served.address, certificates.ca()).unwrap_err();

@@ -11,12 +11,12 @@ use opentelemetry_proto::tonic::common::v1::any_value::Value;
 use opentelemetry_proto::tonic::common::v1::KeyValue;
 use opentelemetry_proto::tonic::trace::v1::Span;
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
 use tokio_stream::wrappers::TcpListenerStream;
 use tonic::transport::Server;
 use tonic::{Request, Response, Status};
+use zk0_testkit::until;
 use zk0_tls::incoming::{connections, Bounds};
 use zk0_tls::server_certificate::ServerCertificate;
 
@@ -101,15 +101,9 @@ impl Collector {
     /// Waits until there is a span of this name.
     #[track_caller]
     pub fn receives(&self, name: &str) {
-        let begun = Instant::now();
-        while self.spans().named(name).is_empty() {
-            assert!(
-                begun.elapsed() < Duration::from_secs(30),
-                "no span is named {name:?}: {:?}",
-                self.spans().names()
-            );
-            std::thread::sleep(Duration::from_millis(50));
-        }
+        until(format!("a span is named {name:?}"), || {
+            !self.spans().named(name).is_empty()
+        });
     }
 }
 

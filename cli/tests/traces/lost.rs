@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use zk0_testkit::own_port::OwnPort;
 
 /// Spans are sent this often, so that a test sees several attempts.
-const OFTEN: (&str, &str) = ("OTEL_BSP_SCHEDULE_DELAY", "100");
+const OFTEN: (&str, &str) = ("OTEL_BSP_SCHEDULE_DELAY", "20");
 
 /// Less than a collector has to answer, which is ten seconds.
 const SOON: Duration = Duration::from_secs(9);
@@ -55,7 +55,7 @@ fn a_collector_that_is_down_is_logged_once_and_gets_traces_when_it_is_there() {
     let traced = Traced::start(&format!("http://{}", port.address()), &[OFTEN]);
     for _ in 0..6 {
         traced.ask();
-        thread::sleep(Duration::from_millis(300));
+        thread::sleep(Duration::from_millis(60));
     }
     traced.aggregator.logs("takes no traces");
     let log = traced.aggregator.log();

@@ -7,6 +7,7 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use zk0_testkit::until;
 
 /// `zk0 train` on a recording, micro profile, with a cache in `dir`.
 fn train(dir: &Path, out: &str, more: &[&str]) -> Command {
@@ -80,9 +81,9 @@ fn a_run_that_is_killed_again_and_again_ends_with_the_same_bytes() {
                 .stdout(Stdio::null())
                 .spawn()
                 .unwrap();
-            while process.try_wait().unwrap().is_none() && steps(&metrics).len() < *stop {
-                sleep(Duration::from_millis(1));
-            }
+            until("the run has come so far, or has ended", || {
+                steps(&metrics).len() >= *stop || process.try_wait().unwrap().is_some()
+            });
             // The kill comes at some moment of the next steps. SIGKILL leaves the process no time for anything.
             let clock = SystemTime::now().duration_since(UNIX_EPOCH).unwrap();
             sleep(Duration::from_micros(
@@ -117,9 +118,9 @@ fn sigterm_ends_a_run_that_prepares_frames_in_the_background() {
     run.args(inner.get_args()).current_dir(root());
     let mut run = run.stderr(Stdio::null()).spawn().unwrap();
     let metrics = dir.path().join("stopped/metrics.jsonl");
-    while run.try_wait().unwrap().is_none() && steps(&metrics).is_empty() {
-        sleep(Duration::from_millis(1));
-    }
+    until("the run has begun, or has ended", || {
+        !steps(&metrics).is_empty() || run.try_wait().unwrap().is_some()
+    });
     let begin = Instant::now();
     let pid = run.id().to_string();
     let told = Command::new("kill").args(["-TERM", &pid]).status();

@@ -21,6 +21,7 @@ use tonic::transport::Server;
 use tonic::{Response, Status};
 use tonic_prost::ProstCodec;
 use zk0_prover::network::{Account, NetworkOptions, Strategy};
+use zk0_testkit::until_async;
 
 /// What becomes of requests.
 #[derive(Clone)]
@@ -130,13 +131,7 @@ impl Network {
 
     /// Waits until the network has heard something.
     pub async fn hears(&self, what: impl Fn(&Heard) -> bool) {
-        for _ in 0..600 {
-            if self.heard(&what) {
-                return;
-            }
-            tokio::time::sleep(Duration::from_millis(50)).await;
-        }
-        panic!("the network has not heard it within 30 s");
+        until_async("the network hears it", async || self.heard(&what)).await;
     }
 
     pub fn account(&self) -> Account {

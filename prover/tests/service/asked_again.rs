@@ -3,8 +3,7 @@
 use super::{comes, input, reaches, refusal, service, soon, Service, SOON};
 use std::sync::atomic::Ordering;
 use std::sync::Arc;
-use std::time::Duration;
-use tokio::time::{sleep, timeout};
+use tokio::time::timeout;
 use zk0_circuits::Mode;
 use zk0_prover::program::GuestInput;
 use zk0_prover::rpc::progress::Phase;
@@ -127,8 +126,6 @@ async fn a_proof_that_nobody_took_outlives_those_that_are_taken() {
     for other in ["first", "second"] {
         service.allowed.add_permits(1);
         soon(service.prove(other)).await;
-        // Now the service knows that the proof was taken.
-        sleep(Duration::from_millis(200)).await;
     }
     soon(service.prove("claim")).await;
     assert_eq!(service.begun(), 3);

@@ -54,14 +54,14 @@ async fn who_connects_and_says_nothing_is_cut() {
 /// The client and the service are on one thread. It is busy until the time is over.
 #[tokio::test]
 async fn who_began_in_time_is_not_cut_by_a_service_that_looks_late() {
-    let silence = Duration::from_secs(2);
+    let silence = Duration::from_secs(1);
     let service = patient_service(4, 1, impatient(silence)).await;
     let mut connection = connected(&service.address).await;
-    // The service waits for the first bytes now.
-    sleep(Duration::from_millis(200)).await;
-    connection.write_all(BEGIN).await.unwrap();
-    std::thread::sleep(silence + Duration::from_millis(200));
+    // The service speaks, and waits for the first bytes now.
     let mut heard = vec![];
+    connection.read_buf(&mut heard).await.unwrap();
+    connection.write_all(BEGIN).await.unwrap();
+    std::thread::sleep(silence + Duration::from_millis(100));
     let answered = async {
         while !heard
             .windows(ACKNOWLEDGED.len())
@@ -112,12 +112,11 @@ fn a_service_that_may_open_no_file_waits_until_it_may() {
         let mut files: Vec<_> = std::iter::from_fn(|| File::open("/dev/null").ok()).collect();
         // One file is left for the client's side of a connection, and none for the service's.
         files.pop();
-        let _connection = connected(&service.address).await;
-        sleep(Duration::from_millis(100)).await;
         let before = ticks(&mut usage);
-        sleep(Duration::from_secs(1)).await;
+        let _connection = connected(&service.address).await;
+        sleep(Duration::from_millis(500)).await;
         let spent = ticks(&mut usage) - before;
-        assert!(spent < 20, "{spent} of 100 ticks were spent on nothing");
+        assert!(spent < 10, "{spent} of 50 ticks were spent on nothing");
         drop(files);
         service.prove("claim").await.unwrap();
     });

@@ -12,7 +12,7 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::sync::{mpsc, oneshot, Semaphore};
 use tokio::task::JoinHandle;
-use tokio::time::{sleep, timeout};
+use tokio::time::timeout;
 use tonic::transport::Endpoint;
 use zk0_circuits::claim::private_input::InputError;
 use zk0_circuits::claim::statement_error::StatementError;
@@ -26,6 +26,7 @@ use zk0_prover::service::upload::{self, Patience};
 use zk0_prover::service::{
     Backend, ClientError, GivenUp, JobError, Pace, ProvingClient, ProvingService, Waiting,
 };
+use zk0_testkit::until_async;
 use zk0_tls::service_address::ServiceAddress;
 
 /// How long the tests wait for what comes soon.
@@ -188,12 +189,11 @@ impl Service {
         claim: &str,
         mut progress: impl FnMut(Progress),
     ) -> Result<zk0_prover::rpc::Proof, ClientError> {
-        loop {
-            match self.prove_and_watch(claim, &mut progress).await {
-                Err(error) if error.may_pass() => sleep(Duration::from_millis(20)).await,
-                proof => return proof,
-            }
-        }
+        let asked = async || match self.prove_and_watch(claim, &mut progress).await {
+            Err(error) if error.may_pass() => None,
+            proof => Some(proof),
+        };
+        until_async("there is room", asked).await
     }
 
     fn begun(&self) -> usize {
@@ -232,13 +232,8 @@ impl Service {
 type Asking = JoinHandle<Result<zk0_prover::rpc::Proof, ClientError>>;
 
 async fn reaches(count: &AtomicUsize, least: usize) {
-    let reaches = async {
-        while count.load(Ordering::SeqCst) < least {
-            sleep(Duration::from_millis(10)).await;
-        }
-    };
-    let reaches = timeout(SOON, reaches).await;
-    reaches.expect("it comes so far");
+    let reaches = async || count.load(Ordering::SeqCst) >= least;
+    until_async("it comes so far", reaches).await;
 }
 
 /// The proof, which has to come soon.

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 use std::sync::Mutex;
 use std::thread::{self, sleep, ThreadId};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use candle_core::Device;
 use zk0_lerobot::dataset::Dataset;
@@ -15,6 +15,7 @@ use zk0_smolvla::frames::sample::{PreparedSample, Preparer};
 use zk0_smolvla::policy::tokenizer::WordHash;
 use zk0_smolvla::policy::weights::Policy;
 use zk0_smolvla::train::{train, train_by_sgd, train_on, Samples, TrainOptions};
+use zk0_testkit::until;
 
 use super::setting::{copy, frames, policy, recording, PLENTY};
 
@@ -133,15 +134,6 @@ fn another_thread_runs_the_frozen_half_unless_the_asker_has_to() {
     }
 }
 
-/// Waits until `made` is `count`, at most 20 seconds.
-fn wait_for(count: usize, made: impl Fn() -> usize) {
-    let clock = Instant::now();
-    while made() < count {
-        assert!(clock.elapsed() < Duration::from_secs(20), "{}", made());
-        sleep(Duration::from_millis(5));
-    }
-}
-
 #[test]
 fn no_more_samples_are_made_ahead_than_the_bound() {
     let (setting, count) = (Setting::of(&recording()), 200);
@@ -153,20 +145,18 @@ fn no_more_samples_are_made_ahead_than_the_bound() {
     ahead(&source, |samples| {
         samples.expect(Box::new(0..count), 4);
         samples.sample(0).unwrap();
-        wait_for(bound, || source.in_cache());
-        sleep(Duration::from_millis(300));
+        until("one waits", || source.in_cache() >= bound);
+        sleep(Duration::from_millis(100));
         assert_eq!(source.in_cache(), bound);
 
         // Other orders may follow at any time, and each begins anew.
         samples.expect(Box::new((0..count).rev()), 4);
         samples.sample(count - 1).unwrap();
-        wait_for(bound + bound, || source.in_cache());
+        until("one waits", || source.in_cache() >= 2 * bound);
     });
-    // The threads do not go on when the work is over.
+    // The threads have ended, and did not go on when the work was over.
     let made = source.in_cache();
     assert!(made <= 2 * bound + 2, "{made}");
-    sleep(Duration::from_millis(100));
-    assert_eq!(source.in_cache(), made);
 }
 
 #[test]

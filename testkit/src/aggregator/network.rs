@@ -1,6 +1,7 @@
 //! An aggregator that serves on loopback, and can be killed and started again.
 
 use super::{files, found, genesis, log_key, ManualClock, Node, COMMIT_MS, START_MS};
+use crate::until_async;
 use ed25519_dalek::SigningKey;
 use std::fs::File;
 use std::path::Path;
@@ -160,18 +161,12 @@ impl Network {
     /// Starts an aggregator that has ended on what is on disk.
     pub async fn start_again(&mut self) {
         // The database is locked until every clone of the old service is gone. Requests that were in progress hold such clones.
-        let mut tries = 0;
         self.service = None;
-        let aggregator = loop {
-            match self.open() {
-                Ok(aggregator) => break aggregator,
-                Err(error) if tries < 100 && error.to_string().contains("in use") => {
-                    tries += 1;
-                    tokio::time::sleep(Duration::from_millis(50)).await;
-                }
-                Err(error) => panic!("{error}"),
-            }
-        };
+        let aggregator = until_async("the database is free", async || match self.open() {
+            Err(error) if error.to_string().contains("in use") => None,
+            opened => Some(opened.unwrap()),
+        });
+        let aggregator = aggregator.await;
         self.service = Some(self.service_of(aggregator).await);
         self.serve().await;
     }
@@ -375,6 +370,27 @@ impl Network {
     /// How many uploads the folder holds.
     pub fn uploads(&self) -> usize {
         files(&self.dir.path().join("uploads"))
+    }
+
+    /// What the aggregator has counted under this name, with its labels.
+    pub fn metric(&self, name: &str) -> u64 {
+        let text = self.service().metrics().text().unwrap();
+        let mut lines = text.lines();
+        let value = lines.find_map(|line| line.strip_prefix(name)?.strip_prefix(' '));
+        value.map_or(0, |value| value.parse().unwrap())
+    }
+
+    /// Waits until so many requests of this method are in progress.
+    pub async fn in_progress(&self, method: &str, requests: u64) {
+        let name = format!("zk0_requests_in_progress{{method=\"{method}\"}}");
+        let what = format!("{requests} requests {method} are in progress");
+        until_async(what, async || self.metric(&name) == requests).await;
+    }
+
+    /// Waits until a large message has its memory.
+    pub async fn large_message(&self) {
+        let bytes = async || self.metric("zk0_message_bytes_in_flight") > 0;
+        until_async("a large message has its memory", bytes).await;
     }
 }
 

@@ -1,6 +1,7 @@
 //! Witnesses that serve on loopback, and ledgers that they are to cosign.
 
 use super::{genesis, log_key, ManualClock, Node, START_MS};
+use crate::until_async;
 use ed25519_dalek::SigningKey;
 use std::path::Path;
 use std::sync::Arc;
@@ -12,7 +13,7 @@ use zk0_aggregator::publish::cosigning::{CosigningError, Prove, Witnesses};
 use zk0_aggregator::publish::http;
 use zk0_aggregator::publish::witness_server::WitnessServer;
 use zk0_ledger::log::Ledger;
-use zk0_ledger::witness_store::WitnessStore;
+use zk0_ledger::witness_store::{WitnessError, WitnessStore};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::tlog::cosigner::Cosigner;
@@ -56,16 +57,19 @@ impl Running {
 
     /// Starts it. If it was stopped, it comes back at the same address.
     pub async fn on(&mut self) {
-        let mut tries = 0;
-        let store = loop {
-            match WitnessStore::open(self.dir.path(), self.cosigner(), vec![log_verifier()]) {
-                Ok(store) => break store,
-                // The stopped witness releases its folder when its last request has ended.
-                Err(_) if tries < 100 => tries += 1,
-                Err(error) => panic!("{error}"),
-            }
-            tokio::time::sleep(Duration::from_millis(20)).await;
-        };
+        // The stopped witness releases its folder when its last request has ended.
+        let store = until_async(
+            "the witness' folder is free",
+            async || match WitnessStore::open(
+                self.dir.path(),
+                self.cosigner(),
+                vec![log_verifier()],
+            ) {
+                Err(WitnessError::Locked(_)) => None,
+                opened => Some(opened.unwrap()),
+            },
+        );
+        let store = store.await;
         let listener = TcpListener::bind(&self.address).await.unwrap();
         self.address = listener.local_addr().unwrap().to_string();
         let clock = Arc::new(ManualClock::at(START_MS));

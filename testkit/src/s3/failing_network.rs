@@ -82,9 +82,11 @@ impl FailingNetwork {
         state.next.extend(passes);
     }
 
-    /// Lets all requests fail.
+    /// Lets all requests fail, and begins to count anew.
     pub fn fail_always(&self, fault: Fault) {
-        self.state.lock().unwrap().always = Some(fault);
+        let mut state = self.state.lock().unwrap();
+        state.always = Some(fault);
+        state.requests.clear();
     }
 
     /// From now on, all requests pass.

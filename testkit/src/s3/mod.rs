@@ -7,6 +7,7 @@ mod google;
 use self::failing_network::FailingNetwork;
 use crate::own_port::OwnPort;
 use crate::skipped::skipped;
+use crate::until;
 use std::env;
 use std::fs;
 use std::io::{Read, Write};
@@ -14,7 +15,7 @@ use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tempfile::TempDir;
 
 const ACCESS_KEY: &str = "zk0-tests";
@@ -93,14 +94,9 @@ fn started(program: &Path, credentials: &[&str], root: &Path) -> (Child, OwnPort
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    let begun = Instant::now();
-    while TcpStream::connect(port.address()).is_err() {
-        assert!(
-            begun.elapsed() < Duration::from_secs(20),
-            "s3s-fs does not serve"
-        );
-        sleep(Duration::from_millis(20));
-    }
+    until("s3s-fs serves", || {
+        TcpStream::connect(port.address()).is_ok()
+    });
     (process, port)
 }
 

@@ -14,12 +14,18 @@ pub struct BlackHole {
 
 #[derive(Default)]
 struct State {
-    to_server: AtomicBool,
-    to_client: AtomicBool,
+    to_server: Direction,
+    to_client: Direction,
     /// How many bytes come through yet, if that is bounded.
     left: AtomicUsize,
     bounded: AtomicBool,
     connections: AtomicUsize,
+}
+
+/// What becomes of the bytes that go in one direction.
+#[derive(Default)]
+struct Direction {
+    losing: AtomicBool,
     lost_bytes: AtomicUsize,
 }
 
@@ -51,7 +57,7 @@ impl BlackHole {
     /// From now on, nothing comes through in either direction.
     pub fn cut(&self) {
         self.lose_answers();
-        self.state.to_server.store(true, Ordering::SeqCst);
+        self.state.to_server.loses(true);
     }
 
     /// When so many bytes have come, nothing comes through any more.
@@ -62,13 +68,13 @@ impl BlackHole {
 
     /// From now on, nothing comes through to the client.
     pub fn lose_answers(&self) {
-        self.state.to_client.store(true, Ordering::SeqCst);
+        self.state.to_client.loses(true);
     }
 
     /// From now on, new connections work. Those that have lost something stay silent.
     pub fn heal(&self) {
-        self.state.to_server.store(false, Ordering::SeqCst);
-        self.state.to_client.store(false, Ordering::SeqCst);
+        self.state.to_server.loses(false);
+        self.state.to_client.loses(false);
         self.state.bounded.store(false, Ordering::SeqCst);
     }
 
@@ -77,9 +83,16 @@ impl BlackHole {
         self.state.connections.load(Ordering::SeqCst)
     }
 
-    /// How many bytes were lost.
-    pub fn lost_bytes(&self) -> usize {
-        self.state.lost_bytes.load(Ordering::SeqCst)
+    /// How many bytes were lost on their way to the server, and to the client.
+    pub fn lost_bytes(&self) -> [usize; 2] {
+        [&self.state.to_server, &self.state.to_client]
+            .map(|direction| direction.lost_bytes.load(Ordering::SeqCst))
+    }
+}
+
+impl Direction {
+    fn loses(&self, losing: bool) {
+        self.losing.store(losing, Ordering::SeqCst);
     }
 }
 
@@ -91,8 +104,8 @@ impl State {
             .left
             .fetch_update(Ordering::SeqCst, Ordering::SeqCst, left);
         if self.bounded.load(Ordering::SeqCst) && before.is_ok_and(|left| left <= bytes) {
-            self.to_server.store(true, Ordering::SeqCst);
-            self.to_client.store(true, Ordering::SeqCst);
+            self.to_server.loses(true);
+            self.to_client.loses(true);
         }
     }
 }
@@ -102,20 +115,20 @@ async fn relay(
     mut from: OwnedReadHalf,
     mut to: OwnedWriteHalf,
     state: &State,
-    losing: &AtomicBool,
+    direction: &Direction,
 ) {
     let mut buffer = [0; 4096];
     let mut lost = false;
     while let Ok(read @ 1..) = from.read(&mut buffer).await {
         state.count(read);
-        lost |= losing.load(Ordering::SeqCst);
+        lost |= direction.losing.load(Ordering::SeqCst);
         if lost {
-            state.lost_bytes.fetch_add(read, Ordering::SeqCst);
+            direction.lost_bytes.fetch_add(read, Ordering::SeqCst);
         } else if to.write_all(&buffer[..read]).await.is_err() {
             return;
         }
     }
-    if lost || losing.load(Ordering::SeqCst) {
+    if lost || direction.losing.load(Ordering::SeqCst) {
         std::future::pending::<()>().await;
     }
 }

@@ -3,10 +3,11 @@
 use super::black_hole::BlackHole;
 use super::{by_the_machines_clock, client};
 use std::time::Duration;
-use tokio::time::{sleep, timeout};
+use tokio::time::timeout;
 use zk0_aggregator::Config;
 use zk0_protocol::entries::entry::Body;
 use zk0_testkit::aggregator::{digest, weights, Network, Node};
+use zk0_testkit::until_async;
 use zk0_tls::service_address::Silence;
 
 /// How soon the node notices here. By default it takes a minute.
@@ -14,9 +15,6 @@ const SOON: Silence = Silence {
     asks_after: Duration::from_millis(300),
     lost_after: Duration::from_millis(300),
 };
-
-/// How long the network is cut.
-const CUT: Duration = Duration::from_secs(2);
 
 /// Longer than this, nothing may take after the cut.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -39,13 +37,14 @@ async fn a_node_that_waits_for_a_round_learns_of_it_after_the_cut() {
     let (network, node, hole) = relayed().await;
     let mut waiting = client(&network, &node, &hole.url, SOON).await;
     let waiting = tokio::spawn(async move { waiting.wait_for_round(0).await.map(drop) });
-    sleep(Duration::from_millis(500)).await;
+    network.in_progress("WatchRound", 1).await;
     hole.cut();
     // The round opens meanwhile, and the node is not told.
     node.register(&network).await.unwrap();
     network.settle().await;
-    sleep(CUT).await;
-    assert!(!waiting.is_finished() && hole.lost_bytes() > 0);
+    let not_told = async || hole.lost_bytes()[1] > 0;
+    until_async("the aggregator's answer is lost", not_told).await;
+    assert!(!waiting.is_finished());
     hole.heal();
     let told = timeout(PATIENCE, waiting).await;
     told.expect("the node waits for ever").unwrap().unwrap();
@@ -62,8 +61,7 @@ async fn an_upload_that_is_cut_goes_on_where_it_was() {
     let update: Vec<u8> = (0..size).map(|at| (at % 241) as u8).collect();
     hole.cut_after(update.len() / 2);
     let cut = async {
-        sleep(CUT).await;
-        assert!(hole.lost_bytes() > 0);
+        until_async("a part is lost", async || hole.lost_bytes()[0] > 0).await;
         hole.heal();
     };
     let sent = async { timeout(PATIENCE, sending.upload(0, update.clone())).await };
@@ -88,7 +86,7 @@ async fn a_commitment_whose_answer_is_lost_is_recorded_once() {
     let root = node.dataset().root;
     hole.lose_answers();
     let heal = async {
-        sleep(CUT).await;
+        until_async("an answer is lost", async || hole.lost_bytes()[1] > 0).await;
         hole.heal();
     };
     let committed = async {
@@ -106,5 +104,4 @@ async fn a_commitment_whose_answer_is_lost_is_recorded_once() {
         .map(|(index, _)| index as u64)
         .collect();
     assert_eq!(recorded, [receipt.index]);
-    assert!(hole.lost_bytes() > 0);
 }

@@ -12,6 +12,7 @@ use zk0_protocol::rpc::federation::GetNetworkRequest;
 use zk0_testkit::aggregator::Node;
 use zk0_testkit::changed_copy::Change;
 use zk0_testkit::sockets::{begin_large_message, from};
+use zk0_testkit::until_async;
 
 pub const ATTACK: Attack = Attack {
     number: 16,
@@ -39,6 +40,8 @@ pub const ATTACK: Attack = Attack {
 };
 
 const PLACES: usize = 16;
+/// How many connections had to make room.
+const MADE_ROOM: &str = r#"zk0_connections_lost_total{limit="made-room"}"#;
 /// How often the attacker opens a silent connection.
 const CHURN: Duration = Duration::from_millis(30);
 /// How long the newcomer's first bytes are on their way.
@@ -81,7 +84,7 @@ async fn carry_out() -> Outcome {
         let mut stream = from([1, host], &network.address).await;
         begin_large_message(&mut stream).await;
         holding.push(stream);
-        sleep(Duration::from_millis(10)).await;
+        network.in_progress("Commit", host.into()).await;
     }
     let url = network.address.clone();
     let churning = tokio::spawn(async move {
@@ -91,7 +94,8 @@ async fn carry_out() -> Outcome {
             sleep(CHURN).await;
         }
     });
-    sleep(10 * CHURN).await;
+    let made_room = async || network.metric(MADE_ROOM) > 0;
+    until_async("a connection makes room", made_room).await;
     let newcomer = is_answered(far_away(&network.address).await, PATIENCE).await;
     let asked = timeout(PATIENCE, member.get_network(GetNetworkRequest {})).await;
     let member = asked.is_ok_and(|answer| answer.is_ok());

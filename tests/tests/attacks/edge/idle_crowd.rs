@@ -3,7 +3,6 @@
 use super::crowds::{is_answered, with_places};
 use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
 use std::time::Duration;
-use tokio::time::sleep;
 use zk0_testkit::aggregator::Node;
 use zk0_testkit::changed_copy::Change;
 use zk0_testkit::sockets::{closed, speaking};
@@ -38,7 +37,6 @@ async fn carry_out() -> Outcome {
     for host in 1..=PLACES as u8 {
         // From addresses of their own, so that no limit of an address stops them.
         crowd.push(speaking([1, host], &network.address).await);
-        sleep(Duration::from_millis(20)).await;
     }
     let answered = is_answered(network.address.clone(), PATIENCE).await;
     let mut gone = 0;
