@@ -80,10 +80,8 @@ async fn a_request_that_somebody_else_has_sent_gives_nobody_a_place() -> Test {
     for host in 1..=4 {
         streams.push(speaking([1, host], &network.address).await);
     }
-    thief
-        .client
-        .get_network(proto::GetNetworkRequest {})
-        .await?;
+    thief.ends(1).await;
+    thief.asks().await;
     assert_eq!(thief.connections(), 2);
     Ok(())
 }

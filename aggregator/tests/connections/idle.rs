@@ -39,12 +39,9 @@ async fn a_stranger_is_idle_for_too_long(network: &Network) {
 async fn an_idle_stranger_is_closed_and_connects_again_by_itself() -> Test {
     let (network, _) = with(impatient()).await;
     let mut silent = speaking([1, 1], &network.address).await;
-    let mut stranger = Counted::connect(&network.address).await;
+    let stranger = Counted::connect(&network.address).await;
     for connections in 1..=2 {
-        stranger
-            .client
-            .get_network(proto::GetNetworkRequest {})
-            .await?;
+        stranger.asks().await;
         assert_eq!(stranger.connections(), connections);
         stranger.ends(connections).await;
     }
@@ -78,10 +75,7 @@ async fn a_node_is_closed_when_it_is_idle_for_too_long() -> Test {
     let request = registration(&network, &node);
     member.client.register_dataset(request).await?;
     member.ends(1).await;
-    member
-        .client
-        .get_network(proto::GetNetworkRequest {})
-        .await?;
+    member.asks().await;
     assert_eq!(member.connections(), 2);
     Ok(())
 }

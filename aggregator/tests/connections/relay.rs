@@ -7,6 +7,7 @@ use tokio::io::copy_bidirectional;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::time::timeout;
 use tonic::transport::Channel;
+use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::federation_client::FederationClient;
 use zk0_testkit::until_async;
 
@@ -48,6 +49,13 @@ impl Counted {
         let ended = async || self.ended.load(Ordering::SeqCst) == connections;
         let ends = until_async("a connection ends", ended);
         timeout(Duration::from_secs(20), ends).await.unwrap();
+    }
+
+    /// Asks for the network. A request that meets the end of its connection is sent again.
+    pub async fn asks(&self) {
+        let request = proto::GetNetworkRequest {};
+        let answered = async || self.client.clone().get_network(request).await.is_ok();
+        until_async("an answer", answered).await;
     }
 
     /// How often the client has connected.
