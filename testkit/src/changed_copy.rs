@@ -245,8 +245,11 @@ fn build_quickly(folder: &Path) {
         let name = member.lines().find(|line| line.starts_with("name = "));
         let name = name.expect("a line 'name = …' in a crate's Cargo.toml");
         let name = name.trim_start_matches("name = ");
-        let level = if name == "\"zk0-argument\"" { 1 } else { 0 };
-        text += &format!("\n[profile.release.package.{name}]\nopt-level = {level}\n");
+        let name = name.trim_matches('"');
+        let level = if name == "zk0-argument" { 1 } else { 0 };
+        let table = format!("\n[profile.release.package.{name}]\n");
+        text = text.replace(&format!("{table}codegen-units = 1\n"), "\n");
+        text += &format!("{table}opt-level = {level}\n");
     }
     write(&manifest, text);
 }

@@ -7,7 +7,7 @@ use axum::body::{Body, Bytes};
 use std::future::poll_fn;
 use std::net::IpAddr;
 use std::time::{Duration, Instant};
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, oneshot};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::codegen::http::{Request, Uri};
 use tonic::codegen::Service;
@@ -68,14 +68,17 @@ async fn who_waits_for_memory_for_too_long_is_told_to_come_again() -> Test {
     .await;
     // The aggregator is busy, so a large message keeps its memory although it has arrived.
     let service = network.service().clone();
+    let (has, holds) = oneshot::channel();
     let (end, ended) = std::sync::mpsc::channel::<()>();
     let busy = tokio::spawn(async move {
         let work = move |_: &mut Aggregator| {
+            let _ = has.send(());
             let _ = ended.recv();
             Ok(())
         };
         service.with(work).await
     });
+    holds.await?;
     let mut first = network.client().await;
     let mut request = registration(&network, &node);
     request.get_mut().leaves = vec![0; 3 << 20];
