@@ -248,7 +248,11 @@ fn build_quickly(folder: &Path) {
         let name = name.trim_matches('"');
         let level = if name == "zk0-argument" { 1 } else { 0 };
         let table = format!("\n[profile.release.package.{name}]\n");
-        text = text.replace(&format!("{table}codegen-units = 1\n"), "\n");
+        // Such a table of the workspace has one line.
+        if let Some((before, after)) = text.split_once(&table) {
+            let (_, rest) = after.split_once('\n').expect("a line in the table");
+            text = format!("{before}\n{rest}");
+        }
         text += &format!("{table}opt-level = {level}\n");
     }
     write(&manifest, text);

@@ -4,7 +4,7 @@ use super::relay::Counted;
 use super::{network, registration, with};
 use crate::Test;
 use std::time::Duration;
-use tokio::time::sleep;
+use tokio::time::{sleep, timeout};
 use tonic::transport::Channel;
 use tonic::{Code, Status, Streaming};
 use zk0_aggregator::{ConnectionLimits, Limits};
@@ -63,7 +63,9 @@ async fn a_node_downloads_while_strangers_have_all_their_downloads() -> Test {
 
     // A download whose reader has left makes room.
     drop(first);
-    gets_a_place(&mut stranger, &request).await;
+    // The other one, which nobody reads, makes room after half a minute.
+    let place = gets_a_place(&mut stranger, &request);
+    timeout(Duration::from_secs(20), place).await?;
     Ok(())
 }
 
