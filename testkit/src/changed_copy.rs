@@ -244,8 +244,7 @@ fn build_quickly(folder: &Path) {
         };
         let name = member.lines().find(|line| line.starts_with("name = "));
         let name = name.expect("a line 'name = …' in a crate's Cargo.toml");
-        let name = name.trim_start_matches("name = ");
-        let name = name.trim_matches('"');
+        let name = name.trim_start_matches("name = ").trim_matches('"');
         let level = if name == "zk0-argument" { 1 } else { 0 };
         let table = format!("\n[profile.release.package.{name}]\n");
         // Such a table of the workspace has one line.
