@@ -66,6 +66,9 @@ async fn who_waits_for_memory_for_too_long_is_told_to_come_again() -> Test {
         ..Limits::default()
     })
     .await;
+    // It serves now. Before that, it needs what is about to be busy.
+    let mut first = network.client().await;
+    first.get_network(proto::GetNetworkRequest {}).await?;
     // The aggregator is busy, so a large message keeps its memory although it has arrived.
     let service = network.service().clone();
     let (has, holds) = oneshot::channel();
@@ -79,7 +82,6 @@ async fn who_waits_for_memory_for_too_long_is_told_to_come_again() -> Test {
         service.with(work).await
     });
     holds.await?;
-    let mut first = network.client().await;
     let mut request = registration(&network, &node);
     request.get_mut().leaves = vec![0; 3 << 20];
     let waiting = tokio::spawn(async move { first.register_dataset(request).await });
