@@ -66,7 +66,7 @@ async fn who_waits_for_memory_for_too_long_is_told_to_come_again() -> Test {
         ..Limits::default()
     })
     .await;
-    // It serves now. Before that, it needs what is about to be busy.
+    // The service needs the aggregator before it takes connections, so it answers a request before the aggregator is busy.
     let mut first = network.client().await;
     first.get_network(proto::GetNetworkRequest {}).await?;
     // The aggregator is busy, so a large message keeps its memory although it has arrived.
