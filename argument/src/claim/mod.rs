@@ -20,7 +20,9 @@ mod source;
 
 pub use check::{check, context, NotShown};
 #[cfg(feature = "prove")]
-pub use committed::{committed, TooSmall};
+pub use crate::expert::blinding::Blind;
+#[cfg(feature = "prove")]
+pub use committed::{committed, most_uses};
 #[cfg(feature = "prove")]
 pub use cost::Cost;
 pub use input::{ClaimInput, SampleOpening, CLAIM_BUFFERS};

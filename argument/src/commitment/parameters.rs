@@ -57,9 +57,9 @@ impl Rate {
 }
 
 impl Parameters {
-    /// For polynomials in `height` variables, from 8 to 24. `None` if there are fewer or more.
-    pub fn new(height: u32, rate: Rate) -> Option<Self> {
-        (8..=24).contains(&height).then_some(Self { height, rate })
+    /// For polynomials in `height` variables.
+    pub fn new(height: u32, rate: Rate) -> Self {
+        Self { height, rate }
     }
 
     /// Variables of each polynomial.

@@ -31,18 +31,17 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// For an expert. `None` if it is too small for a commitment.
-    pub fn new(expert: &Expert) -> Option<Self> {
-        let [main, data] = [MAIN, DATA].map(|source| expert.source_bits[source.0 as usize] as u32);
+    /// For an expert.
+    pub fn new(expert: &Expert) -> Self {
+        let data = expert.source_bits[DATA.0 as usize] as u32;
         // It does not depend on the weights, so that a sample is committed to once, before anybody trains.
         let height = height(data);
-        (height <= main).then_some(())?;
-        Some(Self {
-            parameters: Parameters::new(height, RATE)?,
+        Self {
+            parameters: Parameters::new(height, RATE),
             // Columns after the last value are zero, and nobody commits to them.
             widths: [MAIN, DATA].map(|source| expert.used[source.0 as usize].div_ceil(1 << height)),
             segments: expert.builder.relations.count_of_instances(),
-        })
+        }
     }
 }
 
@@ -71,7 +70,7 @@ pub fn verify(statement: &Statement, proof: &[u64]) -> Result<Verified, Refused>
     let building = operation("relations");
     let expert = Expert::new(statement);
     building.end();
-    let shape = Shape::new(&expert).ok_or(Refused::Equation("the size of a commitment"))?;
+    let shape = Shape::new(&expert);
     let mut verifier = Verifier::new(&statement.digest(), proof);
     let mut segments = Vec::with_capacity(2 * shape.segments);
     for width in shape.widths {
@@ -133,6 +132,7 @@ pub mod prove {
     use super::*;
     use crate::commitment::prove::columns::Column;
     use crate::commitment::prove::{open, Committed};
+    use crate::expert::blinding::Blind;
     use crate::expert::witness::{Common, Witness};
     use crate::prove::progress::{Phase, Tell};
     use crate::prove::{Instance, Proving, Values};
@@ -145,21 +145,19 @@ pub mod prove {
 
     /// Argues. `witness` gives the values of each sample, one after the other, and no more than one is in memory at a time: with a folder, what is
     /// committed to is in files there, of half a gigabyte a sample at the published size. What is false is argued as if it were true, so that tests can see it refused.
-    /// `None` if the evaluation is too small.
     ///
     /// # Errors
     /// `witness` fails, or a file cannot be written.
     pub fn prove<E: From<io::Error>>(
         statement: &Statement,
         common: &Common,
+        _: &Blind,
         folder: Option<&Path>,
         tell: Tell<'_>,
         mut witness: impl FnMut(usize) -> Result<Witness, E>,
-    ) -> Result<Option<Vec<u64>>, E> {
+    ) -> Result<Vec<u64>, E> {
         let expert = Expert::new(statement);
-        let Some(shape) = Shape::new(&expert) else {
-            return Ok(None);
-        };
+        let shape = Shape::new(&expert);
         let parameters = &shape.parameters;
         let bits = parameters.variables() as u32;
         let commit = |values: Vec<i64>, width: usize| {
@@ -220,6 +218,6 @@ pub mod prove {
         if let Some(failure) = proving.take_failure() {
             return Err(failure.into());
         }
-        Ok(Some(proving.prover.finish()))
+        Ok(proving.prover.finish())
     }
 }

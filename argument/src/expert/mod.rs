@@ -10,6 +10,8 @@
 //! **What is not checked yet.** A base that overflows has no proof. Scores may exceed 32 bits, where mode `direct` refuses them.
 
 pub mod argument;
+#[cfg(feature = "prove")]
+pub mod blinding;
 pub mod builder;
 pub mod evaluation;
 pub mod publics;

@@ -61,28 +61,34 @@ pub mod prove {
     use crate::commitment::prove::columns::Column;
     use crate::commitment::prove::Committed as Commitment;
     use crate::commitment::Parameters;
+    use crate::expert::blinding::Blind;
     use crate::expert::builder::bits_of;
     use crate::expert::sizes::Sizes;
     use crate::relation::Tensor;
     use zk0_circuits::{EvalSpec, Sample};
 
-    /// The digest of a sample. `None` if the evaluation is too small for a commitment.
-    pub fn digest(spec: &EvalSpec, sample: &Sample) -> Option<Digest> {
+    /// How many arguments may open a sample.
+    pub fn uses(_: &EvalSpec) -> u32 {
+        125
+    }
+
+    /// The digest of a sample, which `blind` hides.
+    pub fn digest(spec: &EvalSpec, sample: &Sample, _: &Blind) -> Digest {
         let mut builder = Builder::new(Sizes::new(spec, 1));
         let tensors = SampleTensors::new(&mut builder);
         let used = builder.place()[DATA.0 as usize];
         let bits = bits_of(used);
         let mut data = alloc::vec![0; 1 << bits];
         tensors.fill(spec, &builder.relations.tensors, sample, &mut data);
-        let parameters = Parameters::new(height(bits as u32), RATE)?;
+        let parameters = Parameters::new(height(bits as u32), RATE);
         let tall = 1 << parameters.variables();
         let columns = Column::cut(&data, tall, used.div_ceil(tall));
         let commitment = Commitment::to(&parameters, columns);
-        Some(sample_digest(
+        sample_digest(
             sample.prefix(),
             frames(spec, sample),
             commitment.cap(),
-        ))
+        )
     }
 
     /// Frames up to the last one that is not padding.
