@@ -11,59 +11,91 @@ mod leaves;
 pub mod prove;
 
 use crate::field::Extension;
-use crate::transcript::{require, Challenges, Refused, Verifier};
+use crate::form::{Equations, Form};
+use crate::party::Secret;
+use crate::transcript::{Challenges, Refused, Verifier};
 use alloc::vec::Vec;
 
 /// A point of the leaves, and the values of their numerators and denominators there. It is left to show.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct LeafClaim {
+pub struct LeafClaim<V = Extension> {
     /// The point.
     pub point: Vec<Extension>,
     /// Of the numerators.
-    pub numerator: Extension,
+    pub numerator: V,
     /// Of the denominators.
-    pub denominator: Extension,
+    pub denominator: V,
 }
 
 /// The values of p at 2x and 2x + 1, and those of q.
-#[derive(Clone, Copy)]
-struct Children {
-    p: [Extension; 2],
-    q: [Extension; 2],
+#[derive(Clone)]
+struct Children<V> {
+    p: [V; 2],
+    q: [V; 2],
 }
 
-impl Children {
+impl Children<Form> {
     fn receive(verifier: &mut Verifier<'_>) -> Result<Self, Refused> {
-        let values = verifier.receive_extension(4)?;
+        let said = verifier.receive_secret(4)?;
+        let of = |place| said.form(place);
         Ok(Self {
-            p: [values[0], values[1]],
-            q: [values[2], values[3]],
+            p: [of(0), of(1)],
+            q: [of(2), of(3)],
         })
     }
 
-    /// Numerator and denominator of the sum of both.
-    fn sum(self) -> (Extension, Extension) {
+    /// `p0·q1 + p1·q0 + λ·q0·q1` is zero but for `value`, as two products.
+    fn sum_is(
+        &self,
+        lambda: Extension,
+        value: &Form,
+        equations: &mut Equations,
+    ) -> Result<(), Refused> {
         let Self { p, q } = self;
-        (p[0] * q[1] + p[1] * q[0], q[0] * q[1])
-    }
-
-    /// Numerator and denominator between both, at `step`.
-    fn between(self, step: Extension) -> (Extension, Extension) {
-        let at = |[zero, one]: [Extension; 2]| zero + step * (one - zero);
-        (at(self.p), at(self.q))
+        let mut mixed = p[0].clone();
+        mixed.add(lambda, &q[0]);
+        let mut sum = equations.product(&mixed, &q[1])?;
+        sum.add(Extension::ONE, &equations.product(&p[1], &q[0])?);
+        let sum = sum.minus(value);
+        equations.zero("a layer of a sum of look-ups", sum)
     }
 }
 
-/// Checks that 2^`variables` fractions add up to zero, if the claim about the leaves holds that is returned.
-pub fn verify(verifier: &mut Verifier<'_>, variables: usize) -> Result<LeafClaim, Refused> {
+impl<V: Secret> Children<V> {
+    /// Numerator and denominator between both, at `step`.
+    fn between(&self, step: Extension) -> [V; 2] {
+        [&self.p, &self.q].map(|[zero, one]| {
+            let mut between = zero.times(Extension::ONE - step);
+            between.add(step, one);
+            between
+        })
+    }
+}
+
+/// Checks that 2^`variables` fractions add up to zero, if the claim about the leaves holds that is returned, and the equations do.
+///
+/// The root's denominator is not zero: the prover says its inverse, too.
+pub fn verify(
+    verifier: &mut Verifier<'_>,
+    variables: usize,
+    equations: &mut Equations,
+) -> Result<LeafClaim<Form>, Refused> {
     let mut children = Children::receive(verifier)?;
-    let (numerator, denominator) = children.sum();
-    let holds = numerator == Extension::ZERO && denominator != Extension::ZERO;
-    require(holds, Refused::Equation("a sum of look-ups"))?;
+    let said = verifier.receive_secret(2)?;
+    let (denominator, inverse) = (said.form(0), said.form(1));
+    let Children { p, q } = &children;
+    let mut numerator = equations.product(&p[0], &q[1])?;
+    numerator.add(Extension::ONE, &equations.product(&p[1], &q[0])?);
+    equations.zero("a sum of look-ups", numerator)?;
+    let product = equations.product(&q[0], &q[1])?;
+    equations.zero("the denominator of a sum", product.minus(&denominator))?;
+    let one = equations.product(&denominator, &inverse)?;
+    let one = one.minus(&Extension::ONE.into());
+    equations.zero("the inverse of a denominator", one)?;
     let mut point: Vec<Extension> = Vec::new();
     loop {
         let step = verifier.challenge();
-        let (numerator, denominator) = children.between(step);
+        let [numerator, denominator] = children.between(step);
         point.insert(0, step);
         if point.len() == variables {
             return Ok(LeafClaim {
@@ -73,20 +105,21 @@ pub fn verify(verifier: &mut Verifier<'_>, variables: usize) -> Result<LeafClaim
             });
         }
         let lambda = verifier.challenge();
-        let mut claim = numerator + lambda * denominator;
+        let mut claim = numerator;
+        claim.add(lambda, &denominator);
         let mut next = Vec::with_capacity(variables);
         for &coordinate in &point {
-            let said = verifier.receive_extension(2)?;
-            let (slope, square) = (said[0], said[1]);
+            // The claim becomes constant + challenge·(slope − square + challenge·square), where the constant is claim − coordinate·slope.
+            let said = verifier.receive_secret(2)?;
             let challenge = verifier.challenge();
-            let constant = claim - coordinate * slope;
-            claim = constant + challenge * (slope - square + challenge * square);
+            let factors = [challenge - coordinate, challenge * challenge - challenge];
+            for ((pad, value), factor) in said.iter().zip(factors) {
+                claim.add_said(factor, value, pad);
+            }
             next.push(challenge);
         }
         point = next;
         children = Children::receive(verifier)?;
-        let (numerator, denominator) = children.sum();
-        let holds = numerator + lambda * denominator == claim;
-        require(holds, Refused::Equation("a layer of a sum of look-ups"))?;
+        children.sum_is(lambda, &claim, equations)?;
     }
 }

@@ -170,11 +170,19 @@ pub fn leaf(row: &[Goldilocks]) -> Digest {
 pub struct Climb(State);
 
 impl Climb {
-    /// Begins with the digest of a row.
+    /// Begins with the digest of a row, whose pieces have these widths. What follows the last of them belongs to it.
     #[inline(always)]
-    pub fn of_leaf(row: &[Goldilocks]) -> Self {
+    pub fn of_leaf(row: &[Goldilocks], widths: &[usize]) -> Self {
         let mut sponge = Sponge::new(Domain::Leaf, row.len());
-        sponge.absorb(row);
+        let mut rest = row;
+        if let Some((_, widths)) = widths.split_last() {
+            for &width in widths {
+                let (piece, later) = rest.split_at(width);
+                sponge.absorb(piece);
+                rest = later;
+            }
+        }
+        sponge.absorb(rest);
         Self(sponge.state)
     }
 

@@ -1,6 +1,6 @@
 //! The expert's argument: what the evaluation computes is accepted, and what is changed is refused.
 
-use crate::models::Models;
+use crate::models::{Models, BLIND};
 use std::io;
 use zk0_argument::expert::argument::{prove::prove, verify, Verified};
 use zk0_argument::expert::builder::MAIN;
@@ -70,11 +70,12 @@ impl Made {
         let proof = prove(
             &self.statement,
             &self.common,
+            &BLIND,
             Some(&folder),
             &silently,
             witness,
         );
-        proof.unwrap().unwrap()
+        proof.unwrap()
     }
 
     /// Verifies, and checks what is left with the weights.
@@ -178,7 +179,7 @@ fn a_proof_names_the_samples_as_they_were_committed_to() {
     let models = Models::new(&EvalSpec::micro(), 3, 9);
     let made = Made::new(&models);
     let verified = made.verify(&made.statement, &made.proof()).unwrap();
-    let digest = |sample: &Sample| sample::prove::digest(&models.spec, sample).unwrap();
+    let digest = |sample: &Sample| sample::prove::digest(&models.spec, sample, &BLIND);
     let expected: Vec<_> = models
         .samples
         .iter()

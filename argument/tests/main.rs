@@ -3,8 +3,6 @@
 #[cfg(feature = "prove")]
 mod agreement;
 #[cfg(feature = "prove")]
-mod cheats;
-#[cfg(feature = "prove")]
 mod claim;
 #[cfg(feature = "prove")]
 mod commitment;
@@ -18,5 +16,3 @@ mod layout;
 mod models;
 #[cfg(feature = "prove")]
 mod protocol;
-#[cfg(feature = "prove")]
-mod unchanged;

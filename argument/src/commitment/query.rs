@@ -62,7 +62,8 @@ impl<'a> Queries<'a> {
                 &step.cap,
                 length - cap_bits(length),
                 position,
-                2 * SIBLINGS,
+                &[2 * SIBLINGS],
+                0,
             )?;
             let siblings = Extension::of_coefficients(leaf);
             let holds = siblings.get(sibling) == Some(&value);

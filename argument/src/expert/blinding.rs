@@ -1,4 +1,14 @@
-//! The secret that hides samples.
+//! Where the randomness comes from that hides samples.
+
+use crate::commitment::parameters::SALT;
+use crate::commitment::prove::Hiding;
+use crate::field::goldilocks::P;
+use crate::field::Goldilocks;
+use crate::hash::Digest;
+use rand_chacha::rand_core::{RngCore, SeedableRng};
+use rand_chacha::ChaCha20Rng;
+use std::io;
+use zk0_circuits::vm::digest::tagged_sha256;
 
 /// The secret of a registered dataset: what hides its samples in arguments follows from it. Whoever has it and the rows that arguments open can
 /// find the samples, so the node gives it to nobody but its auditors, and never uses it for a second registration.
@@ -8,5 +18,53 @@ impl Blind {
     /// From 32 bytes that nobody can guess.
     pub const fn new(bytes: [u8; 32]) -> Self {
         Self(bytes)
+    }
+
+    /// What hides a sample with this digest of its values, wherever it is opened.
+    pub fn of_sample(&self, values: &zk0_circuits::Digest) -> Keys {
+        Keys(tagged_sha256("zk0/blind/sample/v1", &[&self.0, &values.0]).0)
+    }
+
+    /// What hides all else in an argument for a statement. It is new each time: it follows from 32 bytes of the system, and from the secret, in
+    /// case these can be guessed.
+    ///
+    /// # Errors
+    /// The system has no random bytes.
+    pub fn of_argument(&self, statement: &Digest) -> io::Result<Keys> {
+        let mut fresh = [0; 32];
+        getrandom::fill(&mut fresh).map_err(|error| io::Error::other(error.to_string()))?;
+        let statement = zk0_circuits::Digest::from(*statement);
+        let parts: [&[u8]; 3] = [&self.0, &fresh, &statement.0];
+        Ok(Keys(tagged_sha256("zk0/blind/argument/v1", &parts).0))
+    }
+}
+
+/// The key of a stream of ChaCha20 for each column of a tree, and one for its salts.
+pub struct Keys([u8; 32]);
+
+impl Keys {
+    fn stream(&self, number: u64) -> ChaCha20Rng {
+        let mut stream = ChaCha20Rng::from_seed(self.0);
+        stream.set_stream(number);
+        stream
+    }
+}
+
+impl Hiding for Keys {
+    /// Words from p on are thrown away, so that no element is likelier than another.
+    fn elements(&self, column: usize, count: usize) -> Vec<Goldilocks> {
+        let mut stream = self.stream(column as u64);
+        let words = core::iter::repeat_with(|| stream.next_u64());
+        let elements = words.filter(|&word| word < P).map(Goldilocks::canonical);
+        elements.take(count).collect()
+    }
+
+    /// They need not be quite uniform.
+    fn salts(&self, first: usize, count: usize) -> Vec<[Goldilocks; SALT]> {
+        const WORDS: u128 = 2; // of 32 bits, in one of 64
+        let mut stream = self.stream(u64::MAX);
+        stream.set_word_pos((first * SALT) as u128 * WORDS);
+        let mut element = |_| Goldilocks::canonical(stream.next_u64());
+        (0..count).map(|_| core::array::from_fn(&mut element)).collect()
     }
 }

@@ -95,6 +95,7 @@ impl Builder {
     pub fn new(sizes: Sizes) -> Self {
         let relations = Relations {
             axes: sizes.bits.clone(),
+            published: vec![WEIGHTS, TABLES],
             ..Default::default()
         };
         Self {

@@ -23,7 +23,7 @@ fn told(committed: &Sample, evaluated: &Sample) -> Result<(), NotShown> {
     let mut node = committed_to(node);
     node.input.openings[0].sample = evaluated.clone();
     node.input.openings[0].path = merkle::path(&node.leaves, index).unwrap();
-    check(&make(&node.input, None, &mut |_| {}).unwrap()).map(drop)
+    check(&make(&node.input, &BLIND, None, &mut |_| {}).unwrap()).map(drop)
 }
 
 fn not_committed() -> Result<(), NotShown> {
@@ -108,7 +108,7 @@ fn an_update_that_does_not_improve_is_refused() {
 #[test]
 fn a_specification_that_is_not_valid_is_refused() {
     let node = committed_to(honest(&EvalSpec::micro(), 20, 3, 74));
-    let mut made = make(&node.input, None, &mut |_| {}).unwrap();
+    let mut made = make(&node.input, &BLIND, None, &mut |_| {}).unwrap();
     made.header.spec.dims.heads = 0;
     let read = ClaimInput::from_buffers(&made.to_buffers()).map(drop);
     assert!(matches!(read, Err(InputError::Spec(_))), "{read:?}");

@@ -1,9 +1,12 @@
 //! Random models and samples.
 
-use zk0_argument::claim::committed;
+use zk0_argument::claim::{committed, Blind};
 use zk0_circuits::model::draw::{draw, Draw};
 use zk0_circuits::{Digest, EvalSpec, Mode, QuantisedWeights, Sample};
 use zk0_testkit::claims::{calmer, louder, quantise, tensors, Honest, Parts, Random};
+
+/// What hides samples here.
+pub const BLIND: Blind = Blind::new([5; 32]);
 
 /// Two models, and samples with what was drawn for them.
 pub struct Models {
@@ -38,5 +41,5 @@ impl Models {
 
 /// A node, with commitments as mode `succinct` asks for.
 pub fn committed_to(honest: Honest) -> Honest {
-    honest.succinct(|spec, sample| committed(Mode::Succinct, spec, sample).unwrap())
+    honest.succinct(|spec, sample| committed(Mode::Succinct, spec, sample, &BLIND))
 }

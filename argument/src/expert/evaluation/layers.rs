@@ -2,6 +2,7 @@
 
 use super::linear::{add_residual, gate, Factor, Layer, Source, Which};
 use super::norm::Norm;
+use crate::commitment::Parameters;
 use crate::expert::builder::{bits_of, one, power_of_two, times, Builder};
 use crate::expert::publics::number;
 use crate::expert::sample::{SampleTensors, ACTION_AXES, CACHE_AXES};
@@ -53,6 +54,13 @@ pub struct Expert {
     pub used: [usize; 4],
     /// Bits of the number of such a value.
     pub source_bits: [u8; 4],
+}
+
+/// Bits of the number of a value of each source. What is committed to fills a column at least, with zeros after it.
+fn source_bits(used: [usize; 4]) -> [u8; 4] {
+    let [main, data, weights, tables] = used.map(bits_of);
+    let column = Parameters::of_samples(data.into()).variables() as u8;
+    [main.max(column), data.max(column), weights, tables]
 }
 
 /// Builds the expert.
@@ -123,7 +131,7 @@ impl Building<'_> {
             powers,
             gates,
             used,
-            source_bits: used.map(bits_of),
+            source_bits: source_bits(used),
         }
     }
 

@@ -1,0 +1,193 @@
+//! What a verifier knows of secret values, and the equations between them.
+//!
+//! The prover says a secret value s as c = s + u, where u is the next element of a committed vector of random ones: its *pad* (Cramer and
+//! Damgård 1998; for sumchecks over a commitment to a vector, Frigo and shelat, eprint 2024/2010). So a secret value is a [`Form`] in pads. A
+//! product of two of them is a *gate*. What an argument has to fulfil is a list of equations in pads and gates, [`Equations`], which
+//! [`crate::opening`] shows at the end.
+
+use crate::field::Extension;
+use crate::party::Secret;
+use crate::transcript::{require, Refused};
+use alloc::vec;
+use alloc::vec::Vec;
+
+/// What a form is made of beside what is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unknown {
+    /// The pad with this number.
+    Pad(u32),
+    /// The product with this number.
+    Gate(u32),
+}
+
+/// `known + Σ coefficient · unknown`. An unknown may be there more than once.
+#[derive(Clone, Debug, Default)]
+pub struct Form {
+    known: Extension,
+    terms: Vec<(Unknown, Extension)>,
+}
+
+impl Form {
+    /// The value that was said as `said`, with the pad of this number.
+    pub fn of_said(said: Extension, pad: usize) -> Self {
+        let mut form = Self::default();
+        form.add_said(Extension::ONE, said, pad);
+        form
+    }
+
+    /// Adds `factor` times the value that was said with a pad.
+    #[inline(always)]
+    pub fn add_said(&mut self, factor: Extension, said: Extension, pad: usize) {
+        self.known += factor * said;
+        self.terms.push((Unknown::Pad(pad as u32), -factor));
+    }
+
+    /// Multiplies by a known value.
+    pub fn scale(&mut self, factor: Extension) {
+        self.known *= factor;
+        for (_, coefficient) in &mut self.terms {
+            *coefficient *= factor;
+        }
+    }
+
+    /// Adds the coefficients of pads, times `factor`, to `sums`, of which there is one for each pad. Returns what is known, times `factor`.
+    /// There are no gates in it.
+    fn add_pads(&self, factor: Extension, sums: &mut [Extension]) -> Extension {
+        for &(unknown, coefficient) in &self.terms {
+            if let Unknown::Pad(pad) = unknown {
+                sums[pad as usize] += factor * coefficient;
+            }
+        }
+        factor * self.known
+    }
+
+    /// The value, for unknowns that are known.
+    pub fn value(&self, pads: &[Extension], gates: &[Extension]) -> Extension {
+        let terms = self.terms.iter().map(|&(unknown, coefficient)| {
+            coefficient
+                * match unknown {
+                    Unknown::Pad(pad) => pads[pad as usize],
+                    Unknown::Gate(gate) => gates[gate as usize],
+                }
+        });
+        self.known + terms.sum()
+    }
+}
+
+impl From<Extension> for Form {
+    fn from(known: Extension) -> Self {
+        Self {
+            known,
+            terms: vec![],
+        }
+    }
+}
+
+impl Secret for Form {
+    fn add(&mut self, factor: Extension, other: &Self) {
+        self.known += factor * other.known;
+        let terms = other.terms.iter();
+        self.terms
+            .extend(terms.map(|&(unknown, coefficient)| (unknown, factor * coefficient)));
+    }
+}
+
+/// Equations between secret values.
+#[derive(Default)]
+pub struct Equations {
+    /// Forms that are zero, by the name of what they state.
+    zeros: Vec<(&'static str, Form)>,
+    /// The factors of each product.
+    gates: Vec<[Form; 2]>,
+}
+
+/// The sum of all equations, with random weights: `known + Σ pads·u + Σ gates·a·b` is zero.
+pub struct Combined {
+    /// What is known.
+    pub known: Extension,
+    /// The coefficient of each pad.
+    pub pads: Vec<Extension>,
+    /// The coefficient of each product.
+    pub gates: Vec<Extension>,
+}
+
+impl Equations {
+    /// How many products there are.
+    pub fn count_of_gates(&self) -> usize {
+        self.gates.len()
+    }
+
+    /// `a · b`, for forms that are no products of two secret values themselves.
+    pub fn product(&mut self, a: &Form, b: &Form) -> Result<Form, Refused> {
+        for (known, other) in [(a, b), (b, a)] {
+            if known.terms.is_empty() {
+                return Ok(other.times(known.known));
+            }
+        }
+        let of_gates = |(unknown, _): &(Unknown, _)| matches!(unknown, Unknown::Gate(_));
+        let higher = a.terms.iter().chain(&b.terms).any(of_gates);
+        require(!higher, Refused::Bounds("the degree of a relation"))?;
+        self.gates.push([a.clone(), b.clone()]);
+        let gate = Unknown::Gate(self.gates.len() as u32 - 1);
+        Ok(Form {
+            known: Extension::ZERO,
+            terms: vec![(gate, Extension::ONE)],
+        })
+    }
+
+    /// States that a form is zero. What is known to be another value is refused at once.
+    pub fn zero(&mut self, what: &'static str, form: Form) -> Result<(), Refused> {
+        if form.terms.is_empty() {
+            return require(form.known == Extension::ZERO, Refused::Equation(what));
+        }
+        self.zeros.push((what, form));
+        Ok(())
+    }
+
+    /// The sum of all equations times powers of `tau`, for so many pads.
+    pub fn combined(&self, tau: Extension, pads: usize) -> Combined {
+        let mut combined = Combined {
+            known: Extension::ZERO,
+            pads: vec![Extension::ZERO; pads],
+            gates: vec![Extension::ZERO; self.gates.len()],
+        };
+        let mut power = Extension::ONE;
+        for (_, form) in &self.zeros {
+            combined.known += form.add_pads(power, &mut combined.pads);
+            for &(unknown, coefficient) in &form.terms {
+                if let Unknown::Gate(gate) = unknown {
+                    combined.gates[gate as usize] += power * coefficient;
+                }
+            }
+            power *= tau;
+        }
+        combined
+    }
+
+    /// Adds the coefficients of pads in the factors of all products, times the weights in turn. Returns what is known, likewise.
+    pub fn add_factors(
+        &self,
+        mut weight: impl FnMut() -> Extension,
+        sums: &mut [Extension],
+    ) -> Extension {
+        let factors = self.gates.iter().flatten();
+        factors.map(|form| form.add_pads(weight(), sums)).sum()
+    }
+
+    /// The factors of each product, for pads that are known.
+    pub fn factors(&self, pads: &[Extension]) -> Vec<[Extension; 2]> {
+        let gates = self.gates.iter();
+        gates
+            .map(|[a, b]| [a, b].map(|form| form.value(pads, &[])))
+            .collect()
+    }
+
+    /// The name of the first equation that does not hold, for pads that are known.
+    pub fn unmet(&self, pads: &[Extension]) -> Option<&'static str> {
+        let gates = self.factors(pads).into_iter();
+        let gates: Vec<Extension> = gates.map(|[a, b]| a * b).collect();
+        let mut zeros = self.zeros.iter();
+        let unmet = zeros.find(|(_, form)| form.value(pads, &gates) != Extension::ZERO);
+        unmet.map(|(what, _)| *what)
+    }
+}
