@@ -172,6 +172,8 @@ pub struct Prover {
     pads: Pads,
     /// Something secret was not said, because there was no pad for it.
     silent: bool,
+    /// The first word of what was said with each pad. A mask has none.
+    places: Vec<Option<usize>>,
 }
 
 /// The verifier's side: it reads what the prover said.
@@ -254,6 +256,7 @@ impl Prover {
             proof: Vec::new(),
             pads,
             silent: false,
+            places: Vec::new(),
         }
     }
 
@@ -278,6 +281,8 @@ impl Prover {
         };
         let padded = values.iter().zip(pads).map(|(&value, &pad)| value + pad);
         let padded: Vec<Extension> = padded.collect();
+        let places = (self.proof.len()..).step_by(2).take(values.len());
+        self.places.extend(places.map(Some));
         self.send(&padded);
     }
 
@@ -294,6 +299,7 @@ impl Prover {
     /// So many pads that nothing was said with: they are masks. None if there are not as many, after which nothing is said.
     pub fn masks(&mut self, count: usize) -> Option<Vec<Extension>> {
         let masks = self.pads.take(count).map(<[_]>::to_vec);
+        self.places.resize(self.places.len() + count, None);
         self.silent |= masks.is_none();
         masks
     }
@@ -301,6 +307,12 @@ impl Prover {
     /// The pads that were used.
     pub fn pads(&self) -> &[Extension] {
         self.pads.taken()
+    }
+
+    /// The first word of what was said with each pad, where something was.
+    #[doc(hidden)]
+    pub fn places(&self) -> &[Option<usize>] {
+        &self.places
     }
 
     /// What was said up to now.

@@ -84,7 +84,8 @@ fn check(parameters: &Parameters, proof: &[u64], value: Extension) -> Result<(),
     let segments = segments.into_iter().collect::<Result<Vec<_>, _>>()?;
     let weights = weights(&mut verifier);
     let point = verifier.challenges(parameters.variables());
-    verify(&mut verifier, parameters, &segments, &weights, &point, value)?;
+    let positions = verify(&mut verifier, parameters, &segments, &weights, &point, value)?;
+    assert_eq!(positions.len(), parameters.positions());
     verifier.finish()
 }
 

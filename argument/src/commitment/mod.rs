@@ -57,7 +57,8 @@ impl Segment {
     }
 }
 
-/// Checks that `Σ weights · columns` is `claim` at a point. There is a weight for each column, one segment after the other.
+/// Checks that `Σ weights · columns` is `claim` at a point. There is a weight for each column, one segment after the other. Returns the positions
+/// that were opened.
 pub fn verify(
     verifier: &mut Verifier<'_>,
     parameters: &Parameters,
@@ -65,7 +66,7 @@ pub fn verify(
     weights: &[Extension],
     point: &[Extension],
     mut claim: Extension,
-) -> Result<(), Refused> {
+) -> Result<Vec<usize>, Refused> {
     let mut steps = Vec::with_capacity(parameters.steps());
     let mut coordinates = point.iter();
     let mut length = parameters.length();
@@ -98,7 +99,7 @@ pub fn verify(
     work::check_work(verifier, POSITION_WORK, "positions")?;
     let positions = verifier.positions(parameters.positions, parameters.length());
     let queries = Queries::new(parameters.length(), steps, message);
-    for position in positions {
+    for &position in &positions {
         let mut value = Extension::ZERO;
         let mut weights = weights;
         for segment in segments {
@@ -116,5 +117,5 @@ pub fn verify(
         }
         queries.check(verifier, position, value)?;
     }
-    Ok(())
+    Ok(positions)
 }

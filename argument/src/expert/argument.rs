@@ -152,7 +152,19 @@ impl<'a, 'v> Argued<'a, 'v> {
 
 /// Checks an argument.
 pub fn verify(statement: &Statement, proof: &[u64]) -> Result<Verified, Refused> {
-    verify_with(statement, Verifier::new(&statement.digest(), proof))
+    let verifier = Verifier::new(&statement.digest(), proof);
+    verify_with(statement, verifier).map(|(verified, _)| verified)
+}
+
+/// What was drawn in an argument.
+#[doc(hidden)]
+pub struct Drawn {
+    /// Where values of columns are claimed.
+    pub point: Vec<Extension>,
+    /// The weights of all columns.
+    pub weights: Vec<Extension>,
+    /// Where they were opened.
+    pub positions: Vec<usize>,
 }
 
 /// Checks the argument that a verifier reads.
@@ -160,7 +172,7 @@ pub fn verify(statement: &Statement, proof: &[u64]) -> Result<Verified, Refused>
 pub fn verify_with(
     statement: &Statement,
     mut verifier: Verifier<'_>,
-) -> Result<Verified, Refused> {
+) -> Result<(Verified, Drawn), Refused> {
     statement.check_bounds()?;
     let building = operation("relations");
     let expert = Expert::new(statement);
@@ -177,7 +189,7 @@ pub fn verify_with(
     let opened = opening::verify(verifying, &point, shape.first_random(), &sums)?;
     ending.end();
     let opening = operation("opening");
-    commitment::verify(
+    let positions = commitment::verify(
         &mut verifier,
         &shape.parameters,
         &segments,
@@ -187,7 +199,12 @@ pub fn verify_with(
     )?;
     opening.end();
     verifier.finish()?;
-    Ok(verified)
+    let drawn = Drawn {
+        point,
+        weights: opened.weights,
+        positions,
+    };
+    Ok((verified, drawn))
 }
 
 /// The prover's side.
@@ -240,6 +257,18 @@ pub mod prove {
         let prover = prove_with(statement, common, hidden, folder, tell, witness)?;
         let words = prover.finish();
         Ok(words.map_err(io::Error::other)?)
+    }
+
+    /// The first equation that does not hold, of an argument whose pads are known.
+    #[doc(hidden)]
+    pub fn unmet(statement: &Statement, prover: &Prover) -> Result<Option<&'static str>, Refused> {
+        let expert = Expert::new(statement);
+        let shape = Shape::new(&expert);
+        let mut verifier = prover.verifier(&statement.digest());
+        let argued = Argued::read(&mut verifier, statement, &expert, &shape)?;
+        let first = shape.first_random();
+        let equations = opening::equations(argued.verifying, first, &argued.sums)?;
+        Ok(equations.unmet(prover.pads()))
     }
 
     /// Argues with what hides the argument, and returns the prover.

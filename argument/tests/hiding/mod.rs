@@ -1,0 +1,10 @@
+//! What an argument shows: nothing that depends on a sample, but for what the statement says of it.
+//!
+//! - [`made`]: arguments whose blinding a test chooses. [`explaining`]: another sample explains the same words.
+//! - [`words`]: two arguments of one statement. [`rank`], [`recovery`]: what opened rows show of a column.
+
+mod explaining;
+mod made;
+mod rank;
+mod recovery;
+mod words;
