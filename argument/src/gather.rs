@@ -66,6 +66,8 @@ pub fn gather<P: Party>(
 
 /// `Σ γ^(2s)·numerator + γ^(2s+1)·denominator` over all claims.
 pub fn combined<V: Secret>(claims: &[LeafClaim<V>], gamma: Extension) -> V {
-    let values = claims.iter().flat_map(|claim| [&claim.numerator, &claim.denominator]);
+    let values = claims
+        .iter()
+        .flat_map(|claim| [&claim.numerator, &claim.denominator]);
     combine(values, gamma)
 }

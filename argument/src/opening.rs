@@ -338,7 +338,13 @@ pub mod prove {
             entries[1] += eta * omega * X;
         }
         let mut left = message.values.clone();
-        let at = products(prover, Prover::send_masked, &mut weights, &mut left, point.len());
+        let at = products(
+            prover,
+            Prover::send_masked,
+            &mut weights,
+            &mut left,
+            point.len(),
+        );
         prover.send_masked(&left);
         Ok((message, at))
     }

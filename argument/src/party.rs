@@ -57,10 +57,7 @@ impl Secret for Extension {
 }
 
 /// The sum of `values` times 1, `gamma`, `gamma²`, …
-pub fn combine<'a, V: Secret + 'a>(
-    values: impl Iterator<Item = &'a V>,
-    gamma: Extension,
-) -> V {
+pub fn combine<'a, V: Secret + 'a>(values: impl Iterator<Item = &'a V>, gamma: Extension) -> V {
     let mut sum = V::default();
     let mut power = Extension::ONE;
     for value in values {

@@ -488,7 +488,8 @@ pub mod work {
             let found = numbers.find(|(_, word)| said.deaf || begins_with_zeros(*word, difficulty));
             found.map(|(number, _)| number)
         };
-        let mut blocks = (0..u32::MAX / TRIED).map(|block| block * TRIED / LANES..(block + 1) * TRIED / LANES);
+        let mut blocks =
+            (0..u32::MAX / TRIED).map(|block| block * TRIED / LANES..(block + 1) * TRIED / LANES);
         let found = blocks.find_map(|block| {
             let attempts = block.into_par_iter().map(|vector| attempt(vector * LANES));
             attempts.find_map_first(|found| found)

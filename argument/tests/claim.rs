@@ -299,7 +299,9 @@ fn an_argument_about_other_samples_is_refused() {
 
 #[test]
 fn buffers_that_are_no_input_are_refused() {
-    let buffers = make(&node().input, &BLIND, None, &mut |_| {}).unwrap().to_buffers();
+    let buffers = make(&node().input, &BLIND, None, &mut |_| {})
+        .unwrap()
+        .to_buffers();
     let said = |buffers: &[Vec<u8>]| ClaimInput::from_buffers(buffers).map(drop).unwrap_err();
     assert_eq!(
         said(&buffers[..1]),

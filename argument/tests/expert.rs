@@ -158,7 +158,7 @@ fn a_sample_holds_nothing_that_is_not_read() {
         let violation = made.check().unwrap_err().to_string();
         assert!(violation.contains("where nothing is read"), "{violation}");
         let refused = made.verify(&made.statement, &made.proof()).err();
-        let expected = Refused::Equation("what a sample holds where nothing is read");
+        let expected = Refused::Equation("the sumcheck of an argument's end");
         assert_eq!(refused, Some(expected), "value {number} of the samples");
         let own = &mut made.witnesses[1];
         own.data[number] = 0;

@@ -3,6 +3,8 @@
 #[cfg(feature = "prove")]
 mod agreement;
 #[cfg(feature = "prove")]
+mod cheats;
+#[cfg(feature = "prove")]
 mod claim;
 #[cfg(feature = "prove")]
 mod commitment;

@@ -18,9 +18,9 @@ mod make;
 #[cfg(feature = "prove")]
 mod source;
 
-pub use check::{check, context, NotShown};
 #[cfg(feature = "prove")]
 pub use crate::expert::blinding::Blind;
+pub use check::{check, context, NotShown};
 #[cfg(feature = "prove")]
 pub use committed::{committed, most_uses};
 #[cfg(feature = "prove")]

@@ -14,7 +14,7 @@ pub const CAP: u32 = 6;
 pub const SALT: usize = 2;
 
 /// Least and most variables of the columns of samples.
-const HEIGHTS: (u32, u32) = (18, 22);
+const HEIGHTS: (u32, u32) = (16, 22);
 
 /// Dimensions of all segments of a commitment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -254,24 +254,27 @@ impl Committed {
             matrix.release();
             column += matrix.width();
         }
-        let opened = groups.into_iter().zip(positions).map(|(mut group, position)| {
-            let first = position & !(rows - 1);
-            for (position, target) in (first..).zip(group.chunks_exact_mut(wide)) {
-                let (coset, row) = place(position);
-                let salts = self.hiding.salts((coset << parameters.height) + row, 1);
-                let target = target[width..].iter_mut().zip(salts.as_flattened());
-                target.for_each(|(to, value)| *to = value.value());
-            }
-            let lowest = Tree::of_leaves(self.leaves(&group, rows), 0);
-            let place = position % rows;
-            let mut path = lowest.path(place);
-            path.extend(self.tree.path(position >> self.missing));
-            let row = group[place * wide..][..wide].iter();
-            OpenedRow {
-                row: row.map(|&value| Goldilocks::canonical(value)).collect(),
-                path,
-            }
-        });
+        let opened = groups
+            .into_iter()
+            .zip(positions)
+            .map(|(mut group, position)| {
+                let first = position & !(rows - 1);
+                for (position, target) in (first..).zip(group.chunks_exact_mut(wide)) {
+                    let (coset, row) = place(position);
+                    let salts = self.hiding.salts((coset << parameters.height) + row, 1);
+                    let target = target[width..].iter_mut().zip(salts.as_flattened());
+                    target.for_each(|(to, value)| *to = value.value());
+                }
+                let lowest = Tree::of_leaves(self.leaves(&group, rows), 0);
+                let place = position % rows;
+                let mut path = lowest.path(place);
+                path.extend(self.tree.path(position >> self.missing));
+                let row = group[place * wide..][..wide].iter();
+                OpenedRow {
+                    row: row.map(|&value| Goldilocks::canonical(value)).collect(),
+                    path,
+                }
+            });
         opened.collect()
     }
 
@@ -476,7 +479,12 @@ impl Encoder {
 
     /// The codeword of one column with its tail.
     pub fn encode(&self, values: &[Goldilocks], tail: &[Goldilocks]) -> Vec<Goldilocks> {
-        let rows = || values.iter().map(|value| Theirs::new(value.value())).collect();
+        let rows = || {
+            values
+                .iter()
+                .map(|value| Theirs::new(value.value()))
+                .collect()
+        };
         let cosets = (0..self.cosets()).map(|coset| self.coset(rows(), &[tail], coset));
         let cosets: Vec<Vec<Theirs>> = cosets.collect();
         let bits = values.len().ilog2();
@@ -493,7 +501,11 @@ fn encode_extension(message: &[Extension], tail: &[Extension], rate: u32) -> Vec
     let encoder = Encoder::new(rate);
     let words = Goldilocks::peel_slice(Extension::coefficients(message));
     let coefficients = || words.iter().map(|&word| Theirs::new(word)).collect();
-    let tails = [0, 1].map(|place| tail.iter().map(|element| element.0[place]).collect::<Vec<_>>());
+    let tails = [0, 1].map(|place| {
+        tail.iter()
+            .map(|element| element.0[place])
+            .collect::<Vec<_>>()
+    });
     let tails = [&tails[0][..], &tails[1]];
     let cosets: Vec<Vec<Theirs>> = (0..encoder.cosets())
         .map(|coset| encoder.coset(coefficients(), &tails, coset))

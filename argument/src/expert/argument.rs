@@ -49,8 +49,7 @@ impl Shape {
             widths: sources
                 .map(|source| expert.used[source.0 as usize].div_ceil(1 << parameters.variables())),
             samples: expert.builder.relations.count_of_instances(),
-            sources: sources
-                .map(|source| (source, expert.source_bits[source.0 as usize].into())),
+            sources: sources.map(|source| (source, expert.source_bits[source.0 as usize].into())),
         }
     }
 
@@ -217,6 +216,7 @@ pub mod prove {
     use crate::expert::sample::prove::commit;
     use crate::expert::witness::{Common, Witness};
     use crate::opening::prove::Claimed;
+    use crate::party::Party;
     use crate::prove::progress::{Phase, Tell};
     use crate::prove::{Instance, Proving, Values};
     use crate::transcript::{Pads, Prover};
@@ -254,9 +254,34 @@ pub mod prove {
             sample: &|_, values| Box::new(blind.of_sample(values)),
             deaf: false,
         };
-        let prover = prove_with(statement, common, hidden, folder, tell, witness)?;
+        let prover = prove_with(
+            statement,
+            common,
+            hidden,
+            folder,
+            tell,
+            witness,
+            |proving, expert, shape| argued(proving, expert, shape),
+        )?;
         let words = prover.finish();
         Ok(words.map_err(io::Error::other)?)
+    }
+
+    /// Argues up to what is left to show of columns. Returns the point of all instances.
+    #[doc(hidden)]
+    pub fn argued<P: Party>(
+        party: &mut P,
+        expert: &Expert,
+        shape: &Shape,
+    ) -> Result<JoinedPoint, Refused> {
+        let (mut parts, relations) = (Parts::default(), &expert.builder.relations);
+        let sources = Sources {
+            all: &shape.sources,
+            instances: relations.bits_of_instances(),
+        };
+        let left = argue(party, relations, &mut parts)?;
+        let (point, _) = share(party, &mut parts, &sources, &left.secret)?;
+        Ok(point)
     }
 
     /// The first equation that does not hold, of an argument whose pads are known.
@@ -271,7 +296,7 @@ pub mod prove {
         Ok(equations.unmet(prover.pads()))
     }
 
-    /// Argues with what hides the argument, and returns the prover.
+    /// Argues with what hides the argument, by `argued`, and returns the prover.
     #[doc(hidden)]
     pub fn prove_with<E: From<io::Error>>(
         statement: &Statement,
@@ -280,6 +305,7 @@ pub mod prove {
         folder: Option<&Path>,
         tell: Tell<'_>,
         mut witness: impl FnMut(usize) -> Result<Witness, E>,
+        argued: impl FnOnce(&mut Proving<'_>, &Expert, &Shape) -> Result<JoinedPoint, Refused>,
     ) -> Result<Prover, E> {
         let expert = Expert::new(statement);
         let shape = Shape::new(&expert);
@@ -304,7 +330,9 @@ pub mod prove {
             main.add(Matrix::new(cut(own.main, shape.widths[0]), tails.collect()));
             main.into_files(folder)?;
             let columns = cut(own.data, shape.widths[1]);
-            let committed = commit(parameters, columns, |values| (hidden.sample)(sample, values));
+            let committed = commit(parameters, columns, |values| {
+                (hidden.sample)(sample, values)
+            });
             data.push(committed.into_files(folder)?);
             done(1.0);
         }
@@ -315,7 +343,9 @@ pub mod prove {
             .collect();
         let tails = random.iter_mut().map(|column| column.split_off(height));
         let tails: Vec<_> = tails.collect();
-        let pads = random.last().map_or(&[][..], |column| Extension::of_coefficients(column));
+        let pads = random
+            .last()
+            .map_or(&[][..], |column| Extension::of_coefficients(column));
         let pads = Pads::new(pads.to_vec());
         let columns = random.into_iter().map(Column::from).collect();
         let main = main.finish(Matrix::new(columns, tails), hiding);
@@ -339,21 +369,17 @@ pub mod prove {
             Instance {
                 relations: &expert.builder.relations,
                 sources: common
-                    .sources(values(of_matrix(of_samples.get(sample))), values(of_matrix(data)))
+                    .sources(
+                        values(of_matrix(of_samples.get(sample))),
+                        values(of_matrix(data)),
+                    )
                     .to_vec(),
             }
         });
-        let mut proving = Proving::new(prover, instances.collect(), shape.samples, tell)
-            .with_files_in(folder);
-        let mut parts = Parts::default();
-        let relations = &expert.builder.relations;
-        let sources = Sources {
-            all: &shape.sources,
-            instances: relations.bits_of_instances(),
-        };
-        let argued = argue(&mut proving, relations, &mut parts)
-            .and_then(|left| share(&mut proving, &mut parts, &sources, &left.secret));
-        let argued = argued.and_then(|(point, _)| {
+        let mut proving =
+            Proving::new(prover, instances.collect(), shape.samples, tell).with_files_in(folder);
+        let argued = argued(&mut proving, &expert, &shape);
+        let ended = argued.and_then(|point| {
             let sums = shape.coefficients(&point).map(|coefficients| Sum {
                 coefficients,
                 value: (),
@@ -374,8 +400,15 @@ pub mod prove {
         if let Some(failure) = proving.take_failure() {
             return Err(failure.into());
         }
-        let (message, point) = argued.map_err(io::Error::other)?;
-        open(&mut proving.prover, parameters, &segments, message, &point, tell);
+        let (message, point) = ended.map_err(io::Error::other)?;
+        open(
+            &mut proving.prover,
+            parameters,
+            &segments,
+            message,
+            &point,
+            tell,
+        );
         Ok(proving.prover)
     }
 }

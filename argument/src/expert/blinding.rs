@@ -65,6 +65,8 @@ impl Hiding for Keys {
         let mut stream = self.stream(u64::MAX);
         stream.set_word_pos((first * SALT) as u128 * WORDS);
         let mut element = |_| Goldilocks::canonical(stream.next_u64());
-        (0..count).map(|_| core::array::from_fn(&mut element)).collect()
+        (0..count)
+            .map(|_| core::array::from_fn(&mut element))
+            .collect()
     }
 }

@@ -125,7 +125,12 @@ impl Begun {
 
 fn state_of(begun: impl Fn(usize) -> [u64; RATE]) -> State {
     let mut state = State::default();
-    for (place, values) in state[2 * RATE..].as_chunks_mut::<2>().0.iter_mut().enumerate() {
+    for (place, values) in state[2 * RATE..]
+        .as_chunks_mut::<2>()
+        .0
+        .iter_mut()
+        .enumerate()
+    {
         *values = pair(|lane| begun(lane)[place]);
     }
     state
@@ -291,7 +296,12 @@ mod tests {
         absorb(&mut begun, 3, value);
         absorb(&mut begun, 6, |row, column| value(row, 3 + column));
         let mut digests = vec![Digest::default(); LANES];
-        finish(&begun, 2, |row, column| value(row, 9 + column), &mut digests);
+        finish(
+            &begun,
+            2,
+            |row, column| value(row, 9 + column),
+            &mut digests,
+        );
         for (row, digest) in rows.chunks_exact(11).zip(digests) {
             let mut sponge = Sponge::new(Domain::Leaf, 11);
             for piece in [&row[..3], &row[3..9], &row[9..]] {

@@ -265,8 +265,7 @@ mod tests {
             let pads = prover.pads().to_vec();
             let proof = prover.finish().unwrap();
             let mut verifier = Verifier::new(&statement, &proof);
-            let (point, left) =
-                verify_joined(&mut verifier, bits, 0, 4, claim.into()).unwrap();
+            let (point, left) = verify_joined(&mut verifier, bits, 0, 4, claim.into()).unwrap();
             verifier.finish().unwrap();
             let expected = left.value(&pads, &[]);
             assert_eq!(value, expected);

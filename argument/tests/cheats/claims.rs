@@ -2,7 +2,7 @@
 //! statement, which a transcript begins with.
 
 use super::lies::{self, known};
-use crate::models::{committed_to, Models};
+use crate::models::{committed_to, Models, BLIND};
 use zk0_argument::claim::{check, context, make, ClaimInput, NotShown, SampleOpening};
 use zk0_argument::expert::statement::{Statement, MOST_SAMPLES};
 use zk0_argument::expert::witness::evaluate;

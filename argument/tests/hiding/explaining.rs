@@ -44,14 +44,23 @@ impl Column {
     /// The tail with which other values have the same codeword at some positions. It differs in as many coefficients.
     fn tail_for(&self, values: &[Goldilocks], length: u32, positions: &[usize]) -> Vec<Goldilocks> {
         let generator = Goldilocks::root_of_unity(length);
-        let points = positions.iter().map(|&position| generator.pow(position as u64));
+        let points = positions
+            .iter()
+            .map(|&position| generator.pow(position as u64));
         let points: Vec<Goldilocks> = points.collect();
-        let differences: Vec<Goldilocks> = self.values.iter().zip(values).map(|(&a, &b)| a - b).collect();
+        let differences: Vec<Goldilocks> = self
+            .values
+            .iter()
+            .zip(values)
+            .map(|(&a, &b)| a - b)
+            .collect();
         let values = points.iter().map(|&point| {
             let difference = differences
                 .iter()
                 .rev()
-                .fold(Goldilocks::ZERO, |sum, &coefficient| sum * point + coefficient);
+                .fold(Goldilocks::ZERO, |sum, &coefficient| {
+                    sum * point + coefficient
+                });
             difference * point.pow(values.len() as u64).inverse()
         });
         let values: Vec<Goldilocks> = values.collect();
@@ -86,7 +95,9 @@ fn explain([first, second]: [&Made; 2], blinding: &Blinding) -> Blinding {
         blinding.argument.columns.insert(u, pads.to_vec());
         second.argue(&blinding, true).words().to_vec()
     };
-    let masks: Vec<usize> = (0..places.len()).filter(|&pad| places[pad].is_none()).collect();
+    let masks: Vec<usize> = (0..places.len())
+        .filter(|&pad| places[pad].is_none())
+        .collect();
     let gates = masks[0]..masks[masks.len() - 1] + 1;
     let of_g = gates.start - 1;
     let after_t = places[gates.end].unwrap() + 4;
@@ -211,7 +222,10 @@ fn explained(samples: usize, seed: u64) {
     assert_eq!(words.len(), other.len());
     let caps = 0..4 * 64 * (1 + samples);
     let queries = first.queries(words.len());
-    let paths = queries.iter().flat_map(|query| &query.segments).map(|(_, path)| path.clone());
+    let paths = queries
+        .iter()
+        .flat_map(|query| &query.segments)
+        .map(|(_, path)| path.clone());
     let digests: Vec<_> = paths.chain([caps]).collect();
     let differing = (0..words.len()).filter(|&place| words[place] != other[place]);
     let differing = differing.filter(|place| !digests.iter().any(|range| range.contains(place)));

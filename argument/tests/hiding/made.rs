@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::io;
 use zk0_argument::commitment::parameters::{cap_bits, CAP, FOLDS, SALT, SIBLINGS};
 use zk0_argument::commitment::prove::Hiding;
-use zk0_argument::expert::argument::prove::{prove_with, Hidden};
+use zk0_argument::expert::argument::prove::{argued, prove_with, Hidden};
 use zk0_argument::expert::argument::{verify_with, Drawn, Shape};
 use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::statement::Statement;
@@ -106,7 +106,17 @@ impl Made {
             sample: &|number, _| Box::new(blinding.samples[number].clone()),
             deaf,
         };
-        prove_with(&self.statement, &self.common, hidden, None, &silently, witness).unwrap()
+        let (statement, common) = (&self.statement, &self.common);
+        prove_with(
+            statement,
+            common,
+            hidden,
+            None,
+            &silently,
+            witness,
+            |proving, expert, shape| argued(proving, expert, shape),
+        )
+        .unwrap()
     }
 
     /// What was drawn in an argument whose challenges follow from the statement alone.

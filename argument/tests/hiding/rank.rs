@@ -59,7 +59,7 @@ pub fn positions(seed: u64, count: usize, length: usize) -> Vec<usize> {
 
 #[test]
 fn the_opened_rows_determine_the_tail() {
-    for (height, count) in [(12, 122), (18, 122), (10, 64)] {
+    for (height, count) in [(12, 122), (16, 122), (10, 64)] {
         let values = elements(height, 1 << height);
         let tail = elements(height + 100, count);
         let codeword = Encoder::new(2).encode(&values, &tail);

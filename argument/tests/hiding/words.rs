@@ -43,5 +43,10 @@ fn what_is_argued_twice_has_the_trees_of_samples_in_common() {
     // A claim about weights may be zero whatever is drawn.
     let equal = (0..first.len()).filter(|&place| first[place] == second[place] && first[place] > 0);
     let equal = equal.filter(|place| !digests.iter().any(|range| range.contains(place)));
-    assert_eq!(equal.collect::<Vec<_>>(), [0; 0], "of {} words", first.len());
+    assert_eq!(
+        equal.collect::<Vec<_>>(),
+        [0; 0],
+        "of {} words",
+        first.len()
+    );
 }
