@@ -84,6 +84,10 @@ impl From<Extension> for Form {
 }
 
 impl Secret for Form {
+    fn add_known(&mut self, value: Extension) {
+        self.known += value;
+    }
+
     fn add(&mut self, factor: Extension, other: &Self) {
         self.known += factor * other.known;
         let terms = other.terms.iter();

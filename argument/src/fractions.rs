@@ -44,20 +44,23 @@ impl Children<Form> {
         })
     }
 
-    /// `p0·q1 + p1·q0 + λ·q0·q1` is zero but for `value`, as two products.
+    /// `value` is `p0·q1 + p1·q0 + λ·q0·q1`, as two products.
     fn sum_is(
         &self,
         lambda: Extension,
-        value: &Form,
+        mut value: Form,
         equations: &mut Equations,
     ) -> Result<(), Refused> {
         let Self { p, q } = self;
         let mut mixed = p[0].clone();
         mixed.add(lambda, &q[0]);
-        let mut sum = equations.product(&mixed, &q[1])?;
-        sum.add(Extension::ONE, &equations.product(&p[1], &q[0])?);
-        let sum = sum.minus(value);
-        equations.zero("a layer of a sum of look-ups", sum)
+        for product in [
+            equations.product(&mixed, &q[1])?,
+            equations.product(&p[1], &q[0])?,
+        ] {
+            value.add(-Extension::ONE, &product);
+        }
+        equations.zero("a layer of a sum of look-ups", value)
     }
 }
 
@@ -120,6 +123,6 @@ pub fn verify(
         }
         point = next;
         children = Children::receive(verifier)?;
-        children.sum_is(lambda, &claim, equations)?;
+        children.sum_is(lambda, claim, equations)?;
     }
 }

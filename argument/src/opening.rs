@@ -174,8 +174,12 @@ impl Linear {
     fn at(&self, point: &[Extension]) -> Extension {
         let bits = self.omega.len().next_power_of_two().ilog2() as usize;
         let (pads, above) = point[1..].split_at(bits);
-        let table = eq_table(pads);
-        let sum: Extension = table.iter().zip(&self.omega).map(|(&a, &b)| a * b).sum();
+        // Two small tables in place of one for all pads
+        let (low, high) = pads.split_at(bits / 2);
+        let (low, high) = (eq_table(low), eq_table(high));
+        let rows = self.omega.chunks(low.len()).zip(&high);
+        let sum = rows.map(|(row, &weight)| weight * Extension::dot_of_extensions(&low, row));
+        let sum: Extension = sum.sum();
         let absent = above
             .iter()
             .fold(sum, |product, &r| product * (Extension::ONE - r));

@@ -36,6 +36,9 @@ pub trait Secret: Clone + Default + From<Extension> {
     /// Adds `factor · other`.
     fn add(&mut self, factor: Extension, other: &Self);
 
+    /// Adds a known value.
+    fn add_known(&mut self, value: Extension);
+
     /// `factor · self`.
     fn times(&self, factor: Extension) -> Self {
         let mut product = Self::default();
@@ -51,6 +54,10 @@ pub trait Secret: Clone + Default + From<Extension> {
 }
 
 impl Secret for Extension {
+    fn add_known(&mut self, value: Extension) {
+        *self += value;
+    }
+
     fn add(&mut self, factor: Extension, other: &Self) {
         *self += factor * *other;
     }

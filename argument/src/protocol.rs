@@ -104,16 +104,19 @@ impl<P: Party> Argument<'_, P> {
         let places = layout.places(&leaf.point);
         for (lookup, place) in relations.lookups.iter().zip(places) {
             let weights = point.weights(relations, self.parts, &lookup.axes);
-            let count = match lookup.count {
-                Count::Each => all.into(),
-                Count::Masked(public) => self.public(public, &weights).into(),
-                Count::Offered(number) => self.virtual_at(number, &weights)?.times(-Extension::ONE),
-            };
-            numerator.add(place, &count);
+            match lookup.count {
+                Count::Each => numerator.add_known(place * all),
+                Count::Masked(public) => {
+                    numerator.add_known(place * self.public(public, &weights));
+                }
+                Count::Offered(number) => {
+                    self.add_virtual(&mut numerator, -place, number, &weights)?;
+                }
+            }
             // Leaves of no look-up are 0/1.
-            denominator.add(place, &(fold.shift * all - all).into());
+            denominator.add_known(place * (fold.shift * all - all));
             for (&power, column) in fold.powers.iter().zip(&lookup.entry) {
-                denominator.add(-place * power, &self.linear(column, &weights)?);
+                self.add_linear(&mut denominator, -place * power, column, &weights)?;
             }
         }
         const LEAVES: &str = "the leaves of a sum of look-ups";
@@ -122,15 +125,21 @@ impl<P: Party> Argument<'_, P> {
         self.party.zero(LEAVES, rest)?;
         for equality in &relations.equalities {
             let weights = point.weights(relations, self.parts, &equality.axes);
-            let value = self.linear(&equality.linear, &weights)?;
+            let mut value = P::Value::default();
+            self.add_linear(&mut value, Extension::ONE, &equality.linear, &weights)?;
             self.party.zero(equality.name, value)?;
         }
         Ok(())
     }
 
-    /// `Σ_b weights(b) · linear(b)`.
-    fn linear(&mut self, linear: &Linear, weights: &Weights) -> Result<P::Value, Refused> {
-        let mut sum = P::Value::default();
+    /// Adds `factor · Σ_b weights(b) · linear(b)` to `sum`.
+    fn add_linear(
+        &mut self,
+        sum: &mut P::Value,
+        factor: Extension,
+        linear: &Linear,
+        weights: &Weights,
+    ) -> Result<(), Refused> {
         for term in linear {
             let scaled;
             let weights = match term.coefficients {
@@ -140,12 +149,16 @@ impl<P: Party> Argument<'_, P> {
                     &scaled
                 }
             };
-            let value = match term.atom {
-                Atom::One => self.total(weights, |_| true).into(),
-                Atom::Virtual(number) => self.virtual_at(number, weights)?,
-                Atom::Product(number) => self.product_at(number, weights)?,
-                Atom::Monomials(number) => self.monomials_at(number, weights)?,
-                Atom::Public(number) => self.public(number, weights).into(),
+            let factor = factor.scale(Goldilocks::from_i64(term.factor));
+            match term.atom {
+                Atom::One => {
+                    let total = self.total(weights, |_| true);
+                    sum.add_known(factor * total);
+                }
+                Atom::Virtual(number) => self.add_virtual(sum, factor, number, weights)?,
+                Atom::Product(number) => sum.add(factor, &self.product_at(number, weights)?),
+                Atom::Monomials(number) => sum.add(factor, &self.monomials_at(number, weights)?),
+                Atom::Public(number) => sum.add_known(factor * self.public(number, weights)),
                 Atom::Summed(number) => {
                     let summed = &self.relations.sums[number];
                     let mut all = *weights;
@@ -153,12 +166,11 @@ impl<P: Party> Argument<'_, P> {
                         let bits = self.relations.bits(axis) as u32;
                         all.push(axis, self.parts.ones(bits));
                     }
-                    self.virtual_at(summed.of, &all)?
+                    self.add_virtual(sum, factor, summed.of, &all)?;
                 }
-            };
-            sum.add(Goldilocks::from_i64(term.factor).into(), &value);
+            }
         }
-        Ok(sum)
+        Ok(())
     }
 
     fn scaled(&mut self, weights: &Weights, number: usize) -> Weights {
@@ -187,7 +199,7 @@ impl<P: Party> Argument<'_, P> {
         let axes = public.axes();
         let own = weights.of(axes);
         let value = match self.publics.get(number, &own) {
-            Some(value) => value,
+            Some(value) => *value,
             None => {
                 let mut tables = own;
                 if !public.likes_points() {
@@ -207,10 +219,32 @@ impl<P: Party> Argument<'_, P> {
         value * self.total(weights, |axis| !axes.contains(&axis))
     }
 
-    fn virtual_at(&mut self, number: usize, weights: &Weights) -> Result<P::Value, Refused> {
-        if let Some(value) = self.virtuals.get(number, weights) {
-            return Ok(value);
+    /// Adds `factor` times a virtual tensor with weights.
+    fn add_virtual(
+        &mut self,
+        sum: &mut P::Value,
+        factor: Extension,
+        number: usize,
+        weights: &Weights,
+    ) -> Result<(), Refused> {
+        if self.virtuals.get(number, weights).is_none() {
+            let value = self.claimed(number, weights)?;
+            self.virtuals.insert(number, *weights, value);
         }
+        if let Some(value) = self.virtuals.get(number, weights) {
+            sum.add(factor, value);
+        }
+        Ok(())
+    }
+
+    fn virtual_at(&mut self, number: usize, weights: &Weights) -> Result<P::Value, Refused> {
+        let mut value = P::Value::default();
+        self.add_virtual(&mut value, Extension::ONE, number, weights)?;
+        Ok(value)
+    }
+
+    /// A virtual tensor with weights, which is claimed.
+    fn claimed(&mut self, number: usize, weights: &Weights) -> Result<P::Value, Refused> {
         let relations = self.relations;
         let mut sum = P::Value::default();
         for view in &relations.virtuals[number].views {
@@ -257,7 +291,7 @@ impl<P: Party> Argument<'_, P> {
             let factor = factor.scale(Goldilocks::from_i64(view.factor));
             if relations.published.contains(&tensor.source) {
                 let value = self.party.published(self.parts, &about)?;
-                sum.add(factor, &value.into());
+                sum.add_known(factor * value);
                 self.left.published.push(Claim { about, value });
             } else {
                 let value = self.party.value(self.parts, &about)?;
@@ -265,7 +299,6 @@ impl<P: Party> Argument<'_, P> {
                 self.left.secret.push(Claim { about, value });
             }
         }
-        self.virtuals.insert(number, *weights, sum.clone());
         Ok(sum)
     }
 

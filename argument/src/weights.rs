@@ -119,9 +119,9 @@ impl<V: Clone> Known<V> {
     }
 
     /// The value of a tensor.
-    pub fn get(&self, number: usize, weights: &Weights) -> Option<V> {
+    pub fn get(&self, number: usize, weights: &Weights) -> Option<&V> {
         let known = self.0[number].iter().find(|(of, _)| of == weights);
-        known.map(|(_, value)| value.clone())
+        known.map(|(_, value)| value)
     }
 
     /// Keeps a value.

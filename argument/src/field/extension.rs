@@ -74,6 +74,11 @@ impl Extension {
         Self::dot_of(weights, values.iter().copied())
     }
 
+    /// `Σ a · b`, of as many as there are of both.
+    pub fn dot_of_extensions(a: &[Self], b: &[Self]) -> Self {
+        a.iter().zip(b).map(|(&a, &b)| a * b).sum()
+    }
+
     /// `Σ weights · values`, of as many as there are of both.
     #[inline(always)]
     pub fn dot_of(weights: &[Self], values: impl Iterator<Item = Goldilocks>) -> Self {
