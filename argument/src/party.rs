@@ -91,6 +91,8 @@ pub trait Party: Challenges {
     fn value(&mut self, parts: &Parts, about: &Weighted) -> Result<Self::Value, Refused>;
     /// The value of what a claim is about that everybody can compute: the prover says it as it is.
     fn published(&mut self, parts: &Parts, about: &Weighted) -> Result<Extension, Refused>;
+    /// States that what a claim is about has the value zero. Nothing is said.
+    fn nothing(&mut self, about: &Weighted) -> Self::Value;
     /// The product of two values, one of which is known or no product of two secret ones.
     fn product(&mut self, a: &Self::Value, b: &Self::Value) -> Result<Self::Value, Refused>;
     /// States that a value is zero.

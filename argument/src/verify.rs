@@ -96,6 +96,10 @@ impl Party for Verifying<'_, '_> {
         Ok(self.verifier.receive_extension(1)?[0])
     }
 
+    fn nothing(&mut self, _: &Weighted) -> Form {
+        Form::default()
+    }
+
     fn product(&mut self, a: &Form, b: &Form) -> Result<Form, Refused> {
         self.equations.product(a, b)
     }

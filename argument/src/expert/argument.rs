@@ -15,9 +15,9 @@ use crate::hash::Digest;
 use crate::multilinear::{eq_table, outer};
 use crate::opening::{self, Sum, RANDOM};
 use crate::operation;
-use crate::party::Sources;
-use crate::protocol::{argue, Left};
-use crate::relation::{Parts, Source};
+use crate::party::{Claim, Party, Sources, Weighted};
+use crate::protocol::argue;
+use crate::relation::{Part, Parts, Source};
 use crate::share::share;
 use crate::sumcheck::JoinedPoint;
 use crate::transcript::{Refused, Verifier};
@@ -93,6 +93,73 @@ pub struct Verified {
     pub published: Published,
 }
 
+/// Claims that there is nothing in a sample's columns after its last value, at one random point: otherwise a copy of a sample could have another
+/// digest. What is left of columns falls into pieces whose size is a power of two.
+fn nothing_behind<P: Party>(
+    party: &mut P,
+    expert: &Expert,
+    shape: &Shape,
+    parts: &mut Parts,
+) -> Vec<Claim<P::Value>> {
+    let point = party.challenges(shape.sources[1].1);
+    let instances = party.challenges(expert.builder.relations.bits_of_instances());
+    let instances = parts.add(Part::Point(instances));
+    let mut first = expert.used[DATA.0 as usize];
+    let end = shape.widths[1] << shape.parameters.variables();
+    let mut claims = vec![];
+    while first < end {
+        let bits = first.trailing_zeros().min((end - first).ilog2()) as usize;
+        let about = Weighted {
+            source: DATA,
+            offset: first,
+            parts: vec![(0, parts.add(Part::Point(point[..bits].to_vec())))],
+            instances: Some(instances),
+        };
+        let value = party.nothing(&about);
+        claims.push(Claim { about, value });
+        first += 1 << bits;
+    }
+    claims
+}
+
+/// What was argued up to what is left to show of columns.
+#[doc(hidden)]
+pub struct Left<V> {
+    /// The point of all columns and instances.
+    pub point: JoinedPoint,
+    /// The values of both sources there.
+    values: Vec<V>,
+    published: Published,
+}
+
+/// Argues up to what is left to show of columns.
+#[doc(hidden)]
+pub fn argued<P: Party>(
+    party: &mut P,
+    expert: &Expert,
+    shape: &Shape,
+) -> Result<Left<P::Value>, Refused> {
+    let (mut parts, relations) = (Parts::default(), &expert.builder.relations);
+    let mut left = argue(party, relations, &mut parts)?;
+    let sharing = operation("sharing");
+    let nothing = nothing_behind(party, expert, shape, &mut parts);
+    left.secret.extend(nothing);
+    let sources = Sources {
+        all: &shape.sources,
+        instances: relations.bits_of_instances(),
+    };
+    let (point, values) = share(party, &mut parts, &sources, &left.secret)?;
+    sharing.end();
+    Ok(Left {
+        point,
+        values,
+        published: Published {
+            parts,
+            claims: left.published,
+        },
+    })
+}
+
 /// An argument that was read up to what it leaves to show of columns.
 pub struct Argued<'a, 'v> {
     /// The verifier, and the equations.
@@ -118,16 +185,11 @@ impl<'a, 'v> Argued<'a, 'v> {
         let samples = data.map(|(s, segment)| sample_digest(s.prefix, s.frames, segment.cap()));
         let samples = samples.collect();
         let mut verifying = Verifying::new(verifier);
-        let mut parts = Parts::default();
-        let relations = &expert.builder.relations;
-        let Left { secret, published } = argue(&mut verifying, relations, &mut parts)?;
-        let sharing = operation("sharing");
-        let sources = Sources {
-            all: &shape.sources,
-            instances: relations.bits_of_instances(),
-        };
-        let (point, values) = share(&mut verifying, &mut parts, &sources, &secret)?;
-        sharing.end();
+        let Left {
+            point,
+            values,
+            published,
+        } = argued(&mut verifying, expert, shape)?;
         let sums = shape.coefficients(&point).into_iter().zip(values);
         let sums = sums.map(|(coefficients, value)| Sum {
             coefficients,
@@ -136,13 +198,7 @@ impl<'a, 'v> Argued<'a, 'v> {
         Ok(Self {
             verifying,
             segments,
-            verified: Verified {
-                samples,
-                published: Published {
-                    parts,
-                    claims: published,
-                },
-            },
+            verified: Verified { samples, published },
             point: point.own[..shape.parameters.variables()].to_vec(),
             sums: sums.collect(),
         })
@@ -216,7 +272,6 @@ pub mod prove {
     use crate::expert::sample::prove::commit;
     use crate::expert::witness::{Common, Witness};
     use crate::opening::prove::Claimed;
-    use crate::party::Party;
     use crate::prove::progress::{Phase, Tell};
     use crate::prove::{Instance, Proving, Values};
     use crate::transcript::{Pads, Prover};
@@ -267,23 +322,6 @@ pub mod prove {
         Ok(words.map_err(io::Error::other)?)
     }
 
-    /// Argues up to what is left to show of columns. Returns the point of all instances.
-    #[doc(hidden)]
-    pub fn argued<P: Party>(
-        party: &mut P,
-        expert: &Expert,
-        shape: &Shape,
-    ) -> Result<JoinedPoint, Refused> {
-        let (mut parts, relations) = (Parts::default(), &expert.builder.relations);
-        let sources = Sources {
-            all: &shape.sources,
-            instances: relations.bits_of_instances(),
-        };
-        let left = argue(party, relations, &mut parts)?;
-        let (point, _) = share(party, &mut parts, &sources, &left.secret)?;
-        Ok(point)
-    }
-
     /// The first equation that does not hold, of an argument whose pads are known.
     #[doc(hidden)]
     pub fn unmet(statement: &Statement, prover: &Prover) -> Result<Option<&'static str>, Refused> {
@@ -305,7 +343,7 @@ pub mod prove {
         folder: Option<&Path>,
         tell: Tell<'_>,
         mut witness: impl FnMut(usize) -> Result<Witness, E>,
-        argued: impl FnOnce(&mut Proving<'_>, &Expert, &Shape) -> Result<JoinedPoint, Refused>,
+        argued: impl FnOnce(&mut Proving<'_>, &Expert, &Shape) -> Result<Left<Extension>, Refused>,
     ) -> Result<Prover, E> {
         let expert = Expert::new(statement);
         let shape = Shape::new(&expert);
@@ -379,7 +417,7 @@ pub mod prove {
         let mut proving =
             Proving::new(prover, instances.collect(), shape.samples, tell).with_files_in(folder);
         let argued = argued(&mut proving, &expert, &shape);
-        let ended = argued.and_then(|point| {
+        let ended = argued.and_then(|Left { point, .. }| {
             let sums = shape.coefficients(&point).map(|coefficients| Sum {
                 coefficients,
                 value: (),

@@ -94,6 +94,12 @@ impl Challenges for Proving<'_> {
 impl Party for Proving<'_> {
     type Value = Extension;
 
+    fn nothing(&mut self, about: &Weighted) -> Extension {
+        let values = vec![Extension::ZERO; self.count];
+        self.said.push((about.clone(), values));
+        Extension::ZERO
+    }
+
     fn product(&mut self, a: &Extension, b: &Extension) -> Result<Extension, Refused> {
         Ok(*a * *b)
     }

@@ -4,8 +4,8 @@ use super::fractions::{leaves, sum, Fractions};
 use super::Known;
 use crate::models::BLIND;
 use std::io;
-use zk0_argument::expert::argument::prove::{argued, prove_with, Hidden};
-use zk0_argument::expert::argument::Shape;
+use zk0_argument::expert::argument::prove::{prove_with, Hidden};
+use zk0_argument::expert::argument::{argued, Shape};
 use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::publics::number::LOSSES;
 use zk0_argument::expert::statement::Statement;
@@ -94,6 +94,11 @@ impl Challenges for Liar<'_, '_> {
 
 impl Party for Liar<'_, '_> {
     type Value = Extension;
+
+    fn nothing(&mut self, about: &Weighted) -> Extension {
+        self.tale.nothing(about);
+        self.truth.nothing(about)
+    }
 
     fn product(&mut self, a: &Extension, b: &Extension) -> Result<Extension, Refused> {
         Ok(*a * *b)
