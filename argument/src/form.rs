@@ -1,9 +1,9 @@
 //! What a verifier knows of secret values, and the equations between them.
 //!
 //! The prover says a secret value s as c = s + u, where u is the next element of a committed vector of random ones: its *pad* (Cramer and
-//! Damgård 1998; for sumchecks over a commitment to a vector, Frigo and shelat, eprint 2024/2010). So a secret value is a [`Form`] in pads. A
-//! product of two of them is a *gate*. What an argument has to fulfil is a list of equations in pads and gates, [`Equations`], which
-//! [`crate::opening`] shows at the end.
+//! Damgård 1998; for sumchecks over a commitment to a vector, Frigo and shelat, eprint 2024/2010). A verifier calculates with [`Form`]s of secret
+//! values. A product of two of them is a *gate*. What an argument has to fulfil is a list of equations, [`Equations`], which [`crate::opening`]
+//! shows at the end.
 
 use crate::field::Extension;
 use crate::party::Secret;
@@ -14,8 +14,8 @@ use alloc::vec::Vec;
 /// What a form is made of beside what is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unknown {
-    /// The pad with this number.
-    Pad(u32),
+    /// The secret value with this number, which is that of its pad.
+    Said(u32),
     /// The product with this number.
     Gate(u32),
 }
@@ -28,18 +28,18 @@ pub struct Form {
 }
 
 impl Form {
-    /// The value that was said as `said`, with the pad of this number.
-    pub fn of_said(said: Extension, pad: usize) -> Self {
-        let mut form = Self::default();
-        form.add_said(Extension::ONE, said, pad);
-        form
+    /// The secret value with this number.
+    pub fn of_said(number: usize) -> Self {
+        Self {
+            known: Extension::ZERO,
+            terms: vec![(Unknown::Said(number as u32), Extension::ONE)],
+        }
     }
 
-    /// Adds `factor` times the value that was said with a pad.
+    /// Adds `factor` times the secret value with this number.
     #[inline(always)]
-    pub fn add_said(&mut self, factor: Extension, said: Extension, pad: usize) {
-        self.known += factor * said;
-        self.terms.push((Unknown::Pad(pad as u32), -factor));
+    pub fn add_said(&mut self, factor: Extension, number: usize) {
+        self.terms.push((Unknown::Said(number as u32), factor));
     }
 
     /// Multiplies by a known value.
@@ -50,24 +50,26 @@ impl Form {
         }
     }
 
-    /// Adds the coefficients of pads, times `factor`, to `sums`, of which there is one for each pad. Returns what is known, times `factor`.
-    /// There are no gates in it.
-    fn add_pads(&self, factor: Extension, sums: &mut [Extension]) -> Extension {
+    /// Adds the coefficients of secret values and of gates, times `factor`, to sums, of which there is one for each.
+    fn add_to(&self, factor: Extension, sums: &mut Combined) {
+        if self.known != Extension::ZERO {
+            sums.known += factor * self.known;
+        }
         for &(unknown, coefficient) in &self.terms {
-            if let Unknown::Pad(pad) = unknown {
-                sums[pad as usize] += factor * coefficient;
+            match unknown {
+                Unknown::Said(number) => sums.said[number as usize] += factor * coefficient,
+                Unknown::Gate(number) => sums.gates[number as usize] += factor * coefficient,
             }
         }
-        factor * self.known
     }
 
-    /// The value, for unknowns that are known.
-    pub fn value(&self, pads: &[Extension], gates: &[Extension]) -> Extension {
+    /// The value, for secret values and gates that are known.
+    pub fn value(&self, said: &[Extension], gates: &[Extension]) -> Extension {
         let terms = self.terms.iter().map(|&(unknown, coefficient)| {
             coefficient
                 * match unknown {
-                    Unknown::Pad(pad) => pads[pad as usize],
-                    Unknown::Gate(gate) => gates[gate as usize],
+                    Unknown::Said(number) => said[number as usize],
+                    Unknown::Gate(number) => gates[number as usize],
                 }
         });
         self.known + terms.sum()
@@ -89,7 +91,9 @@ impl Secret for Form {
     }
 
     fn add(&mut self, factor: Extension, other: &Self) {
-        self.known += factor * other.known;
+        if other.known != Extension::ZERO {
+            self.known += factor * other.known;
+        }
         let terms = other.terms.iter();
         self.terms
             .extend(terms.map(|&(unknown, coefficient)| (unknown, factor * coefficient)));
@@ -105,12 +109,12 @@ pub struct Equations {
     gates: Vec<[Form; 2]>,
 }
 
-/// The sum of all equations, with random weights: `known + Σ pads·u + Σ gates·a·b` is zero.
+/// The sum of all equations, with random weights: `known + Σ said·s + Σ gates·a·b` is zero.
 pub struct Combined {
     /// What is known.
     pub known: Extension,
-    /// The coefficient of each pad.
-    pub pads: Vec<Extension>,
+    /// The coefficient of each secret value.
+    pub said: Vec<Extension>,
     /// The coefficient of each product.
     pub gates: Vec<Extension>,
 }
@@ -148,50 +152,42 @@ impl Equations {
         Ok(())
     }
 
-    /// The sum of all equations times powers of `tau`, for so many pads.
-    pub fn combined(&self, tau: Extension, pads: usize) -> Combined {
+    /// The sum of all equations times powers of `tau`, for so many secret values.
+    pub fn combined(&self, tau: Extension, said: usize) -> Combined {
         let mut combined = Combined {
             known: Extension::ZERO,
-            pads: vec![Extension::ZERO; pads],
+            said: vec![Extension::ZERO; said],
             gates: vec![Extension::ZERO; self.gates.len()],
         };
         let mut power = Extension::ONE;
         for (_, form) in &self.zeros {
-            combined.known += form.add_pads(power, &mut combined.pads);
-            for &(unknown, coefficient) in &form.terms {
-                if let Unknown::Gate(gate) = unknown {
-                    combined.gates[gate as usize] += power * coefficient;
-                }
-            }
+            form.add_to(power, &mut combined);
             power *= tau;
         }
         combined
     }
 
-    /// Adds the coefficients of pads in the factors of all products, times the weights in turn. Returns what is known, likewise.
-    pub fn add_factors(
-        &self,
-        mut weight: impl FnMut() -> Extension,
-        sums: &mut [Extension],
-    ) -> Extension {
-        let factors = self.gates.iter().flatten();
-        factors.map(|form| form.add_pads(weight(), sums)).sum()
+    /// Adds the factors of all products, each times the next weight.
+    pub fn add_factors(&self, mut weight: impl FnMut() -> Extension, sums: &mut Combined) {
+        for form in self.gates.iter().flatten() {
+            form.add_to(weight(), sums);
+        }
     }
 
-    /// The factors of each product, for pads that are known.
-    pub fn factors(&self, pads: &[Extension]) -> Vec<[Extension; 2]> {
+    /// The factors of each product, for secret values that are known.
+    pub fn factors(&self, said: &[Extension]) -> Vec<[Extension; 2]> {
         let gates = self.gates.iter();
         gates
-            .map(|[a, b]| [a, b].map(|form| form.value(pads, &[])))
+            .map(|[a, b]| [a, b].map(|form| form.value(said, &[])))
             .collect()
     }
 
-    /// The name of the first equation that does not hold, for pads that are known.
-    pub fn unmet(&self, pads: &[Extension]) -> Option<&'static str> {
-        let gates = self.factors(pads).into_iter();
+    /// The name of the first equation that does not hold, for secret values that are known.
+    pub fn unmet(&self, said: &[Extension]) -> Option<&'static str> {
+        let gates = self.factors(said).into_iter();
         let gates: Vec<Extension> = gates.map(|[a, b]| a * b).collect();
         let mut zeros = self.zeros.iter();
-        let unmet = zeros.find(|(_, form)| form.value(pads, &gates) != Extension::ZERO);
+        let unmet = zeros.find(|(_, form)| form.value(said, &gates) != Extension::ZERO);
         unmet.map(|(what, _)| *what)
     }
 }

@@ -36,8 +36,8 @@ struct Children<V> {
 
 impl Children<Form> {
     fn receive(verifier: &mut Verifier<'_>) -> Result<Self, Refused> {
-        let said = verifier.receive_secret(4)?;
-        let of = |place| said.form(place);
+        let first = verifier.receive_secret(4)?.start;
+        let of = |place| Form::of_said(first + place);
         Ok(Self {
             p: [of(0), of(1)],
             q: [of(2), of(3)],
@@ -84,8 +84,8 @@ pub fn verify(
     equations: &mut Equations,
 ) -> Result<LeafClaim<Form>, Refused> {
     let mut children = Children::receive(verifier)?;
-    let said = verifier.receive_secret(2)?;
-    let (denominator, inverse) = (said.form(0), said.form(1));
+    let first = verifier.receive_secret(2)?.start;
+    let (denominator, inverse) = (Form::of_said(first), Form::of_said(first + 1));
     let Children { p, q } = &children;
     let mut numerator = equations.product(&p[0], &q[1])?;
     numerator.add(Extension::ONE, &equations.product(&p[1], &q[0])?);
@@ -116,8 +116,8 @@ pub fn verify(
             let said = verifier.receive_secret(2)?;
             let challenge = verifier.challenge();
             let factors = [challenge - coordinate, challenge * challenge - challenge];
-            for ((pad, value), factor) in said.iter().zip(factors) {
-                claim.add_said(factor, value, pad);
+            for (number, factor) in said.zip(factors) {
+                claim.add_said(factor, number);
             }
             next.push(challenge);
         }

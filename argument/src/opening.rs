@@ -22,6 +22,7 @@ use crate::sumcheck;
 use crate::transcript::{require, work, Challenges, Refused};
 use crate::verify::Verifying;
 use alloc::vec::Vec;
+use core::ops::Range;
 
 /// Bits of the proofs of work before columns are combined, before claims are added to the combination, and before U is.
 const WORK: u32 = 16;
@@ -89,19 +90,19 @@ fn values(
     let verifier = &mut *verifying.verifier;
     work::check_work(verifier, WORK, "the combination of columns")?;
     let mut weights = combination(verifier, count(sums));
-    let said = verifier.receive_secret(2)?;
+    let [sum, of_g] = pair(verifier.receive_secret(2)?);
     work::check_work(verifier, WORK, "the sums of columns")?;
     let [chi, psi] = [0, 1].map(|_| verifier.challenge());
     add_sums(&mut weights, sums, chi);
     let there = verifier.receive_extension(2)?;
-    let mut rest = said.form(0);
-    rest.add(psi, &said.form(1));
+    let mut rest = Form::of_said(sum);
+    rest.add_said(psi, of_g);
     let mut power = chi;
     for sum in sums {
         rest.add(power, &sum.value);
         power *= chi;
     }
-    let rest = rest.minus(&there[0].into());
+    rest.add_known(-there[0]);
     verifying
         .equations
         .zero("the columns of a commitment", rest)?;
@@ -118,10 +119,15 @@ pub fn equations(
     Ok(verifying.equations)
 }
 
-/// What step 2 comes to: the sum of pads, times `omega`, is `delta`.
+/// The numbers of two secret values.
+fn pair(numbers: Range<usize>) -> [usize; 2] {
+    [numbers.start, numbers.start + 1]
+}
+
+/// What step 2 comes to: the sum of secret values, times these coefficients, and of what is known, is zero.
 struct Linear {
-    omega: Vec<Extension>,
-    delta: Extension,
+    coefficients: Vec<Extension>,
+    known: Extension,
 }
 
 /// What the prover says in step 2, and the challenges.
@@ -129,55 +135,53 @@ struct Said<'a> {
     tau: Extension,
     /// The number of the first mask.
     masks: usize,
-    /// The two sums with masks, each with the number of its pad.
-    sums: [(usize, Extension); 2],
+    /// The numbers of the two sums with masks.
+    sums: [usize; 2],
     rho: Extension,
     factors: &'a [Extension],
     theta: Extension,
 }
 
 impl Linear {
-    /// For so many pads.
-    fn new(equations: &Equations, said: &Said<'_>, pads: usize) -> Self {
-        let combined = equations.combined(said.tau, pads);
-        let (mut known, mut omega) = (combined.known, combined.pads);
+    /// For so many secret values.
+    fn new(equations: &Equations, said: &Said<'_>, count: usize) -> Self {
+        let mut combined = equations.combined(said.tau, count);
         let factors = said.factors.as_chunks::<2>().0;
         for (&alpha, [a, b]) in combined.gates.iter().zip(factors) {
-            known += alpha * *a * *b;
+            combined.known += alpha * *a * *b;
         }
         let mut power = said.rho;
-        for (pad, sum) in said.sums {
-            known -= power * sum;
-            omega[pad] += power;
+        for sum in said.sums {
+            combined.said[sum] -= power;
             power *= said.rho;
         }
-        // What was said of each factor is the factor and its mask times ρ.
+        // What was said of each factor is the factor and its mask times ρ. A mask is a value that was said as zero.
         let mut weight = Extension::ONE;
         for (place, &factor) in said.factors.iter().enumerate() {
             weight *= said.theta;
-            known -= weight * factor;
-            omega[said.masks + place] += weight * said.rho;
+            combined.known -= weight * factor;
+            combined.said[said.masks + place] -= weight * said.rho;
         }
         let mut weight = Extension::ONE;
         let next = || {
             weight *= said.theta;
             weight
         };
-        known += equations.add_factors(next, &mut omega);
+        equations.add_factors(next, &mut combined);
         Self {
-            omega,
-            delta: -known,
+            coefficients: combined.said,
+            known: combined.known,
         }
     }
 
     /// The multilinear polynomial of the coefficients of U's entries, at a point.
     fn at(&self, point: &[Extension]) -> Extension {
-        let bits = self.omega.len().next_power_of_two().ilog2() as usize;
+        let bits = self.coefficients.len().next_power_of_two().ilog2() as usize;
         let (pads, above) = point[1..].split_at(bits);
         // Two small tables in place of one for all pads
         let (low, high) = pads.split_at(bits / 2);
         let (low, high) = (eq_table(low), eq_table(high));
-        let rows = self.omega.chunks(low.len()).zip(&high);
+        let rows = self.coefficients.chunks(low.len()).zip(&high);
         let sum = rows.map(|(row, &weight)| weight * Extension::dot_of_extensions(&low, row));
         let sum: Extension = sum.sum();
         let absent = above
@@ -202,9 +206,9 @@ pub fn verify(
     } = verifying;
     let tau = verifier.challenge();
     let count = 2 * equations.count_of_gates();
-    let masks = verifier.masks(count);
-    let with_masks = verifier.receive_secret(2)?;
-    let pads = verifier.pads();
+    let masks = verifier.masks(count).start;
+    let sums = pair(verifier.receive_secret(2)?);
+    let pads = sums[1] + 1;
     let room = 2 * pads + FREE <= 1 << point.len();
     require(room, Refused::Bounds("the number of samples"))?;
     let rho = verifier.challenge();
@@ -212,16 +216,18 @@ pub fn verify(
     let said = Said {
         tau,
         masks,
-        sums: [0, 1].map(|place| with_masks.said(place)),
+        sums,
         rho,
         factors,
         theta: verifier.challenge(),
     };
     let linear = Linear::new(&equations, &said, pads);
+    // A secret value is what it was said as but for its pad.
+    let delta = Extension::dot_of_extensions(&linear.coefficients, verifier.padded()) + linear.known;
     let product = verifier.receive_extension(1)?[0];
     work::check_work(verifier, WORK, "the pads")?;
     let [xi, eta] = [0, 1].map(|_| verifier.challenge());
-    let claim = there[0] + xi * there[1] + eta * (product + xi * linear.delta);
+    let claim = there[0] + xi * there[1] + eta * (product + xi * delta);
     let (at, left) = sumcheck::verify(verifier, point.len(), 2, claim)?;
     let value = verifier.receive_extension(1)?[0];
     let expected = (eq(point, &at) + eta * linear.at(&at)) * value;
@@ -296,9 +302,9 @@ pub mod prove {
 
         let equations = equations(prover)?;
         let tau = prover.challenge();
-        let factors = equations.factors(prover.pads());
+        let factors = equations.factors(prover.secrets());
         let factors = factors.as_flattened();
-        let first_mask = prover.pads().len();
+        let first_mask = prover.secrets().len();
         let masks = prover.masks(factors.len());
         let masks = masks.ok_or(Refused::Bounds("the number of samples"))?;
         let alphas = equations.combined(tau, first_mask).gates;
@@ -309,24 +315,20 @@ pub mod prove {
             with_masks[1] += alpha * a_mask * b_mask;
         }
         prover.send_secret(&with_masks);
-        let pads = prover.pads().len();
+        let count = prover.secrets().len();
         let rho = prover.challenge();
         let said = factors.iter().zip(&masks);
         let said: Vec<Extension> = said.map(|(&factor, &mask)| factor + rho * mask).collect();
         prover.send_masked(&said);
-        let padded = |place: usize| {
-            let pad = pads - with_masks.len() + place;
-            (pad, with_masks[place] + prover.pads()[pad])
-        };
         let said = Said {
             tau,
             masks: first_mask,
-            sums: [0, 1].map(padded),
+            sums: [count - 2, count - 1],
             rho,
             factors: &said,
             theta: prover.challenge(),
         };
-        let Linear { omega, .. } = Linear::new(&equations, &said, pads);
+        let omega = Linear::new(&equations, &said, count).coefficients;
         let entries = message.values.as_chunks::<2>().0.iter();
         let product: Extension = entries
             .zip(&omega)

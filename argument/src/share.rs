@@ -134,8 +134,7 @@ impl<'a> Places<'a> {
                     self.tables.push((key, eq_table(coordinates)));
                     self.tables.len() - 1
                 });
-                let terms = self.tables[place].1.iter().zip(weights);
-                terms.map(|(&a, &b)| a * b).sum()
+                Extension::dot_of_extensions(&self.tables[place].1, weights)
             }
             _ => part.at(coordinates),
         };

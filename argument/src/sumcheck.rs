@@ -49,7 +49,7 @@ pub fn verify_secret(
     let mut left = Form::default();
     for (&challenge, said) in point.iter().zip(&rounds).rev() {
         let mut power = challenge;
-        for (place, (pad, coefficient)) in said.iter().enumerate() {
+        for (place, number) in said.clone().enumerate() {
             let factor = match place {
                 0 => Extension::ONE - challenge - challenge,
                 _ => {
@@ -57,7 +57,7 @@ pub fn verify_secret(
                     power - challenge
                 }
             };
-            left.add_said(later * factor, coefficient, pad);
+            left.add_said(later * factor, number);
         }
         later *= challenge;
     }

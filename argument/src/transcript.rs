@@ -9,9 +9,9 @@
 
 use crate::field::goldilocks::reduce;
 use crate::field::{Extension, Goldilocks};
-use crate::form::Form;
 use crate::hash::{Digest, Domain, Sponge};
 use alloc::vec::Vec;
+use core::ops::Range;
 
 /// Bits of a KoalaBear value that are as good as random, if the value is: its modulus is 127 · 2^24 + 1.
 const RANDOM_BITS: u32 = 24;
@@ -157,11 +157,6 @@ impl Pads {
         self.used += count;
         Some(pads)
     }
-
-    /// All that were taken.
-    pub fn taken(&self) -> &[Extension] {
-        &self.elements[..self.used]
-    }
 }
 
 /// The prover's side: what it says is absorbed and kept.
@@ -172,6 +167,8 @@ pub struct Prover {
     pads: Pads,
     /// Something secret was not said, because there was no pad for it.
     silent: bool,
+    /// All secret values that were said. A mask is one that was said as zero.
+    secrets: Vec<Extension>,
     /// The first word of what was said with each pad. A mask has none.
     places: Vec<Option<usize>>,
 }
@@ -181,34 +178,8 @@ pub struct Verifier<'a> {
     said: Said,
     proof: &'a [u64],
     read: usize,
-    /// Pads that are on what was said.
-    pads: usize,
-}
-
-/// Values that were said with pads.
-#[derive(Clone, Copy)]
-pub struct Padded<'a> {
-    first: usize,
-    said: &'a [Extension],
-}
-
-impl<'a> Padded<'a> {
-    /// What a value was said as, with the number of its pad.
-    #[inline(always)]
-    pub fn iter(self) -> impl ExactSizeIterator<Item = (usize, Extension)> + 'a {
-        let said = self.said.iter().enumerate();
-        said.map(move |(place, said)| (self.first + place, *said))
-    }
-
-    /// The number of a value's pad, and what the value was said as.
-    pub fn said(self, place: usize) -> (usize, Extension) {
-        (self.first + place, self.said[place])
-    }
-
-    /// What is known of a value.
-    pub fn form(self, place: usize) -> Form {
-        Form::of_said(self.said[place], self.first + place)
-    }
+    /// What secret values were said as, by the numbers of their pads. A mask is one that was said as zero.
+    padded: Vec<Extension>,
 }
 
 /// Draws challenges.
@@ -256,6 +227,7 @@ impl Prover {
             proof: Vec::new(),
             pads,
             silent: false,
+            secrets: Vec::new(),
             places: Vec::new(),
         }
     }
@@ -283,6 +255,7 @@ impl Prover {
         let padded: Vec<Extension> = padded.collect();
         let places = (self.proof.len()..).step_by(2).take(values.len());
         self.places.extend(places.map(Some));
+        self.secrets.extend_from_slice(values);
         self.send(&padded);
     }
 
@@ -299,14 +272,15 @@ impl Prover {
     /// So many pads that nothing was said with: they are masks. None if there are not as many, after which nothing is said.
     pub fn masks(&mut self, count: usize) -> Option<Vec<Extension>> {
         let masks = self.pads.take(count).map(<[_]>::to_vec);
+        self.secrets.extend(masks.iter().flatten().map(|&mask| -mask));
         self.places.resize(self.places.len() + count, None);
         self.silent |= masks.is_none();
         masks
     }
 
-    /// The pads that were used.
-    pub fn pads(&self) -> &[Extension] {
-        self.pads.taken()
+    /// All secret values that were said, by the numbers of their pads. A mask is one that was said as zero.
+    pub fn secrets(&self) -> &[Extension] {
+        &self.secrets
     }
 
     /// The first word of what was said with each pad, where something was.
@@ -361,7 +335,7 @@ impl<'a> Verifier<'a> {
             said: Said::new(statement),
             proof,
             read: 0,
-            pads: 0,
+            padded: Vec::new(),
         }
     }
 
@@ -373,25 +347,25 @@ impl<'a> Verifier<'a> {
         self
     }
 
-    /// The prover's next `count` secret values, as it said them.
+    /// The numbers of the prover's next `count` secret values.
     #[inline(always)]
-    pub fn receive_secret(&mut self, count: usize) -> Result<Padded<'a>, Refused> {
+    pub fn receive_secret(&mut self, count: usize) -> Result<Range<usize>, Refused> {
         let said = self.receive_extension(count)?;
-        let first = self.masks(count);
-        Ok(Padded { first, said })
+        let first = self.padded.len();
+        self.padded.extend_from_slice(said);
+        Ok(first..self.padded.len())
     }
 
-    /// Counts so many pads that nothing is said with. Returns the number of the first.
-    #[inline(always)]
-    pub fn masks(&mut self, count: usize) -> usize {
-        let first = self.pads;
-        self.pads += count;
-        first
+    /// The numbers of so many masks: pads that nothing is said with.
+    pub fn masks(&mut self, count: usize) -> Range<usize> {
+        let first = self.padded.len();
+        self.padded.resize(first + count, Extension::ZERO);
+        first..self.padded.len()
     }
 
-    /// How many pads there are up to now.
-    pub fn pads(&self) -> usize {
-        self.pads
+    /// What all secret values were said as up to now.
+    pub fn padded(&self) -> &[Extension] {
+        &self.padded
     }
 
     #[inline(always)]

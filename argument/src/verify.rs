@@ -67,7 +67,7 @@ impl<'a, 'v> Verifying<'a, 'v> {
     }
 
     fn value(&mut self) -> Result<Form, Refused> {
-        Ok(self.verifier.receive_secret(1)?.form(0))
+        Ok(Form::of_said(self.verifier.receive_secret(1)?.start))
     }
 }
 
@@ -137,8 +137,8 @@ impl Party for Verifying<'_, '_> {
     }
 
     fn gathered(&mut self, count: usize) -> Result<Vec<[Form; 2]>, Refused> {
-        let said = self.verifier.receive_secret(2 * count)?;
-        let of = |place| [2 * place, 2 * place + 1].map(|place| said.form(place));
+        let first = self.verifier.receive_secret(2 * count)?.start;
+        let of = |place| [0, 1].map(|part| Form::of_said(first + 2 * place + part));
         Ok((0..count).map(of).collect())
     }
 

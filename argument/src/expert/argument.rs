@@ -322,7 +322,7 @@ pub mod prove {
         Ok(words.map_err(io::Error::other)?)
     }
 
-    /// The first equation that does not hold, of an argument whose pads are known.
+    /// The first equation that does not hold, of what a prover said.
     #[doc(hidden)]
     pub fn unmet(statement: &Statement, prover: &Prover) -> Result<Option<&'static str>, Refused> {
         let expert = Expert::new(statement);
@@ -331,7 +331,7 @@ pub mod prove {
         let argued = Argued::read(&mut verifier, statement, &expert, &shape)?;
         let first = shape.first_random();
         let equations = opening::equations(argued.verifying, first, &argued.sums)?;
-        Ok(equations.unmet(prover.pads()))
+        Ok(equations.unmet(prover.secrets()))
     }
 
     /// Argues with what hides the argument, by `argued`, and returns the prover.

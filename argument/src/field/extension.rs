@@ -76,7 +76,15 @@ impl Extension {
 
     /// `Σ a · b`, of as many as there are of both.
     pub fn dot_of_extensions(a: &[Self], b: &[Self]) -> Self {
-        a.iter().zip(b).map(|(&a, &b)| a * b).sum()
+        let [mut constant, mut square, mut linear] = [Products::default(); 3];
+        for (a, b) in a.iter().zip(b) {
+            constant.add(a.0[0], b.0[0]);
+            square.add(a.0[1], b.0[1]);
+            linear.add(a.0[0], b.0[1]);
+            linear.add(a.0[1], b.0[0]);
+        }
+        let [constant, square, linear] = [constant, square, linear].map(Products::reduce);
+        Self([constant + SQUARE * square, linear])
     }
 
     /// `Σ weights · values`, of as many as there are of both.

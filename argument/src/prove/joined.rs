@@ -262,12 +262,12 @@ mod tests {
             let pads = table(&mut 7, 10, false);
             let mut prover = Prover::new(&statement, Pads::new(pads));
             let (said, value) = prove(&mut prover, sums, 4);
-            let pads = prover.pads().to_vec();
+            let secrets = prover.secrets().to_vec();
             let proof = prover.finish().unwrap();
             let mut verifier = Verifier::new(&statement, &proof);
             let (point, left) = verify_joined(&mut verifier, bits, 0, 4, claim.into()).unwrap();
             verifier.finish().unwrap();
-            let expected = left.value(&pads, &[]);
+            let expected = left.value(&secrets, &[]);
             assert_eq!(value, expected);
             let said: Vec<Extension> = said.into_iter().rev().collect();
             assert_eq!(point.own, said);
