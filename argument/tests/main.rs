@@ -20,3 +20,5 @@ mod layout;
 mod models;
 #[cfg(feature = "prove")]
 mod protocol;
+#[cfg(feature = "prove")]
+mod unchanged;
