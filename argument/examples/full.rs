@@ -174,7 +174,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let proof = measured("proof", || {
         let blind = Blind::new([5; 32]);
-        prove(&statement, &common, &blind, Some(folder.path()), &tell, witness)
+        prove(
+            &statement,
+            &common,
+            &blind,
+            Some(folder.path()),
+            &tell,
+            witness,
+        )
     })?;
     println!("{} bytes", 8 * proof.len());
     let verified = measured("verifier", || verify(&statement, &proof))?;

@@ -31,7 +31,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         .next()
         .ok_or("binary logarithm of the size")?
         .parse()?;
-    let pads = (1..1 << 12).map(|seed| Extension([small(seed), small(!seed)].map(Goldilocks::from_i64)));
+    let pads =
+        (1..1 << 12).map(|seed| Extension([small(seed), small(!seed)].map(Goldilocks::from_i64)));
     let prover = Prover::new(&Digest([1, 2, 3, 4]), Pads::new(pads.collect()));
     let proof = match what.as_str() {
         "commit" => commit(prover, size)?,
@@ -90,7 +91,14 @@ fn commit(mut prover: Prover, size: u32) -> Result<Vec<u64>, Box<dyn Error>> {
     measured("open", || {
         let segments = [&committed];
         let message = Message::of_columns(&parameters, &segments, &weights);
-        open(&mut prover, &parameters, &segments, message, &point, &silently);
+        open(
+            &mut prover,
+            &parameters,
+            &segments,
+            message,
+            &point,
+            &silently,
+        );
     });
     Ok(prover.finish()?)
 }

@@ -191,14 +191,50 @@ impl Linear {
     }
 }
 
+/// The end of an argument as a verifier reads it. It holds if `left` is `expected`.
+#[doc(hidden)]
+pub struct End {
+    /// What is opened then.
+    pub opened: Opened,
+    /// The coefficients of pads, and what their sum is.
+    pub omega: Vec<Extension>,
+    /// See there.
+    pub delta: Extension,
+    /// The weights of U and of the pads' sum.
+    pub xi: Extension,
+    /// See there.
+    pub eta: Extension,
+    /// What the sumcheck leaves.
+    pub left: Extension,
+    /// What it has to leave.
+    pub expected: Extension,
+}
+
 /// Checks all that is left but the opening, which it returns. About columns with so many variables as the point has `sums` are claimed there. The
 /// random columns are from number `first` on.
 pub fn verify(
-    mut verifying: Verifying<'_, '_>,
+    verifying: Verifying<'_, '_>,
     point: &[Extension],
     first: usize,
     sums: &[Sum<Form>],
 ) -> Result<Opened, Refused> {
+    let end = read(verifying, point, first, sums)?;
+    let holds = end.left == end.expected;
+    require(
+        holds,
+        Refused::Equation("the sumcheck of an argument's end"),
+    )?;
+    Ok(end.opened)
+}
+
+/// Reads the end of an argument.
+#[doc(hidden)]
+pub fn read(
+    mut verifying: Verifying<'_, '_>,
+    point: &[Extension],
+    first: usize,
+    sums: &[Sum<Form>],
+) -> Result<End, Refused> {
     let (mut weights, there) = values(&mut verifying, first, sums)?;
     let Verifying {
         verifier,
@@ -223,7 +259,8 @@ pub fn verify(
     };
     let linear = Linear::new(&equations, &said, pads);
     // A secret value is what it was said as but for its pad.
-    let delta = Extension::dot_of_extensions(&linear.coefficients, verifier.padded()) + linear.known;
+    let delta =
+        Extension::dot_of_extensions(&linear.coefficients, verifier.padded()) + linear.known;
     let product = verifier.receive_extension(1)?[0];
     work::check_work(verifier, WORK, "the pads")?;
     let [xi, eta] = [0, 1].map(|_| verifier.challenge());
@@ -231,15 +268,19 @@ pub fn verify(
     let (at, left) = sumcheck::verify(verifier, point.len(), 2, claim)?;
     let value = verifier.receive_extension(1)?[0];
     let expected = (eq(point, &at) + eta * linear.at(&at)) * value;
-    require(
-        expected == left,
-        Refused::Equation("the sumcheck of an argument's end"),
-    )?;
     weights[first + RANDOM - 1] = xi;
-    Ok(Opened {
-        weights,
-        point: at,
-        value,
+    Ok(End {
+        opened: Opened {
+            weights,
+            point: at,
+            value,
+        },
+        omega: linear.coefficients,
+        delta,
+        xi,
+        eta,
+        left,
+        expected,
     })
 }
 

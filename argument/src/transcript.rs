@@ -272,7 +272,8 @@ impl Prover {
     /// So many pads that nothing was said with: they are masks. None if there are not as many, after which nothing is said.
     pub fn masks(&mut self, count: usize) -> Option<Vec<Extension>> {
         let masks = self.pads.take(count).map(<[_]>::to_vec);
-        self.secrets.extend(masks.iter().flatten().map(|&mask| -mask));
+        self.secrets
+            .extend(masks.iter().flatten().map(|&mask| -mask));
         self.places.resize(self.places.len() + count, None);
         self.silent |= masks.is_none();
         masks
@@ -427,6 +428,12 @@ impl<'a> Verifier<'a> {
             }
         }
         Ok(words.as_chunks().0)
+    }
+
+    /// How many words have been read.
+    #[doc(hidden)]
+    pub fn place(&self) -> usize {
+        self.read
     }
 
     /// Checks that the proof has been read to its end.

@@ -166,8 +166,10 @@ pub struct Argued<'a, 'v> {
     pub verifying: Verifying<'a, 'v>,
     segments: Vec<Segment>,
     verified: Verified,
-    point: Vec<Extension>,
-    sums: Vec<Sum<Form>>,
+    /// Where sums of columns are claimed.
+    pub point: Vec<Extension>,
+    /// These.
+    pub sums: Vec<Sum<Form>>,
 }
 
 impl<'a, 'v> Argued<'a, 'v> {

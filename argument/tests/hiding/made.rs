@@ -12,6 +12,7 @@ use zk0_argument::expert::statement::Statement;
 use zk0_argument::expert::witness::{evaluate, Common, Witness};
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::prove::progress::silently;
+use zk0_argument::prove::Values;
 use zk0_argument::transcript::{Prover, Verifier};
 use zk0_circuits::model::layout::{expert_tensors, Layout};
 use zk0_circuits::{Digest, EvalSpec, QuantisedWeights};
@@ -117,6 +118,12 @@ impl Made {
             |proving, expert, shape| argued(proving, expert, shape),
         )
         .unwrap()
+    }
+
+    /// The values of weights and tables.
+    pub fn published(&self) -> [Values<'_>; 2] {
+        let [_, _, published @ ..] = self.common.sources(Values::Wide(&[]), Values::Wide(&[]));
+        published
     }
 
     /// What was drawn in an argument whose challenges follow from the statement alone.
