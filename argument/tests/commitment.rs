@@ -1,13 +1,13 @@
 //! Openings of commitments: what was committed to is accepted, and everything else is refused.
 
 use proptest::prelude::*;
-use zk0_argument::commitment::parameters::{LAST, POSITION_WORK, SALT};
+use zk0_argument::commitment::parameters::{CAP, LAST, POSITION_WORK, SALT};
 use zk0_argument::commitment::prove::columns::Column;
 use zk0_argument::commitment::prove::{open, Committed, Committing, Hiding, Matrix, Message};
 use zk0_argument::commitment::{verify, Parameters, Rate, Segment};
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::hash::Digest;
-use zk0_argument::multilinear::evaluate_extension;
+use zk0_argument::multilinear::{eq_table, evaluate_extension};
 use zk0_argument::prove::progress::silently;
 use zk0_argument::transcript::{Challenges, Pads, Prover, Refused, Verifier};
 
@@ -40,10 +40,10 @@ impl Hiding for Weak {
 }
 
 /// Segments with matrices of these widths. The first has two, and the others one.
-fn segments(parameters: &Parameters) -> Vec<Committed> {
+fn segments(parameters: &Parameters, world: u64) -> Vec<Committed> {
     let height = 1 << parameters.variables();
     let matrix = |seed: u64, width: usize, tail: usize| {
-        let column = |number| Column::from(values(100 * seed + number, height));
+        let column = |number| Column::from(values(1000 * world + 100 * seed + number, height));
         let tails = (0..width).map(|number| Weak(seed).elements(number, tail));
         Matrix::new((0..width as u64).map(column).collect(), tails.collect())
     };
@@ -61,32 +61,46 @@ fn weights(challenges: &mut impl Challenges) -> Vec<Extension> {
     challenges.challenges(WIDTHS.concat().iter().sum())
 }
 
-/// A proof, and the value of the combination.
-fn proof(parameters: &Parameters) -> (Vec<u64>, Extension) {
+/// A prover that commits to world 0, combines the columns of one world and opens the rows of another. Returns what it says, and the value of the
+/// combination.
+fn argued(
+    parameters: &Parameters,
+    combined: u64,
+    opened: u64,
+    deaf: bool,
+) -> (Vec<u64>, Extension) {
     let mut prover = Prover::new(&STATEMENT, Pads::new(vec![]));
-    let segments = segments(parameters);
-    let segments: Vec<&Committed> = segments.iter().collect();
-    segments.iter().for_each(|segment| segment.say(&mut prover));
+    if deaf {
+        prover = prover.deaf();
+    }
+    let [said, combined, opened] = [0, combined, opened].map(|world| segments(parameters, world));
+    said.iter().for_each(|segment| segment.say(&mut prover));
     let weights = weights(&mut prover);
     let point = prover.challenges(parameters.variables());
-    let message = Message::of_columns(parameters, &segments, &weights);
+    let [combined, opened] = [&combined, &opened].map(|all| all.iter().collect::<Vec<_>>());
+    let message = Message::of_columns(parameters, &combined, &weights);
     let value = evaluate_extension(&message.values, &point);
-    let values = segments.iter().flat_map(|segment| segment.at(&point));
+    let values = combined.iter().flat_map(|segment| segment.at(&point));
     let sum = weights.iter().zip(values).map(|(&w, v)| w * v).sum();
     assert_eq!(value, sum);
-    open(
-        &mut prover,
-        parameters,
-        &segments,
-        message,
-        &point,
-        &silently,
-    );
+    open(&mut prover, parameters, &opened, message, &point, &silently);
     (prover.finish().unwrap(), value)
 }
 
+/// An honest proof, and the value of the combination.
+fn proof(parameters: &Parameters) -> (Vec<u64>, Extension) {
+    argued(parameters, 0, 0, false)
+}
+
 fn check(parameters: &Parameters, proof: &[u64], value: Extension) -> Result<(), Refused> {
-    let mut verifier = Verifier::new(&STATEMENT, proof);
+    check_with(parameters, Verifier::new(&STATEMENT, proof), value)
+}
+
+fn check_with(
+    parameters: &Parameters,
+    mut verifier: Verifier<'_>,
+    value: Extension,
+) -> Result<(), Refused> {
     let segments = WIDTHS.map(|widths| Segment::receive(&mut verifier, widths.to_vec()));
     let segments = segments.into_iter().collect::<Result<Vec<_>, _>>()?;
     let weights = weights(&mut verifier);
@@ -127,6 +141,63 @@ fn a_value_at_a_point_is_shown() {
         let refused = Err(Refused::Equation("the sumcheck of an opening"));
         assert_eq!(check(&parameters, &proof, other), refused);
     }
+}
+
+#[test]
+fn a_combination_of_other_columns_is_refused() {
+    let parameters = small(8, Rate::Half);
+    let (proof, value) = argued(&parameters, 1, 0, false);
+    let refused = Err(Refused::Equation("a fold of an opening"));
+    assert_eq!(check(&parameters, &proof, value), refused);
+}
+
+#[test]
+fn rows_of_other_columns_are_refused() {
+    let parameters = small(8, Rate::Half);
+    let (proof, value) = argued(&parameters, 1, 1, false);
+    assert_eq!(check(&parameters, &proof, value), Err(Refused::Opening));
+}
+
+/// Where the words of the last message are, and before it those of two caps of segments, and of the steps.
+fn last_message(parameters: &Parameters) -> usize {
+    assert_eq!(parameters.variables(), 8);
+    let (segments, steps) = (2 * 4 << CAP, [4 << 6, 4 << 5]);
+    segments + steps.iter().map(|cap| cap + 2 * 2).sum::<usize>()
+}
+
+/// Another value is claimed, and the last message makes up for it. The challenges follow from the statement alone here, as if the cheat had found words
+/// with these.
+#[test]
+fn a_last_message_that_is_not_what_is_folded_is_refused() {
+    let parameters = small(8, Rate::Half);
+    let (mut proof, value) = argued(&parameters, 0, 0, true);
+    fn verifier(proof: &[u64]) -> Verifier<'_> {
+        Verifier::new(&STATEMENT, proof).deaf()
+    }
+    assert_eq!(check_with(&parameters, verifier(&proof), value), Ok(()));
+    let mut drawing = verifier(&proof);
+    weights(&mut drawing);
+    let point = drawing.challenges(8);
+    let weight = eq_table(&point[4..])[0];
+    let place = last_message(&parameters);
+    let words = Goldilocks::of_words(&proof[place..place + 2]).unwrap();
+    let first = Extension::of_coefficients(words)[0] + weight.inverse();
+    let changed = Extension::coefficients(&[first]).to_vec();
+    for (word, coefficient) in proof[place..].iter_mut().zip(changed) {
+        *word = coefficient.value();
+    }
+    let told = check_with(&parameters, verifier(&proof), value + Extension::ONE);
+    let refused = Err(Refused::Equation("the last message of an opening"));
+    assert_eq!(told, refused);
+}
+
+#[test]
+fn positions_without_work_are_refused() {
+    let parameters = small(8, Rate::Half);
+    let (mut proof, value) = proof(&parameters);
+    proof[last_message(&parameters) + 2 * 17] ^= 1;
+    let told = check(&parameters, &proof, value);
+    assert_eq!(told, Err(Refused::Work("positions")));
 }
 
 #[test]
