@@ -70,3 +70,48 @@ impl Hiding for Keys {
             .collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STATEMENT: Digest = Digest([1, 2, 3, 4]);
+
+    fn hidden(keys: &Keys) -> Vec<Goldilocks> {
+        let salts = keys.salts(0, 4).into_flattened();
+        [keys.elements(0, 8), keys.elements(1, 8), salts].concat()
+    }
+
+    /// Nothing is used twice: each column, the salts, each argument and each sample have their own.
+    #[test]
+    fn streams_have_nothing_in_common() {
+        let [one, other] = [[5; 32], [6; 32]].map(Blind::new);
+        let [a, b] = [[7; 32], [8; 32]].map(zk0_circuits::Digest);
+        let of_argument = |blind: &Blind| blind.of_argument(&STATEMENT).unwrap();
+        let all = [
+            one.of_sample(&a),
+            one.of_sample(&b),
+            other.of_sample(&a),
+            of_argument(&one),
+            of_argument(&one),
+        ];
+        let mut all: Vec<u64> = all.iter().flat_map(hidden).map(Goldilocks::value).collect();
+        let count = all.len();
+        all.sort_unstable();
+        all.dedup();
+        assert_eq!(all.len(), count);
+    }
+
+    /// A sample is hidden by the same whenever it is opened, and rows are asked for one by one.
+    #[test]
+    fn what_hides_a_sample_stays_the_same() {
+        let values = zk0_circuits::Digest([7; 32]);
+        let keys = || Blind::new([5; 32]).of_sample(&values);
+        assert_eq!(hidden(&keys()), hidden(&keys()));
+        assert_eq!(keys().elements(3, 5), keys().elements(3, 9)[..5]);
+        let salts = keys().salts(0, 50);
+        for first in 0..50 {
+            assert_eq!(keys().salts(first, 1), salts[first..=first]);
+        }
+    }
+}

@@ -22,6 +22,8 @@ const PROTOCOL: &str = "argument/src/protocol.rs";
 const COMMITMENT: &str = "argument/src/commitment/mod.rs";
 const QUERY: &str = "argument/src/commitment/query.rs";
 const ARGUMENT: &str = "argument/src/expert/argument.rs";
+const PARAMETERS: &str = "argument/src/commitment/parameters.rs";
+const PROVE: &str = "argument/src/commitment/prove.rs";
 const SAMPLE: &str = "argument/src/expert/sample.rs";
 const STATEMENT: &str = "argument/src/expert/statement.rs";
 const PUBLISHED: &str = "argument/src/expert/published.rs";
@@ -118,6 +120,23 @@ pub const REMOVALS: &[Removal] = &[
         "words_after_the_claims_are_refused"),
     argument("argument: what is left to check holds with the scales of the argument", PUBLISHED, skipped!("words.extend(packed(scales));"),
         "changed_claims_are_refused"),
+    // What hides a sample. Without it, words are equal or can be told from those of another sample.
+    argument("hiding: pads and masks are random", ARGUMENT,
+        instead!("hiding.elements(column, height + tail)", "vec![crate::field::Goldilocks::ZERO; height + tail]"),
+        "what_is_said_twice_differs_where_it_depends_on_a_sample"),
+    argument("hiding: columns of values have tails", ARGUMENT, filtered!("tails.map(|column| hiding.elements(column, parameters.positions()))"),
+        "what_is_said_twice_differs_where_it_depends_on_a_sample"),
+    argument("hiding: samples have tails", SAMPLE,
+        instead!("hiding.elements(column, parameters.longest_tail())", "vec![]"),
+        "what_is_said_twice_differs_where_it_depends_on_a_sample"),
+    argument("hiding: a tail is as long as rows are opened", PARAMETERS,
+        instead!("self.positions\n", "self.positions - 1\n"), "other_samples_explain_the_words_of_an_argument"),
+    argument("hiding: leaves have salts", PROVE,
+        &[("salts[offset + row][place].value()", "(if OUT { 0 } else { salts[offset + row][place].value() })"),
+            ("*to = value.value());\n            }\n            let lowest", "*to = if OUT { 0 } else { value.value() });\n            }\n            let lowest")],
+        "what_is_said_twice_differs_where_it_depends_on_a_sample"),
+    argument("hiding: a mask and its pad are used once", TRANSCRIPT, skipped!("self.used += count;"),
+        "words_that_are_accepted_can_be_made_without_a_sample"),
     // The statement. What a transcript did not begin with, a prover could choose when it knows the random points.
     argument("argument: a transcript begins with the context", STATEMENT, filtered!("context.map(|bytes| u64::from_le_bytes(*bytes))"),
         "a_transcript_begins_with_all_of_the_statement"),
