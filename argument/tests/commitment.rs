@@ -161,7 +161,7 @@ fn rows_of_other_columns_are_refused() {
 /// Where the words of the last message are, and before it those of two caps of segments, and of the steps.
 fn last_message(parameters: &Parameters) -> usize {
     assert_eq!(parameters.variables(), 8);
-    let (segments, steps) = (2 * 4 << CAP, [4 << 6, 4 << 5]);
+    let (segments, steps) = ((2 * 4) << CAP, [4 << 6, 4 << 5]);
     segments + steps.iter().map(|cap| cap + 2 * 2).sum::<usize>()
 }
 

@@ -94,7 +94,7 @@ fn leaves_of_several_samples_that_are_others_at_their_point_are_refused() {
 #[test]
 fn look_ups_without_work_are_refused() {
     let world = World::random(1, 22);
-    let caps = 2 * 4 << CAP;
+    let caps = (2 * 4) << CAP;
     assert_eq!(
         world.changed(|proof| proof[caps] += 1),
         Err(Refused::Work("look-ups"))

@@ -144,7 +144,7 @@ fn simulate(made: &Made, count: usize) -> Vec<u64> {
     let (digest, expert) = (statement.digest(), Expert::new(statement));
     let parameters = &shape.parameters;
     let segments = shape.segments();
-    let caps = segments.len() * 4 << CAP;
+    let caps = (4 * segments.len()) << CAP;
     let mut words = vec![0; caps];
     let random = elements(17, count - caps);
     words.extend(random.iter().map(|element| element.value()));
