@@ -32,7 +32,7 @@ pub enum NotShown {
 pub fn context(header: &Header) -> Digest {
     // Writing to memory does not fail.
     let header = borsh::to_vec(header).unwrap_or_default();
-    tagged_sha256("zk0/argument/v1", &[&header])
+    tagged_sha256("zk0/argument/v2", &[&header])
 }
 
 /// Checks everything, and returns the claim and what is left to check of the weights, or says which check failed.

@@ -370,7 +370,11 @@ pub mod prove {
             main.add(Matrix::new(cut(own.main, shape.widths[0]), tails.collect()));
             main.into_files(folder)?;
             let columns = cut(own.data, shape.widths[1]);
-            let committed = commit(parameters, columns, |values| {
+            let (prefix, frames) = {
+                let evaluated = &statement.samples[sample];
+                (evaluated.prefix, evaluated.frames)
+            };
+            let committed = commit(parameters, columns, (prefix, frames), |values| {
                 (hidden.sample)(sample, values)
             });
             data.push(committed.into_files(folder)?);

@@ -10,8 +10,8 @@ use rand_chacha::ChaCha20Rng;
 use std::io;
 use zk0_circuits::vm::digest::tagged_sha256;
 
-/// The secret of a registered dataset: what hides its samples in arguments follows from it. Whoever has it and the rows that arguments open can
-/// find the samples, so the node gives it to nobody but its auditors, and never uses it for a second registration.
+/// The secret of a registered dataset: what hides its samples in arguments follows from it and from them. Whoever has it can find out whether a guess of
+/// a sample is right, so the node gives it to nobody but its auditors, and never uses it for a second registration.
 pub struct Blind([u8; 32]);
 
 impl Blind {

@@ -78,20 +78,22 @@ pub mod prove {
         tensors.fill(spec, &builder.relations.tensors, sample, &mut data);
         let columns = Column::cut(&data, tall, used.div_ceil(tall));
         let (prefix, frames) = (sample.prefix(), frames(spec, sample));
-        let commitment = commit(&parameters, columns, |values| {
-            Box::new(blind.of_sample(values))
+        let commitment = commit(&parameters, columns, (prefix, frames), |sample| {
+            Box::new(blind.of_sample(sample))
         });
         sample_digest(prefix, frames, commitment.cap())
     }
 
-    /// Commits to the values of a sample, which are hidden by what `hiding` returns for their digest. Different values have nothing of that in
-    /// common: otherwise, at a position that both opened, the difference of the rows would show theirs.
+    /// Commits to the values of a sample with a prefix and frames, which are hidden by what `hiding` returns for the digest of all that. Different
+    /// samples have nothing of that in common: otherwise, at a position that both opened, the difference of the rows would show that of their values; and
+    /// rows of both would count for one tail.
     pub fn commit(
         parameters: &Parameters,
         columns: Vec<Column>,
+        lengths: (usize, usize),
         hiding: impl FnOnce(&zk0_circuits::Digest) -> Box<dyn Hiding>,
     ) -> Commitment {
-        let hiding = hiding(&of_values(&columns));
+        let hiding = hiding(&of_values(&columns, lengths));
         let tails = 0..columns.len();
         let tails = tails.map(|column| hiding.elements(column, parameters.longest_tail()));
         let tails = tails.collect();
@@ -99,14 +101,16 @@ pub mod prove {
         committing.finish(Matrix::new(columns, tails), hiding)
     }
 
-    /// A digest of the values of columns, as they lie in them.
-    fn of_values(columns: &[Column]) -> zk0_circuits::Digest {
+    /// A digest of the lengths of prefix and frames, and of the values of columns as they lie in them.
+    fn of_values(columns: &[Column], (prefix, frames): (usize, usize)) -> zk0_circuits::Digest {
         let bytes = |column: &Column| -> Vec<u8> {
             let values = (0..column.len()).map(|index| column.get(index));
             values.flat_map(i64::to_le_bytes).collect()
         };
+        let lengths = [prefix, frames].map(|length| (length as u64).to_le_bytes());
         let columns: Vec<Vec<u8>> = columns.iter().map(bytes).collect();
-        let parts: Vec<&[u8]> = columns.iter().map(Vec::as_slice).collect();
+        let columns = columns.iter().map(Vec::as_slice);
+        let parts: Vec<&[u8]> = [lengths.as_flattened()].into_iter().chain(columns).collect();
         tagged_sha256("zk0/blind/values/v1", &parts)
     }
 
