@@ -51,6 +51,11 @@ pub struct Opened {
     pub value: Extension,
 }
 
+/// Whether a column with so many variables has so many pads, and the free entries after them.
+pub fn is_room(pads: usize, variables: usize) -> bool {
+    2 * pads + FREE <= 1 << variables
+}
+
 /// What is random about the combination of all columns.
 fn combination(challenges: &mut impl Challenges, columns: usize) -> Vec<Extension> {
     let variables = columns.next_power_of_two().ilog2() as usize;
@@ -245,7 +250,7 @@ pub fn read(
     let masks = verifier.masks(count).start;
     let sums = pair(verifier.receive_secret(2)?);
     let pads = sums[1] + 1;
-    let room = 2 * pads + FREE <= 1 << point.len();
+    let room = is_room(pads, point.len());
     require(room, Refused::Bounds("the number of samples"))?;
     let rho = verifier.challenge();
     let factors = verifier.receive_extension(count)?;

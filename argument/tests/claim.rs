@@ -3,7 +3,9 @@
 use crate::models::{committed_to, BLIND};
 use std::borrow::Cow;
 use std::{fs, io};
-use zk0_argument::claim::{check, committed, make, ClaimInput, ClaimSource, NotMade, NotShown};
+use zk0_argument::claim::{
+    check, committed, make, most_samples, most_uses, ClaimInput, ClaimSource, NotMade, NotShown,
+};
 use zk0_argument::expert::witness::Unprovable;
 use zk0_argument::prove::progress::Phase;
 use zk0_argument::transcript::Refused;
@@ -11,6 +13,7 @@ use zk0_circuits::claim::private_input::{Header, InputError};
 use zk0_circuits::claim::statement;
 use zk0_circuits::claim::statement_error::StatementError;
 use zk0_circuits::model::layout::Layout;
+use zk0_circuits::model::spec::Dims;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{
     Claim, Digest, Disclosure, EvalSpec, Losses, Mode, PrivateInput, QuantisedWeights, Sample,
@@ -343,4 +346,14 @@ fn equal_samples_are_committed_to_alike() {
     let again = committed(Mode::Succinct, &spec, &dataset[1].clone(), &BLIND);
     assert_eq!(again, succinct[1]);
     assert!(succinct[0] != succinct[1] && succinct[1] != succinct[2]);
+}
+
+/// A claim about more samples has no argument: there are too few pads.
+#[test]
+fn small_samples_leave_room_for_fewer_of_them() {
+    assert_eq!(most_samples(&EvalSpec::new(Dims::FULL)), 256);
+    let most = most_samples(&EvalSpec::micro());
+    assert!((40..100).contains(&most), "{most}");
+    assert_eq!(most_uses(&EvalSpec::micro()), 33);
+    assert_eq!(most_uses(&EvalSpec::new(Dims::FULL)), 2148);
 }

@@ -1,7 +1,10 @@
 //! What a node commits to of a sample.
 
+use super::cost::middle_scales;
+use crate::expert::argument::prove::has_room;
 use crate::expert::blinding::Blind;
 use crate::expert::sample::prove::{digest, uses};
+use crate::expert::statement::{Statement, MOST_SAMPLES};
 use zk0_circuits::{Digest, EvalSpec, Mode, Sample};
 
 /// The digest of a sample, from which its leaf follows ([`zk0_circuits::claim::dataset::leaf`]). In mode `succinct` it is that of a commitment to
@@ -11,6 +14,21 @@ pub fn committed(mode: Mode, spec: &EvalSpec, sample: &Sample, blind: &Blind) ->
         Mode::Direct => sample.digest(),
         Mode::Succinct => digest(spec, sample, blind).into(),
     }
+}
+
+/// Most samples of a claim: for each there are pads in one column, which is shorter where samples are small. At the published size the statement's own
+/// limit comes first.
+pub fn most_samples(spec: &EvalSpec) -> usize {
+    let evaluated = Statement::of_weights(spec, middle_scales(spec));
+    let fits = |samples: usize| {
+        let mut statement = evaluated.clone();
+        statement
+            .samples
+            .resize(samples, evaluated.samples[0].clone());
+        has_room(&statement).unwrap_or(false)
+    };
+    let all: Vec<usize> = (1..=MOST_SAMPLES).collect();
+    all.partition_point(|&samples| fits(samples))
 }
 
 /// How many arguments may open a sample. Its commitment hides it as long as no more rows are open than these have positions.

@@ -34,15 +34,18 @@ const BYTES_IN_A_FILE: u64 = 4;
 /// Look-ups that are proven in a second on two cores. `make prove-full` prints the seconds for four samples at the published size.
 const LOOKUPS_PER_SECOND: f64 = 1.4e6;
 
+/// Scales that any weights may have.
+pub(super) fn middle_scales(spec: &EvalSpec) -> [Vec<i16>; 2] {
+    let tensors = Layout::new(&spec.dims).tensors.len();
+    let limits = bit_limits(spec, tensors).into_iter();
+    let scales: Vec<i16> = limits.map(|(least, most)| least.midpoint(most)).collect();
+    [scales.clone(), scales]
+}
+
 impl Cost {
     /// Of an argument about `samples` samples.
     pub fn of(spec: &EvalSpec, samples: u32) -> Self {
-        let tensors = Layout::new(&spec.dims).tensors.len();
-        let scales: Vec<i16> = bit_limits(spec, tensors)
-            .into_iter()
-            .map(|(least, most)| least.midpoint(most))
-            .collect();
-        let expert = Expert::new(&Statement::of_weights(spec, [scales.clone(), scales]));
+        let expert = Expert::new(&Statement::of_weights(spec, middle_scales(spec)));
         let shape = Shape::new(&expert);
         let relations = &expert.builder.relations;
         let lookups = relations.lookups.iter();

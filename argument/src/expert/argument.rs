@@ -324,6 +324,25 @@ pub mod prove {
         Ok(words.map_err(io::Error::other)?)
     }
 
+    /// Whether there is a pad for all that is secret in a statement about other samples than this one's, but as many. The verifier counts while it reads
+    /// zeros.
+    pub fn has_room(statement: &Statement) -> Result<bool, Refused> {
+        /// More than any argument has before its end
+        const WORDS: usize = 1 << 21;
+        let expert = Expert::new(statement);
+        let shape = Shape::new(&expert);
+        let words = vec![0; WORDS];
+        let mut verifier = Verifier::new(&statement.digest(), &words).deaf();
+        let argued = Argued::read(&mut verifier, statement, &expert, &shape)?;
+        let first = shape.first_random();
+        let equations = opening::equations(argued.verifying, first, &argued.sums)?;
+        let end = 2 * equations.count_of_gates() + 2;
+        Ok(opening::is_room(
+            verifier.padded().len() + end,
+            shape.parameters.variables(),
+        ))
+    }
+
     /// The first equation that does not hold, of what a prover said.
     #[doc(hidden)]
     pub fn unmet(statement: &Statement, prover: &Prover) -> Result<Option<&'static str>, Refused> {
@@ -370,11 +389,9 @@ pub mod prove {
             main.add(Matrix::new(cut(own.main, shape.widths[0]), tails.collect()));
             main.into_files(folder)?;
             let columns = cut(own.data, shape.widths[1]);
-            let (prefix, frames) = {
-                let evaluated = &statement.samples[sample];
-                (evaluated.prefix, evaluated.frames)
-            };
-            let committed = commit(parameters, columns, (prefix, frames), |values| {
+            let evaluated = &statement.samples[sample];
+            let lengths = (evaluated.prefix, evaluated.frames);
+            let committed = commit(parameters, columns, lengths, |values| {
                 (hidden.sample)(sample, values)
             });
             data.push(committed.into_files(folder)?);

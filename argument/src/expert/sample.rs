@@ -110,7 +110,10 @@ pub mod prove {
         let lengths = [prefix, frames].map(|length| (length as u64).to_le_bytes());
         let columns: Vec<Vec<u8>> = columns.iter().map(bytes).collect();
         let columns = columns.iter().map(Vec::as_slice);
-        let parts: Vec<&[u8]> = [lengths.as_flattened()].into_iter().chain(columns).collect();
+        let parts: Vec<&[u8]> = [lengths.as_flattened()]
+            .into_iter()
+            .chain(columns)
+            .collect();
         tagged_sha256("zk0/blind/values/v1", &parts)
     }
 
