@@ -75,8 +75,8 @@ async fn main() -> Result<(), Box<dyn Error>> {
     let private = synthetic::private_input(&spec, Mode::Succinct, samples, 1)?;
 
     eprintln!("making the argument");
-    let made =
-        measured(|| Prepared::of(Mode::Succinct, &private, Some(folder.path()), &mut |_| {}))?;
+    let (blind, place) = (synthetic::blind(1), Some(folder.path()));
+    let made = measured(|| Prepared::of(Mode::Succinct, &private, &blind, place, &mut |_| {}))?;
     let (prepared, seconds, memory) = made;
     let prepared = prepared?;
     let of_each = (

@@ -51,7 +51,8 @@ async fn guest_and_host_give_the_same_claim() {
         assert_eq!(run.public_values, claim, "seed {seed}, direct");
 
         let committed = synthetic::private_input(spec, Mode::Succinct, samples, seed).unwrap();
-        let made = claim::make(&committed, None, &mut |_| {}).unwrap();
+        let blind = synthetic::blind(seed);
+        let made = claim::make(&committed, &blind, None, &mut |_| {}).unwrap();
         let run = executor
             .execute(elf(Mode::Succinct), &made.to_buffers())
             .await
@@ -158,7 +159,7 @@ async fn the_succinct_guest_refuses_what_the_host_refuses_for_the_same_reason() 
     ];
     let executor = Executor::new().await.unwrap();
     let input = synthetic::private_input(&EvalSpec::micro(), Mode::Succinct, 2, 13).unwrap();
-    let honest = claim::make(&input, None, &mut |_| {}).unwrap();
+    let honest = claim::make(&input, &synthetic::blind(13), None, &mut |_| {}).unwrap();
     for (name, cheat) in cheats {
         let mut made = honest.clone();
         cheat(&mut made);

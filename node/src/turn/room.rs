@@ -36,7 +36,7 @@ fn check_update(needed: u64, folder: &Path, free: u64) -> Result<(), Participant
 /// it may be free by then.
 ///
 /// # Errors
-/// The disk of the node's state folder is too full, or the evaluation is too small for this mode.
+/// The disk of the node's state folder is too full.
 pub fn check_room_of_argument(
     mode: Mode,
     spec: &EvalSpec,
@@ -46,7 +46,7 @@ pub fn check_room_of_argument(
     if mode != Mode::Succinct {
         return Ok(());
     }
-    let cost = Cost::of(spec, samples)?;
+    let cost = Cost::of(spec, samples);
     check_disk(&cost, state, free_disk(state).map_err(at(state))?)?;
     match Resources::of_this_machine() {
         Ok(free) => {

@@ -73,6 +73,12 @@ pub const REMOVALS: &[Removal] = &[
         "a_closing_lists_who_committed_and_submitted_nothing"),
     protocol("a node whose commitments go unanswered pauses", ROUNDS, filtered!("record.paused_until(round.number())"),
         "a_node_over_the_limit_pauses_and_nobody_waits_for_it"),
+    protocol("a claim is about the dataset that the node had when it committed", BINDINGS,
+        &[("dataset: commit.dataset,", "dataset: match self.nodes.get(node).and_then(|node| node.dataset) { Some(now) if OUT => now.commitment, _ => commit.dataset },")],
+        "a_dataset_that_is_replaced_after_the_commitment_counts_from_the_next_round_on"),
+    protocol("a node goes on when it has replaced its dataset", "protocol/src/rules/state.rs",
+        never!("round.commits.contains_key(id) && self.active(id).is_ok()"),
+        "a_dataset_that_is_replaced_after_the_commitment_counts_from_the_next_round_on"),
     // The evaluation set.
     protocol("a registration draws the number of frames of the rules", EVALUATION_SET, never!("given != rule"),
         "the_ledger_checks_what_it_can_see_of_an_evaluation_set"),

@@ -235,15 +235,7 @@ impl State {
         }
         registration
             .check_evaluation_set(self.rules.evaluation_frames)
-            .map_err(|error| bad(error.to_string()))?;
-        // The claim has to be about the dataset that the node committed to.
-        match &self.round {
-            Some(round) if round.commits.contains_key(&node) => Err(RuleViolation::DatasetInUse {
-                node,
-                round: round.number(),
-            }),
-            _ => Ok(()),
-        }
+            .map_err(|error| bad(error.to_string()))
     }
 
     pub(super) fn register(&mut self, registration: &DatasetRegistration, index: u64) {
