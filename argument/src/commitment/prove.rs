@@ -225,8 +225,14 @@ impl Committed {
         values.collect()
     }
 
-    /// For each position, the row of all codewords there and its salt, and its path to the cap.
-    fn open(&self, parameters: &Parameters, positions: &[usize]) -> Vec<OpenedRow> {
+    /// For each position, the row of all codewords there and its salt, and its path to the cap. `encoded` is told how many columns were encoded for
+    /// it.
+    fn open(
+        &self,
+        parameters: &Parameters,
+        positions: &[usize],
+        encoded: &mut dyn FnMut(usize),
+    ) -> Vec<OpenedRow> {
         let encoder = Encoder::new(parameters.rate.bits());
         let width = self.width();
         let rows = 1usize << self.missing;
@@ -252,6 +258,7 @@ impl Committed {
             }
             matrix.release();
             column += matrix.width();
+            encoded(matrix.width());
         }
         let opened = groups
             .into_iter()
@@ -404,9 +411,10 @@ pub fn open(
     let mut opened: Vec<Vec<OpenedRow>> = Vec::with_capacity(segments.len());
     let mut encoded = 0;
     for segment in segments {
-        opened.push(segment.open(parameters, &positions));
-        encoded += segment.width();
-        tell(Phase::Opening, encoded as f64 / width as f64);
+        opened.push(segment.open(parameters, &positions, &mut |columns| {
+            encoded += columns;
+            tell(Phase::Opening, encoded as f64 / width as f64);
+        }));
     }
     for (number, &position) in positions.iter().enumerate() {
         for rows in &opened {
