@@ -317,7 +317,7 @@ fn fill_counts(values: &mut [Vec<i64>; 2]) -> Result<(), NotInTable> {
     Ok(())
 }
 
-/// An argument and its secret values.
+/// An argument and its pads.
 fn prove(values: &[Vec<i64>; 2]) -> (Vec<u64>, Vec<Extension>) {
     let relations = relations();
     let instance = Instance {
@@ -328,18 +328,18 @@ fn prove(values: &[Vec<i64>; 2]) -> (Vec<u64>, Vec<Extension>) {
         let element = |factor| Goldilocks::from_i64(seed * factor + 3);
         Extension([element(1 << 41), element(-977)])
     });
-    let prover = Prover::new(&STATEMENT, Pads::new(pads.collect()));
+    let pads: Vec<Extension> = pads.collect();
+    let prover = Prover::new(&STATEMENT, Pads::new(pads.clone()));
     let mut proving = Proving::new(prover, vec![instance], 1, &silently);
     let mut parts = Parts::default();
     let left = argue(&mut proving, &relations, &mut parts).unwrap();
     share(&mut proving, &mut parts, &SOURCES, &left.secret).unwrap();
-    let secrets = proving.prover.secrets().to_vec();
-    (proving.prover.finish().unwrap(), secrets)
+    (proving.prover.finish().unwrap(), pads)
 }
 
-/// Verifies, with the secret values, and with what the sources are at the last points.
+/// Verifies, with the pads, and with what the sources are at the last points.
 fn verify(
-    (proof, secrets): &(Vec<u64>, Vec<Extension>),
+    (proof, pads): &(Vec<u64>, Vec<Extension>),
     values: &[Vec<i64>; 2],
 ) -> Result<(), Refused> {
     let mut verifier = Verifier::new(&STATEMENT, proof);
@@ -347,12 +347,15 @@ fn verify(
     let mut parts = Parts::default();
     let left = argue(&mut verifying, &relations(), &mut parts)?;
     let (point, shared) = share(&mut verifying, &mut parts, &SOURCES, &left.secret)?;
-    if let Some(unmet) = verifying.equations.unmet(secrets) {
+    let equations = verifying.equations;
+    let padded = verifier.padded().iter().zip(pads);
+    let secrets: Vec<Extension> = padded.map(|(&said, &pad)| said - pad).collect();
+    if let Some(unmet) = equations.unmet(&secrets) {
         return Err(Refused::Equation(unmet));
     }
     for ((values, bits), value) in values.iter().zip(BITS).zip(shared) {
         let elements: Vec<Goldilocks> = values.iter().map(|&v| Goldilocks::from_i64(v)).collect();
-        if evaluate(&elements, &point.own[..bits]) != value.value(secrets, &[]) {
+        if evaluate(&elements, &point.own[..bits]) != value.value(&secrets, &[]) {
             return Err(Refused::Equation("the value of a source"));
         }
     }
@@ -372,8 +375,8 @@ fn what_holds_is_accepted() {
 fn a_changed_word_is_refused() {
     let mut values = values(1);
     fill_counts(&mut values).unwrap();
-    let (proof, secrets) = prove(&values);
-    let told = |words: Vec<u64>| verify(&(words, secrets.clone()), &values);
+    let (proof, pads) = prove(&values);
+    let told = |words: Vec<u64>| verify(&(words, pads.clone()), &values);
     for word in 0..proof.len() {
         let mut changed = proof.clone();
         changed[word] = (changed[word] + 1) % 0xffff_ffff_0000_0001;
