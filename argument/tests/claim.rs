@@ -351,8 +351,11 @@ fn equal_samples_are_committed_to_alike() {
 /// A claim about more samples has no argument: there are too few pads.
 #[test]
 fn small_samples_leave_room_for_fewer_of_them() {
-    assert_eq!(most_samples(&EvalSpec::new(Dims::FULL)), 256);
-    let most = most_samples(&EvalSpec::micro());
+    assert_eq!(
+        most_samples(Mode::Succinct, &EvalSpec::new(Dims::FULL)),
+        256
+    );
+    let most = most_samples(Mode::Succinct, &EvalSpec::micro());
     assert!((40..100).contains(&most), "{most}");
     assert_eq!(most_uses(&EvalSpec::micro()), 33);
     assert_eq!(most_uses(&EvalSpec::new(Dims::FULL)), 2148);

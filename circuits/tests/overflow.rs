@@ -5,9 +5,12 @@ use zk0_circuits::claim::statement::check;
 use zk0_circuits::claim::statement_error::StatementError;
 use zk0_circuits::claim::t_test::Pair;
 use zk0_circuits::claim::terms::Model;
+use zk0_circuits::model::arithmetic::products::Rows;
+use zk0_circuits::model::eval::Evaluator;
+use zk0_circuits::model::multiply::Multiply;
 use zk0_circuits::model::site::{EvalError, Site};
 use zk0_circuits::{Claim, EvalSpec, Losses};
-use zk0_testkit::claims::{Node, Tensors};
+use zk0_testkit::claims::{quantise, tensors, Node, Random, Tensors};
 
 const NORM: &str = "model.vlm_with_expert.lm_expert.norm.weight";
 const UP: &str = "model.vlm_with_expert.lm_expert.layers.1.mlp.up_proj.weight";
@@ -77,4 +80,24 @@ fn a_base_that_overflows_on_some_samples_counts_as_bad_as_on_its_worst() {
         [pair(1 << 55, 5), pair(1 << 55, 7)]
     );
     assert_eq!(pairs(&[]), []);
+}
+
+#[test]
+fn only_scores_that_a_token_sees_have_to_fit() {
+    let spec = EvalSpec::micro();
+    let weights = quantise(&spec, &tensors(&spec, &mut Random(3), 1.0));
+    let evaluator = Evaluator::new(&spec).unwrap();
+    let mut direct = evaluator.direct(&weights).unwrap();
+    let site = Site::Scores(0);
+    // The score of the first query and the second key is 2^31.
+    let queries = [[1 << 14; 8], [0; 8]].concat();
+    let keys = [[1; 8], [1 << 14; 8]].concat();
+    let (queries, keys) = (Rows::new(&queries, 8), Rows::new(&keys, 8));
+    let scores = direct
+        .scores(site, queries, keys, |query| query + 1)
+        .unwrap();
+    assert_eq!((scores[0], scores[3]), (1 << 17, 0));
+    let refused = direct.scores(site, queries, keys, |_| 2).unwrap_err();
+    let value = 1 << 31;
+    assert_eq!(refused, EvalError::OutOfRange { site, value });
 }

@@ -81,6 +81,17 @@ pub enum ParticipantError {
         /// Samples in the node's evaluation set.
         held: u64,
     },
+    /// A claim about a policy of this size cannot evaluate so many samples.
+    #[error(
+        "a claim about a policy of this size has at most {most} samples in mode succinct, and this one would have {asked}: start the node with \
+         --eval-samples {most} or less; where the rules ask for more, a vote has to change min_eval_samples"
+    )]
+    TooManyToProve {
+        /// How many the claim would have.
+        asked: u32,
+        /// Most samples of a claim.
+        most: u32,
+    },
     /// The frames of the evaluation set cannot be drawn.
     #[error("the evaluation set: {0}")]
     Frames(DrawError),

@@ -12,6 +12,7 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::PathBuf;
 use tonic::Code;
+use zk0_argument::claim::most_samples;
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::spec::EvalSpec;
 use zk0_circuits::Mode;
@@ -102,6 +103,7 @@ impl Participant {
             evaluation: registering.enter(node).await?,
             registering: &registering,
         };
+        let most = most_samples(node.genesis().mode, &spec);
         let mut next = 0;
         for _ in 0..rounds {
             let OpenRound { opened, program } = node.wait_for_round(next).await?;
@@ -118,7 +120,7 @@ impl Participant {
                 state: &self.state,
                 entered: &entered,
                 opened: &opened,
-                eval_samples: eval_samples(self.eval_samples, &opened, held)?,
+                eval_samples: eval_samples(self.eval_samples, &opened, held, most)?,
             };
             match play(&turn, node).await {
                 Ok(None) => tracing::info!("round {round}: accepted"),
@@ -238,15 +240,17 @@ fn check_program(mode: Mode, needed: Program) -> Result<(), ParticipantError> {
 }
 
 /// On how many samples a claim of this round is evaluated: as many as the operator asks for, or as few as the rules allow. The node has
-/// `held` samples. A wrong number would be refused only after the training.
+/// `held` samples, and a claim about its policy has at most `most`. A wrong number would be refused only after the training.
 fn eval_samples(
     asked: Option<u32>,
     opened: &RoundOpened,
     held: u64,
+    most: u32,
 ) -> Result<u32, ParticipantError> {
     let (least, allowed) = (opened.rules.min_eval_samples, opened.rules.max_eval_samples);
     let asked = asked.unwrap_or(least);
     match (least..=allowed).contains(&asked) && u64::from(asked) <= held {
+        true if asked > most => Err(ParticipantError::TooManyToProve { asked, most }),
         true => Ok(asked),
         false => Err(ParticipantError::EvalSamples {
             round: opened.round,

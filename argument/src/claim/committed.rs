@@ -16,9 +16,12 @@ pub fn committed(mode: Mode, spec: &EvalSpec, sample: &Sample, blind: &Blind) ->
     }
 }
 
-/// Most samples of a claim: for each there are pads in one column, which is shorter where samples are small. At the published size the statement's own
-/// limit comes first.
-pub fn most_samples(spec: &EvalSpec) -> usize {
+/// Most samples of a claim, beside what the rules allow. In mode `succinct` there are pads for each in one column, which is shorter where samples are
+/// small. At the published size the statement's own limit comes first.
+pub fn most_samples(mode: Mode, spec: &EvalSpec) -> u32 {
+    if mode != Mode::Succinct {
+        return u32::MAX;
+    }
     let evaluated = Statement::of_weights(spec, middle_scales(spec));
     let fits = |samples: usize| {
         let mut statement = evaluated.clone();
@@ -28,7 +31,7 @@ pub fn most_samples(spec: &EvalSpec) -> usize {
         has_room(&statement).unwrap_or(false)
     };
     let all: Vec<usize> = (1..=MOST_SAMPLES).collect();
-    all.partition_point(|&samples| fits(samples))
+    all.partition_point(|&samples| fits(samples)) as u32
 }
 
 /// How many arguments may open a sample. Its commitment hides it as long as no more rows are open than these have positions.

@@ -50,8 +50,9 @@ impl Multiply for Keeping<'_> {
         site: Site,
         queries: Rows<'_>,
         keys: Rows<'_>,
+        visible: impl Fn(usize) -> usize,
     ) -> Result<Vec<i32>, EvalError> {
-        self.direct.scores(site, queries, keys)
+        self.direct.scores(site, queries, keys, visible)
     }
 
     fn mix(

@@ -322,7 +322,7 @@ impl<'a> Evaluator<'a> {
     }
 
     /// Grouped-query attention: every query of token `i` attends to the first `visible(i)` keys. Scores with the other keys
-    /// are computed too and must fit, but have no weight. The result has one row per token.
+    /// have no weight, and need not fit. The result has one row per token.
     fn attend(
         &self,
         multiply: &mut impl Multiply,
@@ -345,13 +345,14 @@ impl<'a> Evaluator<'a> {
             let head = |rows| Rows::strided(rows, kv_width, head_dim);
             let queries = Rows::new(&queries[kv_head * per_head..][..per_head], head_dim);
             let keys = head(&keys[kv_head * head_dim..]);
-            let scores = multiply.scores(Site::Scores(layer), queries, keys)?;
+            let seen = |row: usize| visible(row / group);
+            let scores = multiply.scores(Site::Scores(layer), queries, keys, seen)?;
             let in_softmax = operation("softmax");
             let rows = scores
                 .chunks_exact(tokens)
                 .zip(weights.chunks_exact_mut(tokens));
             for (row, (scores, weights)) in rows.enumerate() {
-                let visible = visible(row / group);
+                let visible = seen(row);
                 softmax.apply(&scores[..visible], &mut weights[..visible]);
             }
             in_softmax.end();

@@ -24,12 +24,13 @@ pub trait Multiply {
         input: &[i16],
     ) -> Result<Vec<i32>, EvalError>;
 
-    /// `queries · keysᵀ`, one row per query.
+    /// `queries · keysᵀ`, one row per query. Of the scores of query `i`, only the first `visible(i)` have to fit.
     fn scores(
         &mut self,
         site: Site,
         queries: Rows<'_>,
         keys: Rows<'_>,
+        visible: impl Fn(usize) -> usize,
     ) -> Result<Vec<i32>, EvalError>;
 
     /// `weights · values · 2^`[`MIX_SHIFT`]` + 2^15`, one row per row of `weights`: their outputs have the fraction
@@ -111,10 +112,16 @@ impl Multiply for Direct<'_> {
         site: Site,
         queries: Rows<'_>,
         keys: Rows<'_>,
+        visible: impl Fn(usize) -> usize,
     ) -> Result<Vec<i32>, EvalError> {
         let mut sums = vec![0; queries.count() * keys.count()];
         let mut fit = Fit::new();
-        products(queries, keys, |at, _, sum| sums[at] = fit.fit(sum));
+        products(queries, keys, |at, column, sum| {
+            sums[at] = sum as i32;
+            if sums[at] as i64 != sum && column < visible(at / keys.count()) {
+                fit.refuse(sum);
+            }
+        });
         fit.check(site, 0)?;
         Ok(sums)
     }

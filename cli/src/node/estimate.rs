@@ -4,9 +4,9 @@ use crate::dataset::RecordingName;
 use crate::output::{eprintln, print, println};
 use anyhow::{bail, Result};
 use std::path::Path;
+use zk0_argument::claim::most_samples;
 use zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES;
 use zk0_circuits::{EvalSpec, Mode};
-use zk0_protocol::rules::network_rules::max_eval_samples;
 use zk0_prover::machine::Resources;
 use zk0_prover::measure;
 use zk0_prover::program::Executor;
@@ -37,7 +37,6 @@ pub struct Estimate {
 
 /// Runs the command.
 pub async fn run(options: &Estimate) -> Result<()> {
-    check_samples(options.mode, options.samples)?;
     let config = match Profile::from_name(&options.model) {
         Ok(profile) => profile.config(),
         Err(unknown) => match policy_file::load(Path::new(&options.model)) {
@@ -52,6 +51,7 @@ pub async fn run(options: &Estimate) -> Result<()> {
         check_fit(recording, &config, options.samples)?;
     }
     let spec = EvalSpec::new(dims(&config)?);
+    check_samples(options.mode, &spec, options.samples)?;
     if !options.json {
         eprintln!("zk0 counts the cycles: it executes the guest program on random weights and samples of this size");
     }
@@ -121,11 +121,11 @@ fn table(model: &str, estimate: &measure::Estimate) -> String {
     )
 }
 
-/// Whether a claim can evaluate so many samples in this mode.
-fn check_samples(mode: Mode, samples: u32) -> Result<()> {
-    let most = max_eval_samples(mode);
+/// Whether a claim about a policy of this size can evaluate so many samples in this mode.
+fn check_samples(mode: Mode, spec: &EvalSpec, samples: u32) -> Result<()> {
+    let most = most_samples(mode, spec);
     if samples > most {
-        bail!("in mode {mode} a claim has at most {most} samples, and --samples is {samples}");
+        bail!("in mode {mode} a claim about a policy of this size has at most {most} samples, and --samples is {samples}");
     }
     Ok(())
 }
