@@ -11,9 +11,11 @@ use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::statement::Statement;
 use zk0_argument::expert::witness::{evaluate, Common, Witness};
 use zk0_argument::field::{Extension, Goldilocks};
+use zk0_argument::protocol::Left;
 use zk0_argument::prove::progress::silently;
+use zk0_argument::prove::Proving;
 use zk0_argument::prove::Values;
-use zk0_argument::transcript::{Prover, Verifier};
+use zk0_argument::transcript::{Prover, Refused, Verifier};
 use zk0_circuits::model::layout::{expert_tensors, Layout};
 use zk0_circuits::{Digest, EvalSpec, QuantisedWeights};
 use zk0_testkit::claims::{Parts, Random};
@@ -101,6 +103,18 @@ impl Made {
 
     /// The argument with this blinding.
     pub fn argue(&self, blinding: &Blinding, deaf: bool) -> Prover {
+        self.argue_by(blinding, deaf, |proving, expert, shape| {
+            argued(proving, expert, shape)
+        })
+    }
+
+    /// The argument that `argued` makes with this blinding.
+    pub fn argue_by(
+        &self,
+        blinding: &Blinding,
+        deaf: bool,
+        argued: impl FnOnce(&mut Proving<'_>, &Expert, &Shape) -> Result<Left<Extension>, Refused>,
+    ) -> Prover {
         let witness = |number: usize| Ok::<_, io::Error>(self.witnesses[number].clone());
         let hidden = Hidden {
             argument: Box::new(blinding.argument.clone()),
@@ -108,16 +122,7 @@ impl Made {
             deaf,
         };
         let (statement, common) = (&self.statement, &self.common);
-        prove_with(
-            statement,
-            common,
-            hidden,
-            None,
-            &silently,
-            witness,
-            |proving, expert, shape| argued(proving, expert, shape),
-        )
-        .unwrap()
+        prove_with(statement, common, hidden, None, &silently, witness, argued).unwrap()
     }
 
     /// The values of weights and tables.

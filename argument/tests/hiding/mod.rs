@@ -2,9 +2,10 @@
 //!
 //! - [`made`]: arguments whose blinding a test chooses. [`explaining`]: another sample explains the same words.
 //! - [`simulator`]: the words can be made without a sample.
-//! - [`words`]: two arguments of one statement. [`rank`], [`recovery`]: what opened rows show of a column.
+//! - [`kinds`]: every kind of message needs its pads. [`words`]: two arguments of one statement. [`rank`], [`recovery`]: what opened rows show of a column.
 
 mod explaining;
+mod kinds;
 mod made;
 mod rank;
 mod recovery;
