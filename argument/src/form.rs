@@ -36,6 +36,14 @@ impl Form {
         }
     }
 
+    /// Makes room for so many more unknowns. A form that grows does so often, and a guest pays for each copy.
+    #[inline(always)]
+    pub fn reserve(&mut self, count: usize) {
+        if self.terms.capacity() - self.terms.len() < count {
+            self.terms.reserve(count.max(3 * self.terms.len()));
+        }
+    }
+
     /// Adds `factor` times the secret value with this number.
     #[inline(always)]
     pub fn add_said(&mut self, factor: Extension, number: usize) {
@@ -93,6 +101,11 @@ impl Secret for Form {
     fn add(&mut self, factor: Extension, other: &Self) {
         if other.known != Extension::ZERO {
             self.known += factor * other.known;
+        }
+        self.reserve(other.terms.len());
+        if factor == Extension::ONE {
+            self.terms.extend_from_slice(&other.terms);
+            return;
         }
         let terms = other.terms.iter();
         self.terms

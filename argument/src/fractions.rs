@@ -109,6 +109,7 @@ pub fn verify(
         }
         let lambda = verifier.challenge();
         let mut claim = numerator;
+        claim.reserve(2 + 2 * point.len());
         claim.add(lambda, &denominator);
         let mut next = Vec::with_capacity(variables);
         for &coordinate in &point {

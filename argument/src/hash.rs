@@ -90,24 +90,28 @@ impl Sponge {
             ];
             self.permute_with(uppers);
         }
-        if rest.is_empty() {
-            return;
+        match *rest {
+            [a] => self.absorb_few([a]),
+            [a, b] => self.absorb_few([a, b]),
+            [a, b, c] => self.absorb_few([a, b, c]),
+            [a, b, c, d] => self.absorb_few([a, b, c, d]),
+            [a, b, c, d, e] => self.absorb_few([a, b, c, d, e]),
+            [a, b, c, d, e, f] => self.absorb_few([a, b, c, d, e, f]),
+            [a, b, c, d, e, f, g] => self.absorb_few([a, b, c, d, e, f, g]),
+            _ => {}
         }
-        let mut words = [0; GROUP + GROUP / 2];
-        for (word, element) in words.iter_mut().zip(rest) {
-            *word = lower(element.value());
-        }
-        let pairs = words[rest.len()..].iter_mut().zip(rest.chunks(2));
-        for (word, pair) in pairs {
-            *word = upper(
-                pair[0].value(),
-                pair.get(1).map_or(0, |second| second.value()),
-            );
-        }
-        let used = rest.len() + rest.len().div_ceil(2);
-        let (blocks, _) = words.as_chunks::<RATE>();
-        for &block in &blocks[..used.div_ceil(RATE)] {
-            self.permute_with(block);
+    }
+
+    /// Absorbs fewer elements than a group has. Their number is known to the compiler, so that it writes no zeros to memory.
+    #[inline(always)]
+    fn absorb_few<const COUNT: usize>(&mut self, elements: [Goldilocks; COUNT]) {
+        let value = |place: usize| elements.get(place).map_or(0, |element| element.value());
+        let word = |place: usize| match place.checked_sub(COUNT) {
+            None => lower(value(place)),
+            Some(pair) => upper(value(2 * pair), value(2 * pair + 1)),
+        };
+        for block in 0..(COUNT + COUNT.div_ceil(2)).div_ceil(RATE) {
+            self.permute_with(core::array::from_fn(|place| word(RATE * block + place)));
         }
     }
 

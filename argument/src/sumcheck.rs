@@ -44,9 +44,14 @@ pub fn verify_secret(
         rounds.push(verifier.receive_secret(degree)?);
         point.push(verifier.challenge());
     }
+    let all = point
+        .iter()
+        .copied()
+        .fold(Extension::ONE, |product, challenge| product * challenge);
+    claim.scale(all);
+    claim.reserve(variables * degree);
     // From the last round back, the product of all later challenges is known.
     let mut later = Extension::ONE;
-    let mut left = Form::default();
     for (&challenge, said) in point.iter().zip(&rounds).rev() {
         let mut power = challenge;
         for (place, number) in said.clone().enumerate() {
@@ -57,12 +62,10 @@ pub fn verify_secret(
                     power - challenge
                 }
             };
-            left.add_said(later * factor, number);
+            claim.add_said(later * factor, number);
         }
         later *= challenge;
     }
-    claim.scale(later);
-    claim.add(Extension::ONE, &left);
     Ok((point, claim))
 }
 

@@ -1,11 +1,5 @@
 //! Fixed-point arithmetic: shifts with explicit rounding, and narrowing that refuses a value that does not fit.
 
-/// Brings `value` from `from` fraction bits to `to`. A shift to the left is exact, a shift to the right rounds half up.
-#[inline(always)]
-pub fn align(value: i64, from: i32, to: i32) -> i64 {
-    Rescale::new(from, to).apply(value)
-}
-
 /// A prepared change of fraction bits: an exact shift to the left, or a shift to the right that rounds half up.
 #[derive(Clone, Copy)]
 pub struct Rescale {

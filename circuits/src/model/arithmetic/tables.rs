@@ -42,6 +42,7 @@ pub const FLOW_TIME_BITS: u32 = 12;
 
 /// Sine of an angle in units of 2^-32 turns; in [−2^14, 2^14]. It is linear between table entries, with an error of at most
 /// 2^-14.
+#[inline(always)]
 pub fn sine(phase: u32) -> i16 {
     let (quadrant, within) = (phase >> 30, phase & 0x3fff_ffff);
     let position = if quadrant & 1 == 0 {
@@ -61,6 +62,7 @@ pub fn sine(phase: u32) -> i16 {
 }
 
 /// Cosine, like [`sine`].
+#[inline(always)]
 pub fn cosine(phase: u32) -> i16 {
     sine(phase.wrapping_add(1 << 30))
 }
@@ -84,10 +86,11 @@ pub fn sigmoid(x: i64) -> i64 {
     }
 }
 
-/// A standard normal value with 12 fraction bits from 16 uniform bits: the top bit is the sign, the low 11 the quantile.
+/// A standard normal value with 12 fraction bits from 12 uniform bits: bit 11 is the sign, the lower ones are the quantile.
+#[inline(always)]
 pub fn gaussian(uniform: u16) -> i16 {
     let magnitude = GAUSS[(uniform & 0x7ff) as usize] as i16;
-    if uniform >> 15 == 0 {
+    if uniform >> 11 & 1 == 0 {
         magnitude
     } else {
         -magnitude
