@@ -64,9 +64,14 @@ impl Form {
             sums.known += factor * self.known;
         }
         for &(unknown, coefficient) in &self.terms {
+            // Many unknowns stand alone.
+            let product = match coefficient == Extension::ONE {
+                true => factor,
+                false => factor * coefficient,
+            };
             match unknown {
-                Unknown::Said(number) => sums.said[number as usize] += factor * coefficient,
-                Unknown::Gate(number) => sums.gates[number as usize] += factor * coefficient,
+                Unknown::Said(number) => sums.said[number as usize] += product,
+                Unknown::Gate(number) => sums.gates[number as usize] += product,
             }
         }
     }
