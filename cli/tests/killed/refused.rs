@@ -21,6 +21,11 @@ enum Killed {
 
 /// A network of these nodes. The key of each is in the file `NAME.key`.
 pub fn founded(nodes: &[&str]) -> LocalNetwork {
+    founded_in("direct", nodes)
+}
+
+/// Such a network, whose claims are proven in this mode.
+pub fn founded_in(mode: &str, nodes: &[&str]) -> LocalNetwork {
     let network = LocalNetwork::new();
     let mut rules = vec![
         ["--commit-minutes", "10"],
@@ -28,6 +33,7 @@ pub fn founded(nodes: &[&str]) -> LocalNetwork {
         ["--min-eval-samples", "16"],
         ["--min-improvement-bps", "1"],
         ["--confidence", "95%"],
+        ["--mode", mode],
     ];
     let node = |name| {
         let key = network.path(&format!("{name}.key"));

@@ -1,6 +1,7 @@
-//! A node registers its recording again in the middle of a round, because its secret is worn. No round is lost, though it is killed then.
+//! A node registers its recording again in the middle of a round, because its secret is worn. No round is lost, though it is killed then. An argument
+//! counts before it is made, so that it counts if the node is killed.
 
-use super::refused::{founded, join, serve};
+use super::refused::{founded, founded_in, join, serve};
 use crate::harness::network::LocalNetwork;
 use crate::harness::process::Process;
 use std::path::Path;
@@ -8,6 +9,7 @@ use zk0_argument::claim::most_uses;
 use zk0_circuits::EvalSpec;
 use zk0_node::recording::secret::{count, Secrets};
 use zk0_protocol::Body;
+use zk0_testkit::until;
 
 /// Makes so many arguments about a sample that the node's secret is worn.
 fn wear(network: &LocalNetwork) {
@@ -51,4 +53,28 @@ fn a_node_that_is_killed_when_it_has_registered_again_loses_no_round() {
     }
     assert_eq!(roots.len(), 2);
     assert_eq!(committed, [(0, roots[0]), (1, roots[1])]);
+}
+
+#[test]
+fn an_argument_counts_that_is_lost_when_the_node_is_killed() {
+    let network = founded_in("succinct", &["node"]);
+    let prover = network.prover();
+    let mut aggregator = serve(&network, "127.0.0.1:0", &[]);
+    let joining = join(&network, "node", &aggregator.address(), &prover.address);
+    let state = network.path("node-state");
+    // Whether a sample was in so many arguments: it is worn for at most so many.
+    let opened = |times: u32| match Secrets::read(Path::new(&state)) {
+        Ok(Some(secrets)) => secrets
+            .newest()
+            .is_some_and(|secret| secrets.is_worn(secret, times)),
+        _ => false,
+    };
+    let mut node = Process::start(&joining);
+    until("an argument is counted", || opened(1));
+    node.kill();
+    assert!(!opened(2));
+    // It makes the argument again.
+    Process::start(&joining).ends();
+    aggregator.terminate();
+    assert!(opened(2));
 }
