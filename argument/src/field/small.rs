@@ -21,20 +21,10 @@ impl From<Extension> for Halves {
 pub fn dot(weights: &[Halves], values: &[i16]) -> Extension {
     debug_assert!(values.len() <= 1 << 15);
     let mut sums = [0i64; 4];
-    let mut add = |weight: &Halves, value: i16| {
+    for (weight, &value) in weights.iter().zip(values) {
         for (sum, half) in sums.iter_mut().zip(weight.0) {
             *sum += half * value as i64;
         }
-    };
-    // Four at a time take a third fewer cycles.
-    let ((weights, of_rest), (values, rest)) = (weights.as_chunks::<4>(), values.as_chunks::<4>());
-    for (weights, values) in weights.iter().zip(values) {
-        for (weight, &value) in weights.iter().zip(values) {
-            add(weight, value);
-        }
-    }
-    for (weight, &value) in of_rest.iter().zip(rest) {
-        add(weight, value);
     }
     const UPPER: Goldilocks = Goldilocks::from_i64(1 << 32);
     let [a, b, c, d] = sums.map(Goldilocks::from_i64);

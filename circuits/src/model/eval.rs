@@ -67,7 +67,7 @@ impl<'a> Evaluator<'a> {
         for position in 0..positions {
             for &frequency in &spec.rope_frequencies {
                 let phase = position.wrapping_mul(frequency);
-                rotations.push((tables::cosine(phase), tables::sine(phase)));
+                rotations.push(tables::turn(phase));
             }
         }
         Ok(Self {
