@@ -6,7 +6,6 @@
 
 use crate::field::Extension;
 use crate::form::Form;
-use crate::party::Secret;
 use crate::transcript::{Challenges, Refused, Verifier};
 use alloc::vec;
 use alloc::vec::Vec;

@@ -89,7 +89,9 @@ fn every_kind_of_message_would_show_a_sample_without_its_pads() {
         let kind = kinds.get(number).unwrap_or(&"the end");
         // Coefficient by coefficient, so that masks of the base field would not be enough.
         let told: &mut [bool; 2] = tells.entry(*kind).or_default();
-        [0, 1].map(|part| told[part] |= a.0[part] != b.0[part]);
+        for (told, part) in told.iter_mut().zip([0, 1]) {
+            *told |= a.0[part] != b.0[part];
+        }
     }
     let kinds = [
         "fractions",
