@@ -1,9 +1,9 @@
 //! Hashing of field elements with Poseidon2 over KoalaBear, SP1's permutation, which is a precompile in the guest
 //! ([`crate::permutation`]).
 //!
-//! An element is cut into three limbs of 22, 22 and 20 bits, each of which is a canonical KoalaBear value. The limbs lie two to a word, as
-//! the precompile wants them: first one word for each element, which holds its lower limbs, then one word for every two elements, which
-//! holds their upper limbs. Eight elements are twelve words, and a permutation takes four.
+//! An element is cut into limbs of 30, 30 and 4 bits. The two lower ones are a word, as the precompile wants two values. The upper ones of up to eleven
+//! elements are another word: those of seven elements in its lower half, those of the others in its upper half. So eleven elements are twelve words, and a
+//! permutation takes four. All halves of words are below 2^30, and so canonical KoalaBear values.
 
 #[cfg(feature = "prove")]
 pub mod packed;
@@ -13,12 +13,15 @@ use crate::permutation::{permute, State};
 use bytemuck::TransparentWrapper;
 
 /// Bits of each of an element's two lower limbs.
-const LIMB: u32 = 22;
+const LIMB: u32 = 30;
 const LOW: u64 = (1 << LIMB) - 1;
+/// Bits of the upper limb, and how many of them a half of a word takes.
+const TOP: usize = 4;
+const TOPS: usize = 7;
 /// Words of the state that a permutation takes in: half of them.
 const RATE: usize = 4;
 /// Elements that fill whole permutations.
-const GROUP: usize = 8;
+const GROUP: usize = 11;
 
 /// The first half of a permutation's result: eight KoalaBear values, two to a word.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -78,39 +81,34 @@ impl Sponge {
     #[inline(always)]
     pub fn absorb(&mut self, elements: &[Goldilocks]) {
         let (groups, rest) = elements.as_chunks::<GROUP>();
-        for group in groups {
-            let e = group.map(Goldilocks::value);
-            self.permute_with([lower(e[0]), lower(e[1]), lower(e[2]), lower(e[3])]);
-            self.permute_with([lower(e[4]), lower(e[5]), lower(e[6]), lower(e[7])]);
-            let uppers = [
-                upper(e[0], e[1]),
-                upper(e[2], e[3]),
-                upper(e[4], e[5]),
-                upper(e[6], e[7]),
-            ];
-            self.permute_with(uppers);
+        for &group in groups {
+            self.absorb_group(group);
         }
         match *rest {
-            [a] => self.absorb_few([a]),
-            [a, b] => self.absorb_few([a, b]),
-            [a, b, c] => self.absorb_few([a, b, c]),
-            [a, b, c, d] => self.absorb_few([a, b, c, d]),
-            [a, b, c, d, e] => self.absorb_few([a, b, c, d, e]),
-            [a, b, c, d, e, f] => self.absorb_few([a, b, c, d, e, f]),
-            [a, b, c, d, e, f, g] => self.absorb_few([a, b, c, d, e, f, g]),
+            [a] => self.absorb_group([a]),
+            [a, b] => self.absorb_group([a, b]),
+            [a, b, c] => self.absorb_group([a, b, c]),
+            [a, b, c, d] => self.absorb_group([a, b, c, d]),
+            [a, b, c, d, e] => self.absorb_group([a, b, c, d, e]),
+            [a, b, c, d, e, f] => self.absorb_group([a, b, c, d, e, f]),
+            [a, b, c, d, e, f, g] => self.absorb_group([a, b, c, d, e, f, g]),
+            [a, b, c, d, e, f, g, h] => self.absorb_group([a, b, c, d, e, f, g, h]),
+            [a, b, c, d, e, f, g, h, i] => self.absorb_group([a, b, c, d, e, f, g, h, i]),
+            [a, b, c, d, e, f, g, h, i, j] => self.absorb_group([a, b, c, d, e, f, g, h, i, j]),
             _ => {}
         }
     }
 
-    /// Absorbs fewer elements than a group has. Their number is known to the compiler, so that it writes no zeros to memory.
+    /// Absorbs a group, or fewer elements. Their number is known to the compiler, so that it writes no zeros to memory.
     #[inline(always)]
-    fn absorb_few<const COUNT: usize>(&mut self, elements: [Goldilocks; COUNT]) {
-        let value = |place: usize| elements.get(place).map_or(0, |element| element.value());
-        let word = |place: usize| match place.checked_sub(COUNT) {
-            None => lower(value(place)),
-            Some(pair) => upper(value(2 * pair), value(2 * pair + 1)),
+    fn absorb_group<const COUNT: usize>(&mut self, elements: [Goldilocks; COUNT]) {
+        let values = elements.map(Goldilocks::value);
+        let word = |place: usize| match values.get(place) {
+            Some(&value) => lower(value),
+            None if place == COUNT => uppers(values),
+            None => 0,
         };
-        for block in 0..(COUNT + COUNT.div_ceil(2)).div_ceil(RATE) {
+        for block in 0..(COUNT + 1).div_ceil(RATE) {
             self.permute_with(core::array::from_fn(|place| word(RATE * block + place)));
         }
     }
@@ -146,9 +144,14 @@ fn lower(element: u64) -> u64 {
     (element & LOW) | (element << (32 - LIMB) & LOW << 32)
 }
 
+/// The upper limbs of up to [`GROUP`] elements.
 #[inline(always)]
-fn upper(first: u64, second: u64) -> u64 {
-    (first >> (2 * LIMB)) | (second >> (2 * LIMB)) << 32
+fn uppers(elements: impl IntoIterator<Item = u64>) -> u64 {
+    let tops = elements.into_iter().enumerate().map(|(place, element)| {
+        let bits = TOP * (place % TOPS) + 32 * (place / TOPS);
+        element >> (2 * LIMB) << bits
+    });
+    tops.fold(0, |word, top| word | top)
 }
 
 /// The digest of a list of elements.

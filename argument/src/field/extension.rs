@@ -75,6 +75,7 @@ impl Extension {
     }
 
     /// `Σ a · b`, of as many as there are of both.
+    #[inline(always)]
     pub fn dot_of_extensions(a: &[Self], b: &[Self]) -> Self {
         let [mut constant, mut square, mut linear] = [Products::default(); 3];
         for (a, b) in a.iter().zip(b) {

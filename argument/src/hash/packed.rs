@@ -3,7 +3,7 @@
 //! `p3-koala-bear` has Poseidon2 in vectors, but with other inner layers than SP1: those of SP1 multiply by `(J + D)/2^32`, where J is all
 //! ones and D is diagonal. So only the outer layers are taken from there.
 
-use super::{lower, upper, Digest, Domain, Sponge, GROUP, RATE};
+use super::{lower, uppers, Digest, Domain, Sponge, GROUP, RATE};
 use p3_field::{Field, PackedValue, PrimeCharacteristicRing, PrimeField32};
 use p3_koala_bear::{
     KoalaBear, Poseidon2ExternalLayerKoalaBear, KOALABEAR_POSEIDON2_RC_16_EXTERNAL_FINAL,
@@ -177,35 +177,16 @@ fn absorbed(begun: &[Begun], width: usize, element: impl Fn(usize, usize) -> u64
     let per_lane = |word: &dyn Fn(usize, usize) -> u64, first: usize| -> [[u64; LANES]; RATE] {
         core::array::from_fn(|place| core::array::from_fn(|lane| word(lane, first + place)))
     };
-    let whole = width / GROUP * GROUP;
-    for first in (0..whole).step_by(GROUP) {
-        let low = |lane: usize, place: usize| lower(element(lane, first + place));
-        let high = |lane: usize, place: usize| {
-            upper(
-                element(lane, first + 2 * place),
-                element(lane, first + 2 * place + 1),
-            )
+    for first in (0..width).step_by(GROUP) {
+        let count = GROUP.min(width - first);
+        let word = |lane: usize, place: usize| match place {
+            _ if place < count => lower(element(lane, first + place)),
+            _ if place == count => uppers((first..first + count).map(|column| element(lane, column))),
+            _ => 0,
         };
-        absorb(per_lane(&low, 0));
-        absorb(per_lane(&low, RATE));
-        absorb(per_lane(&high, 0));
-    }
-    let rest = width - whole;
-    let used = rest + rest.div_ceil(2);
-    let word = |lane: usize, place: usize| match place {
-        _ if place < rest => lower(element(lane, whole + place)),
-        _ if place < used => {
-            let first = whole + 2 * (place - rest);
-            let second = match first + 1 < width {
-                true => element(lane, first + 1),
-                false => 0,
-            };
-            upper(element(lane, first), second)
+        for block in (0..=count).step_by(RATE) {
+            absorb(per_lane(&word, block));
         }
-        _ => 0,
-    };
-    for first in (0..used).step_by(RATE) {
-        absorb(per_lane(&word, first));
     }
     state
 }
@@ -215,10 +196,8 @@ pub fn first_words(sponge: &Sponge, first: u32) -> [u64; LANES] {
     let [.., a, b, c, d] = sponge.state.0;
     let mut state = state_of(|_| [a, b, c, d]);
     let number = |lane: usize| first as u64 + lane as u64;
-    for (place, word) in [lower, |element| upper(element, 0)].into_iter().enumerate() {
-        let [low, high] = pair(|lane| word(number(lane)));
-        [state[2 * place], state[2 * place + 1]] = [low, high];
-    }
+    // Its upper limb is zero.
+    [state[0], state[1]] = pair(|lane| lower(number(lane)));
     PERMUTATION.permute(&mut state);
     let mut results = [Digest::default(); LANES];
     digests(&state, &mut results);
