@@ -9,7 +9,7 @@ const WORKS: usize = 5;
 /// With equal challenges, all words differ but those that everybody can compute: both coefficients of each element.
 #[test]
 fn what_is_said_twice_differs_where_it_depends_on_a_sample() {
-    for samples in [1, 3] {
+    for samples in [1, 2] {
         let [models, _] = alike(samples, 71);
         let made = Made::new(&models);
         let argue = |seed| {

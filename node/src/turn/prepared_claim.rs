@@ -11,6 +11,7 @@ use tracing::instrument;
 use zk0_argument::claim::{most_uses, ClaimSource};
 use zk0_circuits::Mode;
 use zk0_prover::program::Prepared;
+use zk0_smolvla::policy::memory::KeepFreed;
 
 /// Units of the progress that is reported.
 const UNITS: f64 = 1000.0;
@@ -33,6 +34,8 @@ pub async fn prepare(
             let leaves: Vec<_> = input.places().iter().map(|(leaf, _)| *leaf).collect();
             count(&state, &secret, &leaves, most_uses(&input.header().spec))?;
         }
+        // The argument's steps free gigabytes and ask for as much again.
+        let _memory = KeepFreed::new();
         let mut progress = Progress::start("making the argument", UNITS as u64);
         let tell = &mut |share| progress.reached((UNITS * share) as u64);
         Ok(Prepared::of(
