@@ -99,5 +99,6 @@ pub fn make(
         openings: openings.collect(),
         argument: argument.into(),
         scales: statement.scales,
+        saturates: statement.saturates,
     })
 }

@@ -25,9 +25,15 @@ fn is_on_stream(index: usize) -> bool {
 struct Keeping<'a> {
     direct: Direct<'a>,
     kept: Vec<Kept>,
+    /// The largest difference between scores that a token sees.
+    apart: i64,
 }
 
 impl Multiply for Keeping<'_> {
+    fn overflow(&self) -> Overflow {
+        self.direct.overflow()
+    }
+
     fn gain(&self, index: usize) -> (&[i16], i16) {
         self.direct.gain(index)
     }
@@ -47,12 +53,17 @@ impl Multiply for Keeping<'_> {
 
     fn scores(
         &mut self,
-        site: Site,
         queries: Rows<'_>,
         keys: Rows<'_>,
         visible: impl Fn(usize) -> usize,
-    ) -> Result<Vec<i32>, EvalError> {
-        self.direct.scores(site, queries, keys, visible)
+    ) -> Vec<i64> {
+        let scores = self.direct.scores(queries, keys, &visible);
+        for (query, row) in scores.chunks_exact(keys.count()).enumerate() {
+            let seen = row[..visible(query)].iter().copied();
+            let most = seen.clone().max().unwrap_or_default();
+            self.apart = seen.fold(self.apart, |apart, score| apart.max(most - score));
+        }
+        scores
     }
 
     fn mix(

@@ -52,6 +52,17 @@ pub enum Model {
     Update,
 }
 
+impl Model {
+    /// What becomes of a value that does not fit. A base saturates: otherwise a poisoned one, which fits on the samples of whoever poisoned it, would keep
+    /// all others from making claims.
+    pub fn overflow(self) -> Overflow {
+        match self {
+            Self::Base => Overflow::Saturated,
+            Self::Update => Overflow::Refused,
+        }
+    }
+}
+
 impl Display for Model {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {

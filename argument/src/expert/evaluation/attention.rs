@@ -4,7 +4,7 @@
 //! `2^(−d)` from a table, `d = ⌊((m − s)·factor + 2^(shift−1)) / 2^shift⌋`. Here `g = ⌊(m − s)·factor / 2^(shift−1)⌋` is committed to. Then
 //! `d = ⌊(g + 1)/2⌋`, and g ≥ 0 shows that no score is above m. That m is one of the scores is shown by a look-up among them.
 
-use crate::expert::builder::{one, power_of_two, times, Builder, Tag};
+use crate::expert::builder::{one, power_of_two, times, Builder, Saturating, Tag};
 use crate::expert::publics::number;
 use crate::expert::sizes::{D, H, N, P, S, T};
 use crate::relation::along::Along;
@@ -154,7 +154,8 @@ impl Attention {
         let shift = RECIPROCAL_BITS - ATTENTION_BITS as i64;
         let value = vec![one(product), times(1 << (shift - 1), Atom::One)];
         let shift = Along::Everywhere(shift);
-        let weight = builder.floor("attention weight", &each, Count::Each, value, &shift);
+        let name = "attention weight";
+        let weight = builder.floor(name, &each, Count::Each, value, &shift, None);
 
         builder.relations.products.push(Product {
             left: weight.view,
@@ -168,7 +169,11 @@ impl Attention {
         let value = vec![times(1 << MIX_SHIFT, mixed), times(1 << 15, Atom::One)];
         let axes: Vec<_> = [T, N, H, D, S].to_vec();
         let shift = Along::Everywhere(16);
-        builder.floor("attention", &axes, TOKENS, value, &shift)
+        let saturating = Saturating {
+            models: N,
+            bits: Along::Everywhere(17 + builder.sizes.of(P) as i64),
+        };
+        builder.floor("attention", &axes, TOKENS, value, &shift, Some(saturating))
     }
 }
 

@@ -3,7 +3,7 @@
 use super::linear::{add_residual, gate, Factor, Layer, Source, Which};
 use super::norm::Norm;
 use crate::commitment::Parameters;
-use crate::expert::builder::{bits_of, one, power_of_two, times, Builder};
+use crate::expert::builder::{bits_of, one, power_of_two, times, Builder, Saturating};
 use crate::expert::publics::number;
 use crate::expert::sample::{SampleTensors, ACTION_AXES, CACHE_AXES};
 use crate::expert::sizes::*;
@@ -78,6 +78,7 @@ impl Expert {
         let linears = zk0_circuits::model::linear::linears(spec);
         let layout = Layout::new(&spec.dims);
         let mut builder = Builder::new(sizes);
+        builder.saturates = statement.saturates;
         builder.relations.instances = Some(Instances {
             axis: S,
             count: statement.samples.len(),
@@ -220,7 +221,7 @@ impl Building<'_> {
             times(1 << 15, Atom::One),
         ];
         let sixteen = Along::Everywhere(16);
-        let noised = b.floor("noised action", &[T, A, S], TOKENS, noised, &sixteen);
+        let noised = b.floor("noised action", &[T, A, S], TOKENS, noised, &sixteen, None);
         let embedding = b.commit("time embedding", &[F2, S]);
         b.relations.equalities.push(Equality {
             name: "time embedding",
@@ -269,8 +270,12 @@ impl Building<'_> {
         let b = &mut self.builder;
         let wide = gate(b, "gate of the time MLP", &axes, mixed, &bits);
         let value = vec![one(wide.atom()), times(power_of_two(shift) >> 1, Atom::One)];
-        let shift = Along::Everywhere(shift);
-        let activated = b.floor("SiLU of the time MLP", &axes, TOKENS, value, &shift);
+        let saturating = Saturating {
+            models: M,
+            bits: Along::Everywhere((31 - shift).max(0)),
+        };
+        let (name, shift) = ("SiLU of the time MLP", Along::Everywhere(shift));
+        let activated = b.floor(name, &axes, TOKENS, value, &shift, Some(saturating));
         let input = b.view(activated.tensor, &summed);
         self.add(layer("time MLP out", 2, vec![factor(input, 0, true)]))
     }
@@ -446,7 +451,11 @@ impl Building<'_> {
         let b = &mut self.builder;
         let half = shift.map(|shift| power_of_two(shift) >> 1);
         let value = vec![one(product), b.scaled(&half, 1, Atom::One)];
-        let gated = b.floor("gated MLP", &wide, TOKENS, value, &shift);
+        let saturating = Saturating {
+            models: N,
+            bits: shift.map(|shift| (46 - shift).max(0)),
+        };
+        let gated = b.floor("gated MLP", &wide, TOKENS, value, &shift, Some(saturating));
         let stream = [T, N, F, S];
         let out = self.add(Layer {
             name: "down",

@@ -3,7 +3,7 @@
 use super::attention::Attention;
 use super::layers::Building;
 use super::linear::{Factor, Layer, Which};
-use crate::expert::builder::{times, Builder};
+use crate::expert::builder::{times, Builder, Saturating};
 use crate::expert::publics::number;
 use crate::expert::sizes::*;
 use crate::expert::weights::Flat;
@@ -221,7 +221,12 @@ impl Building<'_> {
         let sum = Atom::Monomials(b.relations.monomials.len() - 1);
         let value = vec![times(1, sum), times(1 << (TRIG_BITS - 1), Atom::One)];
         let shift = Along::Everywhere(TRIG_BITS as i64);
-        b.floor(name, axes, TOKENS, value, &shift)
+        let saturating = Saturating {
+            models: axes[1],
+            // A sum of two products of an int16 and up to 2^14
+            bits: Along::Everywhere(17),
+        };
+        b.floor(name, axes, TOKENS, value, &shift, Some(saturating))
     }
 }
 

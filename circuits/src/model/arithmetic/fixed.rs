@@ -49,7 +49,12 @@ pub fn integer_sqrt(value: u64) -> u64 {
     }
 }
 
-/// Finds out whether values fit int16, at two instructions a value. A value out of range is an error and is never clamped.
+/// The nearest int16.
+pub fn saturated(value: i64) -> i16 {
+    value.clamp(i16::MIN.into(), i16::MAX.into()) as i16
+}
+
+/// Finds out whether values fit int16, at two instructions a value.
 #[derive(Default)]
 pub struct Range {
     /// Bits of all values plus 2^15.
@@ -57,7 +62,7 @@ pub struct Range {
 }
 
 impl Range {
-    /// Returns `value` as int16. The result for a value out of range is never used.
+    /// Returns `value` as int16. The result for a value out of range is not used.
     #[inline(always)]
     pub fn narrow(&mut self, value: i64) -> i16 {
         self.seen |= value.wrapping_add(1 << 15) as u64;
