@@ -22,7 +22,10 @@ pub fn most_samples(mode: Mode, spec: &EvalSpec) -> u32 {
     if mode != Mode::Succinct {
         return u32::MAX;
     }
-    let evaluated = Statement::of_weights(spec, middle_scales(spec));
+    let evaluated = Statement {
+        saturates: true,
+        ..Statement::of_weights(spec, middle_scales(spec))
+    };
     let fits = |samples: usize| {
         let mut statement = evaluated.clone();
         statement

@@ -358,7 +358,7 @@ impl Builder {
             for excess in excesses {
                 let value = vec![one(excess.committed.atom())];
                 self.wide_range(name, &own, count, value, &bits);
-                self.at_limit(name, axes, excess, result);
+                self.at_limit(name, axes, (excess.view, excess.limit), result);
             }
         }
         self.wide_range(name, axes, count, rest, shift);
@@ -390,21 +390,21 @@ impl Builder {
         limits.into_iter().map(excess).collect()
     }
 
-    /// A value exceeds a limit only where the result is that limit.
-    fn at_limit(
+    /// A view is zero unless the result is a limit.
+    pub fn at_limit(
         &mut self,
         name: &'static str,
         axes: &[Axis],
-        excess: Excess,
+        (view, limit): (usize, i64),
         result: Committed,
     ) {
         self.relations.monomials.push(Monomials {
             axes: axes.to_vec(),
             summed: 0,
-            terms: vec![(1, [excess.view, result.view].map(Factor::Virtual).to_vec())],
+            terms: vec![(1, [view, result.view].map(Factor::Virtual).to_vec())],
         });
         let product = Atom::Monomials(self.relations.monomials.len() - 1);
-        let excess = times(-excess.limit, Atom::Virtual(excess.view));
+        let excess = times(-limit, Atom::Virtual(view));
         self.relations.equalities.push(Equality {
             name,
             axes: axes.to_vec(),

@@ -363,7 +363,7 @@ impl<'a> Evaluator<'a> {
             let queries = Rows::new(&queries[kv_head * per_head..][..per_head], head_dim);
             let keys = head(&keys[kv_head * head_dim..]);
             let seen = |row: usize| visible(row / group);
-            let scores = multiply.scores(queries, keys, seen);
+            let scores = multiply.scores(layer, queries, keys, seen);
             let in_softmax = operation("softmax");
             let rows = scores
                 .chunks_exact(tokens)

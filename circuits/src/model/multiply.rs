@@ -27,9 +27,10 @@ pub trait Multiply {
         input: &[i16],
     ) -> Result<Vec<i32>, EvalError>;
 
-    /// `queries · keysᵀ`, one row per query, of which the first `visible(i)` scores of query `i` are used.
+    /// `queries · keysᵀ` of a layer, one row per query, of which the first `visible(i)` scores of query `i` are used.
     fn scores(
         &mut self,
+        layer: usize,
         queries: Rows<'_>,
         keys: Rows<'_>,
         visible: impl Fn(usize) -> usize,
@@ -118,6 +119,7 @@ impl Multiply for Direct<'_> {
 
     fn scores(
         &mut self,
+        _: usize,
         queries: Rows<'_>,
         keys: Rows<'_>,
         _: impl Fn(usize) -> usize,

@@ -5,7 +5,7 @@ use std::thread;
 use zk0_circuits::claim::challenge::sample_indices;
 use zk0_circuits::claim::t_test::{Pair, TTest};
 use zk0_circuits::model::draw::draw;
-use zk0_circuits::model::eval::Evaluator;
+use zk0_circuits::model::eval::{Evaluator, Overflow};
 use zk0_circuits::model::sample::Sample;
 use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::{Digest, EvalSpec, QuantisedWeights};
@@ -49,8 +49,8 @@ impl Models {
         count: u32,
     ) -> Result<Vec<Pair>> {
         let mut direct = [
-            evaluator.direct(&self.quantised[0])?,
-            evaluator.direct(&self.quantised[1])?,
+            evaluator.direct(&self.quantised[0], Overflow::Refused)?,
+            evaluator.direct(&self.quantised[1], Overflow::Refused)?,
         ];
         let indices = sample_indices(challenge, samples.len() as u64, count)?;
         let mut pairs = Vec::with_capacity(indices.len());
