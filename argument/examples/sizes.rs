@@ -28,6 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let statement = Statement {
         context: Digest([0; 32]),
         scales: [vec![14; tensors], vec![14; tensors]],
+        saturates: env::args().any(|argument| argument == "saturates"),
         samples: (0..samples).map(evaluated).collect(),
         spec: spec.clone(),
     };

@@ -2,7 +2,7 @@
 
 use zk0_circuits::model::arithmetic::tables;
 use zk0_circuits::model::draw::draw;
-use zk0_circuits::model::eval::evaluate;
+use zk0_circuits::model::eval::{evaluate, Overflow};
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Digest, EvalSpec};
 use zk0_testkit::claims::{quantise, reference, tensors, Parts, Random, Tensors};
@@ -16,7 +16,14 @@ fn fidelity(spec: &EvalSpec, tensors: &Tensors, random: &mut Random, count: usiz
         let prefix = spec.dims.max_prefix as usize - position % 3;
         let parts = Parts::random(spec, random, prefix, position % 3);
         let draw = draw(spec, &Digest([position as u8; 32]), 0, 1);
-        let sum = evaluate(spec, &weights, &parts.quantise(spec), &draw).unwrap();
+        let sum = evaluate(
+            spec,
+            &weights,
+            &parts.quantise(spec),
+            &draw,
+            Overflow::Refused,
+        )
+        .unwrap();
         let noise: Vec<f64> = draw.noise.iter().map(|&n| n as f64 / scale).collect();
         let (expected, elements) = reference::loss(
             &spec.dims,

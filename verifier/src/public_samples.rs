@@ -123,7 +123,9 @@ impl<'a> PublicSampleFile<'a> {
         for number in 0..self.rule.samples {
             let (sample, later) = next(&spec.dims, number, rest)?;
             rest = later;
-            let mut multiply = evaluator.direct(weights, Overflow::Refused).map_err(failed)?;
+            let mut multiply = evaluator
+                .direct(weights, Overflow::Refused)
+                .map_err(failed)?;
             let draw = draw(spec, &seed, number, self.rule.samples);
             match evaluator.loss(&mut multiply, &sample, &draw) {
                 Ok(loss) => sum = sum.saturating_add(loss.squared_error),

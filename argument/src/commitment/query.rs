@@ -111,8 +111,7 @@ impl<'a> Queries<'a> {
             difference - turned,
         ];
         let [constant, rest @ ..] = *weights;
-        let [linear, square, cube] =
-            core::array::from_fn(|place| rest[place].scale(powers[place]));
+        let [linear, square, cube] = core::array::from_fn(|place| rest[place].scale(powers[place]));
         Extension::dot_of_extensions(&[constant, linear, square, cube], &coefficients)
     }
 }

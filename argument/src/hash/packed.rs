@@ -181,7 +181,9 @@ fn absorbed(begun: &[Begun], width: usize, element: impl Fn(usize, usize) -> u64
         let count = GROUP.min(width - first);
         let word = |lane: usize, place: usize| match place {
             _ if place < count => lower(element(lane, first + place)),
-            _ if place == count => uppers((first..first + count).map(|column| element(lane, column))),
+            _ if place == count => {
+                uppers((first..first + count).map(|column| element(lane, column)))
+            }
             _ => 0,
         };
         for block in (0..=count).step_by(RATE) {

@@ -92,6 +92,7 @@ fn an_update_that_does_not_improve_is_refused() {
     let claimed = ClaimInput {
         header: header.clone(),
         scales: statement.scales.clone(),
+        saturates: statement.saturates,
         openings: openings.collect(),
         argument: lies::honest(&statement, &known).into(),
     };

@@ -2,6 +2,7 @@
 
 use crate::claim::dataset::DatasetCommitment;
 use crate::claim::t_test::TTest;
+use crate::model::site::Overflow;
 use crate::vm::digest::{Digest, NodeId};
 use alloc::string::{String, ToString};
 use borsh::{BorshDeserialize, BorshSerialize};

@@ -43,7 +43,10 @@ fn again<'t>(
 
 /// Does what [`narrow`] does, into a new vector.
 #[inline(always)]
-fn narrowed(at: Narrowing, values: impl Iterator<Item = i64> + Clone) -> Result<Vec<i16>, EvalError> {
+fn narrowed(
+    at: Narrowing,
+    values: impl Iterator<Item = i64> + Clone,
+) -> Result<Vec<i16>, EvalError> {
     let mut target = Vec::with_capacity(values.size_hint().0);
     narrow(at, values, &mut target)?;
     Ok(target)

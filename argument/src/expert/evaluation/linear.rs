@@ -156,7 +156,10 @@ impl Layer<'_> {
         let shift = Along::Everywhere(SUM_BITS as i64);
         // Sums are below 2^63.
         let bits = Along::Everywhere(63 - SUM_BITS as i64);
-        let saturating = Saturating { models: *last, bits };
+        let saturating = Saturating {
+            models: *last,
+            bits,
+        };
         let out = builder.floor(
             self.name,
             self.axes,

@@ -162,7 +162,9 @@ impl Norm<'_> {
         // From 2^47 on, what is divided by it fits int16.
         let saturating = Saturating {
             models: self.rows[1],
-            bits: self.shift.map(|shift| if shift < 47 { 63 - shift } else { 0 }),
+            bits: self
+                .shift
+                .map(|shift| if shift < 47 { 63 - shift } else { 0 }),
         };
         let shifts = (&self.shift, &within);
         builder.floor_into(result, &all, count, (value, None), shifts, Some(saturating));
