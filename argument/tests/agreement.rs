@@ -6,13 +6,11 @@ use zk0_argument::expert::witness::{evaluate, Common, Unprovable, Witness};
 use zk0_argument::prove::progress::silently;
 use zk0_argument::prove::{check_equalities, Computed, Tables};
 use zk0_circuits::model::spec::Dims;
-use zk0_circuits::{Digest, EvalSpec, QuantisedWeights};
-use zk0_testkit::claims::{quantise, tensors, Random};
+use zk0_circuits::{Digest, EvalSpec};
+use zk0_testkit::claims::Random;
 
 /// Models that are tried.
 const MODELS: u64 = 1000;
-/// What the weights of a base are multiplied with, so that its values do not fit.
-const LOUDNESS: f32 = 30.0;
 
 /// A random number from `least` to `most`.
 fn between(random: &mut Random, least: u64, most: u64) -> u32 {
@@ -71,24 +69,16 @@ fn scales(spec: &mut EvalSpec, random: &mut Random) {
     vary(&mut spec.time_hidden, 12);
 }
 
-/// A base whose values do not fit.
-fn loud(spec: &EvalSpec, seed: u64) -> QuantisedWeights {
-    let mut all = tensors(spec, &mut Random(seed), 1.0);
-    for value in all.values_mut().flatten() {
-        *value *= LOUDNESS;
-    }
-    quantise(spec, &all)
-}
-
 /// Whether a model's evaluation gives a loss, and whether its base saturates. If it gives one, every relation holds on what follows from it.
 fn agrees(seed: u64) -> Option<bool> {
     let mut random = Random(seed);
     let mut spec = EvalSpec::new(dims(&mut random));
     scales(&mut spec, &mut random);
-    let mut models = Models::new(&spec, 1 + seed as usize % 3, seed);
-    if seed.is_multiple_of(3) {
-        models.base = loud(&spec, seed);
-    }
+    let samples = 1 + seed as usize % 3;
+    let models = match seed % 4 {
+        0 => Models::loud(&spec, samples, seed),
+        _ => Models::new(&spec, samples, seed),
+    };
     let weights = [&models.base, &models.update];
     let statement = match evaluate(Digest([7; 32]), &spec, weights, &models.samples, &silently) {
         Ok(evaluated) => evaluated,
@@ -119,5 +109,5 @@ fn a_thousand_random_models_agree() {
     let agreed = agreed.len();
     println!("{agreed} of {MODELS} agree, {saturated} of them with a base that saturates; the updates of the others overflow");
     assert!(agreed as u64 >= MODELS * 9 / 10);
-    assert!(saturated as u64 >= MODELS / 4);
+    assert!(saturated as u64 >= MODELS / 5);
 }

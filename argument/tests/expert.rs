@@ -12,7 +12,7 @@ use zk0_argument::expert::statement::Statement;
 use zk0_argument::expert::witness::{evaluate, Common, Witness};
 use zk0_argument::field::Goldilocks;
 use zk0_argument::prove::progress::silently;
-use zk0_argument::prove::{check, Computed, Tables, Violation};
+use zk0_argument::prove::{check, check_equalities, Computed, Tables, Violation};
 use zk0_argument::relation::Relations;
 use zk0_argument::transcript::Refused;
 use zk0_circuits::model::layout::Layout;
@@ -64,6 +64,16 @@ impl Made {
         })
     }
 
+    fn check_equalities(&self) -> Result<(), Violation> {
+        self.witnesses.iter().try_for_each(|witness| {
+            check_equalities(&Tables {
+                relations: &witness.expert.builder.relations,
+                sources: &witness.sources(&self.common),
+                computed: &Computed::default(),
+            })
+        })
+    }
+
     fn proof(&self) -> Vec<u64> {
         let witness = |number: usize| Ok::<_, io::Error>(self.witnesses[number].clone());
         let folder = std::env::temp_dir();
@@ -102,12 +112,74 @@ fn an_evaluation_is_accepted() {
         assert_eq!(made.check(), Ok(()));
         made.verify(&made.statement, &made.proof()).unwrap();
     }
+    let made = Made::new(&Models::loud(&EvalSpec::micro(), 2, 5));
+    assert!(made.statement.saturates);
+    made.verify(&made.statement, &made.proof()).unwrap();
+}
+
+/// More is committed to than need be.
+#[test]
+fn a_statement_may_saturate_without_need() {
+    let mut made = Made::new(&Models::new(&EvalSpec::micro(), 1, 6));
+    let plain = made.statement.clone();
+    let proof = made.proof();
+    made.statement.saturates = true;
+    assert!(made.verify(&made.statement, &proof).is_err());
+    assert_ne!(plain.digest(), made.statement.digest());
+}
+
+/// What exceeds a limit does so where the result is the limit.
+#[test]
+fn a_base_saturates_at_the_limits_alone() {
+    let mut made = Made::new(&Models::loud(&EvalSpec::micro(), 1, 5));
+    let tensors = made.relations().tensors.clone();
+    let mut tried = [0; 2];
+    for name in ["query", "attention out", "gate", "up", "gated MLP", "down"] {
+        let mut own = tensors.iter().filter(|tensor| tensor.name == name);
+        let mut next = || own.find(|tensor| tensor.source == MAIN).unwrap();
+        let (result, excesses) = (next(), [next(), next()]);
+        for (which, excess) in excesses.into_iter().enumerate() {
+            let size: u32 = excess.places.iter().map(|place| place.bits as u32).sum();
+            let indices = (0..1usize << size).map(|mut number| {
+                let digits = excess.places.iter().map(|place| {
+                    let digit = number & ((1 << place.bits) - 1);
+                    number >>= place.bits;
+                    digit
+                });
+                digits.collect::<Vec<_>>()
+            });
+            let main = &made.witnesses[0].main;
+            let exceeding = indices.map(|at| [result.number(&at), excess.number(&at)]);
+            let found = exceeding.into_iter().find(|[_, excess]| main[*excess] > 0);
+            let Some([result, excess]) = found else {
+                continue;
+            };
+            // The sum of both is the same as before.
+            let sign = [1, -1][which];
+            let change = |made: &mut Made, by: i64| {
+                let main = &mut made.witnesses[0].main;
+                main[excess] += by;
+                main[result] -= sign * by;
+            };
+            assert_eq!(made.check_equalities(), Ok(()));
+            change(&mut made, 1);
+            assert!(made.check_equalities().is_err(), "{name}");
+            change(&mut made, -1);
+            tried[which] += 1;
+        }
+    }
+    assert!(tried.iter().all(|&tried| tried > 0), "{tried:?}");
 }
 
 /// One value of each committed tensor is changed. Some relation names it.
 #[test]
 fn a_changed_value_breaks_a_relation() {
-    let mut made = Made::new(&Models::new(&EvalSpec::micro(), 2, 4));
+    for models in [Models::new, Models::loud] {
+        each_value_counts(Made::new(&models(&EvalSpec::micro(), 2, 4)));
+    }
+}
+
+fn each_value_counts(mut made: Made) {
     let mut random = Random(4);
     let tensors = made.witnesses[0].expert.builder.relations.tensors.clone();
     for tensor in tensors.iter().filter(|tensor| tensor.source == MAIN) {

@@ -39,6 +39,23 @@ impl Models {
     }
 }
 
+/// What the weights of a loud base are multiplied with.
+const LOUDNESS: f32 = 30.0;
+
+impl Models {
+    /// The same with a base whose values do not fit.
+    pub fn loud(spec: &EvalSpec, samples: usize, seed: u64) -> Self {
+        let mut base = tensors(spec, &mut Random(seed), 1.0);
+        for value in base.values_mut().flatten() {
+            *value *= LOUDNESS;
+        }
+        Self {
+            base: quantise(spec, &base),
+            ..Self::new(spec, samples, seed)
+        }
+    }
+}
+
 /// A node, with commitments as mode `succinct` asks for.
 pub fn committed_to(honest: Honest) -> Honest {
     honest.succinct(|spec, sample| committed(Mode::Succinct, spec, sample, &BLIND))
