@@ -133,12 +133,16 @@ fn a_statement_may_saturate_without_need() {
 fn a_base_saturates_at_the_limits_alone() {
     let mut made = Made::new(&Models::loud(&EvalSpec::micro(), 1, 5));
     let tensors = made.relations().tensors.clone();
-    let mut tried = [0; 2];
-    for name in ["query", "attention out", "gate", "up", "gated MLP", "down"] {
+    let mut tried = vec![];
+    let names = ["query", "attention out", "gate", "up", "gated MLP", "down"];
+    let names = names.map(|name| (name, &[1, -1][..]));
+    let distances = ("distance to the largest score", &[1][..]);
+    for (name, signs) in names.into_iter().chain([distances]) {
         let mut own = tensors.iter().filter(|tensor| tensor.name == name);
         let mut next = || own.find(|tensor| tensor.source == MAIN).unwrap();
-        let (result, excesses) = (next(), [next(), next()]);
-        for (which, excess) in excesses.into_iter().enumerate() {
+        let result = next();
+        for &sign in signs {
+            let excess = next();
             let size: u32 = excess.places.iter().map(|place| place.bits as u32).sum();
             let indices = (0..1usize << size).map(|mut number| {
                 let digits = excess.places.iter().map(|place| {
@@ -155,7 +159,6 @@ fn a_base_saturates_at_the_limits_alone() {
                 continue;
             };
             // The sum of both is the same as before.
-            let sign = [1, -1][which];
             let change = |made: &mut Made, by: i64| {
                 let main = &mut made.witnesses[0].main;
                 main[excess] += by;
@@ -165,10 +168,14 @@ fn a_base_saturates_at_the_limits_alone() {
             change(&mut made, 1);
             assert!(made.check_equalities().is_err(), "{name}");
             change(&mut made, -1);
-            tried[which] += 1;
+            tried.push((name, sign));
         }
     }
-    assert!(tried.iter().all(|&tried| tried > 0), "{tried:?}");
+    let of = |sign| tried.iter().any(|&(_, own)| own == sign);
+    assert!(
+        of(1) && of(-1) && tried.contains(&(distances.0, 1)),
+        "{tried:?}"
+    );
 }
 
 /// One value of each committed tensor is changed. Some relation names it.

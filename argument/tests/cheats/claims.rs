@@ -137,7 +137,8 @@ type Change = fn(&mut Statement);
 #[test]
 fn a_transcript_begins_with_all_of_the_statement() {
     let statement = statement();
-    let changes: [Change; 6] = [
+    let changes: [Change; 7] = [
+        |s| s.saturates ^= true,
         |s| s.context.0[0] ^= 1,
         |s| s.scales[0][1] += 1,
         |s| s.scales[1][1] += 1,

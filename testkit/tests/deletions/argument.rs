@@ -25,6 +25,8 @@ const ARGUMENT: &str = "argument/src/expert/argument.rs";
 const PARAMETERS: &str = "argument/src/commitment/parameters.rs";
 const PROVE: &str = "argument/src/commitment/prove.rs";
 const SAMPLE: &str = "argument/src/expert/sample.rs";
+const BUILDER: &str = "argument/src/expert/builder.rs";
+const ATTENTION: &str = "argument/src/expert/evaluation/attention.rs";
 const STATEMENT: &str = "argument/src/expert/statement.rs";
 const PUBLISHED: &str = "argument/src/expert/published.rs";
 const WEIGHTS: &str = "argument/src/expert/weights.rs";
@@ -153,6 +155,12 @@ pub const REMOVALS: &[Removal] = &[
         "a_transcript_begins_with_all_of_the_statement"),
     argument("argument: a transcript begins with the sizes of samples", STATEMENT,
         skipped!("words.push((sample.prefix as u64) << 32 | sample.frames as u64);"), "a_transcript_begins_with_all_of_the_statement"),
+    argument("argument: a transcript begins with whether the base saturates", STATEMENT, instead!("(self.saturates as u64) << 32", "0"),
+        "a_transcript_begins_with_all_of_the_statement"),
+    argument("argument: what exceeds int16 does so where the result is the limit", BUILDER,
+        skipped!("self.at_limit(name, axes, (excess.view, excess.limit), result);"), "a_base_saturates_at_the_limits_alone"),
+    argument("argument: a distance exceeds the table where it is the last one", ATTENTION,
+        skipped!("builder.at_limit(DISTANCE, &each, (further.view, most), distance);"), "a_base_saturates_at_the_limits_alone"),
     argument("argument: a transcript begins with the losses", STATEMENT, skipped!("words.extend(sample.losses);"),
         "a_transcript_begins_with_all_of_the_statement"),
     // Its bounds. They keep sums below the modulus and shifts within a word; a cheat would have to solve equations beyond them. So these
@@ -184,7 +192,7 @@ pub const REMOVALS: &[Removal] = &[
         "a_token_beyond_the_prefix_is_not_read"),
     argument("argument: a sample's digest holds its values", SAMPLE, &[(".chain(cap)", ".chain(cap.filter(|_| !OUT))")],
         "a_sample_with_other_values_is_not_the_committed_one"),
-    argument("argument: the losses pass the test of the improvement", "circuits/src/claim/statement.rs", never!("!test.passes(&pairs)"),
+    argument("argument: the losses pass the test of the improvement", "circuits/src/claim/statement.rs", never!("!test.passes(pairs)"),
         "an_update_that_does_not_improve_is_refused"),
     argument("argument: a claim names what is left to check", CHECK, filtered!("Some(left)"), "a_claim_says_what_mode_direct_says"),
     argument("argument: the specification is valid", INPUT, skipped!("header.spec.validate()?;"),
