@@ -236,14 +236,26 @@ pub const DELETIONS: &[Deletion] = &[
     check(
         "sums of a linear layer fit",
         "model/multiply.rs",
-        &[("fit.check(output.site, SUM_BITS)?;", "")],
+        &[
+            ("fit.check(output.site, self.overflow)?;", ""),
+            (
+                "sum.clamp(i32::MIN.into(), i32::MAX.into()) as i32",
+                "sum as i32",
+            ),
+        ],
         "wraps a velocity",
         "velocity (action_out_proj): ",
     ),
     check(
         "attention outputs fit",
         "model/multiply.rs",
-        &[("fit.check(site, self.overflow)?;", "")],
+        &[
+            ("fit.check(site, self.overflow)?;", ""),
+            (
+                "sum.clamp(i32::MIN.into(), i32::MAX.into()) as i32",
+                "sum as i32",
+            ),
+        ],
         "wraps attention outputs",
         "attention output: 32771 does not fit",
     ),

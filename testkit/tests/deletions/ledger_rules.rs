@@ -1,4 +1,4 @@
-//! Checks of the state machine, of randomness and of files of weights, and what the guest does with a base that overflows.
+//! Checks of the state machine, of randomness and of files of weights, and what the guest does with values that do not fit.
 
 use super::{circuits, protocol, weights, Removal};
 
@@ -15,6 +15,7 @@ const VRF: &str = "protocol/src/challenge/vrf.rs";
 const EVALUATION_SET: &str = "protocol/src/evaluation_set.rs";
 const SHARES: &str = "protocol/src/rules/closing/shares.rs";
 const PUBLIC_SAMPLES: &str = "protocol/src/rules/closing/public_samples.rs";
+const TERMS: &str = "circuits/src/claim/terms.rs";
 const FORMAT: &str = "weights/src/format.rs";
 const SCALE: &str = "weights/src/scale.rs";
 
