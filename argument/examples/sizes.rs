@@ -1,5 +1,6 @@
 //! Prints how large an argument is at SmolVLA's full size: `sizes [SAMPLES]`.
 
+use std::env;
 use std::error::Error;
 use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::sizes::Sizes;

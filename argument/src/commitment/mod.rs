@@ -3,7 +3,8 @@
 //!
 //! **Commitment.** What is committed to at once is a *segment*: matrices with a polynomial's values in each column. Each column is taken for
 //! the coefficients of a polynomial in one variable, and random coefficients follow them, its *tail*. It is evaluated at all powers of a root of
-//! unity: that is its codeword. Row `i` of all codewords, and a salt, is leaf `i` of a Merkle tree. All segments have the same height.
+//! unity: that is its codeword. Row `i` of all codewords, and a salt, is a leaf of a Merkle tree, whose number is `i` with its bits reversed. All
+//! segments have the same height.
 //!
 //! **Opening** of a combination of all columns, whose weights the caller has, at a point:
 //! 1. The combination's codeword is committed to, and folded with the challenges of a sumcheck, as FRI folds. After every
@@ -100,6 +101,7 @@ pub fn verify(
     let positions = verifier.positions(parameters.positions, parameters.length());
     let queries = Queries::new(parameters.length(), steps, message);
     for &position in &positions {
+        let leaf = parameters.leaf(position);
         let mut value = Extension::ZERO;
         let mut weights = weights;
         for segment in segments {
@@ -107,7 +109,7 @@ pub fn verify(
                 verifier,
                 &segment.cap,
                 parameters.length() - CAP,
-                position,
+                leaf,
                 &segment.widths,
                 SALT,
             )?;

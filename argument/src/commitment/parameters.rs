@@ -110,6 +110,12 @@ impl Parameters {
         self.height + self.rate.bits()
     }
 
+    /// The leaf with the row at a position. Leaves lie in the order of reversed bits, so that each coset of points is a subtree.
+    #[doc(hidden)]
+    pub fn leaf(&self, position: usize) -> usize {
+        position.reverse_bits() >> (usize::BITS - self.length())
+    }
+
     /// Codewords that are committed to while folding.
     pub(super) fn steps(&self) -> usize {
         (self.height - LAST) as usize / FOLDS

@@ -129,8 +129,14 @@ impl Committing {
     /// Commits to the last matrix, and to salts.
     pub fn finish(mut self, last: Matrix, hiding: Box<dyn Hiding>) -> Committed {
         let (width, height) = (last.width(), 1usize << self.parameters.height);
-        let mut cosets = vec![];
-        for (coset, begun) in self.begun.chunks_exact(height).enumerate() {
+        let parameters = self.parameters;
+        let columns: usize = self.matrices.iter().map(Matrix::width).sum();
+        let columns = columns + width;
+        let missing = BELOW.saturating_sub(columns.next_power_of_two().ilog2());
+        let missing = missing.clamp(4, 10).min(parameters.length() - CAP);
+        let mut lowest = Vec::with_capacity(1 << (parameters.length() - missing));
+        for coset in self.encoder.order() {
+            let begun = &self.begun[coset * height..][..height];
             let values = last.coset(&self.encoder, coset);
             let mut digests = vec![Digest::default(); height];
             let blocks = digests.par_chunks_mut(SHARED.min(height)).enumerate();
@@ -147,30 +153,18 @@ impl Committing {
                     packed::finish(begun, width + SALT, element, digests);
                 }
             });
-            cosets.push(digests);
+            for _ in 0..missing {
+                digests = parents(&digests);
+            }
+            lowest.extend(digests);
         }
         self.begun.clear();
         self.begun.shrink_to_fit();
-        let (parameters, encoder) = (self.parameters, self.encoder);
-        let all = (0..height * cosets.len()).into_par_iter();
-        let mut digests: Vec<Digest> = all
-            .map(|position| {
-                let (coset, row) = encoder.place(position, parameters.height);
-                cosets[coset][row]
-            })
-            .collect();
-        drop(cosets);
         self.matrices.push(last);
-        let columns: usize = self.matrices.iter().map(Matrix::width).sum();
-        let missing = BELOW.saturating_sub(columns.next_power_of_two().ilog2());
-        let missing = missing.clamp(4, 10).min(parameters.length() - CAP);
-        for _ in 0..missing {
-            digests = parents(&digests);
-        }
         Committed {
             matrices: self.matrices,
             hiding,
-            tree: Tree::of_leaves(digests, CAP),
+            tree: Tree::of_leaves(lowest, CAP),
             missing,
         }
     }
@@ -182,7 +176,7 @@ pub struct Committed {
     hiding: Box<dyn Hiding>,
     /// The tree, without the lowest levels.
     tree: Tree,
-    /// How many levels are missing. Rows of 2^`missing` positions are below one digest of the tree's lowest level.
+    /// How many levels are missing. 2^`missing` rows of one coset are below one digest of the tree's lowest level.
     missing: u32,
 }
 
@@ -239,20 +233,21 @@ impl Committed {
         // Of each position, the rows that are below the same digest of the tree's lowest level.
         let wide = width + SALT;
         let mut groups = vec![vec![0; rows * wide]; positions.len()];
-        let place = |position: usize| encoder.place(position, parameters.height);
+        let places = positions
+            .iter()
+            .map(|&position| encoder.place(position, parameters.height));
+        let places: Vec<(usize, usize)> = places.collect();
         let mut column = 0;
         for matrix in &self.matrices {
             for coset in 0..encoder.cosets() {
                 let values = matrix.coset(&encoder, coset);
-                for (group, position) in groups.iter_mut().zip(positions) {
-                    let first = position & !(rows - 1);
-                    for (position, target) in (first..).zip(group.chunks_exact_mut(wide)) {
-                        let (of, row) = place(position);
-                        if of == coset {
-                            let row = &values[row * matrix.width()..][..matrix.width()];
-                            let target = target[column..].iter_mut().zip(row);
-                            target.for_each(|(to, value)| *to = value.as_canonical_u64());
-                        }
+                let own = groups.iter_mut().zip(&places);
+                for (group, (_, row)) in own.filter(|(_, (of, _))| *of == coset) {
+                    let first = row & !(rows - 1);
+                    let rows = values[first * matrix.width()..].chunks_exact(matrix.width());
+                    for (target, row) in group.chunks_exact_mut(wide).zip(rows) {
+                        let target = target[column..].iter_mut().zip(row);
+                        target.for_each(|(to, value)| *to = value.as_canonical_u64());
                     }
                 }
             }
@@ -260,27 +255,24 @@ impl Committed {
             column += matrix.width();
             encoded(matrix.width());
         }
-        let opened = groups
-            .into_iter()
-            .zip(positions)
-            .map(|(mut group, position)| {
-                let first = position & !(rows - 1);
-                for (position, target) in (first..).zip(group.chunks_exact_mut(wide)) {
-                    let (coset, row) = place(position);
-                    let salts = self.hiding.salts((coset << parameters.height) + row, 1);
-                    let target = target[width..].iter_mut().zip(salts.as_flattened());
-                    target.for_each(|(to, value)| *to = value.value());
-                }
-                let lowest = Tree::of_leaves(self.leaves(&group, rows), 0);
-                let place = position % rows;
-                let mut path = lowest.path(place);
-                path.extend(self.tree.path(position >> self.missing));
-                let row = group[place * wide..][..wide].iter();
-                OpenedRow {
-                    row: row.map(|&value| Goldilocks::canonical(value)).collect(),
-                    path,
-                }
-            });
+        let opened = groups.into_iter().zip(positions).zip(places);
+        let opened = opened.map(|((mut group, &position), (coset, row))| {
+            let first = (coset << parameters.height) + (row & !(rows - 1));
+            let salts = self.hiding.salts(first, rows);
+            for (target, salt) in group.chunks_exact_mut(wide).zip(&salts) {
+                let target = target[width..].iter_mut().zip(salt);
+                target.for_each(|(to, value)| *to = value.value());
+            }
+            let lowest = Tree::of_leaves(self.leaves(&group, rows), 0);
+            let place = row % rows;
+            let mut path = lowest.path(place);
+            path.extend(self.tree.path(parameters.leaf(position) >> self.missing));
+            let row = group[place * wide..][..wide].iter();
+            OpenedRow {
+                row: row.map(|&value| Goldilocks::canonical(value)).collect(),
+                path,
+            }
+        });
         opened.collect()
     }
 

@@ -297,12 +297,12 @@ impl Builder {
     ) -> Committed {
         let result = self.commit(name, axes);
         let within = Along::Everywhere(16);
-        let shifts = (shift, &within);
+        let shifts = (shift, Some(&within));
         self.floor_into(result, axes, count, (value, None), shifts, saturating);
         result
     }
 
-    /// `result = plus + ⌊value / 2^shift⌋`, which has up to `bits` bits with its sign. Where it does not fit int16, it is the nearest value that does,
+    /// `result = plus + ⌊value / 2^shift⌋`, which has up to `bits` bits with its sign, or is looked up in a table of int16. Where it does not fit int16, it is the nearest value that does,
     /// if that is the base's and the statement says so.
     pub fn floor_into(
         &mut self,
@@ -310,7 +310,7 @@ impl Builder {
         axes: &[Axis],
         count: Count,
         (value, plus): (Linear, Option<Committed>),
-        (shift, bits): (&Along, &Along),
+        (shift, bits): (&Along, Option<&Along>),
         saturating: Option<Saturating>,
     ) {
         let name = self.relations.tensors[result.tensor].name;
@@ -362,9 +362,11 @@ impl Builder {
             }
         }
         self.wide_range(name, axes, count, rest, shift);
-        let half = bits.map(|bits| 1 << (bits - 1));
-        let above = vec![one(result.atom()), self.scaled(&half, 1, Atom::One)];
-        self.range(name, axes, count, above, bits);
+        if let Some(bits) = bits {
+            let half = bits.map(|bits| 1 << (bits - 1));
+            let above = vec![one(result.atom()), self.scaled(&half, 1, Atom::One)];
+            self.range(name, axes, count, above, bits);
+        }
     }
 
     /// By how much values of the base exceed int16, above and below.

@@ -99,7 +99,7 @@ impl Sizes {
         let of = |value: u32| bits(value as usize);
         let tokens = of(dims.chunk);
         let large = dims.expert_width > 128;
-        let limb = if large { 19 } else { 16 };
+        let limb = if large { 20 } else { 16 };
         let mut all = alloc::vec![0; 24];
         for (axis, bits) in [
             (T, tokens),

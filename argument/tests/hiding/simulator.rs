@@ -261,7 +261,7 @@ fn simulate(made: &Made, count: usize) -> Vec<u64> {
         for (number, widths) in segments.iter().enumerate() {
             let values = row(number);
             let own = &words[values.start..values.end + SALT];
-            trees[number][position] = leaf(own, widths);
+            trees[number][parameters.leaf(position)] = leaf(own, widths);
         }
     }
     let own: Range<usize> = first - last..folded.len();
@@ -272,7 +272,10 @@ fn simulate(made: &Made, count: usize) -> Vec<u64> {
         .collect();
     for (number, (query, &position)) in queries.iter().zip(&positions).enumerate() {
         for ((_, path), tree) in query.segments.iter().zip(&trees) {
-            let digests = tree.path(position).into_iter().flat_map(|digest| digest.0);
+            let digests = tree
+                .path(parameters.leaf(position))
+                .into_iter()
+                .flat_map(|digest| digest.0);
             words.splice(path.clone(), digests);
         }
         let end = query.segments.last().unwrap().1.end;

@@ -23,6 +23,8 @@ use crate::expert::statement::Statement;
 use Index::{Mapped, Of};
 
 const TOKENS: Count = Count::Masked(number::TOKENS);
+/// The linear layer whose outputs are the time MLP's gate.
+const TIME_MLP_IN: usize = 1;
 /// Tensors before the first layer, and in each layer, as [`zk0_circuits::model::layout::expert_tensors`] lists them.
 pub(super) const HEAD_TENSORS: usize = 6;
 pub(super) const LAYER_TENSORS: usize = 9;
@@ -241,6 +243,7 @@ impl Building<'_> {
             rows: Flat::one(F, width),
             row_axes: &[F],
             last: Self::both(linear),
+            is_gate: linear == TIME_MLP_IN,
             factors,
         };
         let factor = |input, first, shared| Factor {
@@ -263,7 +266,7 @@ impl Building<'_> {
         let summed = [Of(T), Of(M), Of(F2), Of(S)];
         let input = self.builder.view(embedded.tensor, &summed);
         let factors = vec![factor(input, 0, true), factor(embedding.view, width, false)];
-        let mixed = self.add(layer("time MLP in", 1, factors));
+        let mixed = self.add(layer("time MLP in", TIME_MLP_IN, factors));
         let spec = &self.source.statement.spec;
         let bits = Along::Everywhere(spec.time_hidden as i64);
         let shift = spec.time_hidden as i64 + SIGMOID_BITS as i64 - spec.time_activation as i64;
@@ -384,6 +387,7 @@ impl Building<'_> {
             rows: Flat::one(F, width),
             row_axes: &[F],
             last: (N, self.matrices(place::OUT, 0)),
+            is_gate: false,
             factors: vec![Factor {
                 input: attended.view,
                 columns: query,
@@ -422,6 +426,7 @@ impl Building<'_> {
                 rows: Flat::one(G, mlp),
                 row_axes: &[G],
                 last: (N, self.matrices(place::GATE_UP, output)),
+                is_gate: output == 0,
                 factors: vec![Factor {
                     input: normed.view,
                     columns: Flat::one(F, width),
@@ -464,6 +469,7 @@ impl Building<'_> {
             rows: Flat::one(F, width),
             row_axes: &[F],
             last: (N, self.matrices(place::DOWN, 0)),
+            is_gate: false,
             factors: vec![Factor {
                 input: gated.view,
                 columns: Flat::one(G, mlp),

@@ -92,6 +92,8 @@ pub struct Layer<'a> {
     pub row_axes: &'a [Axis],
     /// The last axis of the weights, and the matrix for each index on it.
     pub last: (Axis, Vec<Option<Which>>),
+    /// Whether the outputs are looked up in a table of gates, which has int16 alone, wherever they count.
+    pub is_gate: bool,
     /// What is multiplied: products of this kind are added.
     pub factors: Vec<Factor<'a>>,
 }
@@ -160,12 +162,15 @@ impl Layer<'_> {
             models: *last,
             bits,
         };
-        let out = builder.floor(
-            self.name,
+        let out = builder.commit(self.name, self.axes);
+        let within = Along::Everywhere(16);
+        let shifts = (&shift, (!self.is_gate).then_some(&within));
+        builder.floor_into(
+            out,
             self.axes,
             self.count,
-            value,
-            &shift,
+            (value, None),
+            shifts,
             Some(saturating),
         );
         (out, weights)
@@ -201,7 +206,7 @@ pub fn add_residual(
         // The sum of an int16 and another one, which is shifted to the left
         bits: differences.map(|bits| 17 + bits.max(0)),
     };
-    let shifts = (&right, &within);
+    let shifts = (&right, Some(&within));
     builder.floor_into(
         result,
         axes,

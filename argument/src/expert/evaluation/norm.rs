@@ -166,7 +166,7 @@ impl Norm<'_> {
                 .shift
                 .map(|shift| if shift < 47 { 63 - shift } else { 0 }),
         };
-        let shifts = (&self.shift, &within);
+        let shifts = (&self.shift, Some(&within));
         builder.floor_into(result, &all, count, (value, None), shifts, Some(saturating));
         result
     }

@@ -40,6 +40,7 @@ impl Building<'_> {
             rows: query,
             row_axes: &[H, D],
             last: (N, self.matrices(place::QUERY, 0)),
+            is_gate: false,
             factors: vec![Factor {
                 input: normed.view,
                 columns: Flat::one(F, width),
@@ -66,6 +67,7 @@ impl Building<'_> {
                 rows: self.key_value((D, V)),
                 row_axes: &[V, D],
                 last: (SN, self.matrices_of(SN, place::QUERY, output)),
+                is_gate: false,
                 factors: vec![Factor {
                     input,
                     columns: Flat::one(F, width),
@@ -146,6 +148,7 @@ impl Building<'_> {
             rows: self.key_value((D, V)),
             row_axes: &[V, D],
             last: (CN, self.matrices_of(CN, linear, 0)),
+            is_gate: false,
             factors: vec![Factor {
                 input,
                 columns: self.key_value((D2, V2)),
