@@ -28,6 +28,8 @@ pub enum Site {
     RotatedQuery(usize),
     /// RoPE of a layer's keys.
     RotatedKey(usize),
+    /// Products of a layer's queries and keys, which are int64. They fit whatever they are; scales are chosen so that they would fit int32.
+    Scores(usize),
     /// Attention output of a layer.
     Attention(usize),
     /// `o_proj` of a layer.
@@ -66,6 +68,7 @@ impl fmt::Display for Site {
             Self::Value(layer) => write!(f, "layer {layer} v_proj"),
             Self::RotatedQuery(layer) => write!(f, "layer {layer} rotated query"),
             Self::RotatedKey(layer) => write!(f, "layer {layer} rotated key"),
+            Self::Scores(layer) => write!(f, "layer {layer} attention scores"),
             Self::Attention(layer) => write!(f, "layer {layer} attention output"),
             Self::AttentionOut(layer) => write!(f, "layer {layer} o_proj"),
             Self::Attended(layer) => write!(f, "layer {layer} residual after o_proj"),
