@@ -6,7 +6,7 @@ use borsh::{BorshDeserialize, BorshSerialize};
 use zk0_circuits::claim::private_input::{Header, InputError};
 use zk0_circuits::Digest;
 
-/// The input. Whoever sees it learns the losses on each sample, how long the samples are, and the salt. From the losses and a guess of a sample
+/// The input. Whoever sees it learns the losses on each sample, how long the samples are, whether the base saturates, and the salt. From the losses and a guess of a sample
 /// follows whether the guess may be right. It shows nothing else of samples, and holds no weights.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ClaimInput<'a> {
