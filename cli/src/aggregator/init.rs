@@ -39,9 +39,10 @@ pub struct Init {
     /// Enrol this node. `zk0 node keygen` prints its identity; the name is for people. Repeat the option for more nodes.
     #[arg(long = "node", value_name = "NAME=IDENTITY")]
     nodes: Vec<Enrolment>,
-    /// How the evaluation is proven. direct: the proven program evaluates, which is best for small policies. succinct: it verifies an
-    /// argument that the node makes before, which is best for all larger ones, up to the published size. Without this option, zk0 takes the
-    /// mode that costs fewer cycles, and says which.
+    /// How the evaluation is proven. direct: the proven program evaluates, which costs least for small policies; nodes send the samples of each
+    /// claim to their proving service. succinct: it verifies an argument that the node makes before, which shows the proving service no sample,
+    /// and costs less for all larger policies, up to the published size. Without this option, zk0 takes the mode that costs fewer cycles, and
+    /// says which.
     #[arg(long)]
     mode: Option<Mode>,
     /// Begin with this policy: a policy file, or a LeRobot policy folder. The folder's tokenizer.json goes into the network's policy
@@ -198,7 +199,11 @@ impl Init {
         );
         match (self.mode, direct.cost()) {
             (None, _) => tracing::info!(
-                "claims are proven in mode {best}, which takes fewer cycles than the other for a policy of {weights} expert weights"
+                "claims are proven in mode {best}, which takes fewer cycles than the other for a policy of {weights} expert weights{}",
+                match best {
+                    Mode::Direct => "; nodes send the samples of each claim to their proving service, which --mode succinct avoids",
+                    Mode::Succinct => "",
+                }
             ),
             (Some(Mode::Direct), DirectCost::Endless) => {
                 bail!("{said}, which is more than a day of proving on two cores; add --mode succinct")

@@ -38,8 +38,8 @@ pub struct Options {
     /// The recording: a LeRobotDataset folder, or hub:owner/name[@revision] on the Hugging Face Hub.
     #[arg(long, value_name = "RECORDING")]
     recording: RecordingName,
-    /// The node's secret: the file `secret` of its state folder. Show it to nobody: whoever has it can find the samples of the dataset in what the
-    /// node has sent to its proving service.
+    /// The node's secret: the file `secret` of its state folder. Show it to nobody: whoever has it can check guesses of the
+    /// samples of the dataset.
     #[arg(long, value_name = "FILE")]
     secret: PathBuf,
     /// Keep what is fetched from an address or an export in this folder.

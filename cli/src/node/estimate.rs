@@ -20,8 +20,8 @@ pub struct Estimate {
     /// The size of the policy: micro, tiny or full (the published size); or a network's policy file.
     #[arg(long, default_value = "micro")]
     model: String,
-    /// How the evaluation is proven, as the network's genesis says: direct or succinct. In mode succinct this makes arguments about
-    /// two and three samples, which takes minutes and gigabytes at the published size.
+    /// How the evaluation is proven, as the network's genesis says: direct, which sends samples to the proving service, or succinct, which
+    /// does not. In mode succinct this makes arguments about two and three samples, which takes minutes and gigabytes at the published size.
     #[arg(long, default_value = "direct")]
     mode: Mode,
     /// The number of samples that a claim evaluates, within the bounds of the network's rules.
@@ -102,7 +102,7 @@ fn table(model: &str, estimate: &measure::Estimate) -> String {
     format!(
         "a claim over {samples} samples of model {model}, mode {mode}\n\
          \x20 guest cycles     {cycles:.1} million ({gas:.1} million gas)\n\
-         \x20 private input    {input:.1} MB, which go to the proving service\n\
+         \x20 private input    {input:.1} MB, which go to the proving service{held}\n\
          {argument}\
          \x20 memory           a proof takes {needed:.0} GiB, and {free:.1} GiB are free here: {memory}\n\
          \x20 proof            {proof} on {cores} cores, and {start} once to start the service\n\
@@ -110,6 +110,10 @@ fn table(model: &str, estimate: &measure::Estimate) -> String {
          After its first proof, the proving service estimates by the time that this machine took.\n",
         samples = estimate.samples,
         mode = estimate.mode,
+        held = match estimate.mode {
+            Mode::Direct => ", and hold the samples",
+            Mode::Succinct => ", and hold no sample",
+        },
         cycles = estimate.cycles as f64 / 1e6,
         gas = estimate.gas as f64 / 1e6,
         input = estimate.private_input_bytes as f64 / 1e6,

@@ -72,7 +72,7 @@ fn datasets_are_large_enough_and_one_nodes_own() {
     // Nor can anybody send again what its owner signed for it, and so take the node back to it.
     assert!(matches!(
         refused(chain.refusal(registered(&network, 0))),
-        Refusal::Dataset(why) if why.contains("under a new salt")
+        Refusal::Dataset(why) if why.contains("under a fresh secret")
     ));
 }
 

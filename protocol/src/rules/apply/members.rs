@@ -208,7 +208,7 @@ impl State {
         let current = enrolled.dataset.map(|dataset| dataset.commitment.root);
         if self.datasets.contains_key(&commitment.root) && current != Some(commitment.root) {
             return Err(bad(format!(
-                "root {} was this node's before and was replaced: commit to the same data again under a new salt",
+                "root {} was this node's before and was replaced: commit to the same data again under a fresh secret",
                 commitment.root
             )));
         }
