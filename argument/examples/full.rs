@@ -164,7 +164,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     );
     let expert = Expert::new(&statement);
     println!("bits of sources {:?}", expert.source_bits);
-    println!("expected {:?}", Cost::of(&spec, count));
+    println!("expected {:?}", Cost::of(&spec, count, false));
     let common = Common::new(&statement, models);
     let folder = tempfile::tempdir()?;
     let witness = |number: usize| {

@@ -1,6 +1,6 @@
 //! What a node commits to of a sample.
 
-use super::cost::middle_scales;
+use super::cost::dearest_scales;
 use crate::expert::argument::prove::has_room;
 use crate::expert::blinding::Blind;
 use crate::expert::sample::prove::{digest, uses};
@@ -17,14 +17,14 @@ pub fn committed(mode: Mode, spec: &EvalSpec, sample: &Sample, blind: &Blind) ->
 }
 
 /// Most samples of a claim, beside what the rules allow. In mode `succinct` there are pads for each in one column, which is shorter where samples are
-/// small. At the published size the statement's own limit comes first.
+/// small, and fewer with some weights than with others: this many fit with all. At the published size the statement's own limit comes first.
 pub fn most_samples(mode: Mode, spec: &EvalSpec) -> u32 {
     if mode != Mode::Succinct {
         return u32::MAX;
     }
     let evaluated = Statement {
         saturates: true,
-        ..Statement::of_weights(spec, middle_scales(spec))
+        ..Statement::of_weights(spec, dearest_scales(spec))
     };
     let fits = |samples: usize| {
         let mut statement = evaluated.clone();

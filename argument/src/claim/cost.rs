@@ -5,7 +5,7 @@ use crate::expert::builder::{DATA, TABLES, WEIGHTS};
 use crate::expert::evaluation::layers::Expert;
 use crate::expert::statement::Statement;
 use zk0_circuits::model::layout::Layout;
-use zk0_circuits::model::linear::bit_limits;
+use zk0_circuits::model::linear::{bit_limits, linears};
 use zk0_circuits::EvalSpec;
 
 /// What an argument costs.
@@ -35,17 +35,32 @@ const BYTES_IN_A_FILE: u64 = 4;
 const LOOKUPS_PER_SECOND: f64 = 1.4e6;
 
 /// Scales that any weights may have.
-pub(super) fn middle_scales(spec: &EvalSpec) -> [Vec<i16>; 2] {
+fn middle_scales(spec: &EvalSpec) -> [Vec<i16>; 2] {
     let tensors = Layout::new(&spec.dims).tensors.len();
     let limits = bit_limits(spec, tensors).into_iter();
     let scales: Vec<i16> = limits.map(|(least, most)| least.midpoint(most)).collect();
     [scales.clone(), scales]
 }
 
+/// Scales with which a statement has most look-ups. What is cut off has more limbs with more bits, and what exceeds the limits of a base's norm with fewer
+/// bits of its gains.
+pub(super) fn dearest_scales(spec: &EvalSpec) -> [Vec<i16>; 2] {
+    let tensors = Layout::new(&spec.dims).tensors.len();
+    let limits = bit_limits(spec, tensors).into_iter();
+    let (mut base, update): (Vec<i16>, Vec<i16>) = limits.unzip();
+    for output in linears(spec).iter().flat_map(|linear| &linear.outputs) {
+        base[output.matrix] = update[output.matrix];
+    }
+    [base, update]
+}
+
 impl Cost {
-    /// Of an argument about `samples` samples.
-    pub fn of(spec: &EvalSpec, samples: u32) -> Self {
-        let expert = Expert::new(&Statement::of_weights(spec, middle_scales(spec)));
+    /// Of an argument about `samples` samples. It costs up to twice as much where the base `saturates` on any of them.
+    pub fn of(spec: &EvalSpec, samples: u32, saturates: bool) -> Self {
+        let expert = Expert::new(&Statement {
+            saturates,
+            ..Statement::of_weights(spec, middle_scales(spec))
+        });
         let shape = Shape::new(&expert);
         let relations = &expert.builder.relations;
         let lookups = relations.lookups.iter();
@@ -75,7 +90,7 @@ mod tests {
     /// program that does not have the base in float32.
     #[test]
     fn memory_hardly_grows_with_samples_and_the_rest_grows_like_them() {
-        let cost = |samples| Cost::of(&EvalSpec::new(Dims::FULL), samples);
+        let cost = |samples| Cost::of(&EvalSpec::new(Dims::FULL), samples, false);
         let (four, many) = (cost(4), cost(256));
         assert!((400.0..500.0).contains(&four.seconds), "{four:?}");
         let memory = 8_600_000_000..10_000_000_000;
@@ -83,5 +98,8 @@ mod tests {
         assert!(many.memory < 2 * four.memory, "{many:?}");
         assert_eq!(many.files, 64 * four.files);
         assert_eq!(many.seconds, 64.0 * four.seconds);
+        let saturating = Cost::of(&EvalSpec::new(Dims::FULL), 4, true);
+        assert!((1.5..2.0).contains(&(saturating.seconds / four.seconds)));
+        assert!((1.5..2.0).contains(&(saturating.files as f64 / four.files as f64)));
     }
 }

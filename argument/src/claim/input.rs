@@ -6,8 +6,8 @@ use borsh::{BorshDeserialize, BorshSerialize};
 use zk0_circuits::claim::private_input::{Header, InputError};
 use zk0_circuits::Digest;
 
-/// The input. Whoever sees it learns the losses on each sample, how long the samples are, whether the base saturates, and the salt. From the losses and a guess of a sample
-/// follows whether the guess may be right. It shows nothing else of samples, and holds no weights.
+/// The input. Whoever sees it learns the losses on each sample, how long the samples are, whether the base saturates or scores of either model lie
+/// too far apart, and the salt. From the losses and a guess of a sample follows whether the guess may be right. It shows nothing else of samples.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ClaimInput<'a> {
     /// Specification, terms, salt.
