@@ -110,9 +110,9 @@ fn table(model: &str, estimate: &measure::Estimate) -> String {
          After its first proof, the proving service estimates by the time that this machine took.\n",
         samples = estimate.samples,
         mode = estimate.mode,
-        held = match estimate.mode {
-            Mode::Direct => ", and hold the samples",
-            Mode::Succinct => ", and hold no sample",
+        held = match estimate.argument {
+            None => ", and hold the samples",
+            Some(_) => ", and hold no sample",
         },
         cycles = estimate.cycles as f64 / 1e6,
         gas = estimate.gas as f64 / 1e6,
