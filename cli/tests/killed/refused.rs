@@ -21,11 +21,11 @@ enum Killed {
 
 /// A network of these nodes. The key of each is in the file `NAME.key`.
 pub fn founded(nodes: &[&str]) -> LocalNetwork {
-    founded_in("direct", nodes)
+    founded_with(&[], nodes)
 }
 
-/// Such a network, whose claims are proven in this mode.
-pub fn founded_in(mode: &str, nodes: &[&str]) -> LocalNetwork {
+/// Such a network, founded with more options.
+pub fn founded_with(more: &[[&str; 2]], nodes: &[&str]) -> LocalNetwork {
     let network = LocalNetwork::new();
     let mut rules = vec![
         ["--commit-minutes", "10"],
@@ -33,8 +33,8 @@ pub fn founded_in(mode: &str, nodes: &[&str]) -> LocalNetwork {
         ["--min-eval-samples", "16"],
         ["--min-improvement-bps", "1"],
         ["--confidence", "95%"],
-        ["--mode", mode],
     ];
+    rules.extend(more);
     let node = |name| {
         let key = network.path(&format!("{name}.key"));
         let identity = keys::generate(Path::new(&key)).unwrap();

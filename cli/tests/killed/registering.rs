@@ -1,7 +1,7 @@
 //! A node registers its recording again in the middle of a round, because its secret is worn. No round is lost, though it is killed then. An argument
 //! counts before it is made, so that it counts if the node is killed.
 
-use super::refused::{founded, founded_in, join, serve};
+use super::refused::{founded, founded_with, join, serve};
 use crate::harness::network::LocalNetwork;
 use crate::harness::process::Process;
 use std::path::Path;
@@ -57,7 +57,10 @@ fn a_node_that_is_killed_when_it_has_registered_again_loses_no_round() {
 
 #[test]
 fn an_argument_counts_that_is_lost_when_the_node_is_killed() {
-    let network = founded_in("succinct", &["node"]);
+    let network = founded_with(
+        &[["--mode", "succinct"], ["--evaluation-frames", "64"]],
+        &["node"],
+    );
     let prover = network.prover();
     let mut aggregator = serve(&network, "127.0.0.1:0", &[]);
     let joining = join(&network, "node", &aggregator.address(), &prover.address);
@@ -70,6 +73,7 @@ fn an_argument_counts_that_is_lost_when_the_node_is_killed() {
         _ => false,
     };
     let mut node = Process::start(&joining);
+    node.says("round 0: the challenge is");
     until("an argument is counted", || opened(1));
     node.kill();
     assert!(!opened(2));
