@@ -82,7 +82,7 @@ fn louder(setting: &Setting, by: f32) -> QuantisedWeights {
     QuantisedWeights::quantise(&setting.spec, find).unwrap()
 }
 
-/// A claim about all samples of a small evaluation set, in mode `succinct`. Its update is better than its base if it is to hold.
+/// A claim about all samples of a small evaluation set, in mode `succinct`. Its base saturates if it is to hold, and is worse than its update.
 fn input(state: &Path, holds: bool) -> OpenedSamples {
     let mut setting = Setting::new();
     setting.mode = Mode::Succinct;
@@ -91,7 +91,7 @@ fn input(state: &Path, holds: bool) -> OpenedSamples {
     let samples = recording.samples(&maker);
     let set = setting.set(&recording, &samples, &state.join("samples"), 8);
     let expected = setting.expected(&set, 0, 8);
-    let [base, update] = [if holds { 8.0 } else { 1.0 }, 1.0].map(|by| louder(&setting, by));
+    let [base, update] = [if holds { 16.0 } else { 1.0 }, 1.0].map(|by| louder(&setting, by));
     set.private_input(&samples, &expected, base, update)
         .unwrap()
 }

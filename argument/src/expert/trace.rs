@@ -69,7 +69,7 @@ impl Multiply for Keeping<'_> {
         for (query, row) in scores.chunks_exact(keys.count()).enumerate() {
             let seen = row[..visible(query)].iter();
             if let (Some(most), Some(least)) = (seen.clone().max(), seen.min()) {
-                let distance = (most - least) * factor(self.spec.dims.head_dim) >> shift;
+                let distance = ((most - least) * factor(self.spec.dims.head_dim)) >> shift;
                 self.apart |= distance >= reach;
             }
         }

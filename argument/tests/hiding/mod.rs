@@ -10,4 +10,4 @@ mod made;
 mod rank;
 mod recovery;
 mod simulator;
-mod words;
+mod told_twice;

@@ -39,7 +39,7 @@ pub fn draw(spec: &EvalSpec, challenge: &Digest, position: u32, count: u32) -> D
     let mut stream = Stream::new(Domain::Draw, &seed);
     let mut noise = vec![0; values];
     for values in noise.chunks_mut(16) {
-        for (value, uniform) in values.iter_mut().zip(stream.next()) {
+        for (value, uniform) in values.iter_mut().zip(stream.draw()) {
             // Below 2^14, and the scale has at most 12 bits
             *value = scale.apply(gaussian(uniform) as i64) as i16;
         }

@@ -57,7 +57,7 @@ impl Stream {
     /// The next 16 numbers of 12 bits. Each element of the rate gives two: its bits 0 to 11, and 12 to 23. These bits are uniform if the element is,
     /// but for 2^-31, because p − 1 is a multiple of 2^24.
     #[inline(always)]
-    pub fn next(&mut self) -> [u16; 16] {
+    pub fn draw(&mut self) -> [u16; 16] {
         permute(&mut self.0);
         core::array::from_fn(|number| {
             let shift = [0, 12, 32, 44][number % 4];

@@ -17,7 +17,7 @@ use super::{argument, Removal};
 const OPENING: &str = "argument/src/opening.rs";
 const TRANSCRIPT: &str = "argument/src/transcript.rs";
 const GATHER: &str = "argument/src/gather.rs";
-const FRACTIONS: &str = "argument/src/fractions.rs";
+const FRACTIONS: &str = "argument/src/fractions/mod.rs";
 const PROTOCOL: &str = "argument/src/protocol.rs";
 const COMMITMENT: &str = "argument/src/commitment/mod.rs";
 const QUERY: &str = "argument/src/commitment/query.rs";

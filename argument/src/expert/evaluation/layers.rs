@@ -7,6 +7,7 @@ use crate::expert::builder::{bits_of, one, power_of_two, times, Builder, Saturat
 use crate::expert::publics::number;
 use crate::expert::sample::{SampleTensors, ACTION_AXES, CACHE_AXES};
 use crate::expert::sizes::*;
+use crate::expert::statement::Statement;
 use crate::expert::weights::{Flat, Matrices, Matrix};
 use crate::relation::along::Along;
 use crate::relation::Committed;
@@ -18,8 +19,6 @@ use zk0_circuits::model::arithmetic::tables::SIGMOID_BITS;
 use zk0_circuits::model::layout::Layout;
 use zk0_circuits::model::linear::{first_of_layer, place, Linear};
 use zk0_circuits::model::spec::LayerScales;
-
-use crate::expert::statement::Statement;
 use Index::{Mapped, Of};
 
 const TOKENS: Count = Count::Masked(number::TOKENS);
@@ -481,14 +480,8 @@ impl Building<'_> {
         });
         let bits = self.per_layer(|scales| scales.hidden);
         let scales = (attended_bits, &bits);
-        add_residual(
-            &mut self.builder,
-            hidden,
-            &stream,
-            out,
-            attended.view,
-            scales,
-        );
+        let b = &mut self.builder;
+        add_residual(b, hidden, &stream, out, attended.view, scales);
     }
 }
 
