@@ -26,7 +26,10 @@ fn module(file: &str) -> Path {
 
 /// Uses that make a circle until the guest program of mode `succinct` changes the next time. `Secret` belongs into `form.rs`, but where a trait is
 /// declared changes the program's bytes, and with them its key and all proofs.
-const UNTIL_THE_NEXT_GUEST: [(&str, &str, &str); 1] = [("argument/src", "form", "party")];
+const UNTIL_THE_NEXT_GUEST: [(&str, &str, &str); 2] = [
+    ("argument/src", "form", "party"),
+    ("argument/src", "fractions", "party"),
+];
 
 /// Which file uses which.
 fn edges(files: &Files) -> Edges {
