@@ -13,7 +13,7 @@ RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 SUDO := $(if $(filter-out 0,$(shell id -u)),sudo)
 
-.PHONY: look demo test deletions attacks mutants quick lint coverage setup build image guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load bench-simulate cuda network flower rollout units buckets
+.PHONY: look demo test hiding deletions attacks mutants quick lint coverage setup build image guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load bench-simulate cuda network flower rollout units buckets
 
 # Audits the committed ledger, which holds real proofs, and shows the report. It builds an auditor's program, without a prover, in the place of the
 # whole one: `make build` builds that again.
@@ -59,6 +59,11 @@ flower: build
 # Runs every check and test, and says at the end where the time went. The real proof comes last and alone, because it needs the memory for itself.
 test:
 	scripts/test
+
+# Tests that an argument shows nothing of a sample, with a hundred models.
+hiding:
+	@scripts/setup.sh guest
+	$(RUST) cargo test --release --workspace --locked --test argument hiding:: -- --include-ignored
 
 # Takes each check of the protocol, the argument and the verifier out of a copy of the sources, and fails where no test fails without it. `make test`
 # does so for the protocol and the guest alone.

@@ -31,4 +31,4 @@ cp "$results/log.key" "$fixtures/keys"
 for node in "$results"/nodes/*; do
     cp "$node/node.key" "$fixtures/keys/$(basename "$node").key"
 done
-cp -r "$results"/nodes/node-1/salt "$results"/nodes/node-1/evaluation-set-* "$fixtures/node-1"
+cp -r "$results"/nodes/node-1/secret "$results"/nodes/node-1/evaluation-set-* "$fixtures/node-1"

@@ -6,7 +6,7 @@ use std::cell::Cell;
 use std::error::Error;
 use std::fs;
 use std::time::Instant;
-use zk0_argument::claim::Cost;
+use zk0_argument::claim::{Blind, Cost};
 use zk0_argument::expert::argument::{prove::prove, verify};
 use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::witness::{evaluate, Common, Witness};
@@ -164,7 +164,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     );
     let expert = Expert::new(&statement);
     println!("bits of sources {:?}", expert.source_bits);
-    println!("expected {:?}", Cost::of(&spec, count)?);
+    println!("expected {:?}", Cost::of(&spec, count, false));
     let common = Common::new(&statement, models);
     let folder = tempfile::tempdir()?;
     let witness = |number: usize| {
@@ -173,9 +173,16 @@ fn main() -> Result<(), Box<dyn Error>> {
         })
     };
     let proof = measured("proof", || {
-        prove(&statement, &common, Some(folder.path()), &tell, witness)
-    })?
-    .ok_or("too small")?;
+        let blind = Blind::new([5; 32]);
+        prove(
+            &statement,
+            &common,
+            &blind,
+            Some(folder.path()),
+            &tell,
+            witness,
+        )
+    })?;
     println!("{} bytes", 8 * proof.len());
     let verified = measured("verifier", || verify(&statement, &proof))?;
     let published = verified.published;

@@ -1,10 +1,12 @@
 //! Prints how large an argument is at SmolVLA's full size: `sizes [SAMPLES]`.
 
+use std::env;
 use std::error::Error;
 use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::sizes::Sizes;
 use zk0_argument::expert::statement::{Evaluated, Statement};
 use zk0_argument::layout::Layout;
+use zk0_argument::relation::{Atom, Count, Factor, Relations};
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::model::layout::expert_tensors;
 use zk0_circuits::model::spec::Dims;
@@ -28,6 +30,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let statement = Statement {
         context: Digest([0; 32]),
         scales: [vec![14; tensors], vec![14; tensors]],
+        saturates: env::args().any(|argument| argument == "saturates"),
         samples: (0..samples).map(evaluated).collect(),
         spec: spec.clone(),
     };
@@ -65,5 +68,33 @@ fn main() -> Result<(), Box<dyn Error>> {
         r.monomials.len(),
         r.equalities.len()
     );
+    println!("at most {} sums and claims", claims(r));
     Ok(())
+}
+
+/// How many sums and claims the terms of all relations name, if no two are the same.
+fn claims(r: &Relations) -> usize {
+    let views = |number: usize| r.virtuals[number].views.len();
+    let of_atom = |atom: Atom| match atom {
+        Atom::One | Atom::Public(_) => 0,
+        Atom::Virtual(number) => views(number),
+        Atom::Summed(number) => views(r.sums[number].of),
+        Atom::Product(_) | Atom::Monomials(_) => 1,
+    };
+    let of_factor = |factor: &Factor| match factor {
+        Factor::Public(_) => 0,
+        Factor::Virtual(number) => views(*number),
+        Factor::Product(_) => 1,
+    };
+    let entries = r.lookups.iter().flat_map(|lookup| lookup.entry.iter());
+    let linear = entries.chain(r.equalities.iter().map(|equality| &equality.linear));
+    let counts = r.lookups.iter().map(|lookup| match lookup.count {
+        Count::Offered(number) => views(number),
+        _ => 0,
+    });
+    let products = r.products.iter().map(|p| views(p.left) + views(p.right));
+    let terms = r.monomials.iter().flat_map(|monomials| &monomials.terms);
+    let factors = terms.flat_map(|(_, factors)| factors).map(of_factor);
+    let linear = linear.flatten().map(|term| of_atom(term.atom));
+    linear.chain(counts).chain(products).chain(factors).sum()
 }

@@ -5,7 +5,9 @@
 use std::error::Error;
 use std::time::Instant;
 use std::{env, fs};
-use zk0_argument::commitment::prove::{open, Committed};
+use zk0_argument::claim::Blind;
+use zk0_argument::commitment::prove::columns::Column;
+use zk0_argument::commitment::prove::{open, Committing, Hiding, Matrix, Message};
 use zk0_argument::commitment::{Parameters, Rate};
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::fractions::{self, prove::Leaves};
@@ -15,7 +17,7 @@ use zk0_argument::prove::progress::silently;
 use zk0_argument::prove::{Instance, Proving, Values};
 use zk0_argument::relation::{Part, Parts, Relations, Source};
 use zk0_argument::share::share;
-use zk0_argument::transcript::{Challenges, Prover};
+use zk0_argument::transcript::{Challenges, Pads, Prover, Refused};
 
 /// Columns of the committed matrix.
 const WIDTH: usize = 64;
@@ -29,11 +31,13 @@ fn main() -> Result<(), Box<dyn Error>> {
         .next()
         .ok_or("binary logarithm of the size")?
         .parse()?;
-    let prover = Prover::new(&Digest([1, 2, 3, 4]));
+    let pads =
+        (1..1 << 12).map(|seed| Extension([small(seed), small(!seed)].map(Goldilocks::from_i64)));
+    let prover = Prover::new(&Digest([1, 2, 3, 4]), Pads::new(pads.collect()));
     let proof = match what.as_str() {
         "commit" => commit(prover, size)?,
-        "fractions" => sum(prover, size),
-        "computed" => computed(prover, size),
+        "fractions" => sum(prover, size)?,
+        "computed" => computed(prover, size)?,
         "shared" => shared(prover, size)?,
         _ => return Err("commit, fractions, computed or shared".into()),
     };
@@ -73,19 +77,30 @@ fn small(index: usize) -> i64 {
 
 fn commit(mut prover: Prover, size: u32) -> Result<Vec<u64>, Box<dyn Error>> {
     let parameters = Parameters::new(size - WIDTH.ilog2(), Rate::Quarter).ok_or("size")?;
-    let rows: Vec<Goldilocks> = measured("values", || {
-        (0..1 << size)
-            .map(|i| Goldilocks::from_i64(small(i)))
-            .collect()
-    });
+    let values: Vec<i64> = measured("values", || (0..1 << size).map(small).collect());
+    let hiding = Blind::new([5; 32]).of_argument(&Digest([1, 2, 3, 4]))?;
     let committed = measured("commit", || {
-        Committed::new(&mut prover, &parameters, rows, WIDTH)
+        let columns = Column::cut(&values, 1 << parameters.variables(), WIDTH);
+        let tails = (0..WIDTH).map(|column| hiding.elements(column, parameters.positions()));
+        let matrix = Matrix::new(columns, tails.collect());
+        Committing::new(&parameters, WIDTH).finish(matrix, Box::new(hiding))
     });
+    committed.say(&mut prover);
+    let weights = prover.challenges(WIDTH);
     let point = prover.challenges(parameters.variables());
     measured("open", || {
-        open(&mut prover, &parameters, &[&committed], &point, &silently)
+        let segments = [&committed];
+        let message = Message::of_columns(&parameters, &segments, &weights);
+        open(
+            &mut prover,
+            &parameters,
+            &segments,
+            message,
+            &point,
+            &silently,
+        );
     });
-    Ok(prover.finish())
+    Ok(prover.finish()?)
 }
 
 /// Fractions as look-ups have them: most numerators are 1, some are counts, and the last eighth is 0/1.
@@ -130,7 +145,7 @@ impl Leaves for Fractions {
     }
 }
 
-fn sum(mut prover: Prover, size: u32) -> Vec<u64> {
+fn sum(mut prover: Prover, size: u32) -> Result<Vec<u64>, Refused> {
     let fractions = Fractions::new(&mut prover, size);
     let (numerators, denominators) = measured("values", || {
         let used = 0..fractions.used;
@@ -147,7 +162,7 @@ fn sum(mut prover: Prover, size: u32) -> Vec<u64> {
     prover.finish()
 }
 
-fn computed(mut prover: Prover, size: u32) -> Vec<u64> {
+fn computed(mut prover: Prover, size: u32) -> Result<Vec<u64>, Refused> {
     let fractions = Fractions::new(&mut prover, size);
     measured("fractions", || {
         fractions::prove::sum_of(&mut prover, size as usize, fractions)
@@ -189,5 +204,5 @@ fn shared(prover: Prover, size: u32) -> Result<Vec<u64>, Box<dyn Error>> {
             &claims,
         );
     });
-    Ok(proving.prover.finish())
+    Ok(proving.prover.finish()?)
 }

@@ -8,15 +8,15 @@ use crate::field::Extension;
 use crate::fractions::LeafClaim;
 use crate::layout::Layout;
 use crate::multilinear::eq;
-use crate::party::{Fold, Party};
-use crate::transcript::{require, Refused};
+use crate::party::{combine, Fold, Party, Secret};
+use crate::transcript::Refused;
 use alloc::vec;
 use alloc::vec::Vec;
 
 /// A claim about the leaves of all instances.
-pub struct Gathered {
+pub struct Gathered<V> {
     /// The point, and the sums of weights times numerators and denominators there.
-    pub leaf: LeafClaim,
+    pub leaf: LeafClaim<V>,
     /// The weights of instances.
     pub weights: Vec<Extension>,
 }
@@ -26,8 +26,8 @@ pub fn gather<P: Party>(
     party: &mut P,
     layout: &Layout,
     fold: &Fold,
-    mut claims: Vec<LeafClaim>,
-) -> Result<Gathered, Refused> {
+    mut claims: Vec<LeafClaim<P::Value>>,
+) -> Result<Gathered<P::Value>, Refused> {
     if claims.len() == 1 {
         if let Some(leaf) = claims.pop() {
             let weights = vec![Extension::ONE];
@@ -37,28 +37,27 @@ pub fn gather<P: Party>(
     let gamma = party.challenge();
     let (point, value) = party.gather(layout, fold, &claims, gamma)?;
     let values = party.gathered(claims.len())?;
-    let mut expected = Extension::ZERO;
+    let mut expected = P::Value::default();
     let mut power = Extension::ONE;
-    for (claim, &[numerator, denominator]) in claims.iter().zip(&values) {
+    for (claim, values) in claims.iter().zip(&values) {
         let place = eq(&claim.point, &point);
-        expected += power * place * (numerator + gamma * denominator);
-        power *= gamma * gamma;
+        for value in values {
+            expected.add(power * place, value);
+            power *= gamma;
+        }
     }
-    require(
-        expected == value,
-        Refused::Equation("the sumcheck of the leaves of sums"),
-    )?;
+    party.zero("the sumcheck of the leaves of sums", expected.minus(&value))?;
     let step = party.challenge();
     let mut leaf = LeafClaim {
         point,
-        numerator: Extension::ZERO,
-        denominator: Extension::ZERO,
+        numerator: P::Value::default(),
+        denominator: P::Value::default(),
     };
     let mut weights = Vec::with_capacity(values.len());
     let mut weight = Extension::ONE;
     for [numerator, denominator] in values {
-        leaf.numerator += weight * numerator;
-        leaf.denominator += weight * denominator;
+        leaf.numerator.add(weight, &numerator);
+        leaf.denominator.add(weight, &denominator);
         weights.push(weight);
         weight *= step;
     }
@@ -66,10 +65,9 @@ pub fn gather<P: Party>(
 }
 
 /// `Σ γ^(2s)·numerator + γ^(2s+1)·denominator` over all claims.
-pub fn combined(claims: &[LeafClaim], gamma: Extension) -> Extension {
-    let mut sum = Extension::ZERO;
-    for claim in claims.iter().rev() {
-        sum = sum * gamma * gamma + gamma * claim.denominator + claim.numerator;
-    }
-    sum
+pub fn combined<V: Secret>(claims: &[LeafClaim<V>], gamma: Extension) -> V {
+    let values = claims
+        .iter()
+        .flat_map(|claim| [&claim.numerator, &claim.denominator]);
+    combine(values, gamma)
 }

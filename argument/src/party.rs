@@ -22,13 +22,56 @@ pub struct Weighted {
     pub instances: Option<PartId>,
 }
 
-/// A claim about values that were committed to.
+/// A claim about values that were committed to, or about others.
 #[derive(Clone, Debug)]
-pub struct Claim {
+pub struct Claim<V = Extension> {
     /// What it is about.
     pub about: Weighted,
     /// What the sum is.
-    pub value: Extension,
+    pub value: V,
+}
+
+/// A value that the prover does not show: the value itself for the prover, and a [`crate::form::Form`] for the verifier. A known one is both.
+pub trait Secret: Clone + Default + From<Extension> {
+    /// Adds `factor · other`.
+    fn add(&mut self, factor: Extension, other: &Self);
+
+    /// Adds a known value.
+    fn add_known(&mut self, value: Extension);
+
+    /// `factor · self`.
+    fn times(&self, factor: Extension) -> Self {
+        let mut product = Self::default();
+        product.add(factor, self);
+        product
+    }
+
+    /// `self − other`.
+    fn minus(mut self, other: &Self) -> Self {
+        self.add(-Extension::ONE, other);
+        self
+    }
+}
+
+impl Secret for Extension {
+    fn add_known(&mut self, value: Extension) {
+        *self += value;
+    }
+
+    fn add(&mut self, factor: Extension, other: &Self) {
+        *self += factor * *other;
+    }
+}
+
+/// The sum of `values` times 1, `gamma`, `gamma²`, …
+pub fn combine<'a, V: Secret + 'a>(values: impl Iterator<Item = &'a V>, gamma: Extension) -> V {
+    let mut sum = V::default();
+    let mut power = Extension::ONE;
+    for value in values {
+        sum.add(power, value);
+        power *= gamma;
+    }
+    sum
 }
 
 /// What a sum is about that a sumcheck reduces.
@@ -42,15 +85,25 @@ pub enum Sum {
 
 /// One of the two sides.
 pub trait Party: Challenges {
-    /// The value of what a claim is about: the prover computes and says it.
-    fn value(&mut self, parts: &Parts, about: &Weighted) -> Result<Extension, Refused>;
+    /// What it knows of a value that the prover does not show.
+    type Value: Secret;
+    /// The value of what a claim is about: the prover computes it, and says it with a pad.
+    fn value(&mut self, parts: &Parts, about: &Weighted) -> Result<Self::Value, Refused>;
+    /// The value of what a claim is about that everybody can compute: the prover says it as it is.
+    fn published(&mut self, parts: &Parts, about: &Weighted) -> Result<Extension, Refused>;
+    /// States that what a claim is about has the value zero. Nothing is said.
+    fn nothing(&mut self, about: &Weighted) -> Self::Value;
+    /// The product of two values, one of which is known or no product of two secret ones.
+    fn product(&mut self, a: &Self::Value, b: &Self::Value) -> Result<Self::Value, Refused>;
+    /// States that a value is zero.
+    fn zero(&mut self, what: &'static str, value: Self::Value) -> Result<(), Refused>;
     /// The value of a sum: likewise.
     fn sum(
         &mut self,
         relations: &Relations,
         parts: &Parts,
         sum: &Sum,
-    ) -> Result<Extension, Refused>;
+    ) -> Result<Self::Value, Refused>;
     /// A proof of work: the prover does it, and the verifier checks it.
     fn work(&mut self, bits: u32, what: &'static str) -> Result<(), Refused>;
     /// The sum of all fractions of an instance is zero. `fold` folds the columns of an entry into one value, after it was taken from `shift`.
@@ -59,36 +112,36 @@ pub trait Party: Challenges {
         instance: usize,
         layout: &Layout,
         fold: &Fold,
-    ) -> Result<LeafClaim, Refused>;
+    ) -> Result<LeafClaim<Self::Value>, Refused>;
     /// The sumcheck of `Σ coefficient · claim`, where the coefficients are powers of `gamma`, over the numerators and denominators of all
     /// instances. Returns its point, and the value there.
     fn gather(
         &mut self,
         layout: &Layout,
         fold: &Fold,
-        claims: &[LeafClaim],
+        claims: &[LeafClaim<Self::Value>],
         gamma: Extension,
-    ) -> Result<(Vec<Extension>, Extension), Refused>;
+    ) -> Result<(Vec<Extension>, Self::Value), Refused>;
     /// The values at that point of the numerators and denominators of so many instances.
-    fn gathered(&mut self, count: usize) -> Result<Vec<[Extension; 2]>, Refused>;
+    fn gathered(&mut self, count: usize) -> Result<Vec<[Self::Value; 2]>, Refused>;
     /// The sumcheck of `Σ coefficient · sum`, where the coefficients are powers of `gamma`. Returns its point, and the value there.
     fn reduce(
         &mut self,
         relations: &Relations,
         parts: &Parts,
-        sums: &[(Sum, Extension)],
+        sums: &[(Sum, Self::Value)],
         gamma: Extension,
         degree: usize,
-    ) -> Result<(JoinedPoint, Extension), Refused>;
+    ) -> Result<(JoinedPoint, Self::Value), Refused>;
     /// The sumcheck of `Σ coefficient · claim` over the values of all `sources`, which have so many variables for each instance and which all
     /// claims are about. Returns its point, and the value there.
     fn reduce_claims(
         &mut self,
         parts: &Parts,
         sources: &Sources<'_>,
-        claims: &[Claim],
+        claims: &[Claim<Self::Value>],
         gamma: Extension,
-    ) -> Result<(JoinedPoint, Extension), Refused>;
+    ) -> Result<(JoinedPoint, Self::Value), Refused>;
 }
 
 /// Sources whose values are committed to for each instance.

@@ -7,17 +7,17 @@
 //! 3. Claims about products become claims about their factors, by one sumcheck for all.
 //! 4. What is left are claims about tensors. [`crate::share`] makes one claim about a source of all that are about it.
 //!
-//! A value that the prover claims is said when it is first needed. [`crate::party::Party`] is what differs between the two sides.
+//! A value that the prover claims is said when it is first needed. It is secret, unless everybody can compute it. [`crate::party::Party`] is what differs between the two sides.
 
 use crate::field::{Extension, Goldilocks};
 use crate::gather::{gather, Gathered};
 use crate::layout::Layout;
 use crate::operation;
-use crate::party::{Claim, Fold, Party, Sum, Weighted};
+use crate::party::{Claim, Fold, Party, Secret, Sum, Weighted};
 use crate::relation::{
     Atom, Axis, Count, Factor, Index, Linear, Part, Parts, Relations, MAX_FACTORS,
 };
-use crate::transcript::{require, Refused};
+use crate::transcript::Refused;
 use crate::weights::{Known, Point, Weights};
 use alloc::vec;
 use alloc::vec::Vec;
@@ -27,17 +27,25 @@ use alloc::vec::Vec;
 const WORK: u32 = 16;
 
 /// The argument, in progress.
-struct Argument<'a, P> {
+struct Argument<'a, P: Party> {
     party: &'a mut P,
     relations: &'a Relations,
     parts: &'a mut Parts,
-    claims: Vec<Claim>,
-    monomials: Vec<(Sum, Extension)>,
-    products: Vec<(Sum, Extension)>,
+    left: Left<P::Value>,
+    monomials: Vec<(Sum, P::Value)>,
+    products: Vec<(Sum, P::Value)>,
     /// Values of virtual tensors that were claimed.
-    virtuals: Known,
+    virtuals: Known<P::Value>,
     /// Values of public tensors that were computed.
-    publics: Known,
+    publics: Known<Extension>,
+}
+
+/// Claims that are left to show.
+pub struct Left<V> {
+    /// About secret values.
+    pub secret: Vec<Claim<V>>,
+    /// About values that everybody can have.
+    pub published: Vec<Claim>,
 }
 
 /// Argues that the relations hold if the claims do that are returned. `parts` holds their weights.
@@ -45,12 +53,15 @@ pub fn argue<P: Party>(
     party: &mut P,
     relations: &Relations,
     parts: &mut Parts,
-) -> Result<Vec<Claim>, Refused> {
+) -> Result<Left<P::Value>, Refused> {
     let mut argument = Argument {
         party,
         relations,
         parts,
-        claims: vec![],
+        left: Left {
+            secret: vec![],
+            published: vec![],
+        },
         monomials: vec![],
         products: vec![],
         virtuals: Known::new(relations.virtuals.len()),
@@ -63,7 +74,7 @@ pub fn argue<P: Party>(
     let reducing = operation("products");
     argument.products()?;
     reducing.end();
-    Ok(argument.claims)
+    Ok(argument.left)
 }
 
 impl<P: Party> Argument<'_, P> {
@@ -88,36 +99,47 @@ impl<P: Party> Argument<'_, P> {
         let instances = self.parts.add(Part::Vector(weights));
         let mut point = Point::new(&leaf.point, instances);
         let all = self.parts.total(instances);
-        let (mut numerator, mut denominator) = (Extension::ZERO, all);
+        let mut numerator = P::Value::default();
+        let mut denominator = P::Value::from(all);
         let places = layout.places(&leaf.point);
         for (lookup, place) in relations.lookups.iter().zip(places) {
             let weights = point.weights(relations, self.parts, &lookup.axes);
-            let count = match lookup.count {
-                Count::Each => all,
-                Count::Masked(public) => self.public(public, &weights),
-                Count::Offered(number) => -self.virtual_at(number, &weights)?,
-            };
-            numerator += place * count;
-            let mut entry = fold.shift * all;
-            for (&power, column) in fold.powers.iter().zip(&lookup.entry) {
-                entry -= power * self.linear(column, &weights)?;
+            match lookup.count {
+                Count::Each => numerator.add_known(place * all),
+                Count::Masked(public) => {
+                    numerator.add_known(place * self.public(public, &weights));
+                }
+                Count::Offered(number) => {
+                    self.add_virtual(&mut numerator, -place, number, &weights)?;
+                }
             }
             // Leaves of no look-up are 0/1.
-            denominator += place * (entry - all);
+            denominator.add_known(place * (fold.shift * all - all));
+            for (&power, column) in fold.powers.iter().zip(&lookup.entry) {
+                self.add_linear(&mut denominator, -place * power, column, &weights)?;
+            }
         }
-        let holds = numerator == leaf.numerator && denominator == leaf.denominator;
-        require(holds, Refused::Equation("the leaves of a sum of look-ups"))?;
+        const LEAVES: &str = "the leaves of a sum of look-ups";
+        self.party.zero(LEAVES, numerator.minus(&leaf.numerator))?;
+        let rest = denominator.minus(&leaf.denominator);
+        self.party.zero(LEAVES, rest)?;
         for equality in &relations.equalities {
             let weights = point.weights(relations, self.parts, &equality.axes);
-            let value = self.linear(&equality.linear, &weights)?;
-            require(value == Extension::ZERO, Refused::Equation(equality.name))?;
+            let mut value = P::Value::default();
+            self.add_linear(&mut value, Extension::ONE, &equality.linear, &weights)?;
+            self.party.zero(equality.name, value)?;
         }
         Ok(())
     }
 
-    /// `Σ_b weights(b) · linear(b)`.
-    fn linear(&mut self, linear: &Linear, weights: &Weights) -> Result<Extension, Refused> {
-        let mut sum = Extension::ZERO;
+    /// Adds `factor · Σ_b weights(b) · linear(b)` to `sum`.
+    fn add_linear(
+        &mut self,
+        sum: &mut P::Value,
+        factor: Extension,
+        linear: &Linear,
+        weights: &Weights,
+    ) -> Result<(), Refused> {
         for term in linear {
             let scaled;
             let weights = match term.coefficients {
@@ -127,12 +149,16 @@ impl<P: Party> Argument<'_, P> {
                     &scaled
                 }
             };
-            let value = match term.atom {
-                Atom::One => self.total(weights, |_| true),
-                Atom::Virtual(number) => self.virtual_at(number, weights)?,
-                Atom::Product(number) => self.product_at(number, weights)?,
-                Atom::Monomials(number) => self.monomials_at(number, weights)?,
-                Atom::Public(number) => self.public(number, weights),
+            let factor = factor.scale(Goldilocks::from_i64(term.factor));
+            match term.atom {
+                Atom::One => {
+                    let total = self.total(weights, |_| true);
+                    sum.add_known(factor * total);
+                }
+                Atom::Virtual(number) => self.add_virtual(sum, factor, number, weights)?,
+                Atom::Product(number) => sum.add(factor, &self.product_at(number, weights)?),
+                Atom::Monomials(number) => sum.add(factor, &self.monomials_at(number, weights)?),
+                Atom::Public(number) => sum.add_known(factor * self.public(number, weights)),
                 Atom::Summed(number) => {
                     let summed = &self.relations.sums[number];
                     let mut all = *weights;
@@ -140,12 +166,11 @@ impl<P: Party> Argument<'_, P> {
                         let bits = self.relations.bits(axis) as u32;
                         all.push(axis, self.parts.ones(bits));
                     }
-                    self.virtual_at(summed.of, &all)?
+                    self.add_virtual(sum, factor, summed.of, &all)?;
                 }
-            };
-            sum += value.scale(Goldilocks::from_i64(term.factor));
+            }
         }
-        Ok(sum)
+        Ok(())
     }
 
     fn scaled(&mut self, weights: &Weights, number: usize) -> Weights {
@@ -174,7 +199,7 @@ impl<P: Party> Argument<'_, P> {
         let axes = public.axes();
         let own = weights.of(axes);
         let value = match self.publics.get(number, &own) {
-            Some(value) => value,
+            Some(value) => *value,
             None => {
                 let mut tables = own;
                 if !public.likes_points() {
@@ -194,12 +219,34 @@ impl<P: Party> Argument<'_, P> {
         value * self.total(weights, |axis| !axes.contains(&axis))
     }
 
-    fn virtual_at(&mut self, number: usize, weights: &Weights) -> Result<Extension, Refused> {
-        if let Some(value) = self.virtuals.get(number, weights) {
-            return Ok(value);
+    /// Adds `factor` times a virtual tensor with weights.
+    fn add_virtual(
+        &mut self,
+        sum: &mut P::Value,
+        factor: Extension,
+        number: usize,
+        weights: &Weights,
+    ) -> Result<(), Refused> {
+        if self.virtuals.get(number, weights).is_none() {
+            let value = self.claimed(number, weights)?;
+            self.virtuals.insert(number, *weights, value);
         }
+        if let Some(value) = self.virtuals.get(number, weights) {
+            sum.add(factor, value);
+        }
+        Ok(())
+    }
+
+    fn virtual_at(&mut self, number: usize, weights: &Weights) -> Result<P::Value, Refused> {
+        let mut value = P::Value::default();
+        self.add_virtual(&mut value, Extension::ONE, number, weights)?;
+        Ok(value)
+    }
+
+    /// A virtual tensor with weights, which is claimed.
+    fn claimed(&mut self, number: usize, weights: &Weights) -> Result<P::Value, Refused> {
         let relations = self.relations;
-        let mut sum = Extension::ZERO;
+        let mut sum = P::Value::default();
         for view in &relations.virtuals[number].views {
             let tensor = &relations.tensors[view.tensor];
             let mut parts = Vec::with_capacity(view.indices.len());
@@ -241,15 +288,21 @@ impl<P: Party> Argument<'_, P> {
                 parts,
                 instances,
             };
-            let value = self.party.value(self.parts, &about)?;
-            self.claims.push(Claim { about, value });
-            sum += factor * value.scale(Goldilocks::from_i64(view.factor));
+            let factor = factor.scale(Goldilocks::from_i64(view.factor));
+            if relations.published.contains(&tensor.source) {
+                let value = self.party.published(self.parts, &about)?;
+                sum.add_known(factor * value);
+                self.left.published.push(Claim { about, value });
+            } else {
+                let value = self.party.value(self.parts, &about)?;
+                sum.add(factor, &value);
+                self.left.secret.push(Claim { about, value });
+            }
         }
-        self.virtuals.insert(number, *weights, sum);
         Ok(sum)
     }
 
-    fn product_at(&mut self, number: usize, weights: &Weights) -> Result<Extension, Refused> {
+    fn product_at(&mut self, number: usize, weights: &Weights) -> Result<P::Value, Refused> {
         let product = &self.relations.products[number];
         let axes = [&product.left_axes, &product.right_axes, &product.shared];
         let own = weights.of(axes.into_iter().flatten());
@@ -257,17 +310,18 @@ impl<P: Party> Argument<'_, P> {
         let sum = Sum::Product(number, own);
         let known = self.products.iter().find(|(of, _)| *of == sum);
         let value = match known {
-            Some((_, value)) => *value,
+            Some((_, value)) => value.times(repeated),
             None => {
                 let value = self.party.sum(self.relations, self.parts, &sum)?;
+                let product = value.times(repeated);
                 self.products.push((sum, value));
-                value
+                product
             }
         };
-        Ok(repeated * value)
+        Ok(value)
     }
 
-    fn monomials_at(&mut self, number: usize, weights: &Weights) -> Result<Extension, Refused> {
+    fn monomials_at(&mut self, number: usize, weights: &Weights) -> Result<P::Value, Refused> {
         let monomials = &self.relations.monomials[number];
         let kept = &monomials.axes[..monomials.axes.len() - monomials.summed];
         let own = weights.of(kept);
@@ -275,14 +329,15 @@ impl<P: Party> Argument<'_, P> {
         let sum = Sum::Monomials(number, own);
         let known = self.monomials.iter().find(|(of, _)| *of == sum);
         let value = match known {
-            Some((_, value)) => *value,
+            Some((_, value)) => value.times(repeated),
             None => {
                 let value = self.party.sum(self.relations, self.parts, &sum)?;
+                let monomials = value.times(repeated);
                 self.monomials.push((sum, value));
-                value
+                monomials
             }
         };
-        Ok(repeated * value)
+        Ok(value)
     }
 
     fn monomials(&mut self) -> Result<(), Refused> {
@@ -294,7 +349,7 @@ impl<P: Party> Argument<'_, P> {
                 .reduce(relations, self.parts, &sums, gamma, MAX_FACTORS + 1)?;
         let instances = self.parts.add(Part::Point(joined.instances.clone()));
         let mut point = Point::new(&joined.own, instances);
-        let mut expected = Extension::ZERO;
+        let mut expected = P::Value::default();
         let mut power = Extension::ONE;
         for (sum, _) in &sums {
             let Sum::Monomials(number, weights) = sum else {
@@ -302,31 +357,29 @@ impl<P: Party> Argument<'_, P> {
             };
             let monomials = &relations.monomials[*number];
             let at = point.weights(relations, self.parts, &monomials.axes);
-            let mut total = Extension::ZERO;
-            for (coefficient, factors) in &monomials.terms {
-                let mut product = Extension::ONE;
-                for factor in factors {
-                    product *= match *factor {
-                        Factor::Virtual(number) => self.virtual_at(number, &at)?,
-                        Factor::Product(number) => self.product_at(number, &at)?,
-                        Factor::Public(number) => self.public(number, &at),
-                    };
-                }
-                total += product.scale(Goldilocks::from_i64(*coefficient));
-            }
+            let (variables, over_instances) = sum.size(relations);
+            let mut scale = power * joined.absent(variables, over_instances);
             for (axis, id) in weights.iter() {
                 if let Part::Point(coordinates) = self.parts.get(at.part(*axis)) {
-                    total *= self.parts.get(*id).at(coordinates);
+                    scale *= self.parts.get(*id).at(coordinates);
                 }
             }
-            let (variables, over_instances) = sum.size(relations);
-            expected += power * total * joined.absent(variables, over_instances);
+            for (coefficient, factors) in &monomials.terms {
+                let mut product = P::Value::from(scale.scale(Goldilocks::from_i64(*coefficient)));
+                for factor in factors {
+                    let factor = match *factor {
+                        Factor::Virtual(number) => self.virtual_at(number, &at)?,
+                        Factor::Product(number) => self.product_at(number, &at)?,
+                        Factor::Public(number) => self.public(number, &at).into(),
+                    };
+                    product = self.party.product(&product, &factor)?;
+                }
+                expected.add(Extension::ONE, &product);
+            }
             power *= gamma;
         }
-        require(
-            expected == value,
-            Refused::Equation("the sumcheck of the monomials"),
-        )
+        self.party
+            .zero("the sumcheck of the monomials", expected.minus(&value))
     }
 
     fn products(&mut self) -> Result<(), Refused> {
@@ -336,7 +389,7 @@ impl<P: Party> Argument<'_, P> {
         let (joined, value) = self.party.reduce(relations, self.parts, &sums, gamma, 2)?;
         let instances = self.parts.add(Part::Point(joined.instances.clone()));
         let mut point = Point::new(&joined.own, instances);
-        let mut expected = Extension::ZERO;
+        let mut expected = P::Value::default();
         let mut power = Extension::ONE;
         for (sum, _) in &sums {
             let Sum::Product(number, weights) = sum else {
@@ -362,12 +415,11 @@ impl<P: Party> Argument<'_, P> {
             let left = self.virtual_at(product.left, &left)?;
             let right = self.virtual_at(product.right, &right)?;
             let (variables, over_instances) = sum.size(relations);
-            expected += power * left * right * joined.absent(variables, over_instances);
+            let product = self.party.product(&left, &right)?;
+            expected.add(power * joined.absent(variables, over_instances), &product);
             power *= gamma;
         }
-        require(
-            expected == value,
-            Refused::Equation("the sumcheck of the products"),
-        )
+        self.party
+            .zero("the sumcheck of the products", expected.minus(&value))
     }
 }

@@ -2,24 +2,24 @@
 
 use crate::field::Extension;
 use crate::multilinear::eq_table;
-use crate::party::{Claim, Party, Sources, Weighted};
+use crate::party::{Claim, Party, Secret, Sources, Weighted};
 use crate::relation::{Part, PartId, Parts};
 use crate::sumcheck::JoinedPoint;
-use crate::transcript::{require, Refused};
+use crate::transcript::Refused;
 use alloc::collections::BTreeMap;
 use alloc::vec;
 use alloc::vec::Vec;
 
 /// A point, and what the polynomials of all sources are there. A source with fewer variables than the point has is at its first coordinates.
-pub type Shared = (JoinedPoint, Vec<Extension>);
+pub type Shared<V> = (JoinedPoint, Vec<V>);
 
 /// Makes one claim about each of `sources` of all `claims`.
 pub fn share<P: Party>(
     party: &mut P,
     parts: &mut Parts,
     sources: &Sources<'_>,
-    claims: &[Claim],
-) -> Result<Shared, Refused> {
+    claims: &[Claim<P::Value>],
+) -> Result<Shared<P::Value>, Refused> {
     let gamma = party.challenge();
     let (joined, value) = party.reduce_claims(parts, sources, claims, gamma)?;
     let instances = parts.add(Part::Point(joined.instances.clone()));
@@ -45,14 +45,11 @@ pub fn share<P: Party>(
         weights[number] += power * places.weight(about, sources.all[number].1);
         power *= gamma;
     }
-    let mut expected = Extension::ZERO;
-    for ((weight, &value), &(_, bits)) in weights.into_iter().zip(&values).zip(sources.all) {
-        expected += weight * value * joined.absent(bits, true);
+    let mut expected = P::Value::default();
+    for ((weight, value), &(_, bits)) in weights.into_iter().zip(&values).zip(sources.all) {
+        expected.add(weight * joined.absent(bits, true), value);
     }
-    require(
-        expected == value,
-        Refused::Equation("the sumcheck of the claims"),
-    )?;
+    party.zero("the sumcheck of the claims", expected.minus(&value))?;
     Ok((joined, values))
 }
 
@@ -137,8 +134,7 @@ impl<'a> Places<'a> {
                     self.tables.push((key, eq_table(coordinates)));
                     self.tables.len() - 1
                 });
-                let terms = self.tables[place].1.iter().zip(weights);
-                terms.map(|(&a, &b)| a * b).sum()
+                Extension::dot_of_extensions(&self.tables[place].1, weights)
             }
             _ => part.at(coordinates),
         };

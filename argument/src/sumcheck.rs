@@ -5,6 +5,7 @@
 //! coefficients but the linear one, which follows from `g(0) + g(1) = claim`.
 
 use crate::field::Extension;
+use crate::form::Form;
 use crate::transcript::{Challenges, Refused, Verifier};
 use alloc::vec;
 use alloc::vec::Vec;
@@ -24,6 +25,45 @@ pub fn verify(
         let challenge = verifier.challenge();
         claim = value_after_round(claim, coefficients, challenge);
         point.push(challenge);
+    }
+    Ok((point, claim))
+}
+
+/// [`verify`] where the prover says its polynomials with pads, and the claim is secret. The value that is left is
+/// `claim·Π t + Σ coefficient·(t^i − t)·Π later t`, for the challenges t, and 1 − 2t in place of t^i − t for constants.
+pub fn verify_secret(
+    verifier: &mut Verifier<'_>,
+    variables: usize,
+    degree: usize,
+    mut claim: Form,
+) -> Result<(Vec<Extension>, Form), Refused> {
+    let mut point = Vec::with_capacity(variables);
+    let mut rounds = Vec::with_capacity(variables);
+    for _ in 0..variables {
+        rounds.push(verifier.receive_secret(degree)?);
+        point.push(verifier.challenge());
+    }
+    let all = point
+        .iter()
+        .copied()
+        .fold(Extension::ONE, |product, challenge| product * challenge);
+    claim.scale(all);
+    claim.reserve(variables * degree);
+    // From the last round back, the product of all later challenges is known.
+    let mut later = Extension::ONE;
+    for (&challenge, said) in point.iter().zip(&rounds).rev() {
+        let mut power = challenge;
+        for (place, number) in said.clone().enumerate() {
+            let factor = match place {
+                0 => Extension::ONE - challenge - challenge,
+                _ => {
+                    power *= challenge;
+                    power - challenge
+                }
+            };
+            claim.add_said(later * factor, number);
+        }
+        later *= challenge;
     }
     Ok((point, claim))
 }
@@ -79,9 +119,9 @@ pub fn verify_joined(
     variables: usize,
     instances: usize,
     degree: usize,
-    claim: Extension,
-) -> Result<(JoinedPoint, Extension), Refused> {
-    let (mut point, value) = verify(verifier, variables + instances, degree, claim)?;
+    claim: Form,
+) -> Result<(JoinedPoint, Form), Refused> {
+    let (mut point, value) = verify_secret(verifier, variables + instances, degree, claim)?;
     point.reverse();
     Ok((JoinedPoint::new(point, instances), value))
 }
@@ -119,21 +159,11 @@ pub mod prove {
     /// Values that one core works on at a time.
     const PIECE: usize = 1 << 12;
 
-    /// Proves the sum of `a · b` over all values of two multilinear polynomials. Returns the point, and the values of the two there.
-    pub fn product(
-        prover: &mut Prover,
-        mut a: Vec<Extension>,
-        mut b: Vec<Extension>,
-    ) -> (Vec<Extension>, [Extension; 2]) {
-        let variables = a.len().ilog2() as usize;
-        let point = products(prover, &mut a, &mut b, variables);
-        (point, [a[0], b[0]])
-    }
-
-    /// Proves the sum of all `a · b` of pairs of polynomials in so many variables, which lie one after the other. Returns the point. What is left
-    /// of `a` and `b` are the values there.
+    /// Proves the sum of all `a · b` of pairs of polynomials in so many variables, which lie one after the other, and says its polynomials with
+    /// `say`. Returns the point. What is left of `a` and `b` are the values there.
     pub fn products(
         prover: &mut Prover,
+        say: fn(&mut Prover, &[Extension]),
         a: &mut Vec<Extension>,
         b: &mut Vec<Extension>,
         variables: usize,
@@ -151,7 +181,7 @@ pub mod prove {
             });
             let add = |a: [Extension; 2], b: [Extension; 2]| [a[0] + b[0], a[1] + b[1]];
             let [constant, square] = sums.reduce(Default::default, add);
-            prover.send_extension(&[constant, square]);
+            say(prover, &[constant, square]);
             let challenge = prover.challenge();
             bind(a, challenge);
             bind(b, challenge);

@@ -12,18 +12,20 @@ pub fn receive_cap(verifier: &mut Verifier<'_>, bits: u32) -> Result<Vec<Digest>
     (0..1 << bits).map(|_| verifier.receive_digest()).collect()
 }
 
-/// Reads row number `index` of `width` values of a tree, with its path, and checks that it is the row of the tree with this cap, which lies
-/// `levels` above the rows.
+/// Reads row number `index` of a tree, with its path, and checks that it is the row of the tree with this cap, which lies `levels` above the
+/// rows. A row has pieces of these widths, and so many elements of salt after them.
 #[inline(always)]
 pub fn open<'a>(
     verifier: &mut Verifier<'a>,
     cap: &[Digest],
     levels: u32,
     index: usize,
-    width: usize,
+    widths: &[usize],
+    salt: usize,
 ) -> Result<&'a [Goldilocks], Refused> {
-    let row = verifier.hint(width)?;
-    let mut climb = Climb::of_leaf(row);
+    let width: usize = widths.iter().sum();
+    let row = verifier.hint(width + salt)?;
+    let mut climb = Climb::of_leaf(row, widths);
     let mut place = index;
     for sibling in verifier.hint_digests(levels as usize)? {
         climb.step(sibling, place & 1 == 1);
@@ -31,7 +33,7 @@ pub fn open<'a>(
     }
     let holds = cap.get(place).is_some_and(|digest| climb.is(digest));
     require(holds, Refused::Opening)?;
-    Ok(row)
+    Ok(&row[..width])
 }
 
 /// The prover's side.

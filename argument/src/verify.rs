@@ -1,13 +1,14 @@
 //! The verifier's side of an argument: it reads what the prover says, and draws the challenges.
 
 use crate::field::Extension;
+use crate::form::{Equations, Form};
 use crate::fractions::{self, LeafClaim};
 use crate::gather::combined;
 use crate::layout::Layout;
-use crate::party::{Claim, Fold, Party, Sources, Sum, Weighted};
+use crate::party::{combine, Claim, Fold, Party, Sources, Sum, Weighted};
 use crate::relation::{Parts, Relations};
 use crate::sumcheck::{self, JoinedPoint};
-use crate::transcript::{work, Refused, Verifier};
+use crate::transcript::{require, work, Challenges, Refused, Verifier};
 use alloc::vec::Vec;
 
 impl Sum {
@@ -26,7 +27,7 @@ impl Sum {
     }
 
     /// The most variables of any of these sums within an instance, and those of instances if any sum is over them.
-    pub fn sizes(sums: &[(Self, Extension)], relations: &Relations) -> (usize, usize) {
+    pub fn sizes<V>(sums: &[(Self, V)], relations: &Relations) -> (usize, usize) {
         let (mut variables, mut instances) = (0, 0);
         for (sum, _) in sums {
             let (own, over_instances) = sum.size(relations);
@@ -48,70 +49,126 @@ pub fn powers(base: Extension, count: usize) -> Vec<Extension> {
         .collect()
 }
 
-/// The sum of `values` times 1, `gamma`, `gamma²`, …
-fn combine(values: impl Iterator<Item = Extension>, gamma: Extension) -> Extension {
-    let mut power = Extension::ONE;
-    let scaled = values.map(|value| {
-        let scaled = power * value;
-        power *= gamma;
-        scaled
-    });
-    scaled.sum()
+/// A verifier, and what it knows of secret values.
+pub struct Verifying<'a, 'v> {
+    /// What was said.
+    pub verifier: &'a mut Verifier<'v>,
+    /// What has to hold of secret values.
+    pub equations: Equations,
 }
 
-impl Party for Verifier<'_> {
-    fn value(&mut self, _: &Parts, _: &Weighted) -> Result<Extension, Refused> {
-        Ok(self.receive_extension(1)?[0])
+impl<'a, 'v> Verifying<'a, 'v> {
+    /// Goes on with what was said.
+    pub fn new(verifier: &'a mut Verifier<'v>) -> Self {
+        Self {
+            verifier,
+            equations: Equations::default(),
+        }
     }
 
-    fn sum(&mut self, _: &Relations, _: &Parts, _: &Sum) -> Result<Extension, Refused> {
-        Ok(self.receive_extension(1)?[0])
+    fn value(&mut self) -> Result<Form, Refused> {
+        Ok(Form::of_said(self.verifier.receive_secret(1)?.start))
+    }
+}
+
+impl Challenges for Verifying<'_, '_> {
+    #[inline(always)]
+    fn challenge(&mut self) -> Extension {
+        self.verifier.challenge()
+    }
+
+    fn positions(&mut self, count: usize, bits: u32) -> Vec<usize> {
+        self.verifier.positions(count, bits)
+    }
+}
+
+impl Party for Verifying<'_, '_> {
+    type Value = Form;
+
+    fn value(&mut self, _: &Parts, _: &Weighted) -> Result<Form, Refused> {
+        self.value()
+    }
+
+    /// Whoever computes it again has the weights of all axes but that of instances.
+    fn published(&mut self, _: &Parts, about: &Weighted) -> Result<Extension, Refused> {
+        let all = about.instances.is_none();
+        require(all, Refused::Bounds("the instances of a published claim"))?;
+        Ok(self.verifier.receive_extension(1)?[0])
+    }
+
+    fn nothing(&mut self, _: &Weighted) -> Form {
+        Form::default()
+    }
+
+    fn product(&mut self, a: &Form, b: &Form) -> Result<Form, Refused> {
+        self.equations.product(a, b)
+    }
+
+    fn zero(&mut self, what: &'static str, value: Form) -> Result<(), Refused> {
+        self.equations.zero(what, value)
+    }
+
+    fn sum(&mut self, _: &Relations, _: &Parts, _: &Sum) -> Result<Form, Refused> {
+        self.value()
     }
 
     fn work(&mut self, bits: u32, what: &'static str) -> Result<(), Refused> {
-        work::check_work(self, bits, what)
+        work::check_work(self.verifier, bits, what)
     }
 
-    fn fractions(&mut self, _: usize, layout: &Layout, _: &Fold) -> Result<LeafClaim, Refused> {
-        fractions::verify(self, layout.variables)
+    fn fractions(
+        &mut self,
+        _: usize,
+        layout: &Layout,
+        _: &Fold,
+    ) -> Result<LeafClaim<Form>, Refused> {
+        fractions::verify(self.verifier, layout.variables, &mut self.equations)
     }
 
     fn gather(
         &mut self,
         layout: &Layout,
         _: &Fold,
-        claims: &[LeafClaim],
+        claims: &[LeafClaim<Form>],
         gamma: Extension,
-    ) -> Result<(Vec<Extension>, Extension), Refused> {
-        sumcheck::verify(self, layout.variables, 2, combined(claims, gamma))
+    ) -> Result<(Vec<Extension>, Form), Refused> {
+        let claim = combined(claims, gamma);
+        sumcheck::verify_secret(self.verifier, layout.variables, 2, claim)
     }
 
-    fn gathered(&mut self, count: usize) -> Result<Vec<[Extension; 2]>, Refused> {
-        let values = self.receive_extension(2 * count)?;
-        Ok(values.as_chunks().0.to_vec())
+    fn gathered(&mut self, count: usize) -> Result<Vec<[Form; 2]>, Refused> {
+        let first = self.verifier.receive_secret(2 * count)?.start;
+        let of = |place| [0, 1].map(|part| Form::of_said(first + 2 * place + part));
+        Ok((0..count).map(of).collect())
     }
 
     fn reduce(
         &mut self,
         relations: &Relations,
         _: &Parts,
-        sums: &[(Sum, Extension)],
+        sums: &[(Sum, Form)],
         gamma: Extension,
         degree: usize,
-    ) -> Result<(JoinedPoint, Extension), Refused> {
-        let claim = combine(sums.iter().map(|(_, value)| *value), gamma);
+    ) -> Result<(JoinedPoint, Form), Refused> {
+        let claim = combine(sums.iter().map(|(_, value)| value), gamma);
         let (variables, instances) = Sum::sizes(sums, relations);
-        sumcheck::verify_joined(self, variables, instances, degree, claim)
+        sumcheck::verify_joined(self.verifier, variables, instances, degree, claim)
     }
 
     fn reduce_claims(
         &mut self,
         _: &Parts,
         sources: &Sources<'_>,
-        claims: &[Claim],
+        claims: &[Claim<Form>],
         gamma: Extension,
-    ) -> Result<(JoinedPoint, Extension), Refused> {
-        let claim = combine(claims.iter().map(|claim| claim.value), gamma);
-        sumcheck::verify_joined(self, sources.variables(), sources.instances, 2, claim)
+    ) -> Result<(JoinedPoint, Form), Refused> {
+        let claim = combine(claims.iter().map(|claim| &claim.value), gamma);
+        sumcheck::verify_joined(
+            self.verifier,
+            sources.variables(),
+            sources.instances,
+            2,
+            claim,
+        )
     }
 }

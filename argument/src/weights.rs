@@ -110,22 +110,22 @@ impl<'a> Point<'a> {
 }
 
 /// Values of tensors, each with some weights. There are few weights for each tensor.
-pub struct Known(Vec<Vec<(Weights, Extension)>>);
+pub struct Known<V>(Vec<Vec<(Weights, V)>>);
 
-impl Known {
+impl<V: Clone> Known<V> {
     /// For so many tensors.
     pub fn new(count: usize) -> Self {
         Self(vec![vec![]; count])
     }
 
     /// The value of a tensor.
-    pub fn get(&self, number: usize, weights: &Weights) -> Option<Extension> {
+    pub fn get(&self, number: usize, weights: &Weights) -> Option<&V> {
         let known = self.0[number].iter().find(|(of, _)| of == weights);
-        known.map(|(_, value)| *value)
+        known.map(|(_, value)| value)
     }
 
     /// Keeps a value.
-    pub fn insert(&mut self, number: usize, weights: Weights, value: Extension) {
+    pub fn insert(&mut self, number: usize, weights: Weights, value: V) {
         self.0[number].push((weights, value));
     }
 }

@@ -1,9 +1,11 @@
 //! Mode `succinct`: an honest claim says what mode `direct` says, and the statement refuses every cheat that one of its checks stops.
 
-use crate::models::committed_to;
+use crate::models::{committed_to, BLIND};
 use std::borrow::Cow;
 use std::{fs, io};
-use zk0_argument::claim::{check, committed, make, ClaimInput, ClaimSource, NotMade, NotShown};
+use zk0_argument::claim::{
+    check, committed, make, most_samples, most_uses, ClaimInput, ClaimSource, NotMade, NotShown,
+};
 use zk0_argument::expert::witness::Unprovable;
 use zk0_argument::prove::progress::Phase;
 use zk0_argument::transcript::Refused;
@@ -11,6 +13,7 @@ use zk0_circuits::claim::private_input::{Header, InputError};
 use zk0_circuits::claim::statement;
 use zk0_circuits::claim::statement_error::StatementError;
 use zk0_circuits::model::layout::Layout;
+use zk0_circuits::model::spec::Dims;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{
     Claim, Digest, Disclosure, EvalSpec, Losses, Mode, PrivateInput, QuantisedWeights, Sample,
@@ -29,7 +32,7 @@ fn claim(input: &ClaimInput) -> Result<Claim, NotShown> {
 #[test]
 fn a_claim_says_what_mode_direct_says() {
     let direct = honest(&EvalSpec::micro(), 20, 3, 11);
-    let made = make(&node().input, None, &mut |_| {}).unwrap();
+    let made = make(&node().input, &BLIND, None, &mut |_| {}).unwrap();
     let buffers = made.to_buffers();
     let read = ClaimInput::from_buffers(&buffers).unwrap();
     assert_eq!(read, made);
@@ -68,7 +71,7 @@ impl ClaimSource for Unreadable {
 
 #[test]
 fn a_sample_that_cannot_be_read_is_named() {
-    let error = make(&Unreadable(node().input), None, &mut |_| {}).unwrap_err();
+    let error = make(&Unreadable(node().input), &BLIND, None, &mut |_| {}).unwrap_err();
     let text = error.to_string();
     assert!(
         text.contains("sample 2") && text.contains("the disk is broken"),
@@ -85,7 +88,7 @@ fn a_folder_that_goes_away_ends_the_argument() {
             fs::remove_dir_all(folder.path()).unwrap();
         }
     };
-    let made = make(&node().input, Some(folder.path()), &mut remove);
+    let made = make(&node().input, &BLIND, Some(folder.path()), &mut remove);
     let of_a_file = |error: &NotMade| matches!(error, NotMade::Unprovable(Unprovable::File(_)));
     assert!(made.as_ref().is_err_and(of_a_file), "{made:?}");
 }
@@ -94,7 +97,7 @@ fn a_folder_that_goes_away_ends_the_argument() {
 #[test]
 fn a_prover_tells_how_far_it_is() {
     let mut told = vec![];
-    make(&node().input, None, &mut |share| told.push(share)).unwrap();
+    make(&node().input, &BLIND, None, &mut |share| told.push(share)).unwrap();
     assert!(told.is_sorted() && told.last() == Some(&1.0), "{told:?}");
     let within = |phase: Phase| {
         let (from, to) = (phase.of_all(0.0), phase.of_all(1.0));
@@ -104,17 +107,17 @@ fn a_prover_tells_how_far_it_is() {
     for phase in Phase::ALL {
         assert!(within(phase) > 0, "{phase:?}: {told:?}");
     }
-    // The longest phases have pieces for each of the three samples.
+    // The longest phases have pieces for each of the three samples. What is opened are its values, itself, and the random columns.
     assert_eq!(within(Phase::Committing), 6, "{told:?}");
     assert_eq!(within(Phase::Adding), 6, "{told:?}");
-    assert_eq!(within(Phase::Opening), 6, "{told:?}");
+    assert_eq!(within(Phase::Opening), 7, "{told:?}");
 }
 
 #[test]
 fn hidden_losses_stay_hidden() {
     let mut node = node();
     node.input.header.disclosure = Disclosure::Nothing;
-    let made = make(&node.input, None, &mut |_| {}).unwrap();
+    let made = make(&node.input, &BLIND, None, &mut |_| {}).unwrap();
     assert_eq!(claim(&made).unwrap().losses, Losses::Hidden);
 }
 
@@ -122,7 +125,7 @@ fn hidden_losses_stay_hidden() {
 #[test]
 fn the_input_holds_neither_samples_nor_weights() {
     let node = node();
-    let bytes = make(&node.input, None, &mut |_| {})
+    let bytes = make(&node.input, &BLIND, None, &mut |_| {})
         .unwrap()
         .to_buffers()
         .concat();
@@ -151,18 +154,18 @@ fn what_does_not_improve_is_refused() {
     let terms = &mut swapped.header.terms;
     core::mem::swap(&mut terms.base, &mut terms.update);
     assert!(matches!(
-        make(&swapped, None, &mut |_| {}),
+        make(&swapped, &BLIND, None, &mut |_| {}),
         Err(NotMade::Statement(StatementError::NoImprovement { .. }))
     ));
     // The node argues what is true under easier terms, and then claims it under the round's.
     node.input.header.terms.test.min_improvement_bps = 0;
-    let mut made = make(&node.input, None, &mut |_| {}).unwrap();
+    let mut made = make(&node.input, &BLIND, None, &mut |_| {}).unwrap();
     made.header.terms.test.min_improvement_bps = 9999;
     let refused = claim(&made).unwrap_err();
     assert!(matches!(refused, NotShown::Argument(_)), "{refused}");
     node.input.header.terms.test.min_improvement_bps = 9999;
     assert!(matches!(
-        make(&node.input, None, &mut |_| {}),
+        make(&node.input, &BLIND, None, &mut |_| {}),
         Err(NotMade::Statement(StatementError::NoImprovement { .. }))
     ));
 }
@@ -173,7 +176,7 @@ type Cheat = fn(&mut ClaimInput);
 /// The transcript begins with the whole header, so that an argument is about one challenge, one dataset and two sets of weights alone.
 #[test]
 fn an_argument_is_about_one_header() {
-    let made = make(&node().input, None, &mut |_| {}).unwrap();
+    let made = make(&node().input, &BLIND, None, &mut |_| {}).unwrap();
     claim(&made).unwrap();
     let cheats: [(&str, Cheat); 15] = [
         ("network", |i| i.header.terms.network.0[0] ^= 1),
@@ -212,7 +215,7 @@ fn an_argument_is_about_one_header() {
 /// Each of these is refused by name.
 #[test]
 fn what_is_not_in_the_argument_is_checked_by_itself() {
-    let made = make(&node().input, None, &mut |_| {}).unwrap();
+    let made = make(&node().input, &BLIND, None, &mut |_| {}).unwrap();
     let drawn = made.openings[0].index;
     let cheats: [(Cheat, NotShown); 8] = [
         (
@@ -272,12 +275,12 @@ fn an_argument_about_other_samples_is_refused() {
     other.openings[0].sample = node.dataset[easy as usize].clone();
     other.openings[0].path = merkle::path(&node.leaves, easy as usize).unwrap();
     let index = other.openings[0].index;
-    let made = make(&other, None, &mut |_| {}).unwrap();
+    let made = make(&other, &BLIND, None, &mut |_| {}).unwrap();
     let not_committed = StatementError::NotCommitted { index };
     assert_eq!(claim(&made), Err(not_committed.into()));
     let mut named = other.clone();
     named.openings[0].index = easy;
-    let made = make(&named, None, &mut |_| {}).unwrap();
+    let made = make(&named, &BLIND, None, &mut |_| {}).unwrap();
     assert!(matches!(
         claim(&made),
         Err(NotShown::Statement(StatementError::Index { .. }))
@@ -285,12 +288,12 @@ fn an_argument_about_other_samples_is_refused() {
     // The salt of the commitments is the dataset's.
     let mut salted = node.input.clone();
     salted.header.salt[5] ^= 1;
-    let made = make(&salted, None, &mut |_| {}).unwrap();
+    let made = make(&salted, &BLIND, None, &mut |_| {}).unwrap();
     assert_eq!(claim(&made), Err(StatementError::Salt.into()));
     // Another specification than the round's.
     let mut specified = node.input.clone();
     specified.header.terms.evaluation = Digest([1; 32]);
-    let made = make(&specified, None, &mut |_| {}).unwrap();
+    let made = make(&specified, &BLIND, None, &mut |_| {}).unwrap();
     assert!(matches!(
         claim(&made),
         Err(NotShown::Statement(StatementError::Evaluation { .. }))
@@ -299,7 +302,9 @@ fn an_argument_about_other_samples_is_refused() {
 
 #[test]
 fn buffers_that_are_no_input_are_refused() {
-    let buffers = make(&node().input, None, &mut |_| {}).unwrap().to_buffers();
+    let buffers = make(&node().input, &BLIND, None, &mut |_| {})
+        .unwrap()
+        .to_buffers();
     let said = |buffers: &[Vec<u8>]| ClaimInput::from_buffers(buffers).map(drop).unwrap_err();
     assert_eq!(
         said(&buffers[..1]),
@@ -333,12 +338,25 @@ fn equal_samples_are_committed_to_alike() {
     let digests = [Mode::Direct, Mode::Succinct].map(|mode| {
         dataset
             .iter()
-            .map(|s| committed(mode, &spec, s).unwrap())
+            .map(|s| committed(mode, &spec, s, &BLIND))
             .collect::<Vec<_>>()
     });
     let [direct, succinct] = digests;
     assert!(direct.iter().zip(&succinct).all(|(a, b)| a != b));
-    let again = committed(Mode::Succinct, &spec, &dataset[1].clone()).unwrap();
+    let again = committed(Mode::Succinct, &spec, &dataset[1].clone(), &BLIND);
     assert_eq!(again, succinct[1]);
     assert!(succinct[0] != succinct[1] && succinct[1] != succinct[2]);
+}
+
+/// A claim about more samples has no argument: there are too few pads.
+#[test]
+fn small_samples_leave_room_for_fewer_of_them() {
+    assert_eq!(
+        most_samples(Mode::Succinct, &EvalSpec::new(Dims::FULL)),
+        256
+    );
+    let most = most_samples(Mode::Succinct, &EvalSpec::micro());
+    assert!((40..100).contains(&most), "{most}");
+    assert_eq!(most_uses(&EvalSpec::micro()), 33);
+    assert_eq!(most_uses(&EvalSpec::new(Dims::FULL)), 2148);
 }

@@ -1,23 +1,28 @@
 //! The expert's argument: what the evaluation computes is accepted, and what is changed is refused.
 
-use crate::models::Models;
+use crate::models::{Models, BLIND};
 use std::io;
 use zk0_argument::expert::argument::{prove::prove, verify, Verified};
 use zk0_argument::expert::builder::MAIN;
 use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::published::{digest as digest_of_words, Published};
 use zk0_argument::expert::sample;
-use zk0_argument::expert::sizes::P;
+use zk0_argument::expert::sizes::{P, X};
 use zk0_argument::expert::statement::Statement;
 use zk0_argument::expert::witness::{evaluate, Common, Witness};
 use zk0_argument::field::Goldilocks;
 use zk0_argument::prove::progress::silently;
-use zk0_argument::prove::{check, Computed, Tables, Violation};
-use zk0_argument::relation::Relations;
+use zk0_argument::prove::{check, check_equalities, Computed, Tables, Violation};
+use zk0_argument::relation::{Relations, Tensor};
 use zk0_argument::transcript::Refused;
 use zk0_circuits::model::layout::Layout;
 use zk0_circuits::{Digest, EvalSpec, QuantisedWeights, Sample};
 use zk0_testkit::claims::Random;
+
+/// What attention scores are compared by.
+const DISTANCE: &str = "distance to the largest score";
+/// Results that are added to what the layer before has.
+const RESIDUALS: [&str; 2] = ["attention out", "down"];
 
 /// What the statements are about.
 const CONTEXT: Digest = Digest([7; 32]);
@@ -64,17 +69,28 @@ impl Made {
         })
     }
 
+    fn check_equalities(&self) -> Result<(), Violation> {
+        self.witnesses.iter().try_for_each(|witness| {
+            check_equalities(&Tables {
+                relations: &witness.expert.builder.relations,
+                sources: &witness.sources(&self.common),
+                computed: &Computed::default(),
+            })
+        })
+    }
+
     fn proof(&self) -> Vec<u64> {
         let witness = |number: usize| Ok::<_, io::Error>(self.witnesses[number].clone());
         let folder = std::env::temp_dir();
         let proof = prove(
             &self.statement,
             &self.common,
+            &BLIND,
             Some(&folder),
             &silently,
             witness,
         );
-        proof.unwrap().unwrap()
+        proof.unwrap()
     }
 
     /// Verifies, and checks what is left with the weights.
@@ -101,12 +117,138 @@ fn an_evaluation_is_accepted() {
         assert_eq!(made.check(), Ok(()));
         made.verify(&made.statement, &made.proof()).unwrap();
     }
+    let made = Made::new(&Models::loud(&EvalSpec::micro(), 2, 5));
+    assert!(made.statement.saturates);
+    made.verify(&made.statement, &made.proof()).unwrap();
+}
+
+/// More is committed to than need be.
+#[test]
+fn a_statement_may_saturate_without_need() {
+    let mut made = Made::new(&Models::new(&EvalSpec::micro(), 1, 6));
+    let plain = made.statement.clone();
+    let proof = made.proof();
+    made.statement.saturates = true;
+    assert!(made.verify(&made.statement, &proof).is_err());
+    assert_ne!(plain.digest(), made.statement.digest());
+}
+
+/// Tensors whose values saturate, with what exceeds one of their limits.
+struct Saturating {
+    name: &'static str,
+    /// 1 above the limit, and -1 below it.
+    sign: i64,
+    limit: i64,
+    result: Tensor,
+    excess: Tensor,
+}
+
+impl Saturating {
+    fn all(made: &Made) -> Vec<Self> {
+        let relations = made.relations();
+        let names = ["query", "attention out", "gate", "up", "gated MLP", "down"];
+        let int16 = [(1, i16::MAX.into()), (-1, i16::MIN.into())];
+        let furthest = [(1, made.expert.builder.sizes.count(X) as i64 - 1)];
+        let limits = names.map(|name| (name, &int16[..]));
+        let distances = [(DISTANCE, &furthest[..])];
+        let all = limits.into_iter().chain(distances);
+        all.flat_map(|(name, limits)| {
+            let of_main = |tensor: &&Tensor| tensor.name == name && tensor.source == MAIN;
+            let own: Vec<_> = relations.tensors.iter().filter(of_main).collect();
+            let limits = limits.iter().zip(own.clone().into_iter().skip(1));
+            let saturating = limits.map(|(&(sign, limit), excess)| Self {
+                name,
+                sign,
+                limit,
+                result: own[0].clone(),
+                excess: excess.clone(),
+            });
+            saturating.collect::<Vec<_>>()
+        })
+        .collect()
+    }
+
+    /// The first place of a result and of its excess that is such a one.
+    fn find(&self, main: &[i64], is: impl Fn(i64, i64) -> bool) -> Option<[usize; 2]> {
+        let places = &self.excess.places;
+        let size: u32 = places.iter().map(|place| place.bits as u32).sum();
+        let indices = (0..1usize << size).map(|mut number| {
+            let digits = places.iter().map(|place| {
+                let digit = number & ((1 << place.bits) - 1);
+                number >>= place.bits;
+                digit
+            });
+            digits.collect::<Vec<_>>()
+        });
+        let mut values = indices.map(|at| [self.result.number(&at), self.excess.number(&at)]);
+        values.find(|&[result, excess]| is(main[result], main[excess]))
+    }
+}
+
+/// What exceeds a limit does so where the result is the limit.
+#[test]
+fn a_base_saturates_at_the_limits_alone() {
+    let mut made = Made::new(&Models::loud(&EvalSpec::micro(), 1, 5));
+    let mut tried = vec![];
+    for tensor in Saturating::all(&made) {
+        let exceeds = tensor.find(&made.witnesses[0].main, |_, excess| excess > 0);
+        let Some([result, excess]) = exceeds else {
+            continue;
+        };
+        // The sum of both is the same as before.
+        let change = |made: &mut Made, by: i64| {
+            let main = &mut made.witnesses[0].main;
+            main[excess] += by;
+            main[result] -= tensor.sign * by;
+        };
+        assert_eq!(made.check_equalities(), Ok(()));
+        change(&mut made, 1);
+        assert!(made.check_equalities().is_err(), "{}", tensor.name);
+        change(&mut made, -1);
+        tried.push((tensor.name, tensor.sign));
+    }
+    let of = |sign| tried.iter().any(|&(_, own)| own == sign);
+    assert!(
+        of(1) && of(-1) && tried.contains(&(DISTANCE, 1)),
+        "{tried:?}"
+    );
+}
+
+/// A result within its limits is not raised to one by an excess below zero. (The results left out have relations that come before their own.)
+#[test]
+fn nothing_exceeds_a_limit_by_less_than_zero() {
+    let mut made = Made::new(&Models::loud(&EvalSpec::micro(), 1, 5));
+    let mut tried = 0;
+    for tensor in Saturating::all(&made) {
+        let Saturating { sign, limit, .. } = tensor;
+        let within = |result: i64, _| result != 0 && sign * result < sign * limit;
+        let found = tensor.find(&made.witnesses[0].main, within);
+        let Some([result, excess]) = found.filter(|_| !RESIDUALS.contains(&tensor.name)) else {
+            continue;
+        };
+        let main = &mut made.witnesses[0].main;
+        let before = main[result];
+        (main[result], main[excess]) = (limit, sign * (before - limit));
+        match made.check() {
+            Err(Violation::NotInTable(refused)) => assert_eq!(refused.lookup, tensor.name),
+            other => panic!("{}: {other:?}", tensor.name),
+        }
+        let main = &mut made.witnesses[0].main;
+        (main[result], main[excess]) = (before, 0);
+        tried += 1;
+    }
+    assert_eq!(tried, 9);
 }
 
 /// One value of each committed tensor is changed. Some relation names it.
 #[test]
 fn a_changed_value_breaks_a_relation() {
-    let mut made = Made::new(&Models::new(&EvalSpec::micro(), 2, 4));
+    for models in [Models::new, Models::loud] {
+        each_value_counts(Made::new(&models(&EvalSpec::micro(), 2, 4)));
+    }
+}
+
+fn each_value_counts(mut made: Made) {
     let mut random = Random(4);
     let tensors = made.witnesses[0].expert.builder.relations.tensors.clone();
     for tensor in tensors.iter().filter(|tensor| tensor.source == MAIN) {
@@ -157,7 +299,7 @@ fn a_sample_holds_nothing_that_is_not_read() {
         let violation = made.check().unwrap_err().to_string();
         assert!(violation.contains("where nothing is read"), "{violation}");
         let refused = made.verify(&made.statement, &made.proof()).err();
-        let expected = Refused::Equation("what a sample holds where nothing is read");
+        let expected = Refused::Equation("the sumcheck of an argument's end");
         assert_eq!(refused, Some(expected), "value {number} of the samples");
         let own = &mut made.witnesses[1];
         own.data[number] = 0;
@@ -178,7 +320,7 @@ fn a_proof_names_the_samples_as_they_were_committed_to() {
     let models = Models::new(&EvalSpec::micro(), 3, 9);
     let made = Made::new(&models);
     let verified = made.verify(&made.statement, &made.proof()).unwrap();
-    let digest = |sample: &Sample| sample::prove::digest(&models.spec, sample).unwrap();
+    let digest = |sample: &Sample| sample::prove::digest(&models.spec, sample, &BLIND);
     let expected: Vec<_> = models
         .samples
         .iter()

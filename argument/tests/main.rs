@@ -13,6 +13,8 @@ mod expert;
 mod fields;
 #[cfg(feature = "prove")]
 mod fractions;
+#[cfg(feature = "prove")]
+mod hiding;
 mod layout;
 #[cfg(feature = "prove")]
 mod models;

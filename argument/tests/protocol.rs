@@ -10,7 +10,8 @@ use zk0_argument::prove::{count, Computed, Instance, NotInTable, Proving, Tables
 use zk0_argument::relation::public::{Affine, Public, RangeColumn, Ranges, Written};
 use zk0_argument::relation::*;
 use zk0_argument::share::share;
-use zk0_argument::transcript::{Challenges, Prover, Refused, Verifier};
+use zk0_argument::transcript::{Challenges, Pads, Prover, Refused, Verifier};
+use zk0_argument::verify::Verifying;
 
 const STATEMENT: Digest = Digest([1, 2, 3, 4]);
 const MAIN: Source = Source(0);
@@ -316,30 +317,45 @@ fn fill_counts(values: &mut [Vec<i64>; 2]) -> Result<(), NotInTable> {
     Ok(())
 }
 
-fn prove(values: &[Vec<i64>; 2]) -> Vec<u64> {
+/// An argument and its pads.
+fn prove(values: &[Vec<i64>; 2]) -> (Vec<u64>, Vec<Extension>) {
     let relations = relations();
     let instance = Instance {
         relations: &relations,
         sources: vec![Values::Wide(&values[0]), Values::Wide(&values[1])],
     };
-    let mut proving = Proving::new(Prover::new(&STATEMENT), vec![instance], 1, &silently);
+    let pads = (0..1i64 << 10).map(|seed| {
+        let element = |factor| Goldilocks::from_i64(seed * factor + 3);
+        Extension([element(1 << 41), element(-977)])
+    });
+    let pads: Vec<Extension> = pads.collect();
+    let prover = Prover::new(&STATEMENT, Pads::new(pads.clone()));
+    let mut proving = Proving::new(prover, vec![instance], 1, &silently);
     let mut parts = Parts::default();
-    // What an equation refuses stays in the proof, for the verifier to refuse.
-    if let Ok(claims) = argue(&mut proving, &relations, &mut parts) {
-        share(&mut proving, &mut parts, &SOURCES, &claims).unwrap();
-    }
-    proving.prover.finish()
+    let left = argue(&mut proving, &relations, &mut parts).unwrap();
+    share(&mut proving, &mut parts, &SOURCES, &left.secret).unwrap();
+    (proving.prover.finish().unwrap(), pads)
 }
 
-/// Verifies, with what the sources are at the last points.
-fn verify(proof: &[u64], values: &[Vec<i64>; 2]) -> Result<(), Refused> {
+/// Verifies, with the pads, and with what the sources are at the last points.
+fn verify(
+    (proof, pads): &(Vec<u64>, Vec<Extension>),
+    values: &[Vec<i64>; 2],
+) -> Result<(), Refused> {
     let mut verifier = Verifier::new(&STATEMENT, proof);
+    let mut verifying = Verifying::new(&mut verifier);
     let mut parts = Parts::default();
-    let claims = argue(&mut verifier, &relations(), &mut parts)?;
-    let (point, shared) = share(&mut verifier, &mut parts, &SOURCES, &claims)?;
+    let left = argue(&mut verifying, &relations(), &mut parts)?;
+    let (point, shared) = share(&mut verifying, &mut parts, &SOURCES, &left.secret)?;
+    let equations = verifying.equations;
+    let padded = verifier.padded().iter().zip(pads);
+    let secrets: Vec<Extension> = padded.map(|(&said, &pad)| said - pad).collect();
+    if let Some(unmet) = equations.unmet(&secrets) {
+        return Err(Refused::Equation(unmet));
+    }
     for ((values, bits), value) in values.iter().zip(BITS).zip(shared) {
         let elements: Vec<Goldilocks> = values.iter().map(|&v| Goldilocks::from_i64(v)).collect();
-        if evaluate(&elements, &point.own[..bits]) != value {
+        if evaluate(&elements, &point.own[..bits]) != value.value(&secrets, &[]) {
             return Err(Refused::Equation("the value of a source"));
         }
     }
@@ -359,18 +375,15 @@ fn what_holds_is_accepted() {
 fn a_changed_word_is_refused() {
     let mut values = values(1);
     fill_counts(&mut values).unwrap();
-    let proof = prove(&values);
+    let (proof, pads) = prove(&values);
+    let told = |words: Vec<u64>| verify(&(words, pads.clone()), &values);
     for word in 0..proof.len() {
         let mut changed = proof.clone();
         changed[word] = (changed[word] + 1) % 0xffff_ffff_0000_0001;
-        assert!(
-            verify(&changed, &values).is_err(),
-            "word {word} of {}",
-            proof.len()
-        );
+        assert!(told(changed).is_err(), "word {word} of {}", proof.len());
     }
-    assert!(verify(&proof[1..], &values).is_err());
-    assert!(verify(&proof[..proof.len() - 1], &values).is_err());
+    assert!(told(proof[1..].to_vec()).is_err());
+    assert!(told(proof[..proof.len() - 1].to_vec()).is_err());
 }
 
 /// Each committed value that follows from others is changed. The prover counts again where it can, and argues as if nothing were wrong.
@@ -409,7 +422,7 @@ fn what_is_in_no_table_is_named() {
 #[test]
 fn publics_are_their_values() {
     let relations = relations();
-    let mut prover = Prover::new(&STATEMENT);
+    let mut prover = Prover::new(&STATEMENT, Pads::new(vec![]));
     for public in &relations.publics {
         let axis = public.axes()[0];
         let bits = relations.bits(axis);

@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use std::fs;
 use std::path::PathBuf;
 use zk0_circuits::model::draw::Draw;
-use zk0_circuits::model::eval::{evaluate, Evaluator};
+use zk0_circuits::model::eval::{evaluate, Evaluator, Overflow};
 use zk0_circuits::model::layout::expert_tensors;
 use zk0_circuits::model::sample::{Sample, SampleParts};
 use zk0_circuits::model::spec::{Dims, EvalSpec};
@@ -115,7 +115,7 @@ fn velocity_and_loss_agree_with_lerobot() {
                 .collect(),
         };
         let evaluator = Evaluator::new(&spec).unwrap();
-        let mut products = evaluator.direct(&quantised).unwrap();
+        let mut products = evaluator.direct(&quantised, Overflow::Refused).unwrap();
         let velocity = evaluator
             .velocity(&mut products, &fixed_sample, &draw)
             .unwrap();
@@ -128,7 +128,7 @@ fn velocity_and_loss_agree_with_lerobot() {
                 worst = worst.max((*value as f32 / scale - expected).abs());
             }
         }
-        let sum = evaluate(&spec, &quantised, &fixed_sample, &draw).unwrap();
+        let sum = evaluate(&spec, &quantised, &fixed_sample, &draw, Overflow::Refused).unwrap();
         let loss = sum.squared_error as f64 / (scale as f64).powi(2) / sum.elements as f64;
         // If the fixture says so, LeRobot's value is a mean that includes the padded action dimensions of the batch.
         let relative = (loss / expected_loss[sample] as f64 - 1.0).abs();

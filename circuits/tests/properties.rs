@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use zk0_circuits::claim::challenge::{sample_indices, MAX_EVAL_SAMPLES};
 use zk0_circuits::model::arithmetic::tables::flow_time;
 use zk0_circuits::model::draw::draw;
-use zk0_circuits::model::eval::{evaluate, Evaluator};
+use zk0_circuits::model::eval::{evaluate, Evaluator, Overflow};
 use zk0_circuits::model::layout::expert_tensors;
 use zk0_circuits::model::linear::{linears, HALF};
 use zk0_circuits::model::quantise::QuantiseError;
@@ -93,7 +93,7 @@ proptest! {
             if spec.dims == Dims::MICRO {
                 let honest = honest(&EvalSpec::micro(), 3, 2, 1).input;
                 let draw = draw(&spec, &Digest([0; 32]), 0, 1);
-                let _ = evaluate(&spec, &honest.base, &honest.openings[0].sample, &draw);
+                let _ = evaluate(&spec, &honest.base, &honest.openings[0].sample, &draw, Overflow::Refused);
             }
         }
         prop_assert!(EvalSpec::decode(&bytes[..keep % len]).is_err());
@@ -238,7 +238,7 @@ fn buffers_of_other_dimensions_are_refused() {
     let weights = quantise(&larger, &tensors(&larger, &mut Random(1), 1.0));
     let sample = Parts::random(&spec, &mut Random(1), 4, 0).quantise(&spec);
     let draw = draw(&spec, &Digest([0; 32]), 0, 1);
-    let error = evaluate(&spec, &weights, &sample, &draw).unwrap_err();
+    let error = evaluate(&spec, &weights, &sample, &draw, Overflow::Refused).unwrap_err();
     assert_eq!(error, EvalError::Dimensions("the weights"));
     assert!(matches!(
         QuantisedWeights::from_bytes(&spec, weights.as_bytes()),

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use zk0_circuits::claim::dataset::leaf;
 use zk0_circuits::model::draw::draw;
-use zk0_circuits::model::eval::evaluate;
+use zk0_circuits::model::eval::{evaluate, Overflow};
 use zk0_circuits::model::quantise::QuantiseError;
 use zk0_circuits::model::sample::{SampleError, SampleParts};
 use zk0_circuits::{Digest, EvalSpec, Sample};
@@ -122,9 +122,9 @@ fn later_noise_changes_nothing() {
     let honest = honest(&spec, 20, 4, 11);
     let sample = parts(&spec).quantise(&spec);
     let mut draw = draw(&spec, &Digest([6; 32]), 0, 1);
-    let first = evaluate(&spec, &honest.input.base, &sample, &draw).unwrap();
+    let first = evaluate(&spec, &honest.input.base, &sample, &draw, Overflow::Refused).unwrap();
     draw.noise[5 * spec.dims.max_action_dim as usize] += 1000;
-    let second = evaluate(&spec, &honest.input.base, &sample, &draw).unwrap();
+    let second = evaluate(&spec, &honest.input.base, &sample, &draw, Overflow::Refused).unwrap();
     assert_eq!(first, second);
     assert_eq!(first.elements, 4 * 6);
 }

@@ -47,7 +47,7 @@ pub struct Membership {
     /// The recording: a LeRobotDataset folder, or hub:owner/name[@revision] on the Hugging Face Hub.
     #[arg(long, value_name = "RECORDING")]
     dataset: RecordingName,
-    /// Keep the policy, the salt, the evaluation set, updates, training histories and receipts in this folder. Keep the folder secret.
+    /// Keep the policy, the node's secret, the evaluation set, updates, training histories and receipts in this folder. Keep the folder secret.
     #[arg(long, value_name = "DIR")]
     state: PathBuf,
     /// Take part in this many rounds. With 0, the node only commits to the recording, and ends.
@@ -95,7 +95,7 @@ impl Membership {
     }
 }
 
-/// Makes the folder of a node, whose salt and samples are for its owner alone. This warns if others can look into a folder that is there
+/// Makes the folder of a node, whose secret and samples are for its owner alone. This warns if others can look into a folder that is there
 /// already.
 pub fn make_state(folder: &Path) -> io::Result<()> {
     let mut builder = DirBuilder::new();
@@ -104,7 +104,7 @@ pub fn make_state(folder: &Path) -> io::Result<()> {
     if mode & 0o077 != 0 {
         let folder = folder.display();
         tracing::warn!(
-            "other users of this machine can look into {folder}, which holds the salt and samples of the recording: run `chmod 700 {folder}`"
+            "other users of this machine can look into {folder}, which holds the secret and the samples of the recording: run `chmod 700 {folder}`"
         );
     }
     Ok(())

@@ -29,7 +29,8 @@ const BEYOND_QUEUE: usize = 64;
 pub enum Command {
     /// Make proofs for the nodes of this machine, one at a time. On a CPU this needs 20 GiB of free memory.
     Serve {
-        /// Listen on this address; port 0 takes a free port. Requests carry a private input, which holds samples of a recording, and traffic
+        /// Listen on this address; port 0 takes a free port. Requests carry a private input, which holds samples of a recording (mode direct)
+        /// or their losses (mode succinct), and traffic
         /// is encrypted only with --tls-certificate. Whoever reaches the address can have proofs made, so listen only on this machine or on
         /// a private network.
         #[arg(long, default_value = "127.0.0.1:7072")]

@@ -1,4 +1,4 @@
-//! `zk0 audit recording`: an auditor who has a node's recording and salt compares them with what the node registered. A node that is
+//! `zk0 audit recording`: an auditor who has a node's recording and secret compares them with what the node registered. A node that is
 //! started again makes no sample again.
 
 use crate::harness::network::LocalNetwork;
@@ -6,6 +6,7 @@ use crate::harness::{copy, ends, logged, printed, prints, root, zk0, RECORDING};
 use std::fs;
 use std::path::{Path, PathBuf};
 use zk0_ledger::Blobs;
+use zk0_node::recording::secret::{Secret, Secrets};
 use zk0_protocol::entries::entry::Body;
 
 /// The number of the entry that registered the dataset.
@@ -22,10 +23,17 @@ fn compared(
     code: i32,
     entry: usize,
     recording: &str,
-    salt: &str,
+    secret: &str,
 ) -> String {
     let entry = entry.to_string();
-    let of = ["--entry", &entry, "--recording", recording, "--salt", salt];
+    let of = [
+        "--entry",
+        &entry,
+        "--recording",
+        recording,
+        "--secret",
+        secret,
+    ];
     compared_with(&[&network.path("ledger")], code, &of)
 }
 
@@ -42,15 +50,15 @@ fn an_auditor_with_the_recording_finds_the_registered_samples() {
     // Fewer frames are drawn than the recording has.
     network.found(&["--min-dataset-samples", "20", "--evaluation-frames", "30"]);
     network.joins(0, &[]);
-    let (entry, salt) = (registration(&network), network.path("state/salt"));
-    let said = compared(&network, 0, entry, RECORDING, &salt);
+    let (entry, secret) = (registration(&network), network.path("state/secret"));
+    let said = compared(&network, 0, entry, RECORDING, &secret);
     assert!(
         said.contains("VERIFIED") && said.contains("all 30 drawn frames"),
         "{said}"
     );
 
     let other = "tests/fixtures/datasets/so100_stacking";
-    let said = compared(&network, 1, entry, other, &salt);
+    let said = compared(&network, 1, entry, other, &secret);
     assert!(
         said.contains("FAILED") && said.contains("6 registered episodes are not in the recording"),
         "{said}"
@@ -64,7 +72,7 @@ fn an_auditor_with_the_recording_finds_the_registered_samples() {
         changed.join(video("wrist")),
     )
     .unwrap();
-    let said = compared(&network, 1, entry, changed.to_str().unwrap(), &salt);
+    let said = compared(&network, 1, entry, changed.to_str().unwrap(), &secret);
     assert!(
         said.contains("30 of 30 drawn frames give other samples"),
         "{said}"
@@ -72,20 +80,22 @@ fn an_auditor_with_the_recording_finds_the_registered_samples() {
     assert!(said.contains("another kind of CPU"), "{said}");
 
     let forged = network.path("forged");
-    fs::write(&forged, [7; 32]).unwrap();
+    let mut other = Secrets::default();
+    other.add(Secret::new([7; 32]));
+    fs::write(&forged, other.encode()).unwrap();
     let said = compared(&network, 1, entry, RECORDING, &forged);
-    assert!(said.contains("did not commit with the salt"), "{said}");
-    fs::write(&forged, [7; 31]).unwrap();
+    assert!(said.contains("did not commit with a secret in"), "{said}");
+    fs::write(&forged, &other.encode()[..70]).unwrap();
     let said = compared(&network, 2, entry, RECORDING, &forged);
-    assert!(said.contains("has 31 bytes, but a salt has 32"), "{said}");
-    let said = compared(&network, 2, 0, RECORDING, &salt);
+    assert!(said.contains("its checksum is wrong"), "{said}");
+    let said = compared(&network, 2, 0, RECORDING, &secret);
     assert!(
         said.contains("entry 0 does not register a dataset"),
         "{said}"
     );
-    let said = compared(&network, 2, 99, RECORDING, &salt);
+    let said = compared(&network, 2, 99, RECORDING, &secret);
     assert!(said.contains("there is no entry 99"), "{said}");
-    let said = compared(&network, 2, entry, "no-such-recording", &salt);
+    let said = compared(&network, 2, entry, "no-such-recording", &secret);
     assert!(said.contains("there is no such folder"), "{said}");
 }
 
@@ -95,7 +105,7 @@ fn a_damaged_blob_of_the_auditors_copy_is_fetched_again() {
     let network = LocalNetwork::new();
     network.found(&["--min-dataset-samples", "20", "--evaluation-frames", "30"]);
     network.joins(0, &[]);
-    let (entry, salt) = (registration(&network), network.path("state/salt"));
+    let (entry, secret) = (registration(&network), network.path("state/secret"));
     let (export, mirror) = (network.path("export"), network.path("mirror"));
     prints(&["ledger", "export", &network.path("ledger"), &export]);
     let number = entry.to_string();
@@ -104,8 +114,8 @@ fn a_damaged_blob_of_the_auditors_copy_is_fetched_again() {
         &number,
         "--recording",
         RECORDING,
-        "--salt",
-        &salt,
+        "--secret",
+        &secret,
     ];
     let compared = |code| compared_with(&[&export, "--mirror", &mirror], code, &of);
     let said = compared(0);

@@ -96,7 +96,7 @@ fn an_interrupted_node_leaves_nothing_behind_and_goes_on_with_its_update() {
             ];
             [
                 "lock",
-                "salt",
+                "secret",
                 "registration",
                 "receipts",
                 "cache",

@@ -23,7 +23,8 @@ fn a_claim_is_proven_and_its_proof_is_one_of_nothing_else() {
     let listening = service.says("the proving service listens");
     let url = format!("http://{}", listening["listening"].as_str().unwrap());
     let private = synthetic::private_input(&EvalSpec::micro(), Mode::Direct, SAMPLES, SEED);
-    let prepared = Prepared::of(Mode::Direct, &private.unwrap(), None, &mut |_| {}).unwrap();
+    let (private, blind) = (private.unwrap(), synthetic::blind(SEED));
+    let prepared = Prepared::of(Mode::Direct, &private, &blind, None, &mut |_| {}).unwrap();
     let claim = prepared.claim;
     let proven = Runtime::new().unwrap().block_on(async {
         let address = ProvingClient::address(url);

@@ -6,12 +6,16 @@
 
 use crate::random_number::random_number;
 use std::ffi::OsString;
-use std::fs::{self, File};
+use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 /// The end of a temporary file's name.
 pub const UNFINISHED: &str = ".unfinished";
+/// Who may read a file: everybody whom the process lets, or its owner alone.
+const SHARED: u32 = 0o666;
+const PRIVATE: u32 = 0o600;
 /// Bytes that are given to the operating system at once.
 const BUFFER: usize = 1 << 20;
 
@@ -33,8 +37,17 @@ pub fn write<T>(
     durability: Durability,
     fill: impl FnOnce(&mut dyn Write) -> io::Result<T>,
 ) -> io::Result<T> {
+    write_as(path, SHARED, durability, fill)
+}
+
+fn write_as<T>(
+    path: &Path,
+    mode: u32,
+    durability: Durability,
+    fill: impl FnOnce(&mut dyn Write) -> io::Result<T>,
+) -> io::Result<T> {
     let unfinished = temporary(path)?;
-    let written = write_and_rename(&unfinished, path, durability, fill);
+    let written = write_and_rename(&unfinished, path, mode, durability, fill);
     if written.is_err() {
         // The first error is the one to report.
         let _ = fs::remove_file(&unfinished);
@@ -45,10 +58,16 @@ pub fn write<T>(
 fn write_and_rename<T>(
     unfinished: &Path,
     path: &Path,
+    mode: u32,
     durability: Durability,
     fill: impl FnOnce(&mut dyn Write) -> io::Result<T>,
 ) -> io::Result<T> {
-    let file = File::create_new(unfinished)?;
+    let mut options = OpenOptions::new();
+    let file = options
+        .write(true)
+        .create_new(true)
+        .mode(mode)
+        .open(unfinished)?;
     let mut out = BufWriter::with_capacity(BUFFER, &file);
     let filled = fill(&mut out)?;
     out.flush()?;
@@ -66,6 +85,16 @@ fn write_and_rename<T>(
 /// Those of [`write()`].
 pub fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
     write(path, Durability::OnDisk, |out| out.write_all(bytes))
+}
+
+/// Writes a file as [`replace`] does. Its owner alone may read it.
+///
+/// # Errors
+/// Those of [`write()`].
+pub fn replace_private(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    write_as(path, PRIVATE, Durability::OnDisk, |out| {
+        out.write_all(bytes)
+    })
 }
 
 /// Moves a finished file to its place: its bytes reach the disk before its name does.
@@ -134,6 +163,7 @@ fn temporary(path: &Path) -> io::Result<PathBuf> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::os::unix::fs::MetadataExt;
 
     fn names(folder: &Path) -> Vec<OsString> {
         let entries = fs::read_dir(folder).unwrap();
@@ -156,6 +186,9 @@ mod tests {
         }
         replace(&path, b"three").unwrap();
         assert_eq!(fs::read_to_string(&path).unwrap(), "three");
+        replace_private(&path, b"four").unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), "four");
+        assert_eq!(fs::metadata(&path).unwrap().mode() & 0o777, 0o600);
         assert_eq!(names(dir.path()), ["some.file"]);
     }
 

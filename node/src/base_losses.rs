@@ -16,7 +16,7 @@ const MAX_BYTES: u64 = 64 << 20;
 struct Kept {
     /// The network's id.
     network: String,
-    /// The root of the dataset on whose samples the losses were measured.
+    /// Digest of the samples on which the losses were measured.
     dataset: String,
     /// Oldest first.
     rounds: Vec<Measured>,
@@ -40,7 +40,7 @@ pub struct BaseLosses {
 }
 
 impl BaseLosses {
-    /// The losses of the node with the state folder `state`, in `network`, on the samples of the dataset with the root `dataset`.
+    /// The losses of the node with the state folder `state`, in `network`, on the samples whose digest is `dataset`.
     pub fn at(state: &Path, network: Digest, dataset: Digest) -> Self {
         Self {
             path: state.join("base-losses.json"),
@@ -110,7 +110,7 @@ impl BaseLosses {
         }
         if kept.dataset != dataset {
             return wrong(format!(
-                "it belongs to a recording whose root is {}, and this recording's root is {dataset}",
+                "it is about samples whose digest is {}, and those of this node have the digest {dataset}",
                 kept.dataset
             ));
         }
@@ -168,7 +168,7 @@ mod tests {
         };
         let of = |network, dataset| BaseLosses::at(dir.path(), Digest(network), Digest(dataset));
         assert!(refused(&of([9; 32], [2; 32]), 4, BASE).contains("to network 0101"));
-        assert!(refused(&of([1; 32], [9; 32]), 4, BASE).contains("whose root is 0202"));
+        assert!(refused(&of([1; 32], [9; 32]), 4, BASE).contains("whose digest is 0202"));
         assert!(refused(&losses(&dir), 2, BASE).contains("up to round 3"));
         assert!(refused(&losses(&dir), 3, Digest([8; 32])).contains("round 3 begins with"));
 

@@ -3,7 +3,6 @@
 use crate::client_error::NodeError;
 use std::io;
 use std::path::PathBuf;
-use zk0_argument::claim::TooSmall;
 use zk0_circuits::claim::challenge::DrawError;
 use zk0_circuits::Digest;
 use zk0_protocol::entries::program::Program;
@@ -82,6 +81,17 @@ pub enum ParticipantError {
         /// Samples in the node's evaluation set.
         held: u64,
     },
+    /// A claim about a policy of this size cannot evaluate so many samples.
+    #[error(
+        "a claim about a policy of this size has at most {most} samples in mode succinct, and this one would have {asked}: start the node with \
+         --eval-samples {most} or less; where the rules ask for more, a vote has to change min_eval_samples"
+    )]
+    TooManyToProve {
+        /// How many the claim would have.
+        asked: u32,
+        /// Most samples of a claim.
+        most: u32,
+    },
     /// The frames of the evaluation set cannot be drawn.
     #[error("the evaluation set: {0}")]
     Frames(DrawError),
@@ -115,9 +125,30 @@ pub enum ParticipantError {
         /// Bytes free.
         free: u64,
     },
-    /// The network's mode does not fit its evaluation.
-    #[error("the network's evaluation: {0}; tell its operator")]
-    TooSmall(#[from] TooSmall),
+    /// What hides the samples is lost, or how often they were opened.
+    #[error(
+        "{why}. Without it the node does not know how often it has opened its samples, and proves nothing more about them. To register the recording again, under a fresh secret, move the files `secret` and `registration` out of {}, and start the node again",
+        folder.display()
+    )]
+    NoSecret {
+        /// The state folder.
+        folder: PathBuf,
+        /// What is wrong with the file.
+        why: String,
+    },
+    /// A further argument would show a sample.
+    #[error(
+        "{opened} arguments have opened sample {leaf} of the evaluation set, and no more than that hide it, so the node makes no further one about it. The node registers its recording again by itself, under a fresh secret. If it cannot (its log says why), move the files `secret` and `registration` out of {}, and start it again",
+        folder.display()
+    )]
+    WornOut {
+        /// Its index.
+        leaf: u64,
+        /// How many.
+        opened: u32,
+        /// The state folder.
+        folder: PathBuf,
+    },
     /// A request to the aggregator fails.
     #[error(transparent)]
     Node(#[from] NodeError),

@@ -4,31 +4,28 @@ use crate::client::watching::OpenRound;
 use crate::client::Node;
 use crate::client_error::NodeError;
 use crate::error::ParticipantError;
-use crate::recording::evaluation_set::{Commitment, EvaluationSet};
+use crate::recording::registering::Registering;
 use crate::recording::Recording;
-use crate::state_files::lock::StateLock;
+use crate::state_files::{self, lock::StateLock};
 use crate::turn::{Entered, Training, Turn};
-use crate::{receipts, state_files};
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::PathBuf;
 use tonic::Code;
+use zk0_argument::claim::most_samples;
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::spec::EvalSpec;
 use zk0_circuits::Mode;
 use zk0_files::atomic_file::put_in_place;
 use zk0_protocol::counted::counted;
-use zk0_protocol::entries::entry::{RoundOpened, MAX_ENTRY_BYTES};
+use zk0_protocol::entries::entry::RoundOpened;
 use zk0_protocol::entries::program::{Program, OUR_SP1};
 use zk0_protocol::entries::refusal::Refusal;
 use zk0_protocol::entries::round_result::ResultOutcome;
-use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_prover::service::ProvingClient;
-use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::image_transforms::Variants;
 use zk0_smolvla::frames::prefix_cache::DiskCache;
-use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::measure::fixed_point::dims;
 use zk0_smolvla::PolicyConfig;
 use zk0_weights::Format;
@@ -36,14 +33,11 @@ use zk0_weights::Format;
 /// Largest policy file that a node downloads. The published policy takes 1.8 GB.
 pub const MAX_POLICY_BYTES: u64 = 4 << 30;
 
-/// The file in which a node keeps what it has registered.
-const REGISTRATION: &str = "registration";
-
 /// Who takes part, and with what.
 pub struct Participant {
     /// The recording: a LeRobotDataset folder.
     pub dataset: PathBuf,
-    /// Where the node keeps the policy, its salt, its evaluation set, its updates, its training histories and its receipts.
+    /// Where the node keeps the policy, its secrets, its evaluation set, its updates, its training histories and its receipts.
     pub state: PathBuf,
     /// Where prepared samples are kept when the node ends.
     pub cache: Option<DiskCache>,
@@ -66,68 +60,6 @@ impl Participant {
         let policy = self.policy(node).await?;
         tracing::info!("opening the recording {}", self.dataset.display());
         Recording::open(&self.dataset, &policy, self.cache.as_ref())
-    }
-
-    /// Prepares the evaluation set, and puts the commitment to it on the ledger. `samples` are all frames of the recording,
-    /// and `training` those to train on.
-    ///
-    /// # Errors
-    /// The policy does not fit the network's evaluation specification, or the recording, the aggregator or the file system fails.
-    async fn enter<'a>(
-        &self,
-        node: &mut Node,
-        recording: &'a Recording<'_>,
-        samples: &'a dyn SampleSource<PreparedSample>,
-        training: &'a dyn SampleSource<PreparedSample>,
-    ) -> Result<Entered<'a>, ParticipantError> {
-        let spec = EvalSpec::decode(&node.genesis().evaluation)?;
-        check_dimensions(recording.config(), &spec)?;
-        let by = Commitment {
-            network: *node.network(),
-            mode: node.genesis().mode,
-            frames: self.evaluation_frames(node, &recording.episodes()).await?,
-            salt: self.salt()?,
-        };
-        let name = format!("evaluation-set-{}-{}", by.mode, spec.digest());
-        let folder = self.state.join(name);
-        let evaluation = EvaluationSet::prepare(recording, samples, &spec, by, &folder)?;
-        samples.rest();
-        let (registration, list) = evaluation.registration(node.id());
-        let receipt = node.register(registration.clone(), list).await?;
-        receipts::keep(&self.state, node.genesis(), receipt)?;
-        let kept = borsh::to_vec(&registration).expect("writing to a Vec cannot fail");
-        state_files::write(&self.state.join(REGISTRATION), &kept)?;
-        tracing::info!(
-            "committed to {} samples of {} frames, root {}",
-            evaluation.commitment.samples,
-            recording.len(),
-            evaluation.commitment.root
-        );
-        Ok(Entered {
-            config: recording.config(),
-            format: Format::new(&spec)?,
-            samples,
-            training,
-            evaluation,
-        })
-    }
-
-    /// How many frames to draw. A recording that is registered already keeps its number. For another one, the rules in force say it.
-    async fn evaluation_frames(
-        &self,
-        node: &mut Node,
-        episodes: &[Episode],
-    ) -> Result<u32, ParticipantError> {
-        let path = self.state.join(REGISTRATION);
-        if let Some(bytes) = state_files::read(&path, MAX_ENTRY_BYTES as u64)? {
-            let kept: DatasetRegistration = borsh::from_slice(&bytes)
-                .map_err(|error| state_files::broken(&path, error.to_string()))?;
-            let whose = (kept.network, kept.node);
-            if whose == (*node.network(), node.id()) && kept.episodes == episodes {
-                return Ok(kept.evaluation_frames);
-            }
-        }
-        Ok(node.governance().await?.rules.evaluation_frames)
     }
 
     /// Takes part in `rounds` rounds. If the update of a round cannot be proven, is refused, or comes too late, the node goes on with the next
@@ -155,7 +87,23 @@ impl Participant {
         let maker = recording.maker().with_variants(self.variants.clone());
         let samples = recording.samples(&maker);
         let training = recording.training_samples(&maker, self.variants.as_ref());
-        let entered = self.enter(node, &recording, &samples, &training).await?;
+        let spec = EvalSpec::decode(&node.genesis().evaluation)?;
+        check_dimensions(recording.config(), &spec)?;
+        let registering = Registering {
+            state: &self.state,
+            recording: &recording,
+            samples: &samples,
+            spec: &spec,
+        };
+        let mut entered = Entered {
+            config: recording.config(),
+            format: Format::new(&spec)?,
+            samples: &samples,
+            training: &training,
+            evaluation: registering.enter(node).await?,
+            registering: &registering,
+        };
+        let most = most_samples(node.genesis().mode, &spec);
         let mut next = 0;
         for _ in 0..rounds {
             let OpenRound { opened, program } = node.wait_for_round(next).await?;
@@ -163,12 +111,16 @@ impl Participant {
             check_program(node.genesis().mode, program)?;
             let round = opened.round;
             next = round + 1;
+            let present = &entered.evaluation;
+            if let Some(other) = registering.of_round(node, round, present).await? {
+                entered.evaluation = other;
+            }
             let held = entered.evaluation.commitment.samples;
             let turn = Turn {
                 state: &self.state,
                 entered: &entered,
                 opened: &opened,
-                eval_samples: eval_samples(self.eval_samples, &opened, held)?,
+                eval_samples: eval_samples(self.eval_samples, &opened, held, most)?,
             };
             match play(&turn, node).await {
                 Ok(None) => tracing::info!("round {round}: accepted"),
@@ -177,6 +129,9 @@ impl Participant {
                 Err(ParticipantError::NotProvable(error)) if !error.may_pass() => tracing::warn!(
                     "round {round}: the update cannot be proven and is not submitted: {error}"
                 ),
+                Err(error @ ParticipantError::WornOut { .. }) => {
+                    tracing::warn!("round {round}: {error}");
+                }
                 Err(ParticipantError::Node(error @ NodeError::NoRandomness { .. })) => {
                     tracing::warn!("{error}");
                 }
@@ -270,26 +225,6 @@ impl Participant {
         }
         Ok(path)
     }
-
-    /// The salt of the commitment. It stays the same when the node is started again.
-    fn salt(&self) -> Result<[u8; 32], ParticipantError> {
-        let path = self.state.join("salt");
-        match state_files::read(&path, 32)? {
-            Some(bytes) => match <[u8; 32]>::try_from(&bytes[..]) {
-                Ok(salt) => Ok(salt),
-                Err(_) => {
-                    let why = format!("{} bytes instead of 32", bytes.len());
-                    Err(ParticipantError::BrokenFile { path, why })
-                }
-            },
-            None => {
-                let mut salt = [0; 32];
-                getrandom::fill(&mut salt).map_err(ParticipantError::Random)?;
-                state_files::write(&path, &salt)?;
-                Ok(salt)
-            }
-        }
-    }
 }
 
 /// Checks that the network proves with the program that this release has. With another one, the node would train and prove in vain.
@@ -305,15 +240,17 @@ fn check_program(mode: Mode, needed: Program) -> Result<(), ParticipantError> {
 }
 
 /// On how many samples a claim of this round is evaluated: as many as the operator asks for, or as few as the rules allow. The node has
-/// `held` samples. A wrong number would be refused only after the training.
+/// `held` samples, and a claim about its policy has at most `most`. A wrong number would be refused only after the training.
 fn eval_samples(
     asked: Option<u32>,
     opened: &RoundOpened,
     held: u64,
+    most: u32,
 ) -> Result<u32, ParticipantError> {
     let (least, allowed) = (opened.rules.min_eval_samples, opened.rules.max_eval_samples);
     let asked = asked.unwrap_or(least);
     match (least..=allowed).contains(&asked) && u64::from(asked) <= held {
+        true if asked > most => Err(ParticipantError::TooManyToProve { asked, most }),
         true => Ok(asked),
         false => Err(ParticipantError::EvalSamples {
             round: opened.round,

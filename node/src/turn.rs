@@ -15,6 +15,7 @@ use crate::error::ParticipantError;
 use crate::exchanged_weights::Base;
 use crate::progress::Progress;
 use crate::recording::evaluation_set::EvaluationSet;
+use crate::recording::registering::Registering;
 use crate::training_history::TrainingHistory;
 use crate::{receipts, state_files};
 use std::path::Path;
@@ -82,6 +83,8 @@ pub struct Entered<'a> {
     pub training: &'a dyn SampleSource<PreparedSample>,
     /// The samples that it has committed to, for proving.
     pub evaluation: EvaluationSet,
+    /// Commits to them again, before the secret is worn out.
+    pub registering: &'a Registering<'a>,
 }
 
 /// One node's part in one round.
@@ -161,6 +164,10 @@ impl Turn<'_> {
             ..*self
         };
         let expected = turn.commit(node, &update).await?;
+        let (registering, evaluation) = (self.entered.registering, &self.entered.evaluation);
+        if let Err(error) = registering.again(node, evaluation).await {
+            tracing::warn!("round {round}: the recording is not registered again, and the node tries it again in the next round: {error}");
+        }
         let Proven { claim, proof } = match Proven::read(self.state, &expected.terms)? {
             Some(kept) => {
                 tracing::info!("round {round}: the node was interrupted, and submits the proof that it has made");
@@ -208,7 +215,8 @@ impl Turn<'_> {
                 let (samples, evaluation) = (self.entered.samples, &self.entered.evaluation);
                 let input = evaluation.private_input(samples, expected, base, update)?;
                 // A claim that does not hold is refused here, and costs no proof.
-                let prepared = prepare(mode, input, self.state.to_owned()).await?;
+                let secret = evaluation.secret().clone();
+                let prepared = prepare(mode, input, secret, self.state.to_owned()).await?;
                 if mode == Mode::Succinct {
                     unfinished::keep_claim(self.state, &prepared)?;
                 }
@@ -353,8 +361,7 @@ impl Turn<'_> {
         if !training.adaptation.is_wanted() {
             return Ok(start);
         }
-        let dataset = self.entered.evaluation.commitment.root;
-        let kept = BaseLosses::at(self.state, *network, dataset);
+        let kept = BaseLosses::at(self.state, *network, self.entered.evaluation.drawn_names);
         // Samples, noise and times are the same in every round. A recording may have too many frames to measure on all of them.
         let measure = || {
             let drawn = self.entered.evaluation.drawn(self.entered.samples);

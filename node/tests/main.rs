@@ -1,3 +1,5 @@
+mod budget;
 mod evaluation_set;
 mod lying_aggregator;
+mod registering;
 mod stored_update;

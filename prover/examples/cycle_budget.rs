@@ -26,7 +26,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     for profile in arguments {
         let spec = EvalSpec::new(synthetic::dims(&profile)?);
         let private = synthetic::private_input(&spec, mode, samples, 1)?;
-        let input = Prepared::of(mode, &private, Some(&env::temp_dir()), &mut |_| {})?.input;
+        let (blind, folder) = (synthetic::blind(1), env::temp_dir());
+        let input = Prepared::of(mode, &private, &blind, Some(&folder), &mut |_| {})?.input;
         let mut machine = Machine::load(&elf, input.buffers).ok_or("not an ELF of the guest")?;
         machine.run()?;
         let named = machine.operations.values().sum::<u64>();

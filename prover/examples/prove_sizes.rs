@@ -16,14 +16,13 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
-use zk0_argument::claim::{NotMade, TooSmall};
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::layout::expert_tensors;
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Claim, EvalSpec, Mode};
 use zk0_prover::machine::{peak_memory, Device, DeviceKind, ProverLock};
 use zk0_prover::measure::DirectMode;
-use zk0_prover::program::{elf, synthetic, Executor, GuestInput, NotProvable, Prepared};
+use zk0_prover::program::{elf, synthetic, Executor, GuestInput, Prepared};
 use zk0_prover::prove::Sp1Prover;
 use zk0_verifier::check_weight_claims;
 use zk0_weights::Format;
@@ -244,9 +243,6 @@ async fn execute(executor: &Executor, work: &Work) -> Result<(Value, Option<Gues
     for (name, value) in fields {
         line[name] = value.clone();
     }
-    if line["not_proven"].is_string() {
-        return Ok((line, None));
-    }
     let read = |name: &str| fs::read(folder.path().join(name));
     let buffers: Vec<Vec<u8>> = borsh::from_slice(&read("input.bin")?)?;
     let input = GuestInput {
@@ -277,25 +273,14 @@ async fn execute(executor: &Executor, work: &Work) -> Result<(Value, Option<Gues
     Ok((line, Some(input)))
 }
 
-/// Makes the input of a claim from a seed, and what belongs to it. Prints what that took as JSON, or that the evaluation is too small.
+/// Makes the input of a claim from a seed, and what belongs to it. Prints what that took as JSON.
 fn prepare(dims: &Value, mode: Mode, folder: &Path) -> Result<(), Failure> {
     let spec = EvalSpec::new(read_dims(dims)?);
-    let private = match synthetic::private_input(&spec, mode, SAMPLES, 1) {
-        Err(error) if error == TooSmall.to_string() => {
-            say_too_small();
-            return Ok(());
-        }
-        made => made?,
-    };
+    let private = synthetic::private_input(&spec, mode, SAMPLES, 1)?;
+    let blind = synthetic::blind(1);
     restart_peak_memory()?;
     let begin = Instant::now();
-    let prepared = match Prepared::of(mode, &private, Some(folder), &mut |_| {}) {
-        Err(NotProvable::Argument(NotMade::TooSmall(TooSmall))) => {
-            say_too_small();
-            return Ok(());
-        }
-        made => made?,
-    };
+    let prepared = Prepared::of(mode, &private, &blind, Some(folder), &mut |_| {})?;
     let (seconds, peak) = (begin.elapsed().as_secs_f64(), peak_memory());
     let write = |name: &str, bytes: &[u8]| fs::write(folder.join(name), bytes);
     write("input.bin", &borsh::to_vec(&prepared.input.buffers)?)?;
@@ -310,13 +295,6 @@ fn prepare(dims: &Value, mode: Mode, folder: &Path) -> Result<(), Failure> {
     let line = json!({"argument_seconds": seconds, "argument_peak_memory_bytes": peak});
     println!("{line}");
     Ok(())
-}
-
-fn say_too_small() {
-    println!(
-        "{}",
-        json!({"not_proven": format!("too small: {TooSmall}")})
-    );
 }
 
 /// From here on, the peak of this process's memory is counted anew.

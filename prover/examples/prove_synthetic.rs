@@ -127,7 +127,8 @@ fn prepare(spec: &EvalSpec, mode: Mode, samples: u32, folder: &Path) -> Result<(
             eprintln!("making the argument: {percent} %, about {left:.0?} left");
         }
     };
-    let prepared = Prepared::of(mode, &private, Some(folder), &mut progress)?;
+    let blind = synthetic::blind(SEED);
+    let prepared = Prepared::of(mode, &private, &blind, Some(folder), &mut progress)?;
     let line = json!({
         "what": "private input to guest input", "mode": mode.to_string(), "samples": samples,
         "seconds": begin.elapsed().as_secs_f64(), "peak_memory_bytes": peak_memory(),

@@ -12,6 +12,7 @@ use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{EvalSpec, Mode, PrivateInput};
 use zk0_prover::measure::cycles::{self, Cost};
 use zk0_prover::program::{elf, synthetic, ExecuteError, Executor};
+use zk0_testkit::claims::Node;
 
 fn circuits() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../circuits")
@@ -51,7 +52,8 @@ async fn guest_and_host_give_the_same_claim() {
         assert_eq!(run.public_values, claim, "seed {seed}, direct");
 
         let committed = synthetic::private_input(spec, Mode::Succinct, samples, seed).unwrap();
-        let made = claim::make(&committed, None, &mut |_| {}).unwrap();
+        let blind = synthetic::blind(seed);
+        let made = claim::make(&committed, &blind, None, &mut |_| {}).unwrap();
         let run = executor
             .execute(elf(Mode::Succinct), &made.to_buffers())
             .await
@@ -61,6 +63,38 @@ async fn guest_and_host_give_the_same_claim() {
         let claim = borsh::to_vec(&shown).unwrap();
         assert_eq!(run.public_values, claim, "seed {seed}, succinct");
     }
+}
+
+/// Values of the base do not fit.
+#[tokio::test]
+async fn guest_and_host_give_the_same_claim_about_a_base_that_saturates() {
+    const NORM: &str = "model.vlm_with_expert.lm_expert.norm.weight";
+    let executor = Executor::new().await.unwrap();
+    let mut node = Node::new(&EvalSpec::micro(), 20, 4, 11);
+    for gain in node.base.get_mut(NORM).unwrap() {
+        *gain *= 1000.0;
+    }
+    let direct = node.honest().input;
+    let shown = check(&direct).unwrap();
+    let run = executor
+        .execute(elf(Mode::Direct), &direct.to_buffers())
+        .await
+        .unwrap();
+    assert_eq!(run.public_values, borsh::to_vec(&shown).unwrap());
+
+    let blind = synthetic::blind(11);
+    let committed = node
+        .honest()
+        .succinct(|spec, sample| claim::committed(Mode::Succinct, spec, sample, &blind));
+    let made = claim::make(&committed.input, &blind, None, &mut |_| {}).unwrap();
+    assert!(made.saturates);
+    let run = executor
+        .execute(elf(Mode::Succinct), &made.to_buffers())
+        .await
+        .unwrap();
+    let (claim, _) = claim::check(&made).unwrap();
+    assert_eq!(claim.losses, shown.losses);
+    assert_eq!(run.public_values, borsh::to_vec(&claim).unwrap());
 }
 
 /// Changes that a cheat may try on an honest input.
@@ -139,7 +173,7 @@ async fn the_guest_refuses_what_the_host_refuses_for_the_same_reason() {
 #[tokio::test]
 async fn the_succinct_guest_refuses_what_the_host_refuses_for_the_same_reason() {
     type Cheat = fn(&mut ClaimInput);
-    let cheats: [(&str, Cheat); 7] = [
+    let cheats: [(&str, Cheat); 8] = [
         ("a loss", |input| input.openings[0].losses[1] -= 1),
         ("the first word", |input| input.argument.to_mut()[0] ^= 1),
         ("the last word", |input| {
@@ -151,6 +185,7 @@ async fn the_succinct_guest_refuses_what_the_host_refuses_for_the_same_reason() 
             words.truncate(words.len() / 2);
         }),
         ("a scale", |input| input.scales[1][0] -= 1),
+        ("a base that saturates", |input| input.saturates = true),
         ("another challenge", |input| {
             input.header.terms.challenge.0[3] ^= 1
         }),
@@ -158,7 +193,7 @@ async fn the_succinct_guest_refuses_what_the_host_refuses_for_the_same_reason() 
     ];
     let executor = Executor::new().await.unwrap();
     let input = synthetic::private_input(&EvalSpec::micro(), Mode::Succinct, 2, 13).unwrap();
-    let honest = claim::make(&input, None, &mut |_| {}).unwrap();
+    let honest = claim::make(&input, &synthetic::blind(13), None, &mut |_| {}).unwrap();
     for (name, cheat) in cheats {
         let mut made = honest.clone();
         cheat(&mut made);

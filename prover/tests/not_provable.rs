@@ -44,7 +44,8 @@ fn a_file_that_fails_says_nothing_about_the_claim() {
             input: synthetic::private_input(&spec, mode, 3, 1).unwrap(),
             failed: Cell::new(false),
         };
-        let prepared = |folder| Prepared::of(mode, &source, folder, &mut |_| {});
+        let blind = synthetic::blind(1);
+        let prepared = |folder| Prepared::of(mode, &source, &blind, folder, &mut |_| {});
         let error = prepared(None).unwrap_err();
         assert!(error.may_pass(), "{error}");
         if mode == Mode::Succinct {
@@ -57,7 +58,7 @@ fn a_file_that_fails_says_nothing_about_the_claim() {
         // The update is the base, so nothing is better.
         let mut worse = source.input.clone();
         worse.update = worse.base.clone();
-        let error = Prepared::of(mode, &worse, None, &mut |_| {}).unwrap_err();
+        let error = Prepared::of(mode, &worse, &blind, None, &mut |_| {}).unwrap_err();
         assert!(!error.may_pass(), "{error}");
     }
 }

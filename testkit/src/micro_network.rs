@@ -10,6 +10,7 @@ use zk0_circuits::{
     Digest, Disclosure, EvalSpec, Mode, NodeId, PrivateInput, Terms, WeightsDigest,
 };
 use zk0_node::recording::evaluation_set::{Commitment, EvaluationSet};
+use zk0_node::recording::secret::Secret;
 use zk0_node::recording::Recording;
 use zk0_protocol::entries::signed::DatasetRegistration;
 use zk0_protocol::rules::bindings::ExpectedClaim;
@@ -21,10 +22,8 @@ use zk0_smolvla::policy::init::init_policy;
 use zk0_smolvla::policy::policy_file::{self, PolicyFile};
 use zk0_smolvla::Profile;
 
-/// The salt of the samples.
-pub const SALT: [u8; 32] = [3; 32];
-/// How the network proves.
-pub const MODE: Mode = Mode::Direct;
+/// What hides the samples.
+pub const SECRET: Secret = Secret::new([3; 32]);
 
 /// A recording of 245 frames.
 pub fn pickplace() -> PathBuf {
@@ -39,6 +38,8 @@ pub struct Setting {
     pub spec: EvalSpec,
     /// The network.
     pub network: Digest,
+    /// How the network proves.
+    pub mode: Mode,
     dir: TempDir,
 }
 
@@ -61,6 +62,7 @@ impl Setting {
             file,
             spec: EvalSpec::micro(),
             network: Digest([7; 32]),
+            mode: Mode::Direct,
             dir: tempfile::tempdir().unwrap(),
         };
         let PolicyFile { policy, tokenizer } = &setting.file;
@@ -81,11 +83,23 @@ impl Setting {
         folder: &Path,
         frames: u32,
     ) -> EvaluationSet {
+        self.set_under(SECRET, recording, samples, folder, frames)
+    }
+
+    /// [`Self::set`], under another secret.
+    pub fn set_under(
+        &self,
+        secret: Secret,
+        recording: &Recording,
+        samples: &dyn SampleSource<PreparedSample>,
+        folder: &Path,
+        frames: u32,
+    ) -> EvaluationSet {
         let by = Commitment {
             network: self.network,
-            mode: MODE,
+            mode: self.mode,
             frames,
-            salt: SALT,
+            secret,
         };
         EvaluationSet::prepare(recording, samples, &self.spec, by, folder).unwrap()
     }

@@ -3,7 +3,7 @@
 //! The file holds [`Sample`]s one after another and nothing else. One sample at a time is in memory besides the file.
 
 use zk0_circuits::model::draw::draw;
-use zk0_circuits::model::eval::{EvalError, Evaluator};
+use zk0_circuits::model::eval::{EvalError, Evaluator, Overflow};
 use zk0_circuits::model::sample::{Sample, SampleError};
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::model::weights::QuantisedWeights;
@@ -123,7 +123,9 @@ impl<'a> PublicSampleFile<'a> {
         for number in 0..self.rule.samples {
             let (sample, later) = next(&spec.dims, number, rest)?;
             rest = later;
-            let mut multiply = evaluator.direct(weights).map_err(failed)?;
+            let mut multiply = evaluator
+                .direct(weights, Overflow::Refused)
+                .map_err(failed)?;
             let draw = draw(spec, &seed, number, self.rule.samples);
             match evaluator.loss(&mut multiply, &sample, &draw) {
                 Ok(loss) => sum = sum.saturating_add(loss.squared_error),

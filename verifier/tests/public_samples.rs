@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use zk0_circuits::model::draw::draw;
-use zk0_circuits::model::eval::{evaluate, Evaluator};
+use zk0_circuits::model::eval::{evaluate, Evaluator, Overflow};
 use zk0_circuits::model::layout::expert_tensors;
 use zk0_circuits::model::sample::{SampleError, SampleParts};
 use zk0_circuits::model::spec::Dims;
@@ -85,7 +85,16 @@ fn the_loss_is_the_sum_of_the_evaluations_losses() {
     let seed = rule.seed(&NETWORK);
     let losses: Vec<_> = (0..)
         .zip(&samples)
-        .map(|(at, sample)| evaluate(&spec, &weights, sample, &draw(&spec, &seed, at, 2)).unwrap())
+        .map(|(at, sample)| {
+            evaluate(
+                &spec,
+                &weights,
+                sample,
+                &draw(&spec, &seed, at, 2),
+                Overflow::Refused,
+            )
+            .unwrap()
+        })
         .collect();
     let evaluator = Evaluator::new(&spec).unwrap();
     let loss = |network| read.loss(&evaluator, &weights, network).unwrap();

@@ -5,7 +5,7 @@ use crate::made::{
     UNREAD,
 };
 use zk0_circuits::claim::public_values::CLAIM_VERSION;
-use zk0_circuits::model::eval::evaluate;
+use zk0_circuits::model::eval::{evaluate, Overflow};
 use zk0_circuits::{
     Claim, DatasetCommitment, Digest, EvalSpec, Losses, Mode, NodeId, QuantisedWeights,
 };
@@ -54,7 +54,14 @@ fn honest() -> (Tensors, Tensors) {
 fn loss(update: &Tensors) -> f64 {
     let spec = EvalSpec::micro();
     let weights = quantise(&spec, update);
-    let loss = evaluate(&spec, &weights, &sample(&spec), &draw(&spec)).unwrap();
+    let loss = evaluate(
+        &spec,
+        &weights,
+        &sample(&spec),
+        &draw(&spec),
+        Overflow::Refused,
+    )
+    .unwrap();
     loss.squared_error as f64
 }
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 use zk0_circuits::model::draw::Draw;
-use zk0_circuits::model::eval::evaluate;
+use zk0_circuits::model::eval::{evaluate, Overflow};
 use zk0_circuits::model::sample::SampleParts;
 use zk0_circuits::{EvalSpec, QuantisedWeights, Sample};
 use zk0_weights::{Format, Tensor, WeightsError};
@@ -82,7 +82,7 @@ fn exactly_the_listed_weights_change_nothing() {
             .unwrap();
         let losses = draws
             .iter()
-            .map(|draw| evaluate(&spec, &weights, &sample, draw));
+            .map(|draw| evaluate(&spec, &weights, &sample, draw, Overflow::Refused));
         losses.collect::<Result<Vec<_>, _>>().ok()
     };
     let tensors = tensors(&format);

@@ -8,10 +8,10 @@ use crate::operation;
 use crate::transcript::Refused;
 use alloc::vec::Vec;
 use zk0_circuits::claim::dataset::leaf;
-use zk0_circuits::claim::errors::Errors;
 use zk0_circuits::claim::private_input::Header;
 use zk0_circuits::claim::statement::{self, check_evaluation, check_openings, Opened};
 use zk0_circuits::claim::statement_error::StatementError;
+use zk0_circuits::claim::t_test::Pair;
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::{Claim, Digest};
@@ -32,7 +32,7 @@ pub enum NotShown {
 pub fn context(header: &Header) -> Digest {
     // Writing to memory does not fail.
     let header = borsh::to_vec(header).unwrap_or_default();
-    tagged_sha256("zk0/argument/v1", &[&header])
+    tagged_sha256("zk0/argument/v2", &[&header])
 }
 
 /// Checks everything, and returns the claim and what is left to check of the weights, or says which check failed.
@@ -63,6 +63,7 @@ pub fn check(input: &ClaimInput<'_>) -> Result<(Claim, Published), NotShown> {
         context: context(header),
         spec: header.spec.clone(),
         scales: input.scales.clone(),
+        saturates: input.saturates,
         samples: evaluated.collect(),
     };
     drawing.end();
@@ -87,9 +88,9 @@ pub(super) fn conclude(
     header: &Header,
     weight_check: Option<Digest>,
 ) -> Result<Claim, StatementError> {
-    let errors = statement.samples.iter().map(|sample| Errors {
-        base: Some(sample.losses[0]),
-        update: sample.losses[1],
+    let errors = statement.samples.iter().map(|sample| {
+        let [base, update] = sample.losses;
+        Pair { base, update }
     });
     let frames: u64 = statement.samples.iter().map(|s| s.frames as u64).sum();
     let evaluated = statement::Evaluated {

@@ -1,12 +1,11 @@
 //! What an argument costs the node's machine. It follows from the dimensions of the evaluation and the number of samples.
 
-use super::TooSmall;
 use crate::expert::argument::Shape;
 use crate::expert::builder::{DATA, TABLES, WEIGHTS};
 use crate::expert::evaluation::layers::Expert;
 use crate::expert::statement::Statement;
 use zk0_circuits::model::layout::Layout;
-use zk0_circuits::model::linear::bit_limits;
+use zk0_circuits::model::linear::{bit_limits, linears};
 use zk0_circuits::EvalSpec;
 
 /// What an argument costs.
@@ -35,19 +34,34 @@ const BYTES_IN_A_FILE: u64 = 4;
 /// Look-ups that are proven in a second on two cores. `make prove-full` prints the seconds for four samples at the published size.
 const LOOKUPS_PER_SECOND: f64 = 1.4e6;
 
+/// Scales that any weights may have.
+fn middle_scales(spec: &EvalSpec) -> [Vec<i16>; 2] {
+    let tensors = Layout::new(&spec.dims).tensors.len();
+    let limits = bit_limits(spec, tensors).into_iter();
+    let scales: Vec<i16> = limits.map(|(least, most)| least.midpoint(most)).collect();
+    [scales.clone(), scales]
+}
+
+/// Scales with which a statement has most look-ups. What is cut off has more limbs with more bits, and what exceeds the limits of a base's norm with fewer
+/// bits of its gains.
+pub(super) fn dearest_scales(spec: &EvalSpec) -> [Vec<i16>; 2] {
+    let tensors = Layout::new(&spec.dims).tensors.len();
+    let limits = bit_limits(spec, tensors).into_iter();
+    let (mut base, update): (Vec<i16>, Vec<i16>) = limits.unzip();
+    for output in linears(spec).iter().flat_map(|linear| &linear.outputs) {
+        base[output.matrix] = update[output.matrix];
+    }
+    [base, update]
+}
+
 impl Cost {
-    /// Of an argument about `samples` samples.
-    ///
-    /// # Errors
-    /// The evaluation is too small for an argument.
-    pub fn of(spec: &EvalSpec, samples: u32) -> Result<Self, TooSmall> {
-        let tensors = Layout::new(&spec.dims).tensors.len();
-        let scales: Vec<i16> = bit_limits(spec, tensors)
-            .into_iter()
-            .map(|(least, most)| least.midpoint(most))
-            .collect();
-        let expert = Expert::new(&Statement::of_weights(spec, [scales.clone(), scales]));
-        let shape = Shape::new(&expert).ok_or(TooSmall)?;
+    /// Of an argument about `samples` samples. It costs up to twice as much where the base `saturates` on any of them.
+    pub fn of(spec: &EvalSpec, samples: u32, saturates: bool) -> Self {
+        let expert = Expert::new(&Statement {
+            saturates,
+            ..Statement::of_weights(spec, middle_scales(spec))
+        });
+        let shape = Shape::new(&expert);
         let relations = &expert.builder.relations;
         let lookups = relations.lookups.iter();
         let lookups: u64 = lookups.map(|of| 1u64 << relations.size(&of.axes)).sum();
@@ -56,14 +70,14 @@ impl Cost {
         let columns: usize = shape.widths.iter().sum();
         let committed = (columns as u64) << shape.parameters.variables();
         let samples = u64::from(samples);
-        Ok(Self {
+        Self {
             seconds: (samples * lookups) as f64 / LOOKUPS_PER_SECOND,
             memory: lookups * BYTES_OF_A_LOOKUP
                 + weights * BYTES_OF_A_WEIGHT
                 + tables * BYTES_OF_A_TABLE
                 + samples * data * BYTES_OF_A_SAMPLE,
             files: samples * committed * BYTES_IN_A_FILE,
-        })
+        }
     }
 }
 
@@ -76,7 +90,7 @@ mod tests {
     /// program that does not have the base in float32.
     #[test]
     fn memory_hardly_grows_with_samples_and_the_rest_grows_like_them() {
-        let cost = |samples| Cost::of(&EvalSpec::new(Dims::FULL), samples).unwrap();
+        let cost = |samples| Cost::of(&EvalSpec::new(Dims::FULL), samples, false);
         let (four, many) = (cost(4), cost(256));
         assert!((400.0..500.0).contains(&four.seconds), "{four:?}");
         let memory = 8_600_000_000..10_000_000_000;
@@ -84,15 +98,8 @@ mod tests {
         assert!(many.memory < 2 * four.memory, "{many:?}");
         assert_eq!(many.files, 64 * four.files);
         assert_eq!(many.seconds, 64.0 * four.seconds);
-    }
-
-    #[test]
-    fn what_is_too_small_for_an_argument_has_no_cost() {
-        let tiny = Dims {
-            max_prefix: 1,
-            chunk: 1,
-            ..Dims::MICRO
-        };
-        assert_eq!(Cost::of(&EvalSpec::new(tiny), 2), Err(TooSmall));
+        let saturating = Cost::of(&EvalSpec::new(Dims::FULL), 4, true);
+        assert!((1.5..2.0).contains(&(saturating.seconds / four.seconds)));
+        assert!((1.5..2.0).contains(&(saturating.files as f64 / four.files as f64)));
     }
 }

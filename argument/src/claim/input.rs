@@ -6,14 +6,16 @@ use borsh::{BorshDeserialize, BorshSerialize};
 use zk0_circuits::claim::private_input::{Header, InputError};
 use zk0_circuits::Digest;
 
-/// The input. Whoever sees it learns the losses on each sample, how long the samples are, and the salt. From the salt and a guess of a sample
-/// follows whether the guess is right. It holds neither samples nor weights.
+/// The input. Whoever sees it learns the losses on each sample, how long the samples are, whether the base saturates or scores of either model lie
+/// too far apart, and the salt. From the losses and a guess of a sample follows whether the guess may be right. It shows nothing else of samples.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ClaimInput<'a> {
     /// Specification, terms, salt.
     pub header: Header,
     /// Fraction bits of each of the expert's tensors, for the base and the update.
     pub scales: [Vec<i16>; 2],
+    /// Whether a value of the base saturates on one of the samples ([`crate::expert::statement::Statement::saturates`]).
+    pub saturates: bool,
     /// In the order the challenge draws them.
     pub openings: Vec<SampleOpening>,
     /// The argument about the losses, in words.
@@ -39,10 +41,11 @@ pub struct SampleOpening {
 pub const CLAIM_BUFFERS: usize = 2;
 
 impl<'a> ClaimInput<'a> {
-    /// Encodes the input as two buffers: header, scales and openings (borsh); the words of the argument, little-endian.
+    /// Encodes the input as two buffers: header, scales, whether the base saturates, and openings (borsh); the words of the argument, little-endian.
     pub fn to_buffers(&self) -> [Vec<u8>; CLAIM_BUFFERS] {
         // Writing to memory does not fail.
-        let head = borsh::to_vec(&(&self.header, &self.scales, &self.openings)).unwrap_or_default();
+        let head = (&self.header, &self.scales, self.saturates, &self.openings);
+        let head = borsh::to_vec(&head).unwrap_or_default();
         let words = self.argument.iter().flat_map(|word| word.to_le_bytes());
         [head, words.collect()]
     }
@@ -55,12 +58,13 @@ impl<'a> ClaimInput<'a> {
                 expected: CLAIM_BUFFERS,
             });
         };
-        let (header, scales, openings): (Header, _, _) =
+        let (header, scales, saturates, openings): (Header, _, _, _) =
             borsh::from_slice(head.as_ref()).map_err(|_| InputError::Header)?;
         header.spec.validate()?;
         Ok(Self {
             header,
             scales,
+            saturates,
             openings,
             argument: words(argument.as_ref())?,
         })

@@ -4,6 +4,7 @@ use super::check::{conclude, context};
 use super::input::{ClaimInput, SampleOpening};
 use super::source::ClaimSource;
 use crate::expert::argument::prove::prove;
+use crate::expert::blinding::Blind;
 use crate::expert::witness::{evaluate, Common, Samples, Unprovable, Witness};
 use crate::prove::progress::Phase;
 use std::borrow::Cow;
@@ -23,9 +24,6 @@ pub enum NotMade {
     /// The argument cannot express the evaluation.
     #[error("mode succinct cannot prove this evaluation: {0}")]
     Unprovable(Unprovable),
-    /// The evaluation is too small.
-    #[error(transparent)]
-    TooSmall(#[from] super::TooSmall),
 }
 
 /// The opened samples of a claim, with their draws.
@@ -47,9 +45,12 @@ impl<S: ClaimSource + ?Sized> Samples for Opened<'_, S> {
 /// Makes the input of the guest program. An update that does not pass the test is refused before the argument is made. With a folder, what is
 /// committed to is in files there that have no names, of half a gigabyte a sample at the published size: then memory hardly grows with the number of samples.
 ///
+/// `blind` is what the samples were committed to with.
+///
 /// `progress` is told which share of the work is done, from 0 to 1.
 pub fn make(
     source: &(impl ClaimSource + ?Sized),
+    blind: &Blind,
     folder: Option<&Path>,
     progress: &mut dyn FnMut(f64),
 ) -> Result<ClaimInput<'static>, NotMade> {
@@ -84,8 +85,7 @@ pub fn make(
     conclude(&statement, header, None)?;
     let common = Common::new(&statement, models);
     let witness = |number| Witness::of(&statement, &common, number, models, &samples);
-    let argument = prove(&statement, &common, folder, &tell, witness).map_err(failed)?;
-    let argument = argument.ok_or(super::TooSmall)?;
+    let argument = prove(&statement, &common, blind, folder, &tell, witness).map_err(failed)?;
     let openings = places.iter().zip(&statement.samples);
     let openings = openings.map(|((index, path), evaluated)| SampleOpening {
         index: *index,
@@ -99,5 +99,6 @@ pub fn make(
         openings: openings.collect(),
         argument: argument.into(),
         scales: statement.scales,
+        saturates: statement.saturates,
     })
 }

@@ -18,9 +18,11 @@ mod make;
 #[cfg(feature = "prove")]
 mod source;
 
+#[cfg(feature = "prove")]
+pub use crate::expert::blinding::Blind;
 pub use check::{check, context, NotShown};
 #[cfg(feature = "prove")]
-pub use committed::{committed, TooSmall};
+pub use committed::{committed, most_samples, most_uses};
 #[cfg(feature = "prove")]
 pub use cost::Cost;
 pub use input::{ClaimInput, SampleOpening, CLAIM_BUFFERS};

@@ -1,19 +1,25 @@
 //! A commitment to multilinear polynomials that are opened together at one point: BaseFold (Zeilberger, Chen and Fisch 2023, eprint
 //! 2023/1705) over Reed–Solomon codes.
 //!
-//! **Commitment.** What is committed to at once is a *segment*: a matrix with a polynomial's values in each column. Each column is taken for
-//! the coefficients of a polynomial in one variable, which is evaluated at all powers of a root of unity: that is its codeword. Row `i` of
-//! all codewords is leaf `i` of a Merkle tree. All segments have the same height, and each may have another width.
+//! **Commitment.** What is committed to at once is a *segment*: matrices with a polynomial's values in each column. Each column is taken for
+//! the coefficients of a polynomial in one variable, and random coefficients follow them, its *tail*. It is evaluated at all powers of a root of
+//! unity: that is its codeword. Row `i` of all codewords, and a salt, is a leaf of a Merkle tree, whose number is `i` with its bits reversed. All
+//! segments have the same height.
 //!
-//! **Opening**, at a point that the caller has:
-//! 1. The prover says the value of each column there. After a proof of work, a random combination of all columns is opened in their place.
-//! 2. The combination's codeword is committed to, and folded with the challenges of a sumcheck, as FRI folds. After every
-//!    [`FOLDS`] rounds the codeword that is left is committed to again. The last message is said in full.
-//! 3. After a proof of work, positions are drawn. At each of them the rows of all segments are opened, and the folding is followed to the
+//! **Opening** of a combination of all columns, whose weights the caller has, at a point:
+//! 1. The combination's codeword is committed to, and folded with the challenges of a sumcheck, as FRI folds. After every
+//!    [`FOLDS`] rounds the codeword that is left is committed to again. Tails fold along: one coefficient is left of them. The last message is
+//!    said in full.
+//! 2. After a proof of work, positions are drawn. At each of them the rows of all segments are opened, and the folding is followed to the
 //!    last message.
 //!
 //! **Strength.** [`Parameters`] counts queries in the unique decoding regime alone (Ben-Sasson, Carmon, Ishai, Kopparty and Saraf 2020,
-//! theorem 1.4): a word that is further than half the distance from all codewords is refused by each query with probability (1 − ρ)/2.
+//! theorem 1.4): a word that is further than half the distance from all codewords is refused by each query with probability (1 − ρ)/2. A codeword
+//! of a column with its tail determines both.
+//!
+//! **What it shows.** Any rows, as many as a tail has coefficients, are uniform (bounded independence: Ben-Sasson and others 2018, eprint
+//! 2018/828; Haböck and Al Kindi 2024, eprint 2024/1037), and salts hide the others from guesses (Ben-Sasson, Chiesa and Spooner 2016, eprint
+//! 2016/116). What is folded is the combination itself, so the caller adds a random polynomial to it.
 
 pub mod parameters;
 #[cfg(feature = "prove")]
@@ -26,7 +32,7 @@ use crate::multilinear::eq_table;
 use crate::transcript::{require, work, Challenges, Refused, Verifier};
 use crate::tree;
 use alloc::vec::Vec;
-use parameters::{cap_bits, CAP, FOLDS, WORK};
+use parameters::{cap_bits, CAP, FOLDS, POSITION_WORK, SALT};
 use query::{Queries, Step};
 
 pub use parameters::{Parameters, Rate};
@@ -35,7 +41,8 @@ pub use parameters::{Parameters, Rate};
 #[derive(Clone, Debug)]
 pub struct Segment {
     cap: Vec<Digest>,
-    width: usize,
+    /// Columns of each matrix.
+    widths: Vec<usize>,
 }
 
 impl Segment {
@@ -44,38 +51,23 @@ impl Segment {
         &self.cap
     }
 
-    /// Reads a commitment to polynomials, `width` of them.
-    pub fn receive(verifier: &mut Verifier<'_>, width: usize) -> Result<Self, Refused> {
+    /// Reads a commitment to matrices with so many columns.
+    pub fn receive(verifier: &mut Verifier<'_>, widths: Vec<usize>) -> Result<Self, Refused> {
         let cap = tree::receive_cap(verifier, CAP)?;
-        Ok(Self { cap, width })
+        Ok(Self { cap, widths })
     }
 }
 
-/// What is random about the combination of all columns.
-fn combination(challenges: &mut impl Challenges, columns: usize) -> Vec<Extension> {
-    let variables = columns.next_power_of_two().ilog2() as usize;
-    let mut weights = eq_table(&challenges.challenges(variables));
-    weights.truncate(columns);
-    weights
-}
-
-/// Checks an opening at `point`. Returns the values of all columns there, one segment after the other.
-pub fn verify<'a>(
-    verifier: &mut Verifier<'a>,
+/// Checks that `Σ weights · columns` is `claim` at a point. There is a weight for each column, one segment after the other. Returns the positions
+/// that were opened.
+pub fn verify(
+    verifier: &mut Verifier<'_>,
     parameters: &Parameters,
     segments: &[Segment],
+    weights: &[Extension],
     point: &[Extension],
-) -> Result<&'a [Extension], Refused> {
-    let columns = segments.iter().map(|segment| segment.width).sum();
-    let values = verifier.receive_extension(columns)?;
-    work::check_work(verifier, WORK, "the combination of columns")?;
-    let weights = combination(verifier, columns);
-    let mut claim: Extension = weights
-        .iter()
-        .zip(values)
-        .map(|(&weight, &value)| weight * value)
-        .sum();
-
+    mut claim: Extension,
+) -> Result<Vec<usize>, Refused> {
     let mut steps = Vec::with_capacity(parameters.steps());
     let mut coordinates = point.iter();
     let mut length = parameters.length();
@@ -93,7 +85,8 @@ pub fn verify<'a>(
         steps.push(Step { cap, challenges });
     }
     let rest = coordinates.as_slice();
-    let message = verifier.receive_extension(1 << rest.len())?;
+    // What is left of tails follows the values.
+    let message = verifier.receive_extension((1 << rest.len()) + 1)?;
     let expected: Extension = eq_table(rest)
         .iter()
         .zip(message)
@@ -104,25 +97,27 @@ pub fn verify<'a>(
         Refused::Equation("the sumcheck of an opening"),
     )?;
 
-    work::check_work(verifier, WORK, "positions")?;
-    let positions = verifier.positions(parameters.rate.queries(), parameters.length());
+    work::check_work(verifier, POSITION_WORK, "positions")?;
+    let positions = verifier.positions(parameters.positions, parameters.length());
     let queries = Queries::new(parameters.length(), steps, message);
-    for position in positions {
+    for &position in &positions {
+        let leaf = parameters.leaf(position);
         let mut value = Extension::ZERO;
-        let mut weights = &weights[..];
+        let mut weights = weights;
         for segment in segments {
             let row = tree::open(
                 verifier,
                 &segment.cap,
                 parameters.length() - CAP,
-                position,
-                segment.width,
+                leaf,
+                &segment.widths,
+                SALT,
             )?;
-            let (now, later) = weights.split_at(segment.width);
+            let (now, later) = weights.split_at(row.len());
             value += Extension::dot(now, row);
             weights = later;
         }
         queries.check(verifier, position, value)?;
     }
-    Ok(values)
+    Ok(positions)
 }

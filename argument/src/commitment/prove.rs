@@ -1,120 +1,73 @@
 //! The prover's side of a commitment.
 //!
 //! Codewords are not kept: they are several times as long as the values. They are computed one coset after the other, hashed, and computed
-//! once more when the positions are known. Of the tree only the levels near the cap are kept. Memory is that of the values, of one coset, and of
-//! the digests of all rows while a segment is committed to.
+//! once more when the positions are known. Of the tree only the levels near the cap are kept. Memory is that of the values, of one coset of one
+//! matrix, and of 32 bytes for each row while a segment is committed to.
 
 pub mod columns;
+mod encode;
 mod stored;
 
-use super::combination;
-use super::parameters::{cap_bits, Parameters, CAP, FOLDS, SIBLINGS, WORK};
+use super::parameters::{cap_bits, Parameters, CAP, FOLDS, POSITION_WORK, SALT, SIBLINGS};
 use crate::field::{Extension, Goldilocks};
+use crate::hash::packed::{self, Begun, LANES};
 use crate::hash::Digest;
 use crate::multilinear::{bind, eq_table};
 use crate::prove::progress::{Phase, Tell};
 use crate::transcript::work;
 use crate::transcript::{Challenges, Prover};
-use crate::tree::prove::{leaves, parents, Tree};
-use bytemuck::TransparentWrapper;
-use columns::{add_combination, evaluate, of_rows, to_rows, Column};
-use p3_dft::{Radix2DitParallel, TwoAdicSubgroupDft};
+use crate::tree::prove::{parents, Tree};
+use columns::{add_combination, evaluate, to_rows, Column};
+pub use encode::Encoder;
+use encode::{encode_extension, fold};
 use p3_field::PrimeField64;
 use p3_goldilocks::Goldilocks as Theirs;
-use p3_matrix::bitrev::BitReversibleMatrix;
-use p3_matrix::dense::RowMajorMatrix;
 use rayon::prelude::*;
 use std::io;
 use std::path::Path;
 
-/// Binary logarithm of the digests of the lowest level that is kept.
-const KEPT: u32 = 14;
+/// Binary logarithm of the values of rows that are below one digest of the tree's lowest level that is kept.
+const BELOW: u32 = 13;
 /// Values below which a loop is not worth sharing among cores.
 const SHARED: usize = 1 << 12;
 
-/// A segment that was committed to.
-pub struct Committed {
-    columns: Vec<Column>,
-    /// The tree, without the lowest levels.
-    tree: Tree,
-    /// How many levels are missing. Rows of 2^`missing` positions are below one digest of the tree's lowest level.
-    missing: u32,
+/// Where the random elements come from that hide what is in a tree. They are the same whenever they are asked for.
+pub trait Hiding: Send + Sync {
+    /// So many elements of a column, which are uniform.
+    fn elements(&self, column: usize, count: usize) -> Vec<Goldilocks>;
+    /// The salts of so many leaves from this one on.
+    fn salts(&self, first: usize, count: usize) -> Vec<[Goldilocks; SALT]>;
 }
 
-impl Committed {
-    /// Commits to polynomials and says the commitment. `rows` holds their values by rows: first the value of each polynomial at 0, then at
-    /// 1, and so on. They are as many as the parameters say.
-    pub fn new(
-        prover: &mut Prover,
-        parameters: &Parameters,
-        rows: Vec<Goldilocks>,
-        width: usize,
-    ) -> Self {
-        let columns = of_rows(&rows, width);
-        drop(rows);
-        Self::of_columns(prover, parameters, columns)
+/// Columns that are encoded together, with the random coefficients that follow the values of each.
+pub struct Matrix {
+    columns: Vec<Column>,
+    tails: Vec<Vec<Goldilocks>>,
+}
+
+impl Matrix {
+    /// Columns, and a tail for each.
+    pub fn new(columns: Vec<Column>, tails: Vec<Vec<Goldilocks>>) -> Self {
+        Self { columns, tails }
     }
 
-    /// Likewise, to polynomials whose values are given one after the other.
-    pub fn of_columns(prover: &mut Prover, parameters: &Parameters, columns: Vec<Column>) -> Self {
-        let committed = Self::to(parameters, columns);
-        committed.say(prover);
-        committed
-    }
-
-    /// Says the commitment.
-    pub fn say(&self, prover: &mut Prover) {
-        self.tree.send_cap(prover);
-    }
-
-    /// Moves the values to files in a folder.
-    pub fn into_files(mut self, folder: &Path) -> io::Result<Self> {
-        let columns = self.columns.into_iter();
-        let moved = columns.map(|column| column.into_file(folder));
-        self.columns = moved.collect::<io::Result<_>>()?;
+    /// Moves the values to files in a folder, if there is one.
+    pub fn into_files(mut self, folder: Option<&Path>) -> io::Result<Self> {
+        if let Some(folder) = folder {
+            let columns = self.columns.into_iter();
+            let moved = columns.map(|column| column.into_file(folder));
+            self.columns = moved.collect::<io::Result<_>>()?;
+        }
         Ok(self)
     }
 
-    /// What was committed to.
+    /// The values.
     pub fn columns(&self) -> &[Column] {
         &self.columns
     }
 
-    /// The digests of the highest nodes of its tree.
-    pub fn cap(&self) -> &[Digest] {
-        self.tree.cap()
-    }
-
-    /// The commitment to polynomials, which nobody has said yet.
-    pub fn to(parameters: &Parameters, columns: Vec<Column>) -> Self {
-        let encoder = Encoder::new(parameters.rate.bits());
-        let (width, height) = (columns.len(), 1 << parameters.height);
-        let cosets: Vec<Vec<Digest>> = (0..encoder.cosets())
-            .map(|coset| {
-                let values = encoder.coset(to_rows(&columns), width, coset);
-                leaves(height, width, |row, column| {
-                    values[row * width + column].as_canonical_u64()
-                })
-            })
-            .collect();
-        let all = (0..height * cosets.len()).into_par_iter();
-        let mut digests: Vec<Digest> = all
-            .map(|position| {
-                let (coset, row) = encoder.place(position, parameters.height);
-                cosets[coset][row]
-            })
-            .collect();
-        drop(cosets);
-        let missing = parameters.length().saturating_sub(KEPT);
-        for _ in 0..missing {
-            digests = parents(&digests);
-        }
-        let tree = Tree::of_leaves(digests, CAP);
-        Self {
-            columns,
-            tree,
-            missing,
-        }
+    fn width(&self) -> usize {
+        self.columns.len()
     }
 
     /// Drops values that are in files from the process's memory, until somebody uses them again.
@@ -122,83 +75,295 @@ impl Committed {
         self.columns.iter().for_each(Column::release);
     }
 
-    fn width(&self) -> usize {
-        self.columns.len()
+    /// The codewords on one coset, by rows.
+    fn coset(&self, encoder: &Encoder, coset: usize) -> Vec<Theirs> {
+        let tails = self.tails.iter().map(Vec::as_slice).collect::<Vec<_>>();
+        encoder.coset(to_rows(&self.columns), &tails, coset)
+    }
+}
+
+/// A segment whose matrices are being committed to, one after the other.
+pub struct Committing {
+    parameters: Parameters,
+    encoder: Encoder,
+    /// Of each row what it is up to now, one coset after the other.
+    begun: Vec<Begun>,
+    matrices: Vec<Matrix>,
+}
+
+impl Committing {
+    /// To matrices that have so many columns together.
+    pub fn new(parameters: &Parameters, columns: usize) -> Self {
+        Self {
+            parameters: *parameters,
+            encoder: Encoder::new(parameters.rate.bits()),
+            begun: vec![Begun::new(columns + SALT); 1 << parameters.length()],
+            matrices: vec![],
+        }
     }
 
-    /// For each position, the row of all codewords there, and its path to the cap.
-    fn open(&self, parameters: &Parameters, positions: &[usize]) -> Vec<OpenedRow> {
+    /// Commits to a matrix which is not the last one.
+    pub fn add(&mut self, matrix: Matrix) {
+        let (width, height) = (matrix.width(), 1usize << self.parameters.height);
+        let cosets = self.begun.chunks_exact_mut(height).enumerate();
+        for (coset, begun) in cosets {
+            let values = matrix.coset(&self.encoder, coset);
+            let blocks = begun.par_chunks_mut(LANES).enumerate();
+            blocks.for_each(|(block, begun)| {
+                packed::absorb(begun, width, |row, column| {
+                    values[(block * LANES + row) * width + column].as_canonical_u64()
+                });
+            });
+        }
+        self.matrices.push(matrix);
+    }
+
+    /// Moves the values of the matrix that was added last to files in a folder, if there is one.
+    pub fn into_files(&mut self, folder: Option<&Path>) -> io::Result<()> {
+        if let Some(last) = self.matrices.pop() {
+            self.matrices.push(last.into_files(folder)?);
+        }
+        Ok(())
+    }
+
+    /// Commits to the last matrix, and to salts.
+    pub fn finish(mut self, last: Matrix, hiding: Box<dyn Hiding>) -> Committed {
+        let (width, height) = (last.width(), 1usize << self.parameters.height);
+        let parameters = self.parameters;
+        let columns: usize = self.matrices.iter().map(Matrix::width).sum();
+        let columns = columns + width;
+        let missing = BELOW.saturating_sub(columns.next_power_of_two().ilog2());
+        let missing = missing.clamp(4, 10).min(parameters.length() - CAP);
+        let mut lowest = Vec::with_capacity(1 << (parameters.length() - missing));
+        for coset in self.encoder.order() {
+            let begun = &self.begun[coset * height..][..height];
+            let values = last.coset(&self.encoder, coset);
+            let mut digests = vec![Digest::default(); height];
+            let blocks = digests.par_chunks_mut(SHARED.min(height)).enumerate();
+            blocks.for_each(|(block, digests)| {
+                let first = block * SHARED;
+                let salts = hiding.salts(coset * height + first, digests.len());
+                for (block, digests) in digests.chunks_mut(LANES).enumerate() {
+                    let offset = block * LANES;
+                    let element = |row: usize, column: usize| match column.checked_sub(width) {
+                        None => values[(first + offset + row) * width + column].as_canonical_u64(),
+                        Some(place) => salts[offset + row][place].value(),
+                    };
+                    let begun = &begun[first + offset..][..digests.len()];
+                    packed::finish(begun, width + SALT, element, digests);
+                }
+            });
+            for _ in 0..missing {
+                digests = parents(&digests);
+            }
+            lowest.extend(digests);
+        }
+        self.begun.clear();
+        self.begun.shrink_to_fit();
+        self.matrices.push(last);
+        Committed {
+            matrices: self.matrices,
+            hiding,
+            tree: Tree::of_leaves(lowest, CAP),
+            missing,
+        }
+    }
+}
+
+/// A segment that was committed to.
+pub struct Committed {
+    matrices: Vec<Matrix>,
+    hiding: Box<dyn Hiding>,
+    /// The tree, without the lowest levels.
+    tree: Tree,
+    /// How many levels are missing. 2^`missing` rows of one coset are below one digest of the tree's lowest level.
+    missing: u32,
+}
+
+impl Committed {
+    /// Says the commitment.
+    pub fn say(&self, prover: &mut Prover) {
+        self.tree.send_cap(prover);
+    }
+
+    /// Moves the values to files in a folder, if there is one.
+    pub fn into_files(mut self, folder: Option<&Path>) -> io::Result<Self> {
+        let matrices = self.matrices.into_iter();
+        let moved = matrices.map(|matrix| matrix.into_files(folder));
+        self.matrices = moved.collect::<io::Result<_>>()?;
+        Ok(self)
+    }
+
+    /// What was committed to.
+    pub fn matrices(&self) -> &[Matrix] {
+        &self.matrices
+    }
+
+    /// The digests of the highest nodes of its tree.
+    pub fn cap(&self) -> &[Digest] {
+        self.tree.cap()
+    }
+
+    fn width(&self) -> usize {
+        self.matrices.iter().map(Matrix::width).sum()
+    }
+
+    /// The values of all columns at a point.
+    pub fn at(&self, point: &[Extension]) -> Vec<Extension> {
+        let matrices = self.matrices.iter();
+        let values = matrices.flat_map(|matrix| {
+            let values = evaluate(&matrix.columns, point);
+            matrix.release();
+            values
+        });
+        values.collect()
+    }
+
+    /// For each position, the row of all codewords there and its salt, and its path to the cap. `encoded` is told how many columns were encoded for
+    /// it.
+    fn open(
+        &self,
+        parameters: &Parameters,
+        positions: &[usize],
+        encoded: &mut dyn FnMut(usize),
+    ) -> Vec<OpenedRow> {
         let encoder = Encoder::new(parameters.rate.bits());
         let width = self.width();
         let rows = 1usize << self.missing;
         // Of each position, the rows that are below the same digest of the tree's lowest level.
-        let mut groups = vec![vec![Goldilocks::ZERO; rows * width]; positions.len()];
-        for coset in 0..encoder.cosets() {
-            let values = encoder.coset(to_rows(&self.columns), width, coset);
-            for (group, position) in groups.iter_mut().zip(positions) {
-                let first = position & !(rows - 1);
-                for (position, target) in (first..).zip(group.chunks_exact_mut(width)) {
-                    let (of, row) = encoder.place(position, parameters.height);
-                    if of == coset {
-                        let row = values[row * width..][..width].iter().map(ours);
-                        target
-                            .iter_mut()
-                            .zip(row)
-                            .for_each(|(to, value)| *to = value);
+        let wide = width + SALT;
+        let mut groups = vec![vec![0; rows * wide]; positions.len()];
+        let places = positions
+            .iter()
+            .map(|&position| encoder.place(position, parameters.height));
+        let places: Vec<(usize, usize)> = places.collect();
+        let mut column = 0;
+        for matrix in &self.matrices {
+            for coset in 0..encoder.cosets() {
+                let values = matrix.coset(&encoder, coset);
+                let own = groups.iter_mut().zip(&places);
+                for (group, (_, row)) in own.filter(|(_, (of, _))| *of == coset) {
+                    let first = row & !(rows - 1);
+                    let rows = values[first * matrix.width()..].chunks_exact(matrix.width());
+                    for (target, row) in group.chunks_exact_mut(wide).zip(rows) {
+                        let target = target[column..].iter_mut().zip(row);
+                        target.for_each(|(to, value)| *to = value.as_canonical_u64());
                     }
                 }
             }
+            matrix.release();
+            column += matrix.width();
+            encoded(matrix.width());
         }
-        let opened = groups.into_iter().zip(positions).map(|(group, position)| {
-            let element = |row: usize, column: usize| group[row * width + column].value();
-            let lowest = Tree::new(rows, width, 0, element);
-            let place = position % rows;
+        let opened = groups.into_iter().zip(positions).zip(places);
+        let opened = opened.map(|((mut group, &position), (coset, row))| {
+            let first = (coset << parameters.height) + (row & !(rows - 1));
+            let salts = self.hiding.salts(first, rows);
+            for (target, salt) in group.chunks_exact_mut(wide).zip(&salts) {
+                let target = target[width..].iter_mut().zip(salt);
+                target.for_each(|(to, value)| *to = value.value());
+            }
+            let lowest = Tree::of_leaves(self.leaves(&group, rows), 0);
+            let place = row % rows;
             let mut path = lowest.path(place);
-            path.extend(self.tree.path(position >> self.missing));
+            path.extend(self.tree.path(parameters.leaf(position) >> self.missing));
+            let row = group[place * wide..][..wide].iter();
             OpenedRow {
-                row: group[place * width..][..width].to_vec(),
+                row: row.map(|&value| Goldilocks::canonical(value)).collect(),
                 path,
             }
         });
         opened.collect()
     }
+
+    /// The digests of so many rows with their salts.
+    fn leaves(&self, group: &[u64], rows: usize) -> Vec<Digest> {
+        let wide = self.width() + SALT;
+        let mut digests = vec![Digest::default(); rows];
+        for (block, digests) in digests.chunks_mut(LANES).enumerate() {
+            let element = |row: usize, column: usize| group[(block * LANES + row) * wide + column];
+            let mut begun = vec![Begun::new(wide); digests.len()];
+            let mut first = 0;
+            for matrix in &self.matrices[..self.matrices.len() - 1] {
+                packed::absorb(&mut begun, matrix.width(), |row, column| {
+                    element(row, first + column)
+                });
+                first += matrix.width();
+            }
+            let last = |row: usize, column: usize| element(row, first + column);
+            packed::finish(&begun, wide - first, last, digests);
+        }
+        digests
+    }
 }
 
-/// A row that is opened.
+/// A row that is opened, with its salt.
 struct OpenedRow {
     row: Vec<Goldilocks>,
     path: Vec<Digest>,
 }
 
-/// Opens all columns of `segments` at `point`. Returns their values there.
+/// A polynomial over the extension: its values, and the coefficients that follow them.
+pub struct Message {
+    /// The values.
+    pub values: Vec<Extension>,
+    /// As many as the longest tail has.
+    pub tail: Vec<Extension>,
+}
+
+impl Message {
+    /// `Σ weights · columns`, one segment after the other.
+    pub fn of_columns(
+        parameters: &Parameters,
+        segments: &[&Committed],
+        weights: &[Extension],
+    ) -> Self {
+        let mut values = vec![Extension::ZERO; 1 << parameters.height];
+        let mut tail = vec![Extension::ZERO; parameters.longest_tail()];
+        let mut rest = weights;
+        for matrix in segments.iter().flat_map(|segment| &segment.matrices) {
+            let (weights, later) = rest.split_at(matrix.width());
+            rest = later;
+            add_combination(&matrix.columns, weights, &mut values);
+            matrix.release();
+            for (weight, own) in weights.iter().zip(&matrix.tails) {
+                for (sum, &coefficient) in tail.iter_mut().zip(own) {
+                    *sum += weight.scale(coefficient);
+                }
+            }
+        }
+        Self { values, tail }
+    }
+
+    /// Adds a column of the last matrix of a segment, times `weight`.
+    pub fn add_random(&mut self, segment: &Committed, column: usize, weight: Extension) {
+        let Some(matrix) = segment.matrices.last() else {
+            return;
+        };
+        let (columns, weights) = (&matrix.columns[column..=column], &[weight]);
+        add_combination(columns, weights, &mut self.values);
+        for (sum, &coefficient) in self.tail.iter_mut().zip(&matrix.tails[column]) {
+            *sum += weight.scale(coefficient);
+        }
+    }
+}
+
+/// Opens a combination of all columns of `segments` at `point`.
 pub fn open(
     prover: &mut Prover,
     parameters: &Parameters,
     segments: &[&Committed],
+    message: Message,
     point: &[Extension],
     tell: Tell<'_>,
-) -> Vec<Extension> {
+) {
+    let Message {
+        values: mut message,
+        mut tail,
+    } = message;
     // Nearly all of the time goes into encoding the columns again.
     let width: usize = segments.iter().map(|segment| segment.width()).sum();
-    let mut values = Vec::with_capacity(width);
-    for segment in segments {
-        values.extend(evaluate(&segment.columns, point));
-        segment.release();
-    }
-    prover.send_extension(&values);
-    work::do_work(prover, WORK);
-
-    let weights = combination(prover, values.len());
-    let mut message = vec![Extension::ZERO; 1 << parameters.height];
-    let mut first = 0;
-    for segment in segments {
-        let weights = &weights[first..first + segment.width()];
-        add_combination(&segment.columns, weights, &mut message);
-        segment.release();
-        first += segment.width();
-    }
-
-    let mut codeword = encode_extension(&message, parameters.rate.bits());
+    let mut codeword = encode_extension(&message, &tail, parameters.rate.bits());
     let mut committed = Vec::with_capacity(parameters.steps());
     let mut length = parameters.length();
     let mut bound = 0;
@@ -218,9 +383,10 @@ pub fn open(
             let slope = pairs
                 .map(|(&[zero, one], &weight)| weight * (one - zero))
                 .sum();
-            prover.send_extension(&[slope]);
+            prover.send_masked(&[slope]);
             *challenge = prover.challenge();
             bind(&mut message, *challenge);
+            bind(&mut tail, *challenge);
             bound += 1;
         }
         let mut next = fold(&codeword, challenges[0]);
@@ -229,17 +395,18 @@ pub fn open(
         }
         committed.push((tree, core::mem::replace(&mut codeword, next)));
     }
-    prover.send_extension(&message);
+    message.extend(tail);
+    prover.send_masked(&message);
 
-    work::do_work(prover, WORK);
-    let positions = prover.positions(parameters.rate.queries(), parameters.length());
+    work::do_work(prover, POSITION_WORK);
+    let positions = prover.positions(parameters.positions, parameters.length());
     let mut opened: Vec<Vec<OpenedRow>> = Vec::with_capacity(segments.len());
     let mut encoded = 0;
     for segment in segments {
-        opened.push(segment.open(parameters, &positions));
-        segment.release();
-        encoded += segment.width();
-        tell(Phase::Opening, encoded as f64 / width as f64);
+        opened.push(segment.open(parameters, &positions, &mut |columns| {
+            encoded += columns;
+            tell(Phase::Opening, encoded as f64 / width as f64);
+        }));
     }
     for (number, &position) in positions.iter().enumerate() {
         for rows in &opened {
@@ -256,86 +423,4 @@ pub fn open(
             tree.open(prover, Extension::coefficients(&siblings), leaf);
         }
     }
-    values
-}
-
-fn ours(value: &Theirs) -> Goldilocks {
-    Goldilocks::canonical(value.as_canonical_u64())
-}
-
-/// Computes the codewords of a matrix' columns. The points of a codeword are cosets of those of a code without redundancy: position
-/// 2^rate·j + k of a codeword is position j of coset k.
-struct Encoder {
-    dft: Radix2DitParallel<Theirs>,
-    rate: u32,
-}
-
-impl Encoder {
-    fn new(rate: u32) -> Self {
-        Self {
-            dft: Radix2DitParallel::default(),
-            rate,
-        }
-    }
-
-    fn cosets(&self) -> usize {
-        1 << self.rate
-    }
-
-    /// The codewords of a matrix on one coset, by rows. [`Self::place`] says where each row is.
-    fn coset(&self, rows: Vec<Theirs>, width: usize, coset: usize) -> Vec<Theirs> {
-        let bits = (rows.len() / width).ilog2() + self.rate;
-        let shift = Goldilocks::root_of_unity(bits).pow(coset as u64);
-        let matrix = RowMajorMatrix::new(rows, width);
-        let codewords = self.dft.coset_dft_batch(matrix, Theirs::new(shift.value()));
-        // The rows lie in the order of their reversed bits. To reverse it twice changes nothing.
-        codewords.bit_reverse_rows().values
-    }
-
-    /// The coset that a position is in, and the row of it, of 2^`bits` rows.
-    fn place(&self, position: usize, bits: u32) -> (usize, usize) {
-        let row = position >> self.rate;
-        (
-            position % self.cosets(),
-            row.reverse_bits() >> (usize::BITS - bits),
-        )
-    }
-}
-
-/// The codeword of one message of the extension.
-fn encode_extension(message: &[Extension], rate: u32) -> Vec<Extension> {
-    let encoder = Encoder::new(rate);
-    let words = Goldilocks::peel_slice(Extension::coefficients(message));
-    let coefficients = || words.iter().map(|&word| Theirs::new(word)).collect();
-    let cosets: Vec<Vec<Theirs>> = (0..encoder.cosets())
-        .map(|coset| encoder.coset(coefficients(), 2, coset))
-        .collect();
-    let bits = message.len().ilog2();
-    let value = |position: usize| {
-        let (coset, row) = encoder.place(position, bits);
-        Extension([2 * row, 2 * row + 1].map(|place| ours(&cosets[coset][place])))
-    };
-    (0..message.len() << rate)
-        .into_par_iter()
-        .map(value)
-        .collect()
-}
-
-/// The codeword of the polynomial with its first variable bound: half as long.
-fn fold(codeword: &[Extension], challenge: Extension) -> Vec<Extension> {
-    let (low, high) = codeword.split_at(codeword.len() / 2);
-    let step = Goldilocks::root_of_unity(codeword.len().ilog2()).inverse();
-    let mut folded = vec![Extension::ZERO; low.len()];
-    let chunks = folded.par_chunks_mut(SHARED).enumerate();
-    let chunks = chunks.zip(low.par_chunks(SHARED).zip(high.par_chunks(SHARED)));
-    chunks.for_each(|((chunk, folded), (low, high))| {
-        let mut inverse = step.pow((chunk * SHARED) as u64);
-        for ((folded, &u), &v) in folded.iter_mut().zip(low).zip(high) {
-            let sum = u + v;
-            let twice = sum + challenge * ((u - v).scale(inverse) - sum);
-            *folded = twice.halved();
-            inverse *= step;
-        }
-    });
-    folded
 }

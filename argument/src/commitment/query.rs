@@ -17,7 +17,8 @@ pub struct Step {
 pub struct Queries<'a> {
     /// Binary logarithm of the first codeword's length.
     length: u32,
-    steps: Vec<Step>,
+    /// The steps, and the weights of a leaf's coefficients in what it folds into.
+    steps: Vec<(Step, [Extension; SIBLINGS])>,
     message: &'a [Extension],
     /// The generator of the first codeword's points, squared 0, 1, … times, and the inverses.
     squares: Vec<Goldilocks>,
@@ -32,9 +33,13 @@ impl<'a> Queries<'a> {
         let squares =
             |first| core::iter::successors(Some(first), |&x| Some(x * x)).take(length as usize);
         let root = Goldilocks::root_of_unity(FOLDS as u32).inverse();
+        let steps = steps.into_iter().map(|step| {
+            let weights = weights(step.challenges);
+            (step, weights)
+        });
         Self {
             length,
-            steps,
+            steps: steps.collect(),
             message,
             squares: squares(generator).collect(),
             inverse_squares: squares(generator.inverse()).collect(),
@@ -53,7 +58,7 @@ impl<'a> Queries<'a> {
         let mut length = self.length;
         // The inverse of the point at `position` of the codeword.
         let mut inverse = power(&self.inverse_squares, position);
-        for step in &self.steps {
+        for (step, weights) in &self.steps {
             length -= FOLDS as u32;
             let sibling = position >> length;
             position &= (1 << length) - 1;
@@ -62,17 +67,18 @@ impl<'a> Queries<'a> {
                 &step.cap,
                 length - cap_bits(length),
                 position,
-                2 * SIBLINGS,
+                &[2 * SIBLINGS],
+                0,
             )?;
             let siblings = Extension::of_coefficients(leaf);
             let holds = siblings.get(sibling) == Some(&value);
             require(holds, Refused::Equation("a fold of an opening"))?;
             // From the point at the sibling to that of the first one.
             inverse *= self.inverse_roots[(SIBLINGS - sibling) % SIBLINGS];
-            value = self.fold(siblings, &step.challenges, inverse);
-            for _ in 0..FOLDS {
-                inverse *= inverse;
-            }
+            let square = inverse * inverse;
+            let powers = [inverse, square, square * inverse];
+            value = self.fold(siblings, weights, powers);
+            inverse = square * square;
         }
         let point = power(&self.squares, position << (self.length - length));
         let coefficients = self.message.iter().rev();
@@ -85,46 +91,41 @@ impl<'a> Queries<'a> {
         )
     }
 
-    /// Folds a leaf. `inverse` is that of its first value's point. With `u` at `x` and `v` at `−x`, one fold is
-    /// `((1 − r)·(u + v) + r·(u − v)/x) / 2`.
+    /// Folds a leaf twice: its values are those of a polynomial of degree 3 at x, i·x, i²·x and i³·x, where i² = −1, and its coefficients times the
+    /// weights are added. `powers` are those of 1/x.
     #[inline(always)]
     fn fold(
         &self,
         leaf: &[Extension],
-        challenges: &[Extension; FOLDS],
-        mut inverse: Goldilocks,
+        weights: &[Extension; SIBLINGS],
+        powers: [Goldilocks; SIBLINGS - 1],
     ) -> Extension {
-        let mut values: [Extension; SIBLINGS] = core::array::from_fn(|sibling| leaf[sibling]);
-        let mut half = SIBLINGS / 2;
-        let mut stride = 1;
-        for &challenge in challenges {
-            for place in 0..half {
-                let inverse = match place {
-                    0 => inverse,
-                    _ => inverse * self.inverse_roots[place * stride],
-                };
-                let (u, v) = (values[place], values[place + half]);
-                let sum = u + v;
-                values[place] = sum + challenge * ((u - v).scale(inverse) - sum);
-            }
-            inverse *= inverse;
-            half /= 2;
-            stride *= 2;
-        }
-        const HALVES: Goldilocks = halves();
-        values[0].scale(HALVES)
+        let [a, b, c, d] = core::array::from_fn(|sibling| leaf[sibling]);
+        let (even, odd) = (a + c, b + d);
+        let (difference, turned) = (a - c, (b - d).scale(self.inverse_roots[1]));
+        // The coefficients times 4 and powers of x
+        let coefficients = [
+            even + odd,
+            difference + turned,
+            even - odd,
+            difference - turned,
+        ];
+        let [constant, rest @ ..] = *weights;
+        let [linear, square, cube] = core::array::from_fn(|place| rest[place].scale(powers[place]));
+        Extension::dot_of_extensions(&[constant, linear, square, cube], &coefficients)
     }
 }
 
-/// 2^-FOLDS, which all folds of a leaf leave out.
-const fn halves() -> Goldilocks {
-    let mut product = Goldilocks::ONE;
-    let mut fold = 0;
-    while fold < FOLDS {
-        product = product.halved();
-        fold += 1;
-    }
-    product
+/// What a leaf's coefficients are multiplied with: those of even powers of x with 1 − r, and the others with r, in each fold; and by 1/4.
+fn weights([first, second]: [Extension; FOLDS]) -> [Extension; SIBLINGS] {
+    let odd = first * second;
+    let weights = [
+        Extension::ONE - first - second + odd,
+        first - odd,
+        second - odd,
+        odd,
+    ];
+    weights.map(|weight| weight.halved().halved())
 }
 
 /// The power of a generator whose squares are given.

@@ -7,8 +7,8 @@ use crate::layout::from_largest;
 use crate::prove::filling::Filling;
 use crate::relation::along::Along;
 use crate::relation::{
-    Atom, Axis, Committed, Count, Index, Linear, Lookup, Place, Relations, Source, Tensor, Term,
-    View, Virtual,
+    Atom, Axis, Committed, Count, Equality, Factor, Index, Linear, Lookup, Monomials, Place,
+    Relations, Source, Tensor, Term, View, Virtual,
 };
 #[cfg(feature = "prove")]
 use alloc::boxed::Box;
@@ -59,6 +59,8 @@ pub struct Builder {
     pub sizes: Sizes,
     /// What holds.
     pub relations: Relations,
+    /// Whether values of the base saturate.
+    pub saturates: bool,
     /// Tensors of each source without a place yet, with the bits of their axes but that of samples.
     waiting: Vec<(usize, Vec<Axis>)>,
     /// How the prover computes the values, in this order.
@@ -66,9 +68,37 @@ pub struct Builder {
     pub steps: Vec<Step>,
 }
 
+/// What becomes of values of the base that do not fit int16.
+#[derive(Clone, Debug)]
+pub struct Saturating {
+    /// The axis whose lower half is the base's, and whose upper half is the update's.
+    pub models: Axis,
+    /// Values exceed int16 by less than 2^bits.
+    pub bits: Along,
+}
+
+/// What is committed to of values that exceed a limit: by how much, on the axes with the base's half alone.
+struct Excess {
+    /// 1 for the upper limit, −1 for the lower one.
+    sign: i64,
+    limit: i64,
+    committed: Committed,
+    /// The same on all axes, with zeros for the update.
+    view: usize,
+}
+
 /// Bits of the number of a value, of so many.
 pub fn bits_of(values: usize) -> u8 {
     values.next_power_of_two().trailing_zeros() as u8
+}
+
+/// Axes with that of one model in place of both models'.
+fn of_one_model(axes: &[Axis], models: Axis) -> Vec<Axis> {
+    let own = axes.iter().map(|&axis| match axis == models {
+        true => Sizes::of_one_model(axis),
+        false => axis,
+    });
+    own.collect()
 }
 
 /// `atom`, once.
@@ -95,11 +125,13 @@ impl Builder {
     pub fn new(sizes: Sizes) -> Self {
         let relations = Relations {
             axes: sizes.bits.clone(),
+            published: vec![WEIGHTS, TABLES],
             ..Default::default()
         };
         Self {
             sizes,
             relations,
+            saturates: false,
             waiting: vec![],
             #[cfg(feature = "prove")]
             steps: vec![],
@@ -253,7 +285,7 @@ impl Builder {
         self.range(name, axes, count, lowest, &own(0));
     }
 
-    /// A committed int16 tensor `plus + ⌊value / 2^shift⌋`.
+    /// A committed int16 tensor `⌊value / 2^shift⌋`.
     pub fn floor(
         &mut self,
         name: &'static str,
@@ -261,27 +293,40 @@ impl Builder {
         count: Count,
         value: Linear,
         shift: &Along,
+        saturating: Option<Saturating>,
     ) -> Committed {
         let result = self.commit(name, axes);
         let within = Along::Everywhere(16);
-        self.floor_into(result, axes, count, (value, None), shift, &within);
+        let shifts = (shift, Some(&within));
+        self.floor_into(result, axes, count, (value, None), shifts, saturating);
         result
     }
 
-    /// `result = plus + ⌊value / 2^shift⌋`, which has up to `bits` bits with its sign.
+    /// `result = plus + ⌊value / 2^shift⌋`, which has up to `bits` bits with its sign, or is looked up in a table of int16. Where it does not fit int16, it is the nearest value that does,
+    /// if that is the base's and the statement says so.
     pub fn floor_into(
         &mut self,
         result: Committed,
         axes: &[Axis],
         count: Count,
         (value, plus): (Linear, Option<Committed>),
-        shift: &Along,
-        bits: &Along,
+        (shift, bits): (&Along, Option<&Along>),
+        saturating: Option<Saturating>,
     ) {
         let name = self.relations.tensors[result.tensor].name;
+        let saturating = saturating.filter(|_| self.saturates);
+        let excesses = saturating
+            .as_ref()
+            .map_or(vec![], |by| self.excesses(name, axes, by.models));
         #[cfg(feature = "prove")]
         {
             let (value, axes, shift) = (value.clone(), axes.to_vec(), shift.clone());
+            let base = saturating.as_ref().map(|by| self.is_of_base(by.models));
+            let own = saturating.as_ref().map(|by| of_one_model(&axes, by.models));
+            let committed: Vec<_> = excesses
+                .iter()
+                .map(|excess| (excess.sign, excess.limit, excess.committed))
+                .collect();
             self.step(move |filling| {
                 let mut values = filling.linear(&value, &axes);
                 filling.shift_right(&mut values, &axes, &shift);
@@ -292,6 +337,9 @@ impl Builder {
                     }
                 }
                 filling.keep_counted(count, &axes, &mut values);
+                if let (Some(base), Some(own)) = (&base, &own) {
+                    filling.saturate(&mut values, &axes, base, own, &committed);
+                }
                 filling.set(result, &axes, &values);
             });
         }
@@ -301,10 +349,88 @@ impl Builder {
         if let Some(plus) = plus {
             rest.push(self.scaled(&power, 1, plus.atom()));
         }
+        for excess in &excesses {
+            rest.push(self.scaled(&power, -excess.sign, Atom::Virtual(excess.view)));
+        }
+        if let Some(Saturating { models, bits }) = saturating {
+            let bits = self.of_base(&bits, models);
+            let own = of_one_model(axes, models);
+            for excess in excesses {
+                let value = vec![one(excess.committed.atom())];
+                self.wide_range(name, &own, count, value, &bits);
+                self.at_limit(name, axes, (excess.view, excess.limit), result);
+            }
+        }
         self.wide_range(name, axes, count, rest, shift);
-        let half = bits.map(|bits| 1 << (bits - 1));
-        let above = vec![one(result.atom()), self.scaled(&half, 1, Atom::One)];
-        self.range(name, axes, count, above, bits);
+        if let Some(bits) = bits {
+            let half = bits.map(|bits| 1 << (bits - 1));
+            let above = vec![one(result.atom()), self.scaled(&half, 1, Atom::One)];
+            self.range(name, axes, count, above, bits);
+        }
+    }
+
+    /// By how much values of the base exceed int16, above and below.
+    fn excesses(&mut self, name: &'static str, axes: &[Axis], models: Axis) -> Vec<Excess> {
+        let own = of_one_model(axes, models);
+        let half = self.sizes.count(Sizes::of_one_model(models));
+        let base = self.map(models, |index| (index < half).then_some(index));
+        let indices = axes.iter().map(|&axis| match axis == models {
+            true => Index::Mapped(axis, base),
+            false => Index::Of(axis),
+        });
+        let indices: Vec<Index> = indices.collect();
+        let limits = [(1, i16::MAX), (-1, i16::MIN)];
+        let excess = |(sign, limit): (i64, i16)| {
+            let committed = self.commit(name, &own);
+            Excess {
+                sign,
+                limit: limit.into(),
+                committed,
+                view: self.view(committed.tensor, &indices),
+            }
+        };
+        limits.into_iter().map(excess).collect()
+    }
+
+    /// A view is zero unless the result is a limit.
+    pub fn at_limit(
+        &mut self,
+        name: &'static str,
+        axes: &[Axis],
+        (view, limit): (usize, i64),
+        result: Committed,
+    ) {
+        self.relations.monomials.push(Monomials {
+            axes: axes.to_vec(),
+            summed: 0,
+            terms: vec![(1, [view, result.view].map(Factor::Virtual).to_vec())],
+        });
+        let product = Atom::Monomials(self.relations.monomials.len() - 1);
+        let excess = times(-limit, Atom::Virtual(view));
+        self.relations.equalities.push(Equality {
+            name,
+            axes: axes.to_vec(),
+            linear: vec![one(product), excess],
+        });
+    }
+
+    /// 1 on the base's half of an axis, and 0 on the update's.
+    #[cfg(feature = "prove")]
+    fn is_of_base(&self, models: Axis) -> Along {
+        let all = 0..self.sizes.count(models);
+        let half = all.len() / 2;
+        Along::Axis(models, all.map(|index| (index < half) as i64).collect())
+    }
+
+    /// The numbers of the base's half of an axis.
+    fn of_base(&self, numbers: &Along, models: Axis) -> Along {
+        match numbers {
+            Along::Axis(axis, numbers) if *axis == models => {
+                let half = numbers.len() / 2;
+                Along::Axis(Sizes::of_one_model(models), numbers[..half].to_vec())
+            }
+            other => other.clone(),
+        }
     }
 
     /// A table: each row may be looked up any number of times. Each sample counts its own.

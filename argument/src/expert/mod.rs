@@ -6,10 +6,10 @@
 //! - [`builder`]: commits to tensors, and says what holds of them.
 //! - [`argument`]: the whole argument, of the prover and of the verifier. [`published`]: what it leaves to check.
 //! - [`evaluation`]: what holds of each step of it. [`weights`]: where the weights lie, and sums of them.
-//!
-//! **What is not checked yet.** A base that overflows has no proof. Scores may exceed 32 bits, where mode `direct` refuses them.
 
 pub mod argument;
+#[cfg(feature = "prove")]
+pub mod blinding;
 pub mod builder;
 pub mod evaluation;
 pub mod publics;

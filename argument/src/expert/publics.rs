@@ -326,17 +326,18 @@ pub fn all(statement: &Statement, sizes: &Sizes) -> Vec<Box<dyn Public>> {
 
 /// Noise, `[T, A, S]`.
 fn noise(statement: &Statement) -> Drawn {
-    let all = statement
-        .samples
-        .iter()
-        .flat_map(|sample| &sample.draw.noise[..]);
     let dims = &statement.spec.dims;
     let width = dims.max_action_dim as usize;
+    let size = width * dims.chunk as usize;
+    let mut values = Vec::with_capacity(size * statement.samples.len());
+    for sample in &statement.samples {
+        values.extend_from_slice(&sample.draw.noise);
+    }
     Drawn {
         axes: vec![T, A, S],
         width,
-        size: width * dims.chunk as usize,
-        values: all.copied().collect(),
+        size,
+        values,
     }
 }
 
@@ -346,18 +347,18 @@ fn time_embedding(statement: &Statement) -> Drawn {
     let spec = &statement.spec;
     let width = 2 * spec.time_frequencies.len();
     let mut values = Vec::with_capacity(width * statement.samples.len());
+    let mut cosines = Vec::with_capacity(width / 2);
     // Sines are at most 2^14, and the embedding has at most 14 bits: the result is an int16.
     let rounded =
         |value: i16| ((((value as i64) << spec.embedding) + HALF) >> tables::TRIG_BITS) as i16;
     for sample in &statement.samples {
         let time = sample.draw.time as u64;
-        let phases = || {
-            spec.time_frequencies
-                .iter()
-                .map(|frequency| ((time * frequency) >> 16) as u32)
-        };
-        values.extend(phases().map(|phase| rounded(tables::sine(phase))));
-        values.extend(phases().map(|phase| rounded(tables::cosine(phase))));
+        for frequency in &spec.time_frequencies {
+            let (cosine, sine) = tables::turn(((time * frequency) >> 16) as u32);
+            values.push(rounded(sine));
+            cosines.push(rounded(cosine));
+        }
+        values.append(&mut cosines);
     }
     Drawn {
         axes: vec![F2, S],

@@ -39,7 +39,7 @@ impl Turns {
             let both = cosines.iter_mut().zip(sines).zip(&spec.rope_frequencies);
             for ((cosine, sine), frequency) in both {
                 let phase = (position as u32).wrapping_mul(*frequency);
-                (*cosine, *sine) = (tables::cosine(phase), tables::sine(phase));
+                (*cosine, *sine) = tables::turn(phase);
             }
         }
         Self {

@@ -1,11 +1,11 @@
 //! The commitment to a sample, which a node makes once, before anybody trains: it depends on the dimensions of the evaluation, and on no
 //! weights. A proof opens it together with the values that are committed to then.
 //!
-//! Equal samples have equal digests: where the evaluation reads nothing, a sample holds zeros, and the argument shows it.
+//! Equal samples of one dataset have equal digests: where the evaluation reads nothing, a sample holds zeros, and the argument shows it; and what
+//! hides a sample follows from its values and the dataset's secret.
 
 use super::builder::{Builder, DATA};
 use super::sizes::{A, D, L, PC, S, T, V};
-use crate::commitment::Rate;
 use crate::hash::{digest_of_words, Digest, Domain};
 use crate::relation::{Axis, Committed};
 use alloc::vec::Vec;
@@ -14,16 +14,6 @@ use alloc::vec::Vec;
 pub const ACTION_AXES: [Axis; 3] = [T, A, S];
 /// The axes of the prefix's keys and values.
 pub const CACHE_AXES: [Axis; 5] = [PC, L, V, D, S];
-/// The rate of the code of all commitments of an argument.
-pub(super) const RATE: Rate = Rate::Quarter;
-/// Most variables of the columns of a commitment.
-const TALLEST: u32 = 22;
-
-/// Variables of all columns, where the number of a sample's value has so many bits.
-pub(super) fn height(bits: u32) -> u32 {
-    bits.min(TALLEST)
-}
-
 /// What a sample holds.
 #[derive(Clone, Copy, Debug)]
 pub struct SampleTensors {
@@ -60,29 +50,71 @@ pub mod prove {
     use super::*;
     use crate::commitment::prove::columns::Column;
     use crate::commitment::prove::Committed as Commitment;
+    use crate::commitment::prove::{Committing, Hiding, Matrix};
     use crate::commitment::Parameters;
+    use crate::expert::blinding::Blind;
     use crate::expert::builder::bits_of;
     use crate::expert::sizes::Sizes;
     use crate::relation::Tensor;
+    use zk0_circuits::vm::digest::tagged_sha256;
     use zk0_circuits::{EvalSpec, Sample};
 
-    /// The digest of a sample. `None` if the evaluation is too small for a commitment.
-    pub fn digest(spec: &EvalSpec, sample: &Sample) -> Option<Digest> {
+    /// How many arguments may open a sample: a tail hides as many rows as it has coefficients.
+    pub fn uses(spec: &EvalSpec) -> u32 {
+        let mut builder = Builder::new(Sizes::new(spec, 1));
+        SampleTensors::new(&mut builder);
+        let parameters = Parameters::of_samples(bits_of(builder.place()[DATA.0 as usize]).into());
+        (parameters.longest_tail() / parameters.positions()) as u32
+    }
+
+    /// The digest of a sample, which `blind` hides.
+    pub fn digest(spec: &EvalSpec, sample: &Sample, blind: &Blind) -> Digest {
         let mut builder = Builder::new(Sizes::new(spec, 1));
         let tensors = SampleTensors::new(&mut builder);
         let used = builder.place()[DATA.0 as usize];
-        let bits = bits_of(used);
-        let mut data = alloc::vec![0; 1 << bits];
+        let parameters = Parameters::of_samples(bits_of(used).into());
+        let tall = 1usize << parameters.variables();
+        let mut data = alloc::vec![0; used.next_multiple_of(tall)];
         tensors.fill(spec, &builder.relations.tensors, sample, &mut data);
-        let parameters = Parameters::new(height(bits as u32), RATE)?;
-        let tall = 1 << parameters.variables();
         let columns = Column::cut(&data, tall, used.div_ceil(tall));
-        let commitment = Commitment::to(&parameters, columns);
-        Some(sample_digest(
-            sample.prefix(),
-            frames(spec, sample),
-            commitment.cap(),
-        ))
+        let (prefix, frames) = (sample.prefix(), frames(spec, sample));
+        let commitment = commit(&parameters, columns, (prefix, frames), |sample| {
+            Box::new(blind.of_sample(sample))
+        });
+        sample_digest(prefix, frames, commitment.cap())
+    }
+
+    /// Commits to the values of a sample with a prefix and frames, which are hidden by what `hiding` returns for the digest of all that. Different
+    /// samples have nothing of that in common: otherwise, at a position that both opened, the difference of the rows would show that of their values; and
+    /// rows of both would count for one tail.
+    pub fn commit(
+        parameters: &Parameters,
+        columns: Vec<Column>,
+        lengths: (usize, usize),
+        hiding: impl FnOnce(&zk0_circuits::Digest) -> Box<dyn Hiding>,
+    ) -> Commitment {
+        let hiding = hiding(&of_values(&columns, lengths));
+        let tails = 0..columns.len();
+        let tails = tails.map(|column| hiding.elements(column, parameters.longest_tail()));
+        let tails = tails.collect();
+        let committing = Committing::new(parameters, columns.len());
+        committing.finish(Matrix::new(columns, tails), hiding)
+    }
+
+    /// A digest of the lengths of prefix and frames, and of the values of columns as they lie in them.
+    fn of_values(columns: &[Column], (prefix, frames): (usize, usize)) -> zk0_circuits::Digest {
+        let bytes = |column: &Column| -> Vec<u8> {
+            let values = (0..column.len()).map(|index| column.get(index));
+            values.flat_map(i64::to_le_bytes).collect()
+        };
+        let lengths = [prefix, frames].map(|length| (length as u64).to_le_bytes());
+        let columns: Vec<Vec<u8>> = columns.iter().map(bytes).collect();
+        let columns = columns.iter().map(Vec::as_slice);
+        let parts: Vec<&[u8]> = [lengths.as_flattened()]
+            .into_iter()
+            .chain(columns)
+            .collect();
+        tagged_sha256("zk0/blind/values/v1", &parts)
     }
 
     /// Frames up to the last one that is not padding.

@@ -46,6 +46,12 @@ pub const R: Axis = Axis(18);
 pub const X: Axis = Axis(19);
 /// Rows of a table of gates.
 pub const Q: Axis = Axis(20);
+/// One model: the half of [`M`].
+pub const M1: Axis = Axis(21);
+/// Self-attention layers of one model.
+pub const SN1: Axis = Axis(22);
+/// Cross-attention layers of one model.
+pub const CN1: Axis = Axis(23);
 
 /// What the sizes of tensors follow from.
 #[derive(Clone, Debug)]
@@ -93,8 +99,8 @@ impl Sizes {
         let of = |value: u32| bits(value as usize);
         let tokens = of(dims.chunk);
         let large = dims.expert_width > 128;
-        let limb = if large { 19 } else { 16 };
-        let mut all = alloc::vec![0; 21];
+        let limb = if large { 20 } else { 16 };
+        let mut all = alloc::vec![0; 24];
         for (axis, bits) in [
             (T, tokens),
             (N, bits(layers) + 1),
@@ -117,6 +123,9 @@ impl Sizes {
             (R, limb as u8 + 1),
             (X, if large { 20 } else { 17 }),
             (Q, 16),
+            (M1, 0),
+            (SN1, bits(of_itself)),
+            (CN1, bits(cross)),
         ] {
             all[axis.0 as usize] = bits;
         }
@@ -146,6 +155,16 @@ impl Sizes {
     /// The index on [`N`] of a layer of a model.
     pub fn n(&self, model: usize, layer: usize) -> usize {
         model << self.of(L) | layer
+    }
+
+    /// The axis of one of the models, where the upper half of `axis` is the update's.
+    pub fn of_one_model(axis: Axis) -> Axis {
+        match axis {
+            N => L,
+            SN => SN1,
+            CN => CN1,
+            _ => M1,
+        }
     }
 
     /// Whether there are layers of cross-attention.

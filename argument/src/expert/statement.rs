@@ -35,6 +35,9 @@ pub struct Statement {
     pub spec: EvalSpec,
     /// Fraction bits of each of the expert's tensors, for the base and the update.
     pub scales: [Vec<i16>; 2],
+    /// Whether a value of the base saturates on one of the samples, or attention scores lie further apart than the table of powers reaches. Then more is
+    /// committed to. It is no part of what is shown: a statement that does not need it can have it.
+    pub saturates: bool,
     /// The samples.
     pub samples: Vec<Evaluated>,
 }
@@ -57,6 +60,7 @@ impl Statement {
             context: zk0_circuits::Digest::default(),
             spec: spec.clone(),
             scales,
+            saturates: false,
             samples: vec![Evaluated {
                 prefix: 1,
                 frames: 1,
@@ -80,7 +84,7 @@ impl Statement {
     }
 
     /// A digest of all that the context does not determine, and of the context. In this order: the context; the number of scales, and those of both
-    /// models, four to a word; the number of samples, and for each its prefix and frames in one word, and its losses.
+    /// models, four to a word; whether the base saturates, and the number of samples in one word, and for each its prefix and frames in one word, and its losses.
     pub fn digest(&self) -> Digest {
         let context = self.context.0.as_chunks::<8>().0.iter();
         let mut words: Vec<u64> = context.map(|bytes| u64::from_le_bytes(*bytes)).collect();
@@ -88,7 +92,7 @@ impl Statement {
             words.push(scales.len() as u64);
             words.extend(packed(scales));
         }
-        words.push(self.samples.len() as u64);
+        words.push((self.saturates as u64) << 32 | self.samples.len() as u64);
         for sample in &self.samples {
             words.push((sample.prefix as u64) << 32 | sample.frames as u64);
             words.extend(sample.losses);

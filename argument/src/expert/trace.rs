@@ -1,11 +1,14 @@
 //! The evaluation as [`zk0_circuits::model::eval`] does it, with the sums kept that the residual stream is made of.
 
+use super::evaluation::attention::{factor, shift};
+use super::sizes::{Sizes, X};
+use zk0_circuits::claim::terms::Model;
 use zk0_circuits::model::arithmetic::products::Rows;
 use zk0_circuits::model::draw::Draw;
-use zk0_circuits::model::eval::{EvalError, Evaluator, LossSum, Site};
+use zk0_circuits::model::eval::{EvalError, Evaluator, LossSum, Overflow, Site};
 use zk0_circuits::model::linear::{first_of_layer, place, Linear};
 use zk0_circuits::model::multiply::{Direct, Multiply};
-use zk0_circuits::{QuantisedWeights, Sample};
+use zk0_circuits::{EvalSpec, QuantisedWeights, Sample};
 
 /// The sums of a linear layer, by its number: one matrix after the other, a row of outputs for each row of the input.
 pub type Kept = (usize, Vec<i32>);
@@ -24,10 +27,17 @@ fn is_on_stream(index: usize) -> bool {
 /// Computes products, and keeps the sums of the residual stream.
 struct Keeping<'a> {
     direct: Direct<'a>,
+    spec: &'a EvalSpec,
     kept: Vec<Kept>,
+    /// Whether scores lie further apart than the table of powers reaches.
+    apart: bool,
 }
 
 impl Multiply for Keeping<'_> {
+    fn overflow(&self) -> Overflow {
+        self.direct.overflow()
+    }
+
     fn gain(&self, index: usize) -> (&[i16], i16) {
         self.direct.gain(index)
     }
@@ -47,11 +57,23 @@ impl Multiply for Keeping<'_> {
 
     fn scores(
         &mut self,
-        site: Site,
+        layer: usize,
         queries: Rows<'_>,
         keys: Rows<'_>,
-    ) -> Result<Vec<i32>, EvalError> {
-        self.direct.scores(site, queries, keys)
+        visible: impl Fn(usize) -> usize,
+    ) -> Vec<i64> {
+        let scores = self.direct.scores(layer, queries, keys, &visible);
+        let scales = &self.spec.layers[layer];
+        let shift = shift((scales.query + scales.key).into());
+        let reach = 1 << Sizes::new(self.spec, 1).of(X);
+        for (query, row) in scores.chunks_exact(keys.count()).enumerate() {
+            let seen = row[..visible(query)].iter();
+            if let (Some(most), Some(least)) = (seen.clone().max(), seen.min()) {
+                let distance = ((most - least) * factor(self.spec.dims.head_dim)) >> shift;
+                self.apart |= distance >= reach;
+            }
+        }
+        scores
     }
 
     fn mix(
@@ -64,17 +86,40 @@ impl Multiply for Keeping<'_> {
     }
 }
 
-/// The loss of a sample, and the sums that the residual stream is made of, in the order of the evaluation.
+/// What an evaluation gives.
+pub struct Traced {
+    /// The loss.
+    pub loss: LossSum,
+    /// The sums that the residual stream is made of, in the order of the evaluation.
+    pub kept: Vec<Kept>,
+    /// Whether an argument about it has to be one of a statement that saturates.
+    pub saturates: bool,
+}
+
+/// Evaluates a model on a sample.
 pub fn trace(
     evaluator: &Evaluator<'_>,
+    model: Model,
     weights: &QuantisedWeights,
     sample: &Sample,
     draw: &Draw,
-) -> Result<(LossSum, Vec<Kept>), EvalError> {
-    let mut keeping = Keeping {
-        direct: evaluator.direct(weights)?,
-        kept: vec![],
+) -> Result<Traced, EvalError> {
+    let with = |overflow| {
+        let mut keeping = Keeping {
+            direct: evaluator.direct(weights, overflow)?,
+            spec: evaluator.spec,
+            kept: vec![],
+            apart: false,
+        };
+        let loss = evaluator.loss(&mut keeping, sample, draw)?;
+        Ok(Traced {
+            loss,
+            kept: keeping.kept,
+            saturates: keeping.apart || overflow == Overflow::Saturated,
+        })
     };
-    let loss = evaluator.loss(&mut keeping, sample, draw)?;
-    Ok((loss, keeping.kept))
+    match (with(Overflow::Refused), model.overflow()) {
+        (Err(EvalError::OutOfRange { .. }), Overflow::Saturated) => with(Overflow::Saturated),
+        (result, _) => result,
+    }
 }

@@ -6,7 +6,7 @@ use super::published::tables;
 use super::sample::prove::frames;
 use super::sizes::{Sizes, L, M, N, T};
 use super::statement::{Evaluated, Statement};
-use super::trace::{trace, Kept, EMBEDDED};
+use super::trace::{trace, Kept, Traced, EMBEDDED};
 use crate::prove::filling::Filling;
 use crate::prove::progress::{Phase, Tell};
 use crate::prove::{Computed, NotInTable, Values};
@@ -15,9 +15,9 @@ use std::borrow::Cow;
 use std::io;
 use std::rc::Rc;
 use zk0_circuits::claim::terms::Model;
-use zk0_circuits::model::arithmetic::fixed::Rescale;
+use zk0_circuits::model::arithmetic::fixed::{saturated, Rescale};
 use zk0_circuits::model::draw::Draw;
-use zk0_circuits::model::eval::{EvalError, Evaluator, LossSum};
+use zk0_circuits::model::eval::{EvalError, Evaluator};
 use zk0_circuits::model::layout::Layout;
 use zk0_circuits::model::linear::{first_of_layer, output, place};
 use zk0_circuits::{Digest, EvalSpec, QuantisedWeights, Sample};
@@ -125,18 +125,20 @@ fn read(samples: &impl Samples, number: usize) -> Result<Cow<'_, Sample>, Unprov
     samples.sample(number).map_err(unreadable)
 }
 
-/// The loss of one of the models on a sample, and what the evaluation leaves of the residual stream.
+/// Evaluates one of the models on a sample.
 fn traced(
     spec: &EvalSpec,
     models: Models<'_>,
     model: usize,
     number: usize,
     (sample, draw): (&Sample, &Draw),
-) -> Result<(LossSum, Vec<Kept>), Unprovable> {
+) -> Result<Traced, Unprovable> {
     let evaluator = Evaluator::new(spec).map_err(EvalError::from);
-    let result = evaluator.and_then(|e| trace(&e, models[model], sample, draw));
+    let weights = models[model];
+    let model = [Model::Base, Model::Update][model];
+    let result = evaluator.and_then(|e| trace(&e, model, weights, sample, draw));
     result.map_err(|error| Unprovable::Evaluation {
-        model: [Model::Base, Model::Update][model],
+        model,
         sample: number,
         error,
     })
@@ -153,17 +155,18 @@ pub fn evaluate(
     samples: &impl Samples,
     tell: Tell<'_>,
 ) -> Result<Statement, Unprovable> {
-    let mut evaluated = vec![];
+    let (mut evaluated, mut saturates) = (vec![], false);
     let draws = samples.draws();
     for (number, draw) in draws.iter().enumerate() {
         let sample = read(samples, number)?;
-        let loss = |model| traced(spec, models, model, number, (&sample, draw));
-        let losses = [loss(0)?.0, loss(1)?.0].map(|loss| loss.squared_error);
+        let traced = |model| traced(spec, models, model, number, (&sample, draw));
+        let both = [traced(0)?, traced(1)?];
+        saturates |= both.iter().any(|traced| traced.saturates);
         evaluated.push(Evaluated {
             prefix: sample.prefix(),
             frames: frames(spec, &sample),
             draw: (*draw).clone(),
-            losses,
+            losses: both.map(|traced| traced.loss.squared_error),
         });
         tell(Phase::Evaluating, (number + 1) as f64 / draws.len() as f64);
     }
@@ -178,6 +181,7 @@ pub fn evaluate(
         context,
         spec: spec.clone(),
         scales: models.map(scales),
+        saturates,
         samples: evaluated,
     })
 }
@@ -233,7 +237,7 @@ impl Witness {
         let sample = &*read(samples, number)?;
         let draw = &statement.samples[number].draw;
         let kept = |model| traced(&statement.spec, models, model, number, (sample, draw));
-        let kept = [kept(0)?.1, kept(1)?.1];
+        let kept = [kept(0)?.kept, kept(1)?.kept];
         let statement = statement.of(Some(number));
         let expert = Expert::new(&statement);
         let relations = &expert.builder.relations;
@@ -332,7 +336,7 @@ fn fill_hidden(
         let rescale = Rescale::new(from as i32, to as i32);
         let pairs = sums.iter().zip(residual);
         pairs
-            .map(|(&sum, &residual)| sum + rescale.apply(residual))
+            .map(|(&sum, &residual)| saturated(sum + rescale.apply(residual)).into())
             .collect()
     };
     let mut hidden = outputs(EMBEDDED);

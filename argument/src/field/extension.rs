@@ -74,6 +74,20 @@ impl Extension {
         Self::dot_of(weights, values.iter().copied())
     }
 
+    /// `Σ a · b`, of as many as there are of both.
+    #[inline(always)]
+    pub fn dot_of_extensions(a: &[Self], b: &[Self]) -> Self {
+        let [mut constant, mut square, mut linear] = [Products::default(); 3];
+        for (a, b) in a.iter().zip(b) {
+            constant.add(a.0[0], b.0[0]);
+            square.add(a.0[1], b.0[1]);
+            linear.add(a.0[0], b.0[1]);
+            linear.add(a.0[1], b.0[0]);
+        }
+        let [constant, square, linear] = [constant, square, linear].map(Products::reduce);
+        Self([constant + SQUARE * square, linear])
+    }
+
     /// `Σ weights · values`, of as many as there are of both.
     #[inline(always)]
     pub fn dot_of(weights: &[Self], values: impl Iterator<Item = Goldilocks>) -> Self {

@@ -54,10 +54,12 @@ pub fn sum_of(prover: &mut Prover, variables: usize, leaves: impl Leaves) -> Lea
         (None, _) => top_of(&leaves),
     };
     send(prover, &children);
+    let denominator = children.q[0] * children.q[1];
+    prover.send_secret(&[denominator, denominator.inverse()]);
     let mut point: Vec<Extension> = Vec::new();
     loop {
         let step = prover.challenge();
-        let (numerator, denominator) = children.between(step);
+        let [numerator, denominator] = children.between(step);
         let claim = (numerator, denominator);
         point.insert(0, step);
         (point, children) = match (layers.pop(), variables - point.len()) {
@@ -75,12 +77,12 @@ pub fn sum_of(prover: &mut Prover, variables: usize, leaves: impl Leaves) -> Lea
     }
 }
 
-fn send(prover: &mut Prover, children: &Children) {
+fn send(prover: &mut Prover, children: &Children<Extension>) {
     let Children { p, q } = children;
-    prover.send_extension(&[p[0], p[1], q[0], q[1]]);
+    prover.send_secret(&[p[0], p[1], q[0], q[1]]);
 }
 
-fn top_of(leaves: &impl Leaves) -> Children {
+fn top_of(leaves: &impl Leaves) -> Children<Extension> {
     let mut block = Block::default();
     let (p, q) = block.read(leaves, 0, 2);
     Children {
@@ -347,7 +349,7 @@ fn prove_layer<L: Leaves>(
     leaves: L,
     claimed_at: &[Extension],
     (numerator, denominator): (Extension, Extension),
-) -> (Vec<Extension>, Children) {
+) -> (Vec<Extension>, Children<Extension>) {
     let lambda = prover.challenge();
     let mut claim = numerator + lambda * denominator;
     let layer = Layer {
@@ -358,7 +360,7 @@ fn prove_layer<L: Leaves>(
     let mut say = |coordinate: Extension, [constant, square]: [Extension; 2]| {
         // The claim is constant + coordinate·slope. That the coordinate is 0 has a probability of 2^-128.
         let slope = (claim - constant) * coordinate.inverse();
-        prover.send_extension(&[slope, square]);
+        prover.send_secret(&[slope, square]);
         let challenge = prover.challenge();
         claim = constant + challenge * (slope - square + challenge * square);
         point.push(challenge);

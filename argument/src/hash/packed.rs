@@ -3,7 +3,7 @@
 //! `p3-koala-bear` has Poseidon2 in vectors, but with other inner layers than SP1: those of SP1 multiply by `(J + D)/2^32`, where J is all
 //! ones and D is diagonal. So only the outer layers are taken from there.
 
-use super::{lower, upper, Digest, Domain, GROUP, RATE};
+use super::{lower, uppers, Digest, Domain, Sponge, GROUP, RATE};
 use p3_field::{Field, PackedValue, PrimeCharacteristicRing, PrimeField32};
 use p3_koala_bear::{
     KoalaBear, Poseidon2ExternalLayerKoalaBear, KOALABEAR_POSEIDON2_RC_16_EXTERNAL_FINAL,
@@ -103,7 +103,7 @@ fn pair(word: impl Fn(usize) -> u64) -> [Packed; 2] {
 }
 
 #[inline(always)]
-fn digests(state: &State, digests: &mut [Digest]) {
+fn digests(state: &[Packed], digests: &mut [Digest]) {
     for (lane, digest) in digests.iter_mut().enumerate() {
         let value = |place: usize| u64::from(state[place].extract(lane).as_canonical_u32());
         *digest = Digest(core::array::from_fn(|word| {
@@ -112,14 +112,62 @@ fn digests(state: &State, digests: &mut [Digest]) {
     }
 }
 
+/// The half of a row's state that nothing overwrites: what the row was up to now.
+#[derive(Clone, Copy)]
+pub struct Begun([u64; RATE]);
+
+impl Begun {
+    /// Of rows that have `width` elements in all.
+    pub fn new(width: usize) -> Self {
+        Self([Domain::Leaf as u64 | (width as u64) << 32, 0, 0, 0])
+    }
+}
+
+fn state_of(begun: impl Fn(usize) -> [u64; RATE]) -> State {
+    let mut state = State::default();
+    for (place, values) in state[2 * RATE..]
+        .as_chunks_mut::<2>()
+        .0
+        .iter_mut()
+        .enumerate()
+    {
+        *values = pair(|lane| begun(lane)[place]);
+    }
+    state
+}
+
+/// Absorbs the next `width` elements of as many rows as were begun, up to [`LANES`]. `element` gives the canonical value for a row and a column.
+pub fn absorb(begun: &mut [Begun], width: usize, element: impl Fn(usize, usize) -> u64) {
+    let state = absorbed(begun, width, element);
+    let mut inner = [Digest::default(); LANES];
+    digests(&state[2 * RATE..], &mut inner);
+    for (begun, Digest(inner)) in begun.iter_mut().zip(inner) {
+        *begun = Begun(inner);
+    }
+}
+
+/// Absorbs the last `width` elements of rows, and gives their digests.
+pub fn finish(
+    begun: &[Begun],
+    width: usize,
+    element: impl Fn(usize, usize) -> u64,
+    results: &mut [Digest],
+) {
+    digests(&absorbed(begun, width, element), results);
+}
+
 /// [`super::leaf`] for as many rows as there are places for digests, up to [`LANES`]. All have `width` elements; `element` gives the
 /// canonical value for a row and a column.
 pub fn leaves(width: usize, element: impl Fn(usize, usize) -> u64, results: &mut [Digest]) {
-    let last_row = results.len() - 1;
+    let begun = vec![Begun::new(width); results.len()];
+    finish(&begun, width, element, results);
+}
+
+fn absorbed(begun: &[Begun], width: usize, element: impl Fn(usize, usize) -> u64) -> State {
+    let last_row = begun.len() - 1;
     // Lanes that are not needed repeat the last row.
     let element = |lane: usize, column: usize| element(lane.min(last_row), column);
-    let mut state = State::default();
-    [state[2 * RATE], state[2 * RATE + 1]] = pair(|_| Domain::Leaf as u64 | (width as u64) << 32);
+    let mut state = state_of(|lane| begun[lane.min(last_row)].0);
     let mut absorb = |words: [[u64; LANES]; RATE]| {
         for (values, words) in state.as_chunks_mut::<2>().0.iter_mut().zip(words) {
             *values = pair(|lane| words[lane]);
@@ -129,37 +177,33 @@ pub fn leaves(width: usize, element: impl Fn(usize, usize) -> u64, results: &mut
     let per_lane = |word: &dyn Fn(usize, usize) -> u64, first: usize| -> [[u64; LANES]; RATE] {
         core::array::from_fn(|place| core::array::from_fn(|lane| word(lane, first + place)))
     };
-    let whole = width / GROUP * GROUP;
-    for first in (0..whole).step_by(GROUP) {
-        let low = |lane: usize, place: usize| lower(element(lane, first + place));
-        let high = |lane: usize, place: usize| {
-            upper(
-                element(lane, first + 2 * place),
-                element(lane, first + 2 * place + 1),
-            )
+    for first in (0..width).step_by(GROUP) {
+        let count = GROUP.min(width - first);
+        let word = |lane: usize, place: usize| match place {
+            _ if place < count => lower(element(lane, first + place)),
+            _ if place == count => {
+                uppers((first..first + count).map(|column| element(lane, column)))
+            }
+            _ => 0,
         };
-        absorb(per_lane(&low, 0));
-        absorb(per_lane(&low, RATE));
-        absorb(per_lane(&high, 0));
-    }
-    let rest = width - whole;
-    let used = rest + rest.div_ceil(2);
-    let word = |lane: usize, place: usize| match place {
-        _ if place < rest => lower(element(lane, whole + place)),
-        _ if place < used => {
-            let first = whole + 2 * (place - rest);
-            let second = match first + 1 < width {
-                true => element(lane, first + 1),
-                false => 0,
-            };
-            upper(element(lane, first), second)
+        for block in (0..=count).step_by(RATE) {
+            absorb(per_lane(&word, block));
         }
-        _ => 0,
-    };
-    for first in (0..used).step_by(RATE) {
-        absorb(per_lane(&word, first));
     }
-    digests(&state, results);
+    state
+}
+
+/// The first word of the digest when a sponge has absorbed one element: `first` and the numbers after it, one in each lane.
+pub fn first_words(sponge: &Sponge, first: u32) -> [u64; LANES] {
+    let [.., a, b, c, d] = sponge.state.0;
+    let mut state = state_of(|_| [a, b, c, d]);
+    let number = |lane: usize| first as u64 + lane as u64;
+    // Its upper limb is zero.
+    [state[0], state[1]] = pair(|lane| lower(number(lane)));
+    PERMUTATION.permute(&mut state);
+    let mut results = [Digest::default(); LANES];
+    digests(&state, &mut results);
+    results.map(|digest| digest.0[0])
 }
 
 /// [`super::node`] for as many pairs as there are places for digests, up to [`LANES`].
@@ -207,6 +251,44 @@ mod tests {
                 let expected = (0..count).map(|row| leaf(&rows[width * row..][..width]));
                 assert_eq!(digests, expected.collect::<Vec<_>>(), "{width} {count}");
             }
+        }
+    }
+
+    #[test]
+    fn first_words_are_those_of_one_number_after_the_other() {
+        let mut sponge = Sponge::new(Domain::Transcript, 0);
+        sponge.absorb(&elements(11));
+        for first in [0, 1 << 22, u32::MAX - LANES as u32] {
+            let words = first_words(&sponge, first);
+            for (number, word) in (first..).zip(words) {
+                let mut sponge = sponge.clone();
+                sponge.absorb(&[Goldilocks::from_u32(number)]);
+                assert_eq!(word, sponge.digest().0[0]);
+            }
+        }
+    }
+
+    /// Rows in pieces: the last piece is absorbed alone.
+    #[test]
+    fn rows_are_absorbed_piece_by_piece() {
+        let rows = elements(11 * LANES);
+        let value = |row: usize, column: usize| rows[11 * row + column].value();
+        let mut begun = vec![Begun::new(11); LANES];
+        absorb(&mut begun, 3, value);
+        absorb(&mut begun, 6, |row, column| value(row, 3 + column));
+        let mut digests = vec![Digest::default(); LANES];
+        finish(
+            &begun,
+            2,
+            |row, column| value(row, 9 + column),
+            &mut digests,
+        );
+        for (row, digest) in rows.chunks_exact(11).zip(digests) {
+            let mut sponge = Sponge::new(Domain::Leaf, 11);
+            for piece in [&row[..3], &row[3..9], &row[9..]] {
+                sponge.absorb(piece);
+            }
+            assert_eq!(digest, sponge.digest());
         }
     }
 

@@ -71,6 +71,29 @@ impl Filling<'_> {
         }
     }
 
+    /// Saturates the values of the base, whose half `base` says, and fills in by how much they exceeded each limit, on the axes `own`.
+    pub fn saturate(
+        &mut self,
+        values: &mut [i64],
+        axes: &[Axis],
+        base: &Along,
+        own: &[Axis],
+        limits: &[(i64, i64, Committed)],
+    ) {
+        let base = self.along(base, axes);
+        for &(sign, limit, excess) in limits {
+            let all = values.iter_mut().zip(&base).filter(|(_, &base)| base == 1);
+            let excesses: Vec<i64> = all
+                .map(|(value, _)| {
+                    let excess = (sign * (*value - limit)).max(0);
+                    *value -= sign * excess;
+                    excess
+                })
+                .collect();
+            self.set(excess, own, &excesses);
+        }
+    }
+
     /// Sets those values to zero that do not count.
     pub fn keep_counted(&self, count: Count, axes: &[Axis], values: &mut [i64]) {
         if let Count::Masked(public) = count {

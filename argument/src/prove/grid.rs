@@ -215,7 +215,7 @@ impl Grid {
             let coefficients = interpolate(&self.round());
             let mut said = coefficients.clone();
             said.remove(1); // The linear one follows from the claim
-            prover.send_extension(&said);
+            prover.send_secret(&said);
             let challenge = prover.challenge();
             self.bind(challenge);
             point.push(challenge);

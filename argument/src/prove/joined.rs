@@ -145,7 +145,7 @@ pub fn prove(
             own.push(polynomial);
         }
         coefficients.remove(1); // The linear one follows from the claim
-        prover.send_extension(&coefficients);
+        prover.send_secret(&coefficients);
         let challenge = prover.challenge();
         for (sum, polynomial) in sums.iter_mut().zip(own) {
             if sum.len() == 2 << variable {
@@ -192,7 +192,7 @@ mod tests {
     use crate::hash::Digest;
     use crate::multilinear::evaluate_extension;
     use crate::sumcheck::verify_joined;
-    use crate::transcript::Verifier;
+    use crate::transcript::{Pads, Verifier};
 
     /// Elements that look random, of the base field if `small`.
     fn table(seed: &mut u64, bits: usize, small: bool) -> Vec<Extension> {
@@ -259,12 +259,15 @@ mod tests {
             let mut sums = sums(bits);
             sums[1].factor = scale;
             let claim = total(&sums[0]) + scale * total(&sums[1]) + total(&sums[2]);
-            let mut prover = Prover::new(&statement);
+            let pads = table(&mut 7, 10, false);
+            let mut prover = Prover::new(&statement, Pads::new(pads));
             let (said, value) = prove(&mut prover, sums, 4);
-            let proof = prover.finish();
+            let secrets = prover.secrets().to_vec();
+            let proof = prover.finish().unwrap();
             let mut verifier = Verifier::new(&statement, &proof);
-            let (point, expected) = verify_joined(&mut verifier, bits, 0, 4, claim).unwrap();
+            let (point, left) = verify_joined(&mut verifier, bits, 0, 4, claim.into()).unwrap();
             verifier.finish().unwrap();
+            let expected = left.value(&secrets, &[]);
             assert_eq!(value, expected);
             let said: Vec<Extension> = said.into_iter().rev().collect();
             assert_eq!(point.own, said);
@@ -296,7 +299,8 @@ mod tests {
     fn how_long() {
         for bits in [20, 22] {
             let sums = sums(bits);
-            let mut prover = Prover::new(&Digest([5, 6, 7, 8]));
+            let pads = Pads::new(table(&mut 7, 10, false));
+            let mut prover = Prover::new(&Digest([5, 6, 7, 8]), pads);
             let begin = std::time::Instant::now();
             prove(&mut prover, sums, 4);
             println!("2^{bits}: {:.2?}", begin.elapsed());

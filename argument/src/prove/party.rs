@@ -76,7 +76,7 @@ impl<'a> Proving<'a> {
     }
 
     fn say(&mut self, value: Extension) -> Extension {
-        self.prover.send_extension(&[value]);
+        self.prover.send_secret(&[value]);
         value
     }
 }
@@ -92,11 +92,31 @@ impl Challenges for Proving<'_> {
 }
 
 impl Party for Proving<'_> {
+    type Value = Extension;
+
+    fn nothing(&mut self, about: &Weighted) -> Extension {
+        let values = vec![Extension::ZERO; self.count];
+        self.said.push((about.clone(), values));
+        Extension::ZERO
+    }
+
+    fn product(&mut self, a: &Extension, b: &Extension) -> Result<Extension, Refused> {
+        Ok(*a * *b)
+    }
+
+    /// What is false is argued as if it were true, so that tests can see it refused.
+    fn zero(&mut self, _: &'static str, _: Extension) -> Result<(), Refused> {
+        Ok(())
+    }
+
+    fn published(&mut self, parts: &Parts, about: &Weighted) -> Result<Extension, Refused> {
+        let value = of_instance(&self.instances[0], parts, about);
+        self.prover.send_published(&[value]);
+        Ok(value)
+    }
+
     fn value(&mut self, parts: &Parts, about: &Weighted) -> Result<Extension, Refused> {
-        let source = about.source.0 as usize;
-        let of = |instance: &Instance| {
-            instance.with(|tables| value(tables.sources[source], parts, about))
-        };
+        let of = |instance: &Instance| of_instance(instance, parts, about);
         let said = match about.instances {
             None => of(&self.instances[0]),
             Some(id) => {
@@ -183,7 +203,8 @@ impl Party for Proving<'_> {
             b.extend(combine(halves, power));
         }
         self.halves.clear();
-        let mut point = products(&mut self.prover, &mut a, &mut b, low);
+        let say = Prover::send_secret;
+        let mut point = products(&mut self.prover, say, &mut a, &mut b, low);
         let mut halves = vec![];
         let places = a;
         let (mut a, mut b) = (vec![], vec![]);
@@ -200,7 +221,8 @@ impl Party for Proving<'_> {
             let gathered = (number + 1) as f64 / claims.len() as f64;
             (self.tell)(Phase::Adding, ADDING + (1.0 - ADDING) * gathered);
         }
-        let high = products(&mut self.prover, &mut a, &mut b, layout.variables - low);
+        let variables = layout.variables - low;
+        let high = products(&mut self.prover, say, &mut a, &mut b, variables);
         let value = a.iter().zip(&b).map(|(&a, &b)| a * b).sum();
         let values = halves
             .iter()
@@ -212,7 +234,7 @@ impl Party for Proving<'_> {
 
     fn gathered(&mut self, _: usize) -> Result<Vec<[Extension; 2]>, Refused> {
         let values = core::mem::take(&mut self.gathered);
-        self.prover.send_extension(values.as_flattened());
+        self.prover.send_secret(values.as_flattened());
         Ok(values)
     }
 
@@ -349,6 +371,12 @@ impl Party for Proving<'_> {
         point.reverse();
         Ok((JoinedPoint::new(point, variables), value))
     }
+}
+
+/// The value of what a claim is about, in one instance.
+fn of_instance(instance: &Instance<'_>, parts: &Parts, about: &Weighted) -> Extension {
+    let source = about.source.0 as usize;
+    instance.with(|tables| value(tables.sources[source], parts, about))
 }
 
 impl Proving<'_> {

@@ -259,6 +259,8 @@ pub struct Relations {
     pub axes: Vec<u8>,
     /// Whether the statement is about several instances.
     pub instances: Option<Instances>,
+    /// Sources whose values everybody can have. Claims about them are published.
+    pub published: Vec<Source>,
     /// What was committed to.
     pub tensors: Vec<Tensor>,
     /// Maps from indices to indices.

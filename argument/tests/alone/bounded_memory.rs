@@ -5,7 +5,7 @@ use std::cell::RefCell;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
-use zk0_argument::claim::{committed, make, ClaimSource};
+use zk0_argument::claim::{committed, make, Blind, ClaimSource};
 use zk0_circuits::claim::private_input::Header;
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Digest, EvalSpec, Mode, PrivateInput, QuantisedWeights, Sample};
@@ -13,6 +13,7 @@ use zk0_testkit::allocations::{alone, held, peak};
 use zk0_testkit::claims::honest;
 
 /// Less than what is committed to of a sample takes, in bytes.
+const BLIND: Blind = Blind::new([5; 32]);
 const VALUES: usize = 1 << 19;
 
 /// A private input whose samples are in files.
@@ -72,11 +73,11 @@ fn memory_hardly_grows_with_the_samples() {
     let measured = |samples: u32, in_files: bool| {
         let folder = tempfile::tempdir().unwrap();
         let node = honest(&spec, 2 * samples as usize, samples, 7)
-            .succinct(|spec, sample| committed(Mode::Succinct, spec, sample).unwrap());
+            .succinct(|spec, sample| committed(Mode::Succinct, spec, sample, &BLIND));
         let size = node.input.openings[0].sample.as_bytes().len();
         let input = InFiles::new(node.input, folder.path());
         let values = in_files.then_some(folder.path());
-        let (made, most) = peak(|| make(&input, values, &mut |_| {}));
+        let (made, most) = peak(|| make(&input, &BLIND, values, &mut |_| {}));
         made.unwrap();
         (most, size, input.held.take())
     };

@@ -2,7 +2,7 @@
 //! statement, which a transcript begins with.
 
 use super::lies::{self, known};
-use crate::models::{committed_to, Models};
+use crate::models::{committed_to, Models, BLIND};
 use zk0_argument::claim::{check, context, make, ClaimInput, NotShown, SampleOpening};
 use zk0_argument::expert::statement::{Statement, MOST_SAMPLES};
 use zk0_argument::expert::witness::evaluate;
@@ -23,7 +23,7 @@ fn told(committed: &Sample, evaluated: &Sample) -> Result<(), NotShown> {
     let mut node = committed_to(node);
     node.input.openings[0].sample = evaluated.clone();
     node.input.openings[0].path = merkle::path(&node.leaves, index).unwrap();
-    check(&make(&node.input, None, &mut |_| {}).unwrap()).map(drop)
+    check(&make(&node.input, &BLIND, None, &mut |_| {}).unwrap()).map(drop)
 }
 
 fn not_committed() -> Result<(), NotShown> {
@@ -92,6 +92,7 @@ fn an_update_that_does_not_improve_is_refused() {
     let claimed = ClaimInput {
         header: header.clone(),
         scales: statement.scales.clone(),
+        saturates: statement.saturates,
         openings: openings.collect(),
         argument: lies::honest(&statement, &known).into(),
     };
@@ -108,7 +109,7 @@ fn an_update_that_does_not_improve_is_refused() {
 #[test]
 fn a_specification_that_is_not_valid_is_refused() {
     let node = committed_to(honest(&EvalSpec::micro(), 20, 3, 74));
-    let mut made = make(&node.input, None, &mut |_| {}).unwrap();
+    let mut made = make(&node.input, &BLIND, None, &mut |_| {}).unwrap();
     made.header.spec.dims.heads = 0;
     let read = ClaimInput::from_buffers(&made.to_buffers()).map(drop);
     assert!(matches!(read, Err(InputError::Spec(_))), "{read:?}");
@@ -136,7 +137,8 @@ type Change = fn(&mut Statement);
 #[test]
 fn a_transcript_begins_with_all_of_the_statement() {
     let statement = statement();
-    let changes: [Change; 6] = [
+    let changes: [Change; 7] = [
+        |s| s.saturates ^= true,
         |s| s.context.0[0] ^= 1,
         |s| s.scales[0][1] += 1,
         |s| s.scales[1][1] += 1,

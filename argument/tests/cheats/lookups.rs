@@ -3,6 +3,7 @@
 use super::lies::party::Lie;
 use super::lies::Known;
 use super::lies::{refused, World};
+use zk0_argument::commitment::parameters::CAP;
 use zk0_argument::expert::publics::number::{COUNTED, NOISE};
 use zk0_argument::expert::sizes::{A, M, S, T};
 use zk0_argument::prove::{Computed, Tables};
@@ -93,8 +94,9 @@ fn leaves_of_several_samples_that_are_others_at_their_point_are_refused() {
 #[test]
 fn look_ups_without_work_are_refused() {
     let world = World::random(1, 22);
+    let caps = (2 * 4) << CAP;
     assert_eq!(
-        world.told(&world.known, Lie::Idle("look-ups")),
+        world.changed(|proof| proof[caps] += 1),
         Err(Refused::Work("look-ups"))
     );
 }

@@ -36,7 +36,7 @@ fn an_argument_about_another_table_is_refused() {
 fn told(source: Source, change: impl FnOnce(&mut Claim)) -> Result<(), Refused> {
     let world = World::random(1, 62);
     let proof = world.prove(&world.known, Lie::Nothing);
-    let mut published = verify(&world.statement, &proof)?.published;
+    let mut published = verify(&world.statement, proof.words())?.published;
     let mut claims = published.claims.iter_mut();
     change(claims.find(|claim| claim.about.source == source).unwrap());
     world.check([&world.models.base, &world.models.update], &published)
@@ -83,7 +83,7 @@ fn a_claim_about_every_second_row_is_refused() {
 fn values_that_are_missing_are_refused() {
     let world = World::random(1, 63);
     let proof = world.prove(&world.known, Lie::Nothing);
-    let published = verify(&world.statement, &proof).unwrap().published;
+    let published = verify(&world.statement, proof.words()).unwrap().published;
     let told = published.check(&world.expert, [&[], &[]]);
     assert_eq!(told, refused("the number of claims about weights"));
 }
@@ -92,7 +92,10 @@ fn values_that_are_missing_are_refused() {
 fn words_after_the_claims_are_refused() {
     let world = World::random(1, 64);
     let proof = world.prove(&world.known, Lie::Nothing);
-    let mut words = verify(&world.statement, &proof).unwrap().published.words();
+    let mut words = verify(&world.statement, proof.words())
+        .unwrap()
+        .published
+        .words();
     assert!(Published::from_words(&words).is_some());
     words.push(0);
     assert!(Published::from_words(&words).is_none());

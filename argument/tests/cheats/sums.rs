@@ -54,9 +54,9 @@ fn told_with_true_weights(lie: Lie) -> Result<(), zk0_argument::transcript::Refu
     assert_eq!(tale.statement.scales, truth.statement.scales);
     let mut witness = tale.known.clone();
     witness.common.weights = truth.known.common.weights.clone();
-    let proof = tale.prove(&witness, lie);
+    let prover = tale.prove(&witness, lie);
     let weights = [&truth.models.base, &truth.models.update];
-    tale.verify(weights, &proof).map(drop)
+    tale.named(&prover, tale.verify(weights, prover.words()).map(drop))
 }
 
 #[test]
@@ -70,7 +70,7 @@ fn sums_of_products_with_other_weights_are_refused() {
 #[test]
 fn an_argument_about_other_weights_is_refused() {
     assert_eq!(
-        told_with_true_weights(Lie::Rows),
+        told_with_true_weights(Lie::Shared),
         refused("a claim about weights")
     );
 }

@@ -1,9 +1,12 @@
 //! Random models and samples.
 
-use zk0_argument::claim::committed;
+use zk0_argument::claim::{committed, Blind};
 use zk0_circuits::model::draw::{draw, Draw};
 use zk0_circuits::{Digest, EvalSpec, Mode, QuantisedWeights, Sample};
 use zk0_testkit::claims::{calmer, louder, quantise, tensors, Honest, Parts, Random};
+
+/// What hides samples here.
+pub const BLIND: Blind = Blind::new([5; 32]);
 
 /// Two models, and samples with what was drawn for them.
 pub struct Models {
@@ -36,7 +39,24 @@ impl Models {
     }
 }
 
+/// What the weights of a loud base are multiplied with.
+const LOUDNESS: f32 = 30.0;
+
+impl Models {
+    /// The same with a base whose values do not fit.
+    pub fn loud(spec: &EvalSpec, samples: usize, seed: u64) -> Self {
+        let mut base = tensors(spec, &mut Random(seed), 1.0);
+        for value in base.values_mut().flatten() {
+            *value *= LOUDNESS;
+        }
+        Self {
+            base: quantise(spec, &base),
+            ..Self::new(spec, samples, seed)
+        }
+    }
+}
+
 /// A node, with commitments as mode `succinct` asks for.
 pub fn committed_to(honest: Honest) -> Honest {
-    honest.succinct(|spec, sample| committed(Mode::Succinct, spec, sample).unwrap())
+    honest.succinct(|spec, sample| committed(Mode::Succinct, spec, sample, &BLIND))
 }

@@ -2,7 +2,6 @@
 
 pub mod challenge;
 pub mod dataset;
-pub mod errors;
 pub mod losses;
 pub mod private_input;
 #[cfg(feature = "std")]

@@ -6,7 +6,6 @@
 
 use crate::claim::challenge::sample_indices;
 use crate::claim::dataset::salt_commitment;
-use crate::claim::errors::{pairs, Errors};
 use crate::claim::losses::{Disclosure, Losses};
 use crate::claim::private_input::{Header, Opening, PrivateInput};
 use crate::claim::public_values::{Claim, CLAIM_VERSION};
@@ -33,7 +32,7 @@ pub fn check(input: &PrivateInput) -> Result<Claim, StatementError> {
     check_openings(header, &leaves(header, &input.openings))?;
     let weights = [&input.base, &input.update];
     let evaluated = evaluate(header, &input.openings, |model, sample, draw| {
-        let mut direct = evaluator.direct(weights[model as usize])?;
+        let mut direct = evaluator.direct(weights[model as usize], model.overflow())?;
         evaluator.loss(&mut direct, sample, draw)
     })?;
     let terms = &header.terms;
@@ -67,11 +66,11 @@ pub fn conclude(
     weight_check: Option<Digest>,
 ) -> Result<Claim, StatementError> {
     let test = header.terms.test;
-    let pairs = pairs(&evaluated.errors);
+    let pairs = &evaluated.errors;
     // At most 2^55 per sample and 2^12 samples give 2^67. The disclosed sums saturate. The test does not use them.
     let sum = |of: fn(&Pair) -> u64| pairs.iter().map(of).fold(0, u64::saturating_add);
     let (before, after) = (sum(|pair| pair.base), sum(|pair| pair.update));
-    if !test.passes(&pairs) {
+    if !test.passes(pairs) {
         return Err(StatementError::NoImprovement {
             before,
             after,
@@ -148,7 +147,7 @@ pub fn check_openings(header: &Header, openings: &[Opened<'_>]) -> Result<(), St
 #[derive(Clone, Debug)]
 pub struct Evaluated {
     /// One entry for each opening.
-    pub errors: Vec<Errors>,
+    pub errors: Vec<Pair>,
     /// Number of elements that count, over all openings.
     pub elements: u64,
 }
@@ -169,21 +168,18 @@ fn evaluate(
             position as u32,
             terms.eval_samples,
         );
-        let loss = |model| loss(model, &opening.sample, &draw);
-        let failed = |model, error| StatementError::Eval {
-            model,
-            index: opening.index,
-            error,
+        let loss = |model| {
+            let loss = loss(model, &opening.sample, &draw);
+            loss.map_err(|error| StatementError::Eval {
+                model,
+                index: opening.index,
+                error,
+            })
         };
-        let base = match loss(Model::Base) {
-            Ok(base) => Some(base.squared_error),
-            Err(EvalError::OutOfRange { .. }) => None,
-            Err(error) => return Err(failed(Model::Base, error)),
-        };
-        let update = loss(Model::Update).map_err(|error| failed(Model::Update, error))?;
+        let (base, update) = (loss(Model::Base)?, loss(Model::Update)?);
         elements += update.elements;
-        errors.push(Errors {
-            base,
+        errors.push(Pair {
+            base: base.squared_error,
             update: update.squared_error,
         });
     }

@@ -2,6 +2,7 @@
 
 use crate::claim::dataset::DatasetCommitment;
 use crate::claim::t_test::TTest;
+use crate::model::site::Overflow;
 use crate::vm::digest::{Digest, NodeId};
 use alloc::string::{String, ToString};
 use borsh::{BorshDeserialize, BorshSerialize};
@@ -50,6 +51,17 @@ pub enum Model {
     Base,
     /// The contributed weights.
     Update,
+}
+
+impl Model {
+    /// What becomes of a value that does not fit. A base saturates: otherwise a poisoned one, which fits on the samples of whoever poisoned it, would keep
+    /// all others from making claims.
+    pub fn overflow(self) -> Overflow {
+        match self {
+            Self::Base => Overflow::Saturated,
+            Self::Update => Overflow::Refused,
+        }
+    }
 }
 
 impl Display for Model {

@@ -4,10 +4,12 @@
 //! a part of its own. Times that cover the distribution evenly vary less in their mean, so that a test of the losses needs fewer
 //! samples. Where in its part a time lies stays unpredictable.
 
-use crate::model::arithmetic::fixed::align;
+use crate::model::arithmetic::fixed::Rescale;
 use crate::model::arithmetic::tables::{flow_time, gaussian, FLOW_TIME_BITS, GAUSS_BITS};
 use crate::model::spec::EvalSpec;
 use crate::vm::digest::{tagged_sha256, Digest};
+use crate::vm::poseidon2::{Domain, Stream};
+use alloc::vec;
 use alloc::vec::Vec;
 
 /// Flow time and noise of one evaluated sample.
@@ -28,36 +30,22 @@ fn stratified(position: u32, count: u32, word: u16) -> u16 {
 
 /// Draws for the evaluated sample at `position` (0, 1, … in the order of [`crate::claim::challenge::sample_indices`]) of `count`.
 ///
-/// The blocks `H("zk0/draw/v3", challenge, position, counter)` are read as little-endian u16. The first says where the flow time lies
-/// in its part of the distribution, the others are noise.
+/// The first two bytes of `H("zk0/draw/v4", challenge, position)`, a little-endian u16, say where the flow time lies in its part of the
+/// distribution. The noise is made of the stream ([`Stream`]) that this digest seeds, 12 bits for each value.
 pub fn draw(spec: &EvalSpec, challenge: &Digest, position: u32, count: u32) -> Draw {
     let values = spec.dims.chunk as usize * spec.dims.max_action_dim as usize;
-    let mut noise = Vec::with_capacity(values);
-    let mut time = None;
-    for counter in 0u64.. {
-        let parts = [
-            &challenge.0[..],
-            &position.to_le_bytes(),
-            &counter.to_le_bytes(),
-        ];
-        let block = tagged_sha256("zk0/draw/v3", &parts);
-        for word in block.0.chunks_exact(2) {
-            let word = u16::from_le_bytes([word[0], word[1]]);
-            match time {
-                None => time = Some(stratified(position, count, word)),
-                Some(_) if noise.len() < values => {
-                    let value = align(gaussian(word) as i64, GAUSS_BITS as i32, spec.action as i32);
-                    noise.push(value as i16); // |value| < 2^14 and the scale has at most 12 bits
-                }
-                Some(_) => break,
-            }
-        }
-        if noise.len() == values {
-            break;
+    let seed = tagged_sha256("zk0/draw/v4", &[&challenge.0, &position.to_le_bytes()]);
+    let scale = Rescale::new(GAUSS_BITS as i32, spec.action as i32);
+    let mut stream = Stream::new(Domain::Draw, &seed);
+    let mut noise = vec![0; values];
+    for values in noise.chunks_mut(16) {
+        for (value, uniform) in values.iter_mut().zip(stream.draw()) {
+            // Below 2^14, and the scale has at most 12 bits
+            *value = scale.apply(gaussian(uniform) as i64) as i16;
         }
     }
     Draw {
-        time: time.unwrap_or_default(),
+        time: stratified(position, count, u16::from_le_bytes([seed.0[0], seed.0[1]])),
         noise,
     }
 }

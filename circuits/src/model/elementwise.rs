@@ -1,43 +1,54 @@
 //! What the evaluation does between products: norms, rotations, activations, softmax. Results are int16. Every narrowing is a
-//! shift that rounds half up. If its result does not fit, the evaluation fails and names the site.
+//! shift that rounds half up. If its result does not fit, the evaluation fails and names the site, or the result is the nearest value that fits.
 
-use crate::model::arithmetic::fixed::{integer_sqrt, round_shift, Range, Rescale};
+use crate::model::arithmetic::fixed::{integer_sqrt, round_shift, saturated, Range, Rescale};
 use crate::model::arithmetic::products::dot;
 use crate::model::arithmetic::tables;
 use crate::model::linear::output;
 use crate::model::multiply::ATTENTION_BITS;
-use crate::model::site::{EvalError, Site};
+use crate::model::site::{EvalError, Narrowing, Overflow, Site};
 use crate::vm::budget::operation;
 use alloc::vec::Vec;
 
 /// Appends `values` to `target` as int16.
 #[inline(always)]
 fn narrow(
-    site: Site,
+    at: Narrowing,
     values: impl Iterator<Item = i64> + Clone,
     target: &mut Vec<i16>,
 ) -> Result<(), EvalError> {
+    let first = target.len();
     let mut range = Range::default();
     target.extend(values.clone().map(|value| range.narrow(value)));
-    check(site, range, values)
+    if !range.holds() {
+        again(at, values.zip(&mut target[first..]))?;
+    }
+    Ok(())
 }
 
-/// Fails with the first of `values` that does not fit, if `range` says that there is one.
-#[inline(always)]
-fn check(site: Site, range: Range, values: impl Iterator<Item = i64>) -> Result<(), EvalError> {
-    if range.holds() {
-        return Ok(());
+/// Narrows values of which one does not fit.
+#[cold]
+fn again<'t>(
+    at: Narrowing,
+    values: impl Iterator<Item = (i64, &'t mut i16)>,
+) -> Result<(), EvalError> {
+    for (value, target) in values {
+        *target = saturated(value);
+        if *target as i64 != value {
+            at.overflown(value)?;
+        }
     }
-    let wrong = |value: &i64| *value as i16 as i64 != *value;
-    let value = values.into_iter().find(wrong).unwrap_or_default();
-    Err(EvalError::OutOfRange { site, value })
+    Ok(())
 }
 
 /// Does what [`narrow`] does, into a new vector.
 #[inline(always)]
-fn narrowed(site: Site, values: impl Iterator<Item = i64> + Clone) -> Result<Vec<i16>, EvalError> {
+fn narrowed(
+    at: Narrowing,
+    values: impl Iterator<Item = i64> + Clone,
+) -> Result<Vec<i16>, EvalError> {
     let mut target = Vec::with_capacity(values.size_hint().0);
-    narrow(site, values, &mut target)?;
+    narrow(at, values, &mut target)?;
     Ok(target)
 }
 
@@ -48,7 +59,8 @@ pub fn noised(time: u16, noise: &[i16], actions: &[i16]) -> Result<Vec<i16>, Eva
         let sum = time * noise as i64 + (65536 - time) * action as i64;
         round_shift(sum, 16)
     });
-    narrowed(Site::NoisedAction, values)
+    let (site, overflow) = (Site::NoisedAction, Overflow::Refused);
+    narrowed(Narrowing { site, overflow }, values)
 }
 
 /// The outputs of sums.
@@ -59,7 +71,7 @@ pub fn outputs(sums: &[i32]) -> impl Iterator<Item = i16> + '_ {
 /// RMSNorm with eps 1e-5 over rows of the gain's width: `x · gain / √(mean(x²) + eps)`, with one reciprocal per row. `input`
 /// has `bits` fraction bits, and the result has `out`.
 pub fn norm(
-    site: Site,
+    at: Narrowing,
     input: &[i16],
     bits: u8,
     (gain, gain_bits): (&[i16], i16),
@@ -85,7 +97,7 @@ pub fn norm(
             .iter()
             .zip(gain)
             .map(|(&x, &gain)| round_shift(x as i64 * gain as i64 * reciprocal, shift));
-        narrow(site, values, &mut output)?;
+        narrow(at, values, &mut output)?;
     }
     Ok(output)
 }
@@ -93,7 +105,7 @@ pub fn norm(
 /// RoPE over sums in rows of heads of `head_dim`. The halves of a head are rotated, those of row `i` by
 /// `rotations[i·head_dim/2 ..]`. The head at `(row, head)` goes to `place(row, head)` of `target`.
 pub fn rotate(
-    site: Site,
+    at: Narrowing,
     sums: &[i32],
     (width, head_dim): (usize, usize),
     rotations: &[(i16, i16)],
@@ -117,10 +129,13 @@ pub fn rotate(
             });
             let mut range = Range::default();
             let (low, high) = target[place(row, head)..][..head_dim].split_at_mut(half);
-            for ((low, high), pair) in low.iter_mut().zip(high).zip(pairs.clone()) {
+            for ((low, high), pair) in low.iter_mut().zip(&mut *high).zip(pairs.clone()) {
                 [*low, *high] = pair.map(|value| range.narrow(value));
             }
-            check(site, range, pairs.flatten())?;
+            if !range.holds() {
+                let targets = low.iter_mut().zip(high).flat_map(|(low, high)| [low, high]);
+                again(at, pairs.flatten().zip(targets))?;
+            }
         }
     }
     Ok(())
@@ -128,7 +143,7 @@ pub fn rotate(
 
 /// The residual stream: outputs of `sums`, which have `out` fraction bits, plus `residual`, which has `bits`.
 pub fn add(
-    site: Site,
+    at: Narrowing,
     sums: &[i32],
     residual: &[i16],
     bits: u8,
@@ -140,11 +155,11 @@ pub fn add(
         .iter()
         .zip(residual)
         .map(|(&sum, &residual)| output(sum) + rescale.apply(residual as i64));
-    narrowed(site, values)
+    narrowed(at, values)
 }
 
 /// SiLU of the outputs of `sums`, which have `bits` ≥ 6 fraction bits; the result has `out` ≤ 15.
-pub fn silu(site: Site, sums: &[i32], bits: u8, out: u8) -> Result<Vec<i16>, EvalError> {
+pub fn silu(at: Narrowing, sums: &[i32], bits: u8, out: u8) -> Result<Vec<i16>, EvalError> {
     let _operation = operation("SiLU");
     let shift = bits as u32 + tables::SIGMOID_BITS - out as u32;
     let to_logit = tables::LOGIT_BITS - bits as u32;
@@ -152,12 +167,12 @@ pub fn silu(site: Site, sums: &[i32], bits: u8, out: u8) -> Result<Vec<i16>, Eva
         let x = output(sum);
         round_shift(x * tables::sigmoid(x << to_logit), shift)
     });
-    narrowed(site, values)
+    narrowed(at, values)
 }
 
 /// SwiGLU: `silu(gate) · up`, where the gate has `bits` ≥ 6 fraction bits, the other `up_bits` and the result `out` ≤ 15.
 pub fn swiglu(
-    site: Site,
+    at: Narrowing,
     (gate, bits): (&[i32], u8),
     (up, up_bits): (&[i32], u8),
     out: u8,
@@ -170,7 +185,7 @@ pub fn swiglu(
         let silu = gate * tables::sigmoid(gate << to_logit);
         round_shift(silu * output(up), shift)
     });
-    narrowed(site, values)
+    narrowed(at, values)
 }
 
 /// Fraction bits of [`Softmax`]'s factor.
@@ -197,13 +212,13 @@ impl Softmax {
     }
 
     /// Writes the attention weights of `scores`, with [`ATTENTION_BITS`] fraction bits, into `weights`, which is as long.
-    pub fn apply(self, scores: &[i32], weights: &mut [i16]) {
-        let largest = scores.iter().fold(i32::MIN, |most, &score| most.max(score)) as i64;
-        // Distance below 2^33, factor below 2^21.
+    pub fn apply(self, scores: &[i64], weights: &mut [i16]) {
+        let largest = scores.iter().fold(i64::MIN, |most, &score| most.max(score));
+        // Distance at most 2^40, factor below 2^21.
         let nearest = largest * self.factor + (1 << (self.shift - 1));
         let mut total = 0;
         for (&score, weight) in scores.iter().zip(weights.iter_mut()) {
-            let distance = (nearest - score as i64 * self.factor) >> self.shift;
+            let distance = (nearest - score * self.factor) >> self.shift;
             let power = tables::exp2_negative(distance as u64);
             total += power as u64;
             *weight = power as i16; // its 16 bits, until the loop below

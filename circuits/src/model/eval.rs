@@ -18,7 +18,9 @@ use crate::vm::budget::operation;
 use alloc::vec;
 use alloc::vec::Vec;
 
-pub use crate::model::site::{EvalError, Site};
+pub use crate::model::site::{EvalError, Overflow, Site};
+
+use crate::model::site::Narrowing;
 
 /// Sum of squared errors over the elements that count, in units of 2^(−2·[`EvalSpec::action`]), and their number.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -36,10 +38,17 @@ pub fn evaluate(
     weights: &QuantisedWeights,
     sample: &Sample,
     draw: &Draw,
+    overflow: Overflow,
 ) -> Result<LossSum, EvalError> {
     let evaluator = Evaluator::new(spec)?;
-    let mut direct = Direct::new(spec, &evaluator.layout, weights)?;
+    let mut direct = evaluator.direct(weights, overflow)?;
     evaluator.loss(&mut direct, sample, draw)
+}
+
+/// How values of a model are narrowed at a place.
+fn narrowing(multiply: &impl Multiply) -> impl Fn(Site) -> Narrowing {
+    let overflow = multiply.overflow();
+    move |site| Narrowing { site, overflow }
 }
 
 /// A valid evaluation specification, and what follows from it.
@@ -67,7 +76,7 @@ impl<'a> Evaluator<'a> {
         for position in 0..positions {
             for &frequency in &spec.rope_frequencies {
                 let phase = position.wrapping_mul(frequency);
-                rotations.push((tables::cosine(phase), tables::sine(phase)));
+                rotations.push(tables::turn(phase));
             }
         }
         Ok(Self {
@@ -79,8 +88,12 @@ impl<'a> Evaluator<'a> {
     }
 
     /// Prepares to compute products with `weights`.
-    pub fn direct<'w>(&'w self, weights: &'w QuantisedWeights) -> Result<Direct<'w>, EvalError> {
-        Direct::new(self.spec, &self.layout, weights)
+    pub fn direct<'w>(
+        &'w self,
+        weights: &'w QuantisedWeights,
+        overflow: Overflow,
+    ) -> Result<Direct<'w>, EvalError> {
+        Direct::new(self.spec, &self.layout, weights, overflow)
     }
 
     /// Does what [`evaluate`] does, with the weights and products of `multiply`.
@@ -140,8 +153,9 @@ impl<'a> Evaluator<'a> {
             bits = scales.hidden;
         }
         let layers = spec.layers.len();
+        let at = narrowing(multiply);
         let gain = multiply.gain(HEAD_TENSORS + layers * LAYER_TENSORS);
-        let normed = norm(Site::FinalNorm, &hidden, bits, gain, spec.final_normed)?;
+        let normed = norm(at(Site::FinalNorm), &hidden, bits, gain, spec.final_normed)?;
         let sums = self.linear(multiply, first_of_layer(layers), &normed)?;
         Ok(outputs(&sums).collect())
     }
@@ -189,7 +203,7 @@ impl<'a> Evaluator<'a> {
         }
         let mixed = self.linear(multiply, 1, &joined)?;
         let mixed = silu(
-            Site::TimeMlpSilu,
+            narrowing(multiply)(Site::TimeMlpSilu),
             &mixed,
             spec.time_hidden,
             spec.time_activation,
@@ -213,7 +227,8 @@ impl<'a> Evaluator<'a> {
         let gains = HEAD_TENSORS + layer * LAYER_TENSORS;
         let first = first_of_layer(layer);
 
-        let site = Site::InputNorm(layer);
+        let at = narrowing(multiply);
+        let site = at(Site::InputNorm(layer));
         let normed = norm(site, hidden, bits, multiply.gain(gains), scales.normed)?;
         let projected = self.linear(multiply, first + place::QUERY, &normed)?;
         let frames = hidden.len() / dims.expert_width as usize;
@@ -221,14 +236,15 @@ impl<'a> Evaluator<'a> {
         let (cached_keys, cached_values) = sample.cache(dims, layer);
         let causal = dims.is_self_attention(layer);
         let start = if causal { sample.prefix() } else { 0 };
-        let queries = self.rotate_queries(layer, queries, frames, start)?;
+        let queries = self.rotate_queries(at(Site::RotatedQuery(layer)), queries, frames, start)?;
         let (mut keys, mut values);
         if causal {
             let (own_keys, own_values) = own.split_at(frames * dims.kv_width());
             keys = Vec::with_capacity(cached_keys.len() + own_keys.len());
             keys.extend_from_slice(cached_keys);
             keys.resize(cached_keys.len() + own_keys.len(), 0);
-            self.rotate_keys(layer, own_keys, start, &mut keys[cached_keys.len()..])?;
+            let site = at(Site::RotatedKey(layer));
+            self.rotate_keys(site, own_keys, start, &mut keys[cached_keys.len()..])?;
             values = Vec::with_capacity(cached_values.len() + own_values.len());
             values.extend_from_slice(cached_values);
             values.extend(outputs(own_values));
@@ -247,10 +263,11 @@ impl<'a> Evaluator<'a> {
         };
         let attention = self.attend(multiply, layer, &queries, &keys, &values, visible)?;
         let sums = self.linear(multiply, first + place::OUT, &attention)?;
-        let attended = add(Site::Attended(layer), &sums, hidden, bits, scales.attended)?;
+        let site = at(Site::Attended(layer));
+        let attended = add(site, &sums, hidden, bits, scales.attended)?;
 
         let normed = norm(
-            Site::MlpNorm(layer),
+            at(Site::MlpNorm(layer)),
             &attended,
             scales.attended,
             multiply.gain(gains + MLP_GAIN),
@@ -259,14 +276,14 @@ impl<'a> Evaluator<'a> {
         let sums = self.linear(multiply, first + place::GATE_UP, &normed)?;
         let (gate, up) = sums.split_at(sums.len() / 2);
         let gated = swiglu(
-            Site::Gated(layer),
+            at(Site::Gated(layer)),
             (gate, scales.gate),
             (up, scales.up),
             scales.gated,
         )?;
         let sums = self.linear(multiply, first + place::DOWN, &gated)?;
         add(
-            Site::MlpOut(layer),
+            at(Site::MlpOut(layer)),
             &sums,
             &attended,
             scales.attended,
@@ -277,7 +294,7 @@ impl<'a> Evaluator<'a> {
     /// Rotated queries, grouped by the key/value head they attend to: `[kv_heads, frames, group, head_dim]`.
     fn rotate_queries(
         &self,
-        layer: usize,
+        at: Narrowing,
         sums: &[i32],
         frames: usize,
         start: usize,
@@ -286,7 +303,7 @@ impl<'a> Evaluator<'a> {
         let (head_dim, group) = (dims.head_dim as usize, dims.group());
         let mut queries = vec![0; sums.len()];
         rotate(
-            Site::RotatedQuery(layer),
+            at,
             sums,
             (dims.query_width(), head_dim),
             self.rotations(start),
@@ -299,7 +316,7 @@ impl<'a> Evaluator<'a> {
     /// Rotated keys, in place of `target`.
     fn rotate_keys(
         &self,
-        layer: usize,
+        at: Narrowing,
         sums: &[i32],
         start: usize,
         target: &mut [i16],
@@ -307,7 +324,7 @@ impl<'a> Evaluator<'a> {
         let dims = &self.spec.dims;
         let (head_dim, width) = (dims.head_dim as usize, dims.kv_width());
         rotate(
-            Site::RotatedKey(layer),
+            at,
             sums,
             (width, head_dim),
             self.rotations(start),
@@ -322,7 +339,7 @@ impl<'a> Evaluator<'a> {
     }
 
     /// Grouped-query attention: every query of token `i` attends to the first `visible(i)` keys. Scores with the other keys
-    /// are computed too and must fit, but have no weight. The result has one row per token.
+    /// have no weight. The result has one row per token.
     fn attend(
         &self,
         multiply: &mut impl Multiply,
@@ -345,13 +362,14 @@ impl<'a> Evaluator<'a> {
             let head = |rows| Rows::strided(rows, kv_width, head_dim);
             let queries = Rows::new(&queries[kv_head * per_head..][..per_head], head_dim);
             let keys = head(&keys[kv_head * head_dim..]);
-            let scores = multiply.scores(Site::Scores(layer), queries, keys)?;
+            let seen = |row: usize| visible(row / group);
+            let scores = multiply.scores(layer, queries, keys, seen);
             let in_softmax = operation("softmax");
             let rows = scores
                 .chunks_exact(tokens)
                 .zip(weights.chunks_exact_mut(tokens));
             for (row, (scores, weights)) in rows.enumerate() {
-                let visible = visible(row / group);
+                let visible = seen(row);
                 softmax.apply(&scores[..visible], &mut weights[..visible]);
             }
             in_softmax.end();

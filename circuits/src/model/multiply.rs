@@ -4,14 +4,17 @@
 use crate::model::arithmetic::products::{products, Rows};
 use crate::model::layout::Layout;
 use crate::model::linear::{Linear, HALF, SUM_BITS};
-use crate::model::site::{EvalError, Site};
+use crate::model::site::{EvalError, Narrowing, Overflow, Site};
 use crate::model::spec::EvalSpec;
 use crate::model::weights::QuantisedWeights;
 use alloc::vec;
 use alloc::vec::Vec;
 
-/// A set of weights, and the products with them. Sums are int32, and a sum that does not fit is an error.
+/// A set of weights, and the products with them.
 pub trait Multiply {
+    /// What becomes of a value of this model that does not fit.
+    fn overflow(&self) -> Overflow;
+
     /// The norm's gain that is number `index` of the expert's tensors: its values and their fraction bits.
     fn gain(&self, index: usize) -> (&[i16], i16);
 
@@ -24,13 +27,14 @@ pub trait Multiply {
         input: &[i16],
     ) -> Result<Vec<i32>, EvalError>;
 
-    /// `queries · keysᵀ`, one row per query.
+    /// `queries · keysᵀ` of a layer, one row per query, of which the first `visible(i)` scores of query `i` are used.
     fn scores(
         &mut self,
-        site: Site,
+        layer: usize,
         queries: Rows<'_>,
         keys: Rows<'_>,
-    ) -> Result<Vec<i32>, EvalError>;
+        visible: impl Fn(usize) -> usize,
+    ) -> Vec<i64>;
 
     /// `weights · values · 2^`[`MIX_SHIFT`]` + 2^15`, one row per row of `weights`: their outputs have the fraction
     /// bits of `values`.
@@ -52,6 +56,7 @@ pub struct Direct<'a> {
     spec: &'a EvalSpec,
     layout: &'a Layout,
     weights: &'a QuantisedWeights,
+    overflow: Overflow,
 }
 
 impl<'a> Direct<'a> {
@@ -60,6 +65,7 @@ impl<'a> Direct<'a> {
         spec: &'a EvalSpec,
         layout: &'a Layout,
         weights: &'a QuantisedWeights,
+        overflow: Overflow,
     ) -> Result<Self, EvalError> {
         if weights.values.len() != layout.len {
             return Err(EvalError::Dimensions("the weights"));
@@ -68,11 +74,16 @@ impl<'a> Direct<'a> {
             spec,
             layout,
             weights,
+            overflow,
         })
     }
 }
 
 impl Multiply for Direct<'_> {
+    fn overflow(&self) -> Overflow {
+        self.overflow
+    }
+
     fn gain(&self, index: usize) -> (&[i16], i16) {
         self.weights.tensor(self.layout, index)
     }
@@ -101,22 +112,21 @@ impl Multiply for Direct<'_> {
                     });
                 }
             }
-            fit.check(output.site, SUM_BITS)?;
+            fit.check(output.site, self.overflow)?;
         }
         Ok(sums)
     }
 
     fn scores(
         &mut self,
-        site: Site,
+        _: usize,
         queries: Rows<'_>,
         keys: Rows<'_>,
-    ) -> Result<Vec<i32>, EvalError> {
+        _: impl Fn(usize) -> usize,
+    ) -> Vec<i64> {
         let mut sums = vec![0; queries.count() * keys.count()];
-        let mut fit = Fit::new();
-        products(queries, keys, |at, _, sum| sums[at] = fit.fit(sum));
-        fit.check(site, 0)?;
-        Ok(sums)
+        products(queries, keys, |at, _, sum| sums[at] = sum);
+        sums
     }
 
     fn mix(
@@ -133,43 +143,41 @@ impl Multiply for Direct<'_> {
         products(weights, columns, |at, _, sum| {
             sums[at] = fit.fit((sum << MIX_SHIFT) + HALF);
         });
-        fit.check(site, SUM_BITS)?;
+        fit.check(site, self.overflow)?;
         Ok(sums)
     }
 }
 
-/// Narrows sums to int32 and remembers the first that does not fit.
+/// Narrows sums to int32, and remembers the first that does not fit.
 struct Fit {
-    refused: Option<i64>,
+    overflown: Option<i64>,
 }
 
 impl Fit {
     fn new() -> Self {
-        Self { refused: None }
+        Self { overflown: None }
     }
 
     #[inline(always)]
     fn fit(&mut self, sum: i64) -> i32 {
         let fitted = sum as i32;
-        if fitted as i64 != sum {
-            self.refuse(sum);
+        if fitted as i64 == sum {
+            fitted
+        } else {
+            self.saturated(sum)
         }
-        fitted
     }
 
     #[cold]
     #[inline(never)]
-    fn refuse(&mut self, sum: i64) {
-        self.refused.get_or_insert(sum);
+    fn saturated(&mut self, sum: i64) -> i32 {
+        self.overflown.get_or_insert(sum);
+        sum.clamp(i32::MIN.into(), i32::MAX.into()) as i32
     }
 
-    fn check(self, site: Site, bits: u32) -> Result<(), EvalError> {
-        match self.refused {
-            None => Ok(()),
-            Some(sum) => Err(EvalError::OutOfRange {
-                site,
-                value: sum >> bits,
-            }),
-        }
+    fn check(self, site: Site, overflow: Overflow) -> Result<(), EvalError> {
+        let at = Narrowing { site, overflow };
+        self.overflown
+            .map_or(Ok(()), |sum| at.overflown(sum >> SUM_BITS))
     }
 }

@@ -28,7 +28,7 @@ pub enum Site {
     RotatedQuery(usize),
     /// RoPE of a layer's keys.
     RotatedKey(usize),
-    /// Products of a layer's queries and keys.
+    /// Products of a layer's queries and keys, which are int64. They fit whatever they are; scales are chosen so that they would fit int32.
     Scores(usize),
     /// Attention output of a layer.
     Attention(usize),
@@ -80,6 +80,37 @@ impl fmt::Display for Site {
             Self::MlpOut(layer) => write!(f, "layer {layer} residual after down_proj"),
             Self::FinalNorm => write!(f, "final norm"),
             Self::Velocity => write!(f, "velocity (action_out_proj)"),
+        }
+    }
+}
+
+/// What becomes of a value that does not fit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Overflow {
+    /// The evaluation fails. An update has to fit.
+    Refused,
+    /// It becomes the nearest value that fits. So no base keeps others from making claims.
+    Saturated,
+}
+
+/// How values are narrowed at a place.
+#[derive(Clone, Copy, Debug)]
+pub struct Narrowing {
+    /// The place.
+    pub site: Site,
+    /// What becomes of a value that does not fit.
+    pub overflow: Overflow,
+}
+
+impl Narrowing {
+    /// Fails with a value that does not fit, if that is refused.
+    #[cold]
+    #[inline(never)]
+    pub(crate) fn overflown(self, value: i64) -> Result<(), EvalError> {
+        let Self { site, overflow } = self;
+        match overflow {
+            Overflow::Refused => Err(EvalError::OutOfRange { site, value }),
+            Overflow::Saturated => Ok(()),
         }
     }
 }

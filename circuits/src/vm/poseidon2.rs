@@ -23,6 +23,8 @@ pub enum Domain {
     Weights = 1,
     /// A sample: [`crate::model::sample::Sample`].
     Sample = 2,
+    /// What is drawn for a sample: [`crate::model::draw`].
+    Draw = 3,
 }
 
 const LOW_30: u64 = 0x3fff_ffff_3fff_ffff;
@@ -36,6 +38,32 @@ pub fn hash(domain: Domain, values: &Values) -> Digest {
         bytes.copy_from_slice(&pair.to_le_bytes());
     }
     Digest(digest)
+}
+
+/// Uniform numbers that follow from a seed: what the sponge gives after the seed, of which it absorbs the lower 30 bits of each u32.
+pub struct Stream(State);
+
+impl Stream {
+    /// Begins the stream of a seed.
+    pub fn new(domain: Domain, seed: &Digest) -> Self {
+        let mut state = State::default();
+        for (word, bytes) in state.0.iter_mut().zip(seed.0.as_chunks::<8>().0) {
+            *word = u64::from_le_bytes(*bytes) & LOW_30;
+        }
+        state.0[4] = domain as u64;
+        Self(state)
+    }
+
+    /// The next 16 numbers of 12 bits. Each element of the rate gives two: its bits 0 to 11, and 12 to 23. These bits are uniform if the element is,
+    /// but for 2^-31, because p − 1 is a multiple of 2^24.
+    #[inline(always)]
+    pub fn draw(&mut self) -> [u16; 16] {
+        permute(&mut self.0);
+        core::array::from_fn(|number| {
+            let shift = [0, 12, 32, 44][number % 4];
+            (self.0 .0[number / 4] >> shift & 0xfff) as u16
+        })
+    }
 }
 
 fn absorb_words(domain: Domain, words: &[u64], length: u64) -> State {

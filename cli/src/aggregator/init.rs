@@ -12,6 +12,7 @@ use std::io::Write;
 use std::path::PathBuf;
 use zk0_aggregator::round::founding::{check_free, check_nodes, enrol, Founding};
 use zk0_aggregator::{Clock, SystemClock};
+use zk0_argument::claim::most_samples;
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::spec::{Dims, EvalSpec};
 use zk0_circuits::{Digest, Mode, WeightsDigest};
@@ -38,9 +39,10 @@ pub struct Init {
     /// Enrol this node. `zk0 node keygen` prints its identity; the name is for people. Repeat the option for more nodes.
     #[arg(long = "node", value_name = "NAME=IDENTITY")]
     nodes: Vec<Enrolment>,
-    /// How the evaluation is proven. direct: the proven program evaluates, which is best for small policies. succinct: it verifies an
-    /// argument that the node makes before, which is best for all larger ones, up to the published size. Without this option, zk0 takes the
-    /// mode that costs fewer cycles, and says which.
+    /// How the evaluation is proven. direct: the proven program evaluates, which costs least for small policies; nodes send the samples of each
+    /// claim to their proving service. succinct: it verifies an argument that the node makes before, which shows the proving service no sample,
+    /// and costs less for all larger policies, up to the published size. Without this option, zk0 takes the mode that costs fewer cycles, and
+    /// says which.
     #[arg(long)]
     mode: Option<Mode>,
     /// Begin with this policy: a policy file, or a LeRobot policy folder. The folder's tokenizer.json goes into the network's policy
@@ -71,6 +73,23 @@ pub struct Init {
 /// Memory for the samples that ranges are chosen from, in bytes.
 const CALIBRATION_BYTES: usize = 2 << 30;
 
+/// How many weights a policy's expert has.
+fn weights(policy: &Policy) -> usize {
+    policy.expert.tensors().values().map(|t| t.data.len()).sum()
+}
+
+/// Whether a node can make a claim of the fewest samples that the rules allow.
+fn check_samples(mode: Mode, spec: &EvalSpec, least: u32) -> Result<()> {
+    let most = most_samples(mode, spec);
+    if least > most {
+        bail!(
+            "rule min_eval_samples is {least}, and in mode {mode} a claim about a policy of this size has at most {most} samples: \
+             set it to at most {most}"
+        );
+    }
+    Ok(())
+}
+
 /// Founds the network.
 pub fn found(options: &Init) -> Result<()> {
     let key = keys::read(&options.key)?;
@@ -81,8 +100,11 @@ pub fn found(options: &Init) -> Result<()> {
     let dims = dims(&file.policy.config)?;
     // Every file of these weights has the same size, whatever the ranges are.
     let mut rules = options.rules(Format::new(&EvalSpec::new(dims))?.file_bytes())?;
+    let named = rules.public_samples.as_ref();
+    options.public.check(weights(&file.policy), named)?;
     let mode = options.mode(&file.policy, rules.min_eval_samples)?;
     rules.check_in(mode).map_err(anyhow::Error::msg)?;
+    check_samples(mode, &EvalSpec::new(dims), rules.min_eval_samples)?;
     let nodes: Vec<NodeEnrolled> = options.nodes.iter().map(Into::into).collect();
     let log_key = key.verifying_key().to_bytes();
     let known = options.known(log_key, rules.clone(), mode, EvalSpec::new(dims));
@@ -163,7 +185,7 @@ impl Init {
 
     /// The mode. Mode `direct` is refused where proving a claim would take more than a day.
     fn mode(&self, policy: &Policy, samples: u32) -> Result<Mode> {
-        let weights: usize = policy.expert.tensors().values().map(|t| t.data.len()).sum();
+        let weights = weights(policy);
         let direct = DirectMode {
             weights: weights as u64,
             samples,
@@ -177,7 +199,11 @@ impl Init {
         );
         match (self.mode, direct.cost()) {
             (None, _) => tracing::info!(
-                "claims are proven in mode {best}, which takes fewer cycles than the other for a policy of {weights} expert weights"
+                "claims are proven in mode {best}, which takes fewer cycles than the other for a policy of {weights} expert weights{}",
+                match best {
+                    Mode::Direct => "; nodes send the samples of each claim to their proving service, which --mode succinct avoids",
+                    Mode::Succinct => "",
+                }
             ),
             (Some(Mode::Direct), DirectCost::Endless) => {
                 bail!("{said}, which is more than a day of proving on two cores; add --mode succinct")

@@ -36,6 +36,7 @@ pub struct PublicSampleOptions {
     /// Evaluate the result of each round on frames of this recording before it is taken (a LeRobotDataset folder, or
     /// hub:owner/name[@revision]). A task that no node trains on is best. Everybody can read these frames, as numbers of the frozen half
     /// of the policy. Repeat the option for more recordings. Without it, every result is taken.
+    /// A policy of the published size needs it.
     #[arg(long = "public-recording", value_name = "RECORDING")]
     recordings: Vec<RecordingName>,
     /// The file of public samples that the rules of --rules name.
@@ -46,9 +47,16 @@ pub struct PublicSampleOptions {
         conflicts_with = "recordings"
     )]
     public_samples: Option<PathBuf>,
+    /// Found a network of a large policy without public samples. One harmful update can then spoil the weights for all, and no claim
+    /// shows it.
+    #[arg(long, conflicts_with_all = ["recordings", "public_samples"])]
+    without_public_samples: bool,
     #[command(flatten)]
     extent: Extent,
 }
+
+/// Expert weights of a policy from which on a network has public samples unless its founder asks for none. The published size has 98 million.
+const LARGE: usize = 10_000_000;
 
 /// `zk0 aggregator samples`.
 #[derive(Debug, clap::Args)]
@@ -65,6 +73,21 @@ pub struct MakeSamples {
 }
 
 impl PublicSampleOptions {
+    /// Refuses to found a network of a policy with so many expert weights without public samples, unless that was asked for.
+    pub fn check(&self, weights: usize, named: Option<&PublicSamples>) -> Result<()> {
+        if weights < LARGE
+            || named.is_some()
+            || self.without_public_samples
+            || !self.recordings.is_empty()
+        {
+            return Ok(());
+        }
+        bail!(
+            "a network of a policy with {weights} expert weights needs public samples, on which the result of each round is evaluated before it \
+             becomes the new global weights: add --public-recording with a recording that no node has, or --without-public-samples"
+        )
+    }
+
     /// What the rules say of the public samples, and their file. `named` is what a file of rules says.
     pub fn samples(
         &self,
@@ -158,4 +181,38 @@ fn founded(dir: &Path, blobs: &Blobs) -> Result<(PolicyFile, EvalSpec)> {
     blobs.check(&genesis.policy)?;
     let policy = policy_file::load(&blobs.path(&genesis.policy))?;
     Ok((policy, EvalSpec::decode(&genesis.evaluation)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_large_policy_needs_public_samples_unless_its_founder_asks_for_none() {
+        let options = |recordings: &[&str], without_public_samples| PublicSampleOptions {
+            recordings: recordings
+                .iter()
+                .map(|name| name.parse().unwrap())
+                .collect(),
+            public_samples: None,
+            without_public_samples,
+            extent: Extent {
+                public_frames: 1,
+                max_loss_increase_bps: 1,
+            },
+        };
+        let named = PublicSamples {
+            blob: Default::default(),
+            samples: 1,
+            max_loss_increase_bps: 1,
+        };
+        let refused = options(&[], false).check(LARGE, None).unwrap_err();
+        assert!(refused.to_string().contains("add --public-recording"));
+        assert!(options(&[], false).check(LARGE - 1, None).is_ok());
+        assert!(options(&[], false).check(LARGE, Some(&named)).is_ok());
+        assert!(options(&["so100_sorting"], false)
+            .check(LARGE, None)
+            .is_ok());
+        assert!(options(&[], true).check(LARGE, None).is_ok());
+    }
 }

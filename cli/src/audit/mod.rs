@@ -35,7 +35,7 @@ pub enum Command {
     /// Check such a file. The exit code is 0 if the entry is in the log, 1 if the file does not prove it, 2 if an option is wrong, and 4 if
     /// the file cannot be read.
     VerifyProof(proof::Verify),
-    /// Compare a registered dataset with the recording that it is of. This needs the recording and the node's salt. It draws the frames,
+    /// Compare a registered dataset with the recording that it is of. This needs the recording and the node's secret. It draws the frames,
     /// makes their samples with the network's policy, and compares their leaves with those that the node registered. The exit code is 0
     /// if they are the same, 1 if not, 2 if an option is wrong, and 4 if there is no verdict, because something cannot be read.
     #[cfg(feature = "full")]

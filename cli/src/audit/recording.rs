@@ -1,5 +1,5 @@
 //! `zk0 audit recording`: compares a registered dataset with the recording that it is of. For an auditor to whom the node has given both
-//! the recording and its salt.
+//! the recording and its secret.
 
 use super::failed::Failed;
 use crate::dataset::RecordingName;
@@ -20,6 +20,7 @@ use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_ledger::replay::{self, replay_with, Severity};
 use zk0_node::error::ParticipantError;
 use zk0_node::recording::recompute::{recompute, Recomputed};
+use zk0_node::recording::secret::{Secrets, MAX_BYTES};
 use zk0_node::recording::Recording;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::genesis::Genesis;
@@ -37,10 +38,10 @@ pub struct Options {
     /// The recording: a LeRobotDataset folder, or hub:owner/name[@revision] on the Hugging Face Hub.
     #[arg(long, value_name = "RECORDING")]
     recording: RecordingName,
-    /// The node's salt: the file `salt` of its state folder. Keep it secret: whoever has it can find out whether a sample that they guess
-    /// is in the dataset.
+    /// The node's secret: the file `secret` of its state folder. Show it to nobody: whoever has it can check guesses of the
+    /// samples of the dataset.
     #[arg(long, value_name = "FILE")]
-    salt: PathBuf,
+    secret: PathBuf,
     /// Keep what is fetched from an address or an export in this folder.
     #[arg(long, value_name = "DIR")]
     mirror: Option<PathBuf>,
@@ -53,8 +54,8 @@ pub struct Options {
 /// Runs the command. Returns `false` if the registered samples are not those of the recording.
 pub fn run(options: &Options) -> Result<bool> {
     let trust = options.trust.read()?;
-    // Fetching and reading the ledger may take hours, so a wrong salt is named before it.
-    let salt = salt(&options.salt)?;
+    // Fetching and reading the ledger may take hours, so a wrong file is named before it.
+    let secrets = secrets(&options.secret)?;
     let mirror = options.mirror.as_deref();
     let located = locate(&options.ledger, mirror, &trust, Wanted::Everything)?;
     let dir = &located.dir;
@@ -114,7 +115,7 @@ pub fn run(options: &Options) -> Result<bool> {
             (genesis.mode, &spec),
             &registration,
             &list,
-            &salt,
+            &secrets,
         )
     })();
     let found = found.map_err(|error| match error {
@@ -167,14 +168,13 @@ fn whole<T>(read: Result<T, BlobError>, what: &'static str) -> Result<T> {
     }
 }
 
-fn salt(path: &Path) -> Result<[u8; 32], WrongUsage> {
+fn secrets(path: &Path) -> Result<Secrets, WrongUsage> {
     let shown = path.display();
-    let bytes = bounded_file::read(path, 32)
-        .map_err(|error| WrongUsage(format!("--salt {shown}: {error}")))?;
-    let count = bytes.len();
-    <[u8; 32]>::try_from(bytes).map_err(|_| {
+    let bytes = bounded_file::read(path, MAX_BYTES)
+        .map_err(|error| WrongUsage(format!("--secret {shown}: {error}")))?;
+    Secrets::decode(&bytes).map_err(|why| {
         WrongUsage(format!(
-            "--salt {shown} has {count} bytes, but a salt has 32: it is the file `salt` of the node's state folder"
+            "--secret {shown} is not the file `secret` of a node's state folder: {why}"
         ))
     })
 }
@@ -189,9 +189,9 @@ fn verdict(found: &Recomputed, options: &Options, registration: &DatasetRegistra
         Recomputed::Same { frames } => format!(
             "VERIFIED    all {frames} drawn frames of {recording} give the samples that node {node} registered (entry {entry})"
         ),
-        Recomputed::OtherSalt => failed(format!(
-            "the node did not commit with the salt in {}",
-            options.salt.display()
+        Recomputed::OtherSecret => failed(format!(
+            "the node did not commit with a secret in {}",
+            options.secret.display()
         )),
         Recomputed::OtherFeatures { found } => failed(format!(
             "the registration says that its features have the digest {}, but they have {found}",

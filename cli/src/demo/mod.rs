@@ -36,8 +36,8 @@ pub struct Options {
     /// Run this many nodes, each with its own recording. The last one cheats.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(2..=16))]
     nodes: u64,
-    /// How the evaluation is proven: direct or succinct. `zk0 aggregator init --help` explains them. Without this option, the demo takes the
-    /// mode that is best for its policy, and says which.
+    /// How the evaluation is proven: direct or succinct. `zk0 aggregator init --help` explains them, and what each shows the
+    /// prover. Without this option, the demo takes the mode that costs fewer cycles for its policy, and says which.
     #[arg(long)]
     mode: Option<Mode>,
     /// A recording for a node (a LeRobotDataset folder). Repeat the option to give each node one. If there are more, the

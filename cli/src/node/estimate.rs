@@ -4,9 +4,9 @@ use crate::dataset::RecordingName;
 use crate::output::{eprintln, print, println};
 use anyhow::{bail, Result};
 use std::path::Path;
+use zk0_argument::claim::most_samples;
 use zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES;
 use zk0_circuits::{EvalSpec, Mode};
-use zk0_protocol::rules::network_rules::max_eval_samples;
 use zk0_prover::machine::Resources;
 use zk0_prover::measure;
 use zk0_prover::program::Executor;
@@ -20,8 +20,8 @@ pub struct Estimate {
     /// The size of the policy: micro, tiny or full (the published size); or a network's policy file.
     #[arg(long, default_value = "micro")]
     model: String,
-    /// How the evaluation is proven, as the network's genesis says: direct or succinct. In mode succinct this makes arguments about
-    /// two and three samples, which takes minutes and gigabytes at the published size.
+    /// How the evaluation is proven, as the network's genesis says: direct, which sends samples to the proving service, or succinct, which
+    /// does not. In mode succinct this makes arguments about two and three samples, which takes minutes and gigabytes at the published size.
     #[arg(long, default_value = "direct")]
     mode: Mode,
     /// The number of samples that a claim evaluates, within the bounds of the network's rules.
@@ -37,7 +37,6 @@ pub struct Estimate {
 
 /// Runs the command.
 pub async fn run(options: &Estimate) -> Result<()> {
-    check_samples(options.mode, options.samples)?;
     let config = match Profile::from_name(&options.model) {
         Ok(profile) => profile.config(),
         Err(unknown) => match policy_file::load(Path::new(&options.model)) {
@@ -52,6 +51,7 @@ pub async fn run(options: &Estimate) -> Result<()> {
         check_fit(recording, &config, options.samples)?;
     }
     let spec = EvalSpec::new(dims(&config)?);
+    check_samples(options.mode, &spec, options.samples)?;
     if !options.json {
         eprintln!("zk0 counts the cycles: it executes the guest program on random weights and samples of this size");
     }
@@ -102,7 +102,7 @@ fn table(model: &str, estimate: &measure::Estimate) -> String {
     format!(
         "a claim over {samples} samples of model {model}, mode {mode}\n\
          \x20 guest cycles     {cycles:.1} million ({gas:.1} million gas)\n\
-         \x20 private input    {input:.1} MB, which go to the proving service\n\
+         \x20 private input    {input:.1} MB, which go to the proving service{held}\n\
          {argument}\
          \x20 memory           a proof takes {needed:.0} GiB, and {free:.1} GiB are free here: {memory}\n\
          \x20 proof            {proof} on {cores} cores, and {start} once to start the service\n\
@@ -110,6 +110,10 @@ fn table(model: &str, estimate: &measure::Estimate) -> String {
          After its first proof, the proving service estimates by the time that this machine took.\n",
         samples = estimate.samples,
         mode = estimate.mode,
+        held = match estimate.argument {
+            None => ", and hold the samples",
+            Some(_) => ", and hold no sample",
+        },
         cycles = estimate.cycles as f64 / 1e6,
         gas = estimate.gas as f64 / 1e6,
         input = estimate.private_input_bytes as f64 / 1e6,
@@ -121,11 +125,11 @@ fn table(model: &str, estimate: &measure::Estimate) -> String {
     )
 }
 
-/// Whether a claim can evaluate so many samples in this mode.
-fn check_samples(mode: Mode, samples: u32) -> Result<()> {
-    let most = max_eval_samples(mode);
+/// Whether a claim about a policy of this size can evaluate so many samples in this mode.
+fn check_samples(mode: Mode, spec: &EvalSpec, samples: u32) -> Result<()> {
+    let most = most_samples(mode, spec);
     if samples > most {
-        bail!("in mode {mode} a claim has at most {most} samples, and --samples is {samples}");
+        bail!("in mode {mode} a claim about a policy of this size has at most {most} samples, and --samples is {samples}");
     }
     Ok(())
 }

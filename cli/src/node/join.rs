@@ -20,7 +20,8 @@ use zk0_tensorboard::EventFile;
 pub struct Join {
     #[command(flatten)]
     member: Membership,
-    /// The address of the proving service, such as http://127.0.0.1:7072. `zk0 prover serve` runs it. With http:// nothing is encrypted.
+    /// The address of the proving service, such as http://127.0.0.1:7072. `zk0 prover serve` runs it. In a network of
+    /// mode direct it gets the samples of each claim, in mode succinct their losses. With http:// nothing is encrypted.
     #[arg(long, value_name = "ADDRESS")]
     prover: String,
     /// Believe only a proving service whose certificate is signed by one in this PEM file [default: the authorities that the system trusts]

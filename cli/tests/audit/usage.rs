@@ -8,6 +8,7 @@ use std::io::{Read, Write};
 use std::net::TcpListener;
 use std::path::Path;
 use std::thread;
+use zk0_node::recording::secret::Secrets;
 
 #[test]
 fn what_the_auditor_mistypes_gets_no_verdict() {
@@ -138,9 +139,9 @@ fn a_page_for_browsers_is_no_log_but_a_checkpoint_of_another_log_is_a_fault() {
 fn what_cannot_be_read_gets_no_verdict_on_proofs_and_recordings() {
     let scratch = tempfile::tempdir().unwrap();
     let place = |name: &str| scratch.path().join(name);
-    let (missing, garbage, salt) = (place("missing"), place("garbage"), place("salt"));
+    let (missing, garbage, secret) = (place("missing"), place("garbage"), place("secret"));
     fs::write(&garbage, "not a proof").unwrap();
-    fs::write(&salt, [7; 32]).unwrap();
+    fs::write(&secret, Secrets::default().encode()).unwrap();
     let key = prints(&["ledger", "vkey", LEDGER]);
     let file = place("w.key");
     let keygen = ["witness", "keygen", text(&file), "--name"];
@@ -154,14 +155,19 @@ fn what_cannot_be_read_gets_no_verdict_on_proofs_and_recordings() {
     verify(2, &garbage, &["--witness-policy", text(&missing)]);
     let (said, _) = verify(1, &garbage, &["--log-key", key.trim()]);
     assert!(said.contains("FAILED"), "{said}");
-    let recording = |code, ledger: &str, salt: &Path, words: &str| {
+    let recording = |code, ledger: &str, secret: &Path, words: &str| {
         let begin = ["audit", "recording", ledger, "--entry", "0"];
-        let more = ["--recording", RECORDING, "--salt", text(salt)];
+        let more = ["--recording", RECORDING, "--secret", text(secret)];
         let (said, why) = ends(code, &[&begin[..], &more].concat());
         assert!(said.is_empty() && why.contains(words), "{said}{why}");
     };
-    recording(4, text(&missing), &salt, "is neither a directory nor");
-    recording(2, LEDGER, &missing, "--salt");
-    recording(2, LEDGER, &garbage, "a salt has 32");
-    recording(2, LEDGER, &salt, "does not register a dataset");
+    recording(4, text(&missing), &secret, "is neither a directory nor");
+    recording(2, LEDGER, &missing, "--secret");
+    recording(
+        2,
+        LEDGER,
+        &garbage,
+        "does not begin as a file of secrets does",
+    );
+    recording(2, LEDGER, &secret, "does not register a dataset");
 }

@@ -18,6 +18,7 @@ use zk0_circuits::{Digest, EvalSpec};
 use zk0_ledger::log::Ledger;
 use zk0_lerobot::dataset::Dataset;
 use zk0_node::recording::evaluation_set::{Commitment, EvaluationSet};
+use zk0_node::recording::secret::Secrets;
 use zk0_node::recording::{prepare_samples, Recording};
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
@@ -143,7 +144,7 @@ impl LocalNetwork {
         prepare_samples(&dataset, file, None).unwrap()
     }
 
-    /// The root of the node's dataset, prepared for `file` under the node's salt.
+    /// The root of the node's dataset, prepared for `file` under the node's secret.
     pub fn dataset_root(&self, file: &PolicyFile) -> Digest {
         let genesis = self.genesis();
         let dir = tempfile::tempdir().unwrap();
@@ -151,14 +152,12 @@ impl LocalNetwork {
         policy_file::save(&file.policy, &file.tokenizer, None, &policy).unwrap();
         let recording = Recording::open(&root().join(RECORDING), &policy, None).unwrap();
         let maker = recording.maker();
+        let secrets = Secrets::of_registered(Path::new(&self.path("state"))).unwrap();
         let by = Commitment {
             network: genesis.network_id(),
             mode: genesis.mode,
             frames: genesis.rules.evaluation_frames,
-            salt: fs::read(self.path("state/salt"))
-                .unwrap()
-                .try_into()
-                .unwrap(),
+            secret: secrets.newest().unwrap().clone(),
         };
         let spec = EvalSpec::decode(&genesis.evaluation).unwrap();
         let samples = recording.samples(&maker);

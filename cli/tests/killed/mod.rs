@@ -5,4 +5,5 @@ mod accepting;
 mod locked;
 mod proving;
 mod refused;
+mod registering;
 mod relay;

@@ -21,6 +21,11 @@ enum Killed {
 
 /// A network of these nodes. The key of each is in the file `NAME.key`.
 pub fn founded(nodes: &[&str]) -> LocalNetwork {
+    founded_with(&[], nodes)
+}
+
+/// Such a network, founded with more options.
+pub fn founded_with(more: &[[&str; 2]], nodes: &[&str]) -> LocalNetwork {
     let network = LocalNetwork::new();
     let mut rules = vec![
         ["--commit-minutes", "10"],
@@ -29,6 +34,7 @@ pub fn founded(nodes: &[&str]) -> LocalNetwork {
         ["--min-improvement-bps", "1"],
         ["--confidence", "95%"],
     ];
+    rules.extend(more);
     let node = |name| {
         let key = network.path(&format!("{name}.key"));
         let identity = keys::generate(Path::new(&key)).unwrap();

@@ -25,3 +25,18 @@ fn a_number_of_samples_that_does_not_fit_ends_the_node_before_it_trains() {
         assert!(!Path::new(&network.path("state/round-0.safetensors")).exists());
     }
 }
+
+#[test]
+fn a_number_of_samples_that_no_argument_has_ends_the_node_before_it_trains() {
+    let network = LocalNetwork::new();
+    network.found(&["--mode", "succinct", "--min-eval-samples", "16"]);
+    let output = network.join(1, &["--steps", "1", "--eval-samples", "100"]);
+    let said = logged(&output);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(
+        said.contains("a claim about a policy of this size has at most "),
+        "{said}"
+    );
+    assert!(said.contains("this one would have 100"), "{said}");
+    assert!(!said.contains("training 1 step"), "{said}");
+}

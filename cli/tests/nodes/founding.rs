@@ -37,6 +37,23 @@ fn a_node_that_cannot_be_enrolled_leaves_no_network_behind() {
 }
 
 #[test]
+fn rules_that_ask_for_more_samples_than_an_argument_has_found_no_network() {
+    let network = LocalNetwork::new();
+    let rules = [
+        "--mode",
+        "succinct",
+        "--min-dataset-samples",
+        "200",
+        "--min-eval-samples",
+        "200",
+    ];
+    let refused = fails(&words(&network.founding(&rules)));
+    let says = "rule min_eval_samples is 200, and in mode succinct a claim about a policy of this size has at most ";
+    assert!(refused.contains(says), "{refused}");
+    assert!(!Path::new(&network.path("ledger")).exists());
+}
+
+#[test]
 fn a_file_in_place_of_the_folder_is_named() {
     let network = LocalNetwork::new();
     let file = network.path("ledger");

@@ -22,6 +22,7 @@ use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::claim::t_test::TTest;
 use zk0_circuits::{Digest, Disclosure, EvalSpec, Mode, NodeId, Terms, WeightsDigest};
 use zk0_node::recording::evaluation_set::{Commitment, EvaluationSet};
+use zk0_node::recording::secret::Secret;
 use zk0_node::recording::Recording;
 use zk0_protocol::rules::bindings::ExpectedClaim;
 use zk0_protocol::Rules;
@@ -171,7 +172,7 @@ fn measure(work: &Work, dir: &Path) -> Result<()> {
         network: NETWORK,
         mode: Mode::Direct,
         frames: work.drawn,
-        salt: [3; 32],
+        secret: Secret::new([3; 32]),
     };
     let folder = dir.join("evaluation-set");
     let set = EvaluationSet::prepare(&recording, &samples, &spec, by, &folder)?;

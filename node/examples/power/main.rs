@@ -88,10 +88,15 @@ fn main() -> Result<()> {
     for (name, base) in &bases {
         let all = updates(config, base, &own, &others[0])?;
         let count = all.len() * bases.len();
-        for Update { origin, weights } in all {
+        for Update {
+            origin,
+            weights,
+            banded,
+        } in all
+        {
             let models = weights
                 .iter()
-                .map(|update| Models::new(&spec, base, update))
+                .map(|update| Models::new(&spec, base, update, banded))
                 .collect::<Result<Vec<_>>>()?;
             let change = true_change(&spec, &models, &own.quantised)?;
             let mut points = Vec::new();

@@ -5,7 +5,7 @@ use std::thread;
 use zk0_circuits::claim::challenge::sample_indices;
 use zk0_circuits::claim::t_test::{Pair, TTest};
 use zk0_circuits::model::draw::draw;
-use zk0_circuits::model::eval::Evaluator;
+use zk0_circuits::model::eval::{Evaluator, Overflow};
 use zk0_circuits::model::sample::Sample;
 use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::{Digest, EvalSpec, QuantisedWeights};
@@ -14,18 +14,30 @@ use zk0_smolvla::ExpertWeights;
 
 pub type Result<T> = std::result::Result<T, Box<dyn Error + Send + Sync>>;
 
+/// One of so many samples is in the rare band.
+pub const BAND: u64 = 64;
+/// What the loss of an update that is terrible there is, in losses of the base.
+const TERRIBLE: u64 = 100;
+
 /// Base and update, in fixed point.
 pub struct Models {
     quantised: [QuantisedWeights; 2],
+    banded: bool,
 }
 
 impl Models {
-    pub fn new(spec: &EvalSpec, base: &ExpertWeights, update: &ExpertWeights) -> Result<Self> {
+    /// Where the update is `banded`, its loss in the band is not evaluated: it is set.
+    pub fn new(
+        spec: &EvalSpec,
+        base: &ExpertWeights,
+        update: &ExpertWeights,
+        banded: bool,
+    ) -> Result<Self> {
         let quantised = [
             quantise_weights(spec, base)?,
             quantise_weights(spec, update)?,
         ];
-        Ok(Self { quantised })
+        Ok(Self { quantised, banded })
     }
 
     /// The squared errors on `samples` under one challenge.
@@ -37,8 +49,8 @@ impl Models {
         count: u32,
     ) -> Result<Vec<Pair>> {
         let mut direct = [
-            evaluator.direct(&self.quantised[0])?,
-            evaluator.direct(&self.quantised[1])?,
+            evaluator.direct(&self.quantised[0], Overflow::Refused)?,
+            evaluator.direct(&self.quantised[1], Overflow::Refused)?,
         ];
         let indices = sample_indices(challenge, samples.len() as u64, count)?;
         let mut pairs = Vec::with_capacity(indices.len());
@@ -49,7 +61,10 @@ impl Models {
                 let sample = &samples[index as usize];
                 error[which] = evaluator.loss(direct, sample, &draw)?.squared_error;
             }
-            let [base, update] = error;
+            let [base, mut update] = error;
+            if self.banded && index % BAND == 0 {
+                update = TERRIBLE * base;
+            }
             pairs.push(Pair { base, update });
         }
         Ok(pairs)

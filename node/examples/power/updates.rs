@@ -13,10 +13,14 @@ pub struct Update {
     pub origin: String,
     /// Some that differ only in chance. Each trial takes the next.
     pub weights: Vec<ExpertWeights>,
+    /// Whether the update is terrible on a rare band of samples ([`crate::trials::BAND`]).
+    pub banded: bool,
 }
 
 /// How the names of updates begin that are noise.
 pub const NOISE: &str = "weight noise";
+/// The update that is terrible on a rare band of samples.
+pub const BANDED: &str = "300 steps, terrible on a rare band";
 /// Standard deviations of weight noise, relative to the root mean square of a tensor. Updates with noise of 1 overflow: no proof of them is
 /// possible.
 const NOISES: [f32; 7] = [0.0005, 0.002, 0.01, 0.03, 0.1, 0.3, 0.6];
@@ -47,6 +51,7 @@ pub fn updates(
         all.push(Update {
             origin: format!("{NOISE}, {sigma} of a tensor's size"),
             weights: noisy.collect::<Result<_>>()?,
+            banded: false,
         });
     }
     let mut trained =
@@ -62,6 +67,7 @@ pub fn updates(
             all.push(Update {
                 origin: origin.into(),
                 weights: weights.collect::<Result<_>>()?,
+                banded: false,
             });
             Result::Ok(())
         };
@@ -76,6 +82,12 @@ pub fn updates(
     })?;
     trained("honest, 60 steps", steps, &|_| own.samples.clone())?;
     trained("honest, 300 steps", 5 * steps, &|_| own.samples.clone())?;
+    let weights = all.last().map_or(vec![], |honest| honest.weights.clone());
+    all.push(Update {
+        origin: BANDED.into(),
+        weights,
+        banded: true,
+    });
     Ok(all)
 }
 

@@ -6,6 +6,7 @@ use crate::error::ParticipantError;
 use crate::progress::Progress;
 use crate::recording::opened_samples::{OpenedSample, OpenedSamples};
 use crate::recording::sample_files::SampleFiles;
+use crate::recording::secret::Secret;
 use crate::recording::Recording;
 use std::borrow::Cow;
 use std::path::Path;
@@ -14,6 +15,7 @@ use zk0_circuits::claim::challenge::sample_indices;
 use zk0_circuits::claim::dataset::{leaf, salt_commitment};
 use zk0_circuits::claim::private_input::Header;
 use zk0_circuits::model::weights::QuantisedWeights;
+use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{DatasetCommitment, Digest, EvalSpec, Mode, NodeId};
 use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
@@ -26,7 +28,7 @@ use zk0_smolvla::measure::fixed_point::quantise_sample;
 use zk0_smolvla::PolicyError;
 
 /// Who commits, in which network, and to how many frames.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone)]
 pub struct Commitment {
     /// The network.
     pub network: Digest,
@@ -34,8 +36,8 @@ pub struct Commitment {
     pub mode: Mode,
     /// How many frames are drawn.
     pub frames: u32,
-    /// The node's secret salt.
-    pub salt: [u8; 32],
+    /// What hides the samples.
+    pub secret: Secret,
 }
 
 /// A node's evaluation set.
@@ -44,6 +46,8 @@ pub struct EvaluationSet {
     pub commitment: DatasetCommitment,
     /// The specification of the evaluation, at whose scales the samples are.
     pub spec: EvalSpec,
+    /// Digest of the drawn samples' names in prefix caches. It stays the same under another secret.
+    pub drawn_names: Digest,
     by: Commitment,
     episodes: Vec<Episode>,
     list: Vec<DrawnLeaf>,
@@ -78,9 +82,10 @@ impl EvaluationSet {
     ) -> Result<Self, ParticipantError> {
         let episodes = recording.episodes();
         let drawn = draw(&by.network, &episodes, by.frames).map_err(ParticipantError::Frames)?;
-        let files = SampleFiles::open(folder, by.mode, spec)?;
+        let files = SampleFiles::open(folder, by.mode, spec, &by.secret)?;
         let mut progress = Progress::start("preparing the evaluation set", drawn.len() as u64);
         let (mut list, mut all) = (Vec::new(), Vec::<Kept>::new());
+        let salt = by.secret.salt();
         for frame in drawn {
             let place = recording.frame(frame).ok_or_else(|| missing(frame))?;
             let key = recording.key(place);
@@ -93,7 +98,7 @@ impl EvaluationSet {
             };
             list.push(DrawnLeaf {
                 frame,
-                leaf: leaf(&by.salt, &digest),
+                leaf: leaf(&salt, &digest),
             });
             all.push(Kept {
                 frame: place,
@@ -102,6 +107,8 @@ impl EvaluationSet {
             });
             progress.reached(list.len() as u64);
         }
+        let names: Vec<_> = all.iter().map(|kept| &kept.key.0[..]).collect();
+        let drawn_names = tagged_sha256("zk0/drawn-samples/v1", &names);
         let leaves = distinct(&list);
         let mut frames: Vec<usize> = all.iter().map(|kept| kept.frame).collect();
         frames.sort_unstable();
@@ -115,11 +122,12 @@ impl EvaluationSet {
             root: merkle::root(&leaves),
             samples: leaves.len() as u64,
             feature_spec: recording.feature_spec(),
-            salt_commitment: salt_commitment(&by.salt),
+            salt_commitment: salt_commitment(&salt),
         };
         Ok(Self {
             commitment,
             spec: spec.clone(),
+            drawn_names,
             by,
             episodes,
             list,
@@ -142,6 +150,11 @@ impl EvaluationSet {
             episodes: self.episodes.clone(),
         };
         (registration, list)
+    }
+
+    /// What hides the samples.
+    pub fn secret(&self) -> &Secret {
+        &self.by.secret
     }
 
     /// The drawn frames of the recording as samples for measuring a loss, of all frames as samples.
@@ -184,7 +197,7 @@ impl EvaluationSet {
             spec: self.spec.clone(),
             terms: expected.terms,
             disclosure: expected.disclosure,
-            salt: self.by.salt,
+            salt: self.by.secret.salt(),
         };
         Ok(OpenedSamples {
             header,
@@ -207,7 +220,8 @@ impl EvaluationSet {
         // The node has committed to its update. Without the sample it could not keep its promise.
         tracing::warn!("{damaged}; the node makes the sample again");
         let sample = quantise_sample(&self.spec, all.sample(kept.frame)?.as_ref())?;
-        match committed(self.by.mode, &self.spec, &sample)? == kept.digest {
+        let blind = self.by.secret.blind();
+        match committed(self.by.mode, &self.spec, &sample, &blind) == kept.digest {
             true => {
                 self.files.put(&kept.key, &sample)?;
                 Ok(())

@@ -3,12 +3,16 @@
 //! - [`Recording`]: the recording, open, and its frames as samples. Each sample is made when it is needed, or read from the cache.
 //! - [`evaluation_set`]: the drawn samples in fixed point, and the commitment to them; [`sample_files`]: these samples on disk;
 //!   [`opened_samples`]: those that a claim is about.
+//! - [`secret`]: what hides the samples, and how often they were opened; [`registering`]: puts the commitment on the ledger, and another one before the secret
+//!   is worn out.
 //! - [`recompute`]: what an auditor does who has the recording.
 
 pub mod evaluation_set;
 pub mod opened_samples;
 pub mod recompute;
+pub mod registering;
 pub mod sample_files;
+pub mod secret;
 
 use crate::error::ParticipantError;
 use crate::samples::prepare;

@@ -1,10 +1,11 @@
-//! What an auditor does who has a node's recording and its salt: draws the frames, makes their samples, and compares the leaves.
+//! What an auditor does who has a node's recording and its secret: draws the frames, makes their samples, and compares the leaves.
 
 use crate::error::ParticipantError;
 use crate::progress::Progress;
+use crate::recording::secret::Secrets;
 use crate::recording::Recording;
 use zk0_argument::claim::committed;
-use zk0_circuits::claim::dataset::{leaf, salt_commitment};
+use zk0_circuits::claim::dataset::leaf;
 use zk0_circuits::{Digest, EvalSpec, Mode};
 use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
 use zk0_protocol::evaluation_set::DrawnLeaf;
@@ -23,8 +24,8 @@ pub enum Recomputed {
         /// How many frames were drawn and compared.
         frames: u64,
     },
-    /// The salt is not the one that the registration commits to.
-    OtherSalt,
+    /// None of the secrets is the one that the node has registered with.
+    OtherSecret,
     /// The recording has other features than the registration says.
     OtherFeatures {
         /// Those of the recording.
@@ -59,11 +60,12 @@ pub fn recompute(
     (mode, spec): (Mode, &EvalSpec),
     registration: &DatasetRegistration,
     list: &[DrawnLeaf],
-    salt: &[u8; 32],
+    secrets: &Secrets,
 ) -> Result<Recomputed, ParticipantError> {
-    if salt_commitment(salt) != registration.dataset.salt_commitment {
-        return Ok(Recomputed::OtherSalt);
-    }
+    let Some(secret) = secrets.of(&registration.dataset) else {
+        return Ok(Recomputed::OtherSecret);
+    };
+    let (salt, blind) = (secret.salt(), secret.blind());
     let found = recording.feature_spec();
     if found != registration.dataset.feature_spec {
         return Ok(Recomputed::OtherFeatures { found });
@@ -86,7 +88,7 @@ pub fn recompute(
         let same = match recording.frame(listed.frame) {
             Some(place) => {
                 let sample = quantise_sample(spec, samples.sample(place)?.as_ref())?;
-                leaf(salt, &committed(mode, spec, &sample)?) == listed.leaf
+                leaf(&salt, &committed(mode, spec, &sample, &blind)) == listed.leaf
             }
             None => false,
         };

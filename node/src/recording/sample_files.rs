@@ -1,9 +1,11 @@
 //! The samples of an evaluation set on disk: one file each.
 //!
-//! `FRAME-SAMPLE.sample`, where FRAME is the name of the frame in prefix caches, and SAMPLE is the digest that the node commits to. So a node that
-//! starts again knows all samples by their names, and reads only those that a claim needs. Whoever reads a file checks its digest.
+//! `FRAME-SAMPLE.sample`, where FRAME is a hash of the node's secret and of the frame's name in prefix caches, and SAMPLE is the digest that the node commits
+//! to. So a node that starts again knows all samples by their names, and reads only those that a claim needs. Whoever reads a file checks its digest. A node
+//! that has another secret commits to other digests, and finds no file.
 
 use crate::error::ParticipantError;
+use crate::recording::secret::Secret;
 use crate::state_files::{self, broken};
 use std::collections::HashMap;
 use std::ffi::OsStr;
@@ -20,37 +22,44 @@ pub struct SampleFiles {
     folder: PathBuf,
     mode: Mode,
     spec: EvalSpec,
-    /// What was there when it was opened.
-    known: HashMap<Key, Digest>,
+    secret: Secret,
+    /// What was there when it was opened, by FRAME.
+    known: HashMap<Digest, Digest>,
 }
 
 impl SampleFiles {
-    /// Opens `folder`, which is made if it is not there. Its samples are of this evaluation, and committed to as `mode` asks. What a killed process
-    /// has left unfinished is removed.
+    /// Opens `folder`, which is made if it is not there. Its samples are of this evaluation, and committed to as `mode` asks, under `secret`. What a
+    /// killed process has left unfinished is removed.
     ///
     /// # Errors
     /// The folder cannot be made, or not be read.
-    pub fn open(folder: &Path, mode: Mode, spec: &EvalSpec) -> Result<Self, ParticipantError> {
+    pub fn open(
+        folder: &Path,
+        mode: Mode,
+        spec: &EvalSpec,
+        secret: &Secret,
+    ) -> Result<Self, ParticipantError> {
         fs::create_dir_all(folder).map_err(state_files::at(folder))?;
         state_files::remove_unfinished(folder)?;
         let mut known = HashMap::new();
         for file in fs::read_dir(folder).map_err(state_files::at(folder))? {
             let name = file.map_err(state_files::at(folder))?.file_name();
-            if let Some((key, digest)) = parsed(&name) {
-                known.insert(key, digest);
+            if let Some((frame, digest)) = parsed(&name) {
+                known.insert(frame, digest);
             }
         }
         Ok(Self {
             folder: folder.into(),
             mode,
             spec: spec.clone(),
+            secret: secret.clone(),
             known,
         })
     }
 
     /// The digest of a frame's sample, if its file was there when the folder was opened.
     pub fn find(&self, key: &Key) -> Option<Digest> {
-        self.known.get(key).copied()
+        self.known.get(&self.secret.name(key)).copied()
     }
 
     /// Writes a sample. It is on disk when this returns. Returns its digest.
@@ -58,7 +67,7 @@ impl SampleFiles {
     /// # Errors
     /// It cannot be written.
     pub fn put(&self, key: &Key, sample: &Sample) -> Result<Digest, ParticipantError> {
-        let digest = committed(self.mode, &self.spec, sample)?;
+        let digest = committed(self.mode, &self.spec, sample, &self.secret.blind());
         state_files::write(&self.path(key, &digest), sample.as_bytes())?;
         Ok(digest)
     }
@@ -70,7 +79,7 @@ impl SampleFiles {
     pub fn read(&self, key: &Key, digest: &Digest) -> Result<Sample, ParticipantError> {
         let path = self.path(key, digest);
         let sample = Self::unchecked(&self.spec.dims, &path)?;
-        match committed(self.mode, &self.spec, &sample)? {
+        match committed(self.mode, &self.spec, &sample, &self.secret.blind()) {
             found if found == *digest => Ok(sample),
             found => Err(broken(&path, format!("its digest is {found}"))),
         }
@@ -89,15 +98,14 @@ impl SampleFiles {
 
     /// The file of a sample.
     pub fn path(&self, key: &Key, digest: &Digest) -> PathBuf {
-        self.folder.join(format!("{key}-{digest}.sample"))
+        let frame = self.secret.name(key);
+        self.folder.join(format!("{frame}-{digest}.sample"))
     }
 }
 
-fn parsed(name: &OsStr) -> Option<(Key, Digest)> {
-    let (key, digest) = name.to_str()?.strip_suffix(".sample")?.split_once('-')?;
-    // Both are 32 bytes in hexadecimal.
-    let key: Digest = key.parse().ok()?;
-    Some((Key(key.0), digest.parse().ok()?))
+fn parsed(name: &OsStr) -> Option<(Digest, Digest)> {
+    let (frame, digest) = name.to_str()?.strip_suffix(".sample")?.split_once('-')?;
+    Some((frame.parse().ok()?, digest.parse().ok()?))
 }
 
 #[cfg(test)]
@@ -108,7 +116,11 @@ mod tests {
     const KEY: Key = Key([7; 32]);
 
     fn open(folder: &Path) -> SampleFiles {
-        SampleFiles::open(folder, Mode::Direct, &EvalSpec::micro()).unwrap()
+        open_under(folder, &Secret::new([1; 32]))
+    }
+
+    fn open_under(folder: &Path, secret: &Secret) -> SampleFiles {
+        SampleFiles::open(folder, Mode::Direct, &EvalSpec::micro(), secret).unwrap()
     }
 
     fn sample(value: f32) -> Sample {
@@ -137,6 +149,8 @@ mod tests {
         let again = open(dir.path());
         assert_eq!(again.find(&KEY), Some(digest));
         assert_eq!(again.find(&Key([8; 32])), None);
+        let other = open_under(dir.path(), &Secret::new([2; 32]));
+        assert_eq!(other.find(&KEY), None, "found under another secret");
         assert_eq!(again.read(&KEY, &digest).unwrap(), sample(0.25));
         assert_eq!(
             fs::read_dir(dir.path()).unwrap().count(),

@@ -3,35 +3,51 @@
 use crate::error::ParticipantError;
 use crate::progress::Progress;
 use crate::recording::opened_samples::OpenedSamples;
+use crate::recording::secret::{count, Secret};
 use std::panic::resume_unwind;
 use std::path::PathBuf;
 use tokio::task::spawn_blocking;
 use tracing::instrument;
+use zk0_argument::claim::{most_uses, ClaimSource};
 use zk0_circuits::Mode;
 use zk0_prover::program::Prepared;
+use zk0_smolvla::policy::memory::KeepFreed;
 
 /// Units of the progress that is reported.
 const UNITS: f64 = 1000.0;
 
 /// Prepares the claim that `input` proves, and reports how far it is. It computes on a thread of its own, so that the connections of the node
-/// stay alive. `state` is the node's state folder: values of samples are in files there meanwhile.
+/// stay alive. `state` is the node's state folder: values of samples are in files there meanwhile. `secret` is what hides the samples. In mode
+/// `succinct` the argument is counted there before it is made, whatever becomes of it.
 ///
 /// # Errors
-/// The claim does not hold, or cannot be proven in this mode.
+/// The claim does not hold, or cannot be proven in this mode. The argument cannot be counted: a sample is worn out, or the file fails.
 #[instrument(name = "make the argument", skip_all)]
 pub async fn prepare(
     mode: Mode,
     input: OpenedSamples,
+    secret: Secret,
     state: PathBuf,
 ) -> Result<Prepared, ParticipantError> {
     let prepared = spawn_blocking(move || {
+        if mode == Mode::Succinct {
+            let leaves: Vec<_> = input.places().iter().map(|(leaf, _)| *leaf).collect();
+            count(&state, &secret, &leaves, most_uses(&input.header().spec))?;
+        }
+        // The argument's steps free gigabytes and ask for as much again.
+        let _memory = KeepFreed::new();
         let mut progress = Progress::start("making the argument", UNITS as u64);
-        Prepared::of(mode, &input, Some(&state), &mut |share| {
-            progress.reached((UNITS * share) as u64);
-        })
+        let tell = &mut |share| progress.reached((UNITS * share) as u64);
+        Ok(Prepared::of(
+            mode,
+            &input,
+            &secret.blind(),
+            Some(&state),
+            tell,
+        )?)
     });
     match prepared.await {
-        Ok(prepared) => Ok(prepared?),
+        Ok(prepared) => prepared,
         Err(panicked) => resume_unwind(panicked.into_panic()),
     }
 }

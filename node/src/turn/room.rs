@@ -32,11 +32,11 @@ fn check_update(needed: u64, folder: &Path, free: u64) -> Result<(), Participant
     }
 }
 
-/// Checks that there is room for the argument that the node makes in this mode when it has trained. Too little memory is a warning, because
+/// Checks that there is room for the argument that the node makes in this mode when it has trained, also if the base saturates. Too little memory is a warning, because
 /// it may be free by then.
 ///
 /// # Errors
-/// The disk of the node's state folder is too full, or the evaluation is too small for this mode.
+/// The disk of the node's state folder is too full.
 pub fn check_room_of_argument(
     mode: Mode,
     spec: &EvalSpec,
@@ -46,7 +46,7 @@ pub fn check_room_of_argument(
     if mode != Mode::Succinct {
         return Ok(());
     }
-    let cost = Cost::of(spec, samples)?;
+    let cost = Cost::of(spec, samples, true);
     check_disk(&cost, state, free_disk(state).map_err(at(state))?)?;
     match Resources::of_this_machine() {
         Ok(free) => {

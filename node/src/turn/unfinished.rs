@@ -7,9 +7,12 @@ use borsh::{BorshDeserialize, BorshSerialize};
 use std::io;
 use std::path::{Path, PathBuf};
 use zk0_circuits::{Claim, Digest, Terms};
+use zk0_files::bounded_file;
 use zk0_protocol::entries::refusal::Refusal;
 use zk0_prover::program::Prepared;
 
+/// A [`Part`] at the beginning of a file.
+const PART_BYTES: u64 = 3 * 32 + 8;
 /// Room for the other fields of a file beside an update.
 const FIELDS_BYTES: u64 = 1 << 10;
 /// Largest file of a claim that is read, with what proves it. The argument about 256 samples at the published size has a few megabytes.
@@ -83,6 +86,27 @@ impl Decided {
         keep(&Self::path(state), self)?;
         remove(state)
     }
+}
+
+/// The root of the dataset with which the node has begun its part in a round, if it has begun it.
+pub fn begun(
+    state: &Path,
+    network: &Digest,
+    round: u64,
+) -> Result<Option<Digest>, ParticipantError> {
+    for path in [Decided::path(state), UnfinishedUpdate::path(state)] {
+        // Both files begin with the part. The update after it may be large.
+        let start = bounded_file::start_if_there(&path, PART_BYTES).map_err(at(&path))?;
+        let part = start.map(|start| borsh::from_slice::<Part>(&start));
+        let part = part
+            .transpose()
+            .map_err(|error| broken(&path, error.to_string()))?;
+        let own = part.filter(|part| (part.network, part.round) == (*network, round));
+        if let Some(part) = own {
+            return Ok(Some(part.dataset));
+        }
+    }
+    Ok(None)
 }
 
 /// The claim of these terms that was kept, if there is one, and if its argument is whole.

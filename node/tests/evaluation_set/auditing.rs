@@ -1,13 +1,14 @@
-//! An auditor who has the recording and the salt finds out whether the registered samples are those of the recording.
+//! An auditor who has the recording and the node's secret finds out whether the registered samples are those of the recording.
 
 use std::path::Path;
 use zk0_circuits::Digest;
 use zk0_node::recording::recompute::{recompute, Recomputed};
+use zk0_node::recording::secret::{Secret, Secrets};
 use zk0_node::recording::Recording;
 use zk0_protocol::entries::signed::DatasetRegistration;
 use zk0_protocol::evaluation_set::DrawnLeaf;
 use zk0_testkit::made_recording::{make, Episode};
-use zk0_testkit::micro_network::{pickplace, Setting, MODE, SALT};
+use zk0_testkit::micro_network::{pickplace, Setting, SECRET};
 
 struct Audited {
     setting: Setting,
@@ -27,13 +28,19 @@ impl Audited {
         }
     }
 
-    fn with(&self, recording: &Path, salt: [u8; 32]) -> Recomputed {
+    fn with(&self, recording: &Path, secret: Secret) -> Recomputed {
+        let mut secrets = Secrets::default();
+        secrets.add(secret);
+        self.with_all(recording, &secrets)
+    }
+
+    fn with_all(&self, recording: &Path, secrets: &Secrets) -> Recomputed {
         let recording = Recording::open(recording, &self.setting.policy(), None).unwrap();
         let maker = recording.maker();
         let samples = recording.samples(&maker);
-        let evaluated = (MODE, &self.setting.spec);
+        let evaluated = (self.setting.mode, &self.setting.spec);
         let (registration, list) = (&self.registration, &self.list);
-        recompute(&recording, &samples, evaluated, registration, list, &salt).unwrap()
+        recompute(&recording, &samples, evaluated, registration, list, secrets).unwrap()
     }
 }
 
@@ -41,8 +48,17 @@ impl Audited {
 fn the_recording_gives_the_registered_samples() {
     let audited = Audited::new();
     let same = Recomputed::Same { frames: 40 };
-    assert_eq!(audited.with(&pickplace(), SALT), same);
-    assert_eq!(audited.with(&pickplace(), [4; 32]), Recomputed::OtherSalt);
+    assert_eq!(audited.with(&pickplace(), SECRET), same);
+    let other = Secret::new([4; 32]);
+    assert_eq!(
+        audited.with(&pickplace(), other.clone()),
+        Recomputed::OtherSecret
+    );
+    // The node has registered again since, and its file has both secrets.
+    let mut both = Secrets::default();
+    both.add(SECRET);
+    both.add(other);
+    assert_eq!(audited.with_all(&pickplace(), &both), same);
 }
 
 /// The node has committed to values that it likes better than those of its recording.
@@ -55,13 +71,13 @@ fn an_invented_sample_is_found() {
         differ: 1,
         of: 40,
     };
-    assert_eq!(audited.with(&pickplace(), SALT), found);
+    assert_eq!(audited.with(&pickplace(), SECRET), found);
     // The recording's pictures were exchanged after the node had recorded them.
     let mut audited = Audited::new();
     for drawn in &mut audited.list {
         drawn.leaf = Digest([9; 32]);
     }
-    match audited.with(&pickplace(), SALT) {
+    match audited.with(&pickplace(), SECRET) {
         Recomputed::OtherSamples {
             frames,
             differ: 40,
@@ -81,7 +97,7 @@ fn another_recording_is_named_by_its_episodes_or_features() {
         still: false,
     };
     make(dir.path(), &[episode]);
-    match audited.with(dir.path(), SALT) {
+    match audited.with(dir.path(), SECRET) {
         Recomputed::OtherEpisodes { missing, extra } => {
             let registered = audited.registration.episodes.iter();
             assert_eq!(
@@ -95,7 +111,7 @@ fn another_recording_is_named_by_its_episodes_or_features() {
     // A registration with another number of frames in an episode would draw others.
     audited.registration.episodes[2].frames += 1;
     let wrong = vec![audited.registration.episodes[2].digest];
-    match audited.with(&pickplace(), SALT) {
+    match audited.with(&pickplace(), SECRET) {
         Recomputed::OtherEpisodes { missing, extra } => {
             assert_eq!((missing, extra), (wrong.clone(), wrong));
         }
@@ -103,7 +119,7 @@ fn another_recording_is_named_by_its_episodes_or_features() {
     }
     let other = pickplace().with_file_name("so101_pickplace");
     assert!(matches!(
-        audited.with(&other, SALT),
+        audited.with(&other, SECRET),
         Recomputed::OtherFeatures { .. }
     ));
 }

@@ -5,6 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use zk0_argument::claim::ClaimSource;
 use zk0_node::error::ParticipantError;
+use zk0_node::recording::secret::Secret;
 use zk0_node::recording::Recording;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::sample::PreparedSample;
@@ -56,6 +57,20 @@ fn a_restart_makes_no_sample_again() {
     assert_eq!(more.commitment.samples, 60);
     let after = files(folder.path());
     assert!(after.len() == 60 && before.iter().all(|file| after.contains(file)));
+}
+
+/// A leaf of an older registration would show what hides the sample.
+#[test]
+fn under_another_secret_each_sample_is_made_again() {
+    let setting = Setting::new();
+    let recording = Recording::open(&pickplace(), &setting.policy(), None).unwrap();
+    let (maker, folder) = (recording.maker(), tempfile::tempdir().unwrap());
+    let samples = recording.samples(&maker);
+    let first = setting.set(&recording, &samples, folder.path(), 40);
+    let secret = Secret::new([4; 32]);
+    let second = setting.set_under(secret, &recording, &samples, folder.path(), 40);
+    assert_ne!(first.commitment.root, second.commitment.root);
+    assert_eq!(files(folder.path()).len(), 80);
 }
 
 #[test]

@@ -17,6 +17,7 @@ use zk0_node::client::Node;
 use zk0_node::client_error::NodeError;
 use zk0_node::error::ParticipantError;
 use zk0_node::receipts;
+use zk0_node::recording::registering::Registering;
 use zk0_node::recording::Recording;
 use zk0_node::turn::{Entered, Turn};
 use zk0_protocol::challenge::closing;
@@ -433,12 +434,19 @@ async fn a_download_takes_no_more_memory_than_weights_of_the_network_do() {
     let maker = recording.maker();
     let samples = recording.samples(&maker);
     let folder = tempfile::tempdir().unwrap();
+    let registering = Registering {
+        state: folder.path(),
+        recording: &recording,
+        samples: &samples,
+        spec: &setting.spec,
+    };
     let entered = Entered {
         config: recording.config(),
         format: Format::new(&setting.spec).unwrap(),
         samples: &samples,
         training: &samples,
         evaluation: setting.set(&recording, &samples, folder.path(), 20),
+        registering: &registering,
     };
     let mut opened = told.opened.clone();
     opened.rules.max_update_bytes = u64::MAX;

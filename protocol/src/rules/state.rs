@@ -159,7 +159,7 @@ pub struct Randomness {
 pub struct Commit {
     /// The update.
     pub update: WeightsDigest,
-    /// The dataset it will be evaluated on.
+    /// The dataset it will be evaluated on. The node may have registered another one since, for later rounds.
     pub dataset: DatasetCommitment,
     /// On how many samples it will be evaluated.
     pub eval_samples: u32,
@@ -314,9 +314,11 @@ impl State {
         waiting.map(|(node, _)| *node).collect()
     }
 
-    /// Whether `node` may contribute to `round`, by the rules in force, the node's standing and its last commitments.
+    /// Whether `node` may contribute to `round`, by the rules in force, the node's standing and its last commitments. A node that has committed may,
+    /// whatever it has registered since.
     pub fn may_contribute(&self, round: &Round, id: &NodeId) -> bool {
-        self.ready(id, round.number(), round.entry) && round.invites(id, &self.rules)
+        let committed = round.commits.contains_key(id) && self.active(id).is_ok();
+        committed || self.ready(id, round.number(), round.entry) && round.invites(id, &self.rules)
     }
 
     /// Who may contribute to the next round, if it opens now. Of these, a round with a sample draws some.

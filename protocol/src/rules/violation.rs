@@ -33,9 +33,6 @@ pub enum RuleViolation {
     /// The key belongs to an enrolled node, or did so. The text is data of the ledger (see [`crate::entries::proposal::Outcome`]).
     #[error("node {0} is already enrolled")]
     AlreadyEnrolled(NodeId),
-    /// A dataset would change although the node has committed in the open round.
-    #[error("node {node} has committed in round {round} and can replace its dataset when that round has closed")]
-    DatasetInUse { node: NodeId, round: u64 },
     /// The round before is not closed.
     #[error("round {0} is still open")]
     RoundStillOpen(u64),

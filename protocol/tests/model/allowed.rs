@@ -135,7 +135,7 @@ impl Model<'_> {
         };
         match event {
             Event::Enrolled(key) => !self.used(*key),
-            Event::Registered(key) => self.active(*key) && !committed(*key),
+            Event::Registered(key) => self.active(*key),
             Event::Rotated(old, new) => self.active(*old) && self.may_move(*old, *new),
             Event::Opened => {
                 let due = |number: usize| {

@@ -162,13 +162,17 @@ fn executed(event: &Event, before: &Model) -> Option<Change> {
 }
 
 /// The events that have to happen in random histories. Each is recognised by the event and by the models before and after it.
-const NOTED: [(&str, Noted); 34] = [
+const NOTED: [(&str, Noted); 35] = [
     ("a contribution", |e, _, _| matches!(e, Event::Accepted(_))),
     ("a rejection", |e, _, _| matches!(e, Event::Rejected(_))),
     ("a dataset that is replaced in a round", |e, before, _| {
         matches!(e, Event::Registered(key) if before.has_data(before.node(*key)))
             && before.round().is_some()
     }),
+    (
+        "a dataset that is replaced after the commitment",
+        |e, before, _| matches!(e, Event::Registered(key) if before.in_round(Event::Committed(*key))),
+    ),
     ("a commitment in a list", |e, before, _| {
         matches!(e, Event::Committed(_)) && matches!(before.rules().1, Invited::Listed(..))
     }),

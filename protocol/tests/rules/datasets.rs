@@ -1,7 +1,7 @@
-//! A node registers its dataset once, and cannot change it in a round in which it has committed.
+//! A node registers its dataset, and may replace it. What it has committed in a round stays about the dataset that it had.
 
 use super::refused;
-use zk0_protocol::{Body, Refusal, RuleViolation, Signed};
+use zk0_protocol::{Body, Refusal, Signed};
 use zk0_testkit::network::*;
 
 #[test]
@@ -72,29 +72,53 @@ fn datasets_are_large_enough_and_one_nodes_own() {
     // Nor can anybody send again what its owner signed for it, and so take the node back to it.
     assert!(matches!(
         refused(chain.refusal(registered(&network, 0))),
-        Refusal::Dataset(why) if why.contains("under a new salt")
+        Refusal::Dataset(why) if why.contains("under a fresh secret")
     ));
 }
 
+/// Registers node `node`'s episodes again, under another root.
+fn again(chain: &mut Chain, node: u8, root: u8) {
+    let mut other = registration(chain.state.network(), node);
+    other.dataset.root = digest(root);
+    chain.apply(Body::DatasetCommitted(Signed::new(other, &key(node))));
+}
+
+/// A commitment of node `node` under the root `root`.
+fn committed_under(chain: &Chain, node: u8, root: u8) -> Body {
+    let mut under = commitment(&chain.state, node, weights(0x10 + root));
+    under.dataset_root = digest(root);
+    Body::UpdateCommitted(Signed::new(under, &key(node)))
+}
+
+/// Rounds follow each other at once, so a node that could not register in a round would lose the next one.
 #[test]
-fn datasets_do_not_change_under_a_commitment() {
+fn a_dataset_that_is_replaced_after_the_commitment_counts_from_the_next_round_on() {
     let mut chain = Chain::in_round(2);
-    let network = *chain.state.network();
     chain.apply(committed(&chain.state, 0, weights(0x10)));
-    assert_eq!(
-        chain.refusal(registered(&network, 0)),
-        RuleViolation::DatasetInUse {
-            node: id(0),
-            round: 0
-        }
-    );
-    // Rounds follow each other at once, so whoever has not committed need not wait for the end of one.
-    let mut other = registration(&network, 1);
-    other.dataset.root = digest(0x77);
-    chain.apply(Body::DatasetCommitted(Signed::new(other, &key(1))));
-    let mut late = commitment(&chain.state, 1, weights(0x11));
-    late.dataset_root = digest(0x77);
-    let late = Body::UpdateCommitted(Signed::new(late, &key(1)));
+    again(&mut chain, 0, 0x77);
+    // A node that is started again asks whether it may go on.
+    let open = chain.state.round().unwrap();
+    assert!(chain.state.may_contribute(open, &id(0)));
+    chain.draw();
+    let expected = chain.state.expected_claim(&id(0)).unwrap();
+    assert_eq!(expected.terms.dataset, dataset(0));
+    chain.apply(accepted(&chain.state, 0));
+    chain.close(weights(0x50));
+
+    chain.open();
+    assert!(matches!(
+        refused(chain.refusal(committed(&chain.state, 0, weights(0x12)))),
+        Refusal::Binding { field, .. } if field == "dataset_root"
+    ));
+    chain.apply(committed_under(&chain, 0, 0x77));
+}
+
+#[test]
+fn a_node_that_replaces_its_dataset_before_it_commits_waits_for_the_next_round() {
+    let mut chain = Chain::in_round(2);
+    chain.apply(committed(&chain.state, 0, weights(0x10)));
+    again(&mut chain, 1, 0x77);
+    let late = committed_under(&chain, 1, 0x77);
     assert!(matches!(
         refused(chain.refusal(late)),
         Refusal::Dataset(why) if why.contains("after round 0 opened")

@@ -35,8 +35,8 @@ pub struct Cost {
 /// All that `make cycles` measures, the quick ones first.
 pub fn cases() -> Vec<Case> {
     [
-        ("micro", Mode::Direct, 4),
-        ("micro", Mode::Succinct, 4),
+        ("micro", Mode::Direct, 6),
+        ("micro", Mode::Succinct, 6),
         ("full", Mode::Succinct, 4),
     ]
     .map(|(profile, mode, samples)| Case {

@@ -7,7 +7,7 @@ const CYCLES: u64 = 4;
 
 /// Guest cycles of a claim in mode `succinct`, which hardly depend on the policy's size: so many, and so many more for each sample. This is a little more than
 /// what `make cycles` prints.
-const SUCCINCT_CYCLES: (u64, u64) = (6_000_000, 1_000_000);
+const SUCCINCT_CYCLES: (u64, u64) = (5_200_000, 600_000);
 
 /// If the multiply-adds alone take this many cycles, a proof takes more than a day on two cores.
 const ENDLESS_CYCLES: u64 = 1_000_000_000;
@@ -79,9 +79,9 @@ mod tests {
         };
         // The demo's policy.
         assert_eq!(cost(4_120, 6, 6), DirectCost::Fair);
-        // Four samples take 10 million cycles in mode `succinct`.
-        assert_eq!(cost(6_250, 4, 50), DirectCost::Fair);
-        assert_eq!(cost(6_251, 4, 50), DirectCost::Dear);
+        // Four samples take 7.6 million cycles in mode `succinct`.
+        assert_eq!(cost(4_750, 4, 50), DirectCost::Fair);
+        assert_eq!(cost(4_751, 4, 50), DirectCost::Dear);
         assert_eq!(cost(98_000_000, 1, 50), DirectCost::Endless);
         assert_eq!(cost(u64::MAX, u32::MAX, 50), DirectCost::Endless);
     }

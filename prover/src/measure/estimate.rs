@@ -64,12 +64,11 @@ impl Argument {
                 "zk0 counts the cycles of arguments about 2 and {EXECUTED} samples, and cannot make them here: {error}"
             ))
         };
-        let cost = |samples| Cost::of(spec, samples).map_err(|error| failed(&error));
-        let executed = cost(EXECUTED)?;
+        let executed = Cost::of(spec, EXECUTED, false);
         check_memory(&executed, machine).map_err(|error| failed(&error))?;
         let free = free_disk(&temp_dir()).map_err(|error| failed(&error))?;
         check_disk(&executed, &temp_dir(), free).map_err(|error| failed(&error))?;
-        let cost = cost(samples)?;
+        let cost = Cost::of(spec, samples, false);
         Ok(Self {
             seconds: cost.seconds * CORES / machine.cores.max(1) as f64,
             memory_bytes: cost.memory,

@@ -2,7 +2,7 @@
 
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::path::Path;
-use zk0_argument::claim::{self, ClaimInput, ClaimSource, NotMade, NotShown};
+use zk0_argument::claim::{self, Blind, ClaimInput, ClaimSource, NotMade, NotShown};
 use zk0_argument::expert::witness::Unprovable;
 use zk0_circuits::claim::private_input::InputError;
 use zk0_circuits::claim::statement::check;
@@ -84,7 +84,7 @@ pub enum GuestInputError {
 }
 
 impl Prepared {
-    /// The claim that `source` proves, and what the program reads. In mode `succinct`, this makes the argument that the program verifies; with a
+    /// The claim that `source` proves, and what the program reads. `blind` hides the samples. In mode `succinct`, this makes the argument that the program verifies; with a
     /// folder, values of samples are in files there meanwhile, and `progress` is told which share of the work is done, from 0 to 1. At the published
     /// size this takes minutes for each sample.
     ///
@@ -93,6 +93,7 @@ impl Prepared {
     pub fn of(
         mode: Mode,
         source: &impl ClaimSource,
+        blind: &Blind,
         folder: Option<&Path>,
         progress: &mut dyn FnMut(f64),
     ) -> Result<Self, NotProvable> {
@@ -103,7 +104,7 @@ impl Prepared {
                 (check(&input)?, vec![], input.to_buffers().to_vec())
             }
             Mode::Succinct => {
-                let made = claim::make(source, folder, progress)?;
+                let made = claim::make(source, blind, folder, progress)?;
                 let (claim, left) = claim::check(&made).map_err(|error| match error {
                     NotShown::Statement(error) => NotProvable::Statement(error),
                     error => NotProvable::Unsound(error),

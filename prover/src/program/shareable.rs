@@ -4,7 +4,7 @@ use super::guest_input::GuestInput;
 use zk0_circuits::Mode;
 
 /// A private input that may go to a machine of somebody else: it holds no recording and no weights. What it shows all the same is in
-/// docs/prove.md, "What leaves this machine?".
+/// docs/prove.md, "What leaves the machine?".
 #[derive(Clone, Copy, Debug)]
 pub struct Shareable<'a>(&'a GuestInput);
 

@@ -9,7 +9,7 @@ use super::guest_input::{GuestInput, Prepared};
 use borsh::to_vec;
 use std::borrow::Cow;
 use std::io;
-use zk0_argument::claim::{committed, ClaimSource, TooSmall};
+use zk0_argument::claim::{committed, Blind, ClaimSource};
 use zk0_circuits::claim::challenge::sample_indices;
 use zk0_circuits::claim::dataset::{leaf, salt_commitment};
 use zk0_circuits::claim::private_input::{Header, Opening};
@@ -33,6 +33,9 @@ const TRIES: usize = 64;
 /// How large the velocities of base and update are.
 const LOUDNESS: [f32; 2] = [2.0, 0.25];
 
+/// The seed of claims that are executed.
+const SEED: u64 = 1;
+
 /// Random numbers that the salt and the header take.
 const HEADER_WORDS: u64 = 5;
 
@@ -47,8 +50,13 @@ pub fn private_input(
     seed: u64,
 ) -> Result<PrivateInput, String> {
     let (mut input, dataset) = improving(spec, samples, seed)?;
-    commit(&mut input, mode, &dataset)?;
+    commit(&mut input, mode, &dataset, &blind(seed));
     Ok(input)
+}
+
+/// What hides the samples of [`private_input`].
+pub fn blind(seed: u64) -> Blind {
+    Blind::new(tagged_sha256("zk0/synthetic-blind", &[&seed.to_le_bytes()]).0)
 }
 
 /// A private input whose samples are made again when somebody reads them, so that they take no memory.
@@ -96,23 +104,19 @@ impl ClaimSource for MadeAgain {
 }
 
 /// Names weights and samples as nodes of a network do whose claims are proven in `mode`.
-fn commit(input: &mut PrivateInput, mode: Mode, dataset: &[Sample]) -> Result<(), String> {
+fn commit(input: &mut PrivateInput, mode: Mode, dataset: &[Sample], blind: &Blind) {
     let header = &mut input.header;
+    let committed = |sample| committed(mode, &header.spec, sample, blind);
     let leaves: Vec<Digest> = dataset
         .iter()
-        .map(|sample| {
-            let committed = committed(mode, &header.spec, sample);
-            Ok(leaf(&header.salt, &committed?))
-        })
-        .collect::<Result<_, TooSmall>>()
-        .map_err(|error| error.to_string())?;
+        .map(|sample| leaf(&header.salt, &committed(sample)))
+        .collect();
     header.terms.dataset.root = merkle::root(&leaves);
     for opening in &mut input.openings {
         opening.path = merkle::path(&leaves, opening.index as usize).unwrap_or_default();
     }
     header.terms.base.quantised = input.base.digest(mode);
     header.terms.update.quantised = input.update.digest(mode);
-    Ok(())
 }
 
 /// A private input in mode `direct`, whose statement holds, and its dataset.
@@ -211,8 +215,9 @@ pub async fn execute(
     mode: Mode,
     samples: u32,
 ) -> Result<(GuestInput, Execution), ExecuteError> {
-    let private = private_input(spec, mode, samples, 1).map_err(ExecuteError::Failed)?;
-    let prepared = Prepared::of(mode, &private, Some(&std::env::temp_dir()), &mut |_| {});
+    let private = private_input(spec, mode, samples, SEED).map_err(ExecuteError::Failed)?;
+    let folder = std::env::temp_dir();
+    let prepared = Prepared::of(mode, &private, &blind(SEED), Some(&folder), &mut |_| {});
     let input = prepared
         .map_err(|error| ExecuteError::Failed(error.to_string()))?
         .input;

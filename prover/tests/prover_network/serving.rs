@@ -19,7 +19,7 @@ const HOUR: u64 = 3600;
 /// The input of a claim that holds.
 fn claim(mode: Mode) -> GuestInput {
     let private = synthetic::private_input(&EvalSpec::micro(), mode, 2, 1).unwrap();
-    Prepared::of(mode, &private, None, &mut |_| {})
+    Prepared::of(mode, &private, &synthetic::blind(1), None, &mut |_| {})
         .unwrap()
         .input
 }

@@ -2,7 +2,7 @@
 //! much room the ranges leave.
 
 use zk0_circuits::model::draw::draw;
-use zk0_circuits::model::eval::Evaluator;
+use zk0_circuits::model::eval::{Evaluator, Overflow};
 use zk0_circuits::model::quantise::QuantiseError;
 use zk0_circuits::model::site::EvalError;
 use zk0_circuits::model::spec::SpecError;
@@ -99,7 +99,7 @@ pub fn measure(
     let (magnitudes, float32) = Magnitudes::observe(config, weights, &pairs)?;
 
     let quantised = quantise_weights(spec, weights)?;
-    let mut products = evaluator.direct(&quantised)?;
+    let mut products = evaluator.direct(&quantised, Overflow::Refused)?;
     let unit = 2f64.powi(-2 * i32::from(spec.action));
     let mut fixed = Vec::with_capacity(count);
     for (position, (sample, _)) in pairs.iter().enumerate() {

@@ -121,28 +121,6 @@ pub fn wrapped_velocity() -> Result<(), String> {
     prove_node(&node)
 }
 
-/// Queries and keys are so large that their products wrap to the other sign. The update then attends to other tokens, which in
-/// some such updates gives a lower loss.
-pub fn wrapped_scores() -> Result<(), String> {
-    let mut node = Node::new(&EvalSpec::micro(), 8, 4, 19);
-    for parts in &mut node.data {
-        let (keys, values) = &mut parts.cache[0];
-        keys.fill(31.0);
-        values.iter_mut().for_each(|value| *value *= 5.0);
-    }
-    let dims = node.spec.dims;
-    let width = dims.expert_width as usize;
-    let query_width = (dims.heads * dims.head_dim) as usize;
-    tries(&mut node, "attention scores: ", |node, random| {
-        // All elements of a query are alike, as those of the keys are. So a score is as large as its factors allow.
-        let row: Vec<f32> = (0..width).map(|_| random.normal()).collect();
-        let queries = format!("{LAYERS}.0.self_attn.q_proj.weight");
-        node.base.insert(queries.clone(), row.repeat(query_width));
-        node.update = node.base.clone();
-        scale(&mut node.update, &queries, 3.0);
-    })
-}
-
 /// The update attends to six tokens alike, whose values are as large as values can be. Six equal attention weights round up
 /// to slightly more than 1. The outputs then wrap to the other sign, which may give a lower loss.
 pub fn wrapped_outputs() -> Result<(), String> {

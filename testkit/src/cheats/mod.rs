@@ -38,7 +38,6 @@ pub const CHEATS: &[(&str, Cheat)] = &[
     ("improves by chance", losses::by_chance),
     ("wraps a norm", losses::wrapped_norm),
     ("wraps a velocity", losses::wrapped_velocity),
-    ("wraps attention scores", losses::wrapped_scores),
     ("wraps attention outputs", losses::wrapped_outputs),
     (
         "evaluates by another specification",

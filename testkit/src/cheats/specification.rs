@@ -52,7 +52,7 @@ pub fn other_frequencies() -> Result<(), String> {
     let spec = EvalSpec::micro();
     let mut other = spec.clone();
     other.time_frequencies.fill(0);
-    let mut node = Node::new(&spec, 12, 4, 11);
+    let mut node = Node::new(&spec, 12, 4, 12);
     let drawn = drawn(&node);
     let before = loss(&node, &node.base, &drawn);
     for seed in 0..5000 {

@@ -7,19 +7,26 @@
 //! - A round of a sumcheck has nothing to compare. The claim determines the coefficient that is left out, so that a false claim leads to a
 //!   false value at the end. There it is compared.
 //! - `the source of a claim` in `share`: its caller hands over claims about these sources alone.
-//! - `the size of a commitment`: the statement determines it, and there is no commitment of another size.
+//! - `the degree of a relation`: relations are fixed, and no product of theirs has three secret factors.
+//!
+//! Equations between secret values are removed where they are stated. The verifier cannot name them: what a prover knows does.
 //! - `claim::check` compares the number of openings with the terms before it draws noise for them. `check_openings` compares them, too.
 
 use super::{argument, Removal};
 
+const OPENING: &str = "argument/src/opening.rs";
 const TRANSCRIPT: &str = "argument/src/transcript.rs";
 const GATHER: &str = "argument/src/gather.rs";
-const FRACTIONS: &str = "argument/src/fractions.rs";
+const FRACTIONS: &str = "argument/src/fractions/mod.rs";
 const PROTOCOL: &str = "argument/src/protocol.rs";
 const COMMITMENT: &str = "argument/src/commitment/mod.rs";
 const QUERY: &str = "argument/src/commitment/query.rs";
 const ARGUMENT: &str = "argument/src/expert/argument.rs";
+const PARAMETERS: &str = "argument/src/commitment/parameters.rs";
+const PROVE: &str = "argument/src/commitment/prove.rs";
 const SAMPLE: &str = "argument/src/expert/sample.rs";
+const BUILDER: &str = "argument/src/expert/builder.rs";
+const ATTENTION: &str = "argument/src/expert/evaluation/attention.rs";
 const STATEMENT: &str = "argument/src/expert/statement.rs";
 const PUBLISHED: &str = "argument/src/expert/published.rs";
 const WEIGHTS: &str = "argument/src/expert/weights.rs";
@@ -35,48 +42,57 @@ pub const REMOVALS: &[Removal] = &[
     argument("argument: an element has one encoding", TRANSCRIPT,
         instead!("Goldilocks::of_words(words).map_err(|wrong| Refused::NotCanonical(first + wrong))",
             "Ok(bytemuck::TransparentWrapper::wrap_slice(words))"),
-        "a_second_digest_of_one_sample_is_refused"),
+        "a_second_encoding_of_a_row_is_refused"),
     argument("argument: a digest has one encoding", TRANSCRIPT, never!("cfg!(not(target_os = \"zkvm\"))"),
         "a_second_encoding_of_a_digest_is_refused"),
     // Proofs of work.
-    argument("argument: work has as many zeros as are asked for", TRANSCRIPT, forgiven!("require(holds, Refused::Work(what))"),
+    argument("argument: work has as many zeros as are asked for", TRANSCRIPT, forgiven!("require(holds || verifier.said.is_deaf(), Refused::Work(what))"),
         "look_ups_without_work_are_refused"),
     argument("argument: work before look-ups are folded", PROTOCOL, forgiven!("self.party.work(WORK, \"look-ups\")"),
         "look_ups_without_work_are_refused"),
-    argument("argument: work before columns are combined", COMMITMENT,
-        forgiven!("work::check_work(verifier, WORK, \"the combination of columns\")"), "columns_combined_without_work_are_refused"),
-    argument("argument: work before positions are drawn", COMMITMENT, forgiven!("work::check_work(verifier, WORK, \"positions\")"),
+    argument("argument: work before columns are combined", OPENING,
+        forgiven!("work::check_work(verifier, WORK, \"the combination of columns\")"), "what_is_combined_without_work_is_refused"),
+    argument("argument: work before sums of columns are added", OPENING,
+        forgiven!("work::check_work(verifier, WORK, \"the sums of columns\")"), "what_is_combined_without_work_is_refused"),
+    argument("argument: work before pads are added", OPENING,
+        forgiven!("work::check_work(verifier, WORK, \"the pads\")"), "what_is_combined_without_work_is_refused"),
+    argument("argument: work before positions are drawn", COMMITMENT, forgiven!("work::check_work(verifier, POSITION_WORK, \"positions\")"),
         "positions_without_work_are_refused"),
     // Look-ups.
-    argument("argument: the fractions of look-ups add up to zero", FRACTIONS, always!("numerator == Extension::ZERO"),
-        "what_is_in_no_table_is_refused"),
-    argument("argument: the leaves of all samples are those at their point", GATHER, always!("expected == value"),
+    argument("argument: the fractions of look-ups add up to zero", FRACTIONS,
+        skipped!("equations.zero(\"a sum of look-ups\", numerator)?;"), "what_is_in_no_table_is_refused"),
+    argument("argument: the leaves of all samples are those at their point", GATHER,
+        skipped!("party.zero(\"the sumcheck of the leaves of sums\", expected.minus(&value))?;"),
         "leaves_of_several_samples_that_are_others_at_their_point_are_refused"),
     // It stops no cheat in an argument. The shift is drawn after all entries are fixed, so that a denominator is zero for hardly any
     // shift; and where fractions do not add up to zero, the numerator of their sum is a polynomial in the shift that is not zero.
-    argument("argument: no denominator is zero", FRACTIONS, always!("denominator != Extension::ZERO"),
+    argument("argument: no denominator is zero", FRACTIONS, skipped!("equations.zero(\"the inverse of a denominator\", one)?;"),
         "a_denominator_that_is_zero_is_refused"),
     argument("argument: a layer of fractions is the sum of the next one", FRACTIONS,
-        skipped!("require(holds, Refused::Equation(\"a layer of a sum of look-ups\"))?;"),
-        "a_root_that_is_not_the_sum_of_its_layer_is_refused"),
-    argument("argument: numerators are those of the look-ups", PROTOCOL, always!("numerator == leaf.numerator"),
-        "other_numerators_are_refused"),
-    argument("argument: denominators are those of the look-ups", PROTOCOL, always!("denominator == leaf.denominator"),
+        forgiven!("equations.zero(\"a layer of a sum of look-ups\", value)"), "a_root_that_is_not_the_sum_of_its_layer_is_refused"),
+    argument("argument: numerators are those of the look-ups", PROTOCOL,
+        skipped!("self.party.zero(LEAVES, numerator.minus(&leaf.numerator))?;"), "other_numerators_are_refused"),
+    argument("argument: denominators are those of the look-ups", PROTOCOL, skipped!("self.party.zero(LEAVES, rest)?;"),
         "other_denominators_are_refused"),
     // Sums.
-    argument("argument: what has to be zero is zero", PROTOCOL, always!("value == Extension::ZERO"), "a_lower_loss_is_refused"),
+    argument("argument: what has to be zero is zero", PROTOCOL, skipped!("self.party.zero(equality.name, value)?;"),
+        "a_lower_loss_is_refused"),
     argument("argument: the sumcheck of the monomials", PROTOCOL,
-        forgiven!("require(\n            expected == value,\n            Refused::Equation(\"the sumcheck of the monomials\"),\n        )"),
+        forgiven!("self.party\n            .zero(\"the sumcheck of the monomials\", expected.minus(&value))"),
         "a_sum_of_errors_that_is_lower_is_refused"),
     argument("argument: the sumcheck of the products", PROTOCOL,
-        forgiven!("require(\n            expected == value,\n            Refused::Equation(\"the sumcheck of the products\"),\n        )"),
+        forgiven!("self.party\n            .zero(\"the sumcheck of the products\", expected.minus(&value))"),
         "sums_of_products_with_other_weights_are_refused"),
-    argument("argument: the sumcheck of the claims", "argument/src/share.rs", always!("expected == value"),
-        "claims_about_other_samples_are_refused"),
+    argument("argument: the sumcheck of the claims", "argument/src/share.rs",
+        skipped!("party.zero(\"the sumcheck of the claims\", expected.minus(&value))?;"), "claims_about_other_samples_are_refused"),
+    argument("argument: nothing lies behind a sample", ARGUMENT, skipped!("left.secret.extend(nothing);"),
+        "what_lies_behind_a_sample_is_zero"),
+    // The end.
+    argument("argument: the values of columns make up that of a source", OPENING,
+        skipped!("verifying\n        .equations\n        .zero(\"the columns of a commitment\", rest)?;"), "the_value_of_other_samples_is_refused"),
+    argument("argument: the sumcheck of the end", OPENING, always!("end.left == end.expected"), "a_lower_loss_is_refused"),
     // Commitments.
-    argument("argument: the values of columns make up that of a source", ARGUMENT, always!("sum == value"),
-        "the_value_of_other_samples_is_refused"),
-    argument("argument: the sumcheck of an opening", COMMITMENT, always!("expected == claim"), "values_of_other_columns_are_refused"),
+    argument("argument: the sumcheck of an opening", COMMITMENT, always!("expected == claim"), "a_value_at_a_point_is_shown"),
     argument("argument: a fold continues the one before", QUERY, skipped!("require(holds, Refused::Equation(\"a fold of an opening\"))?;"),
         "a_combination_of_other_columns_is_refused"),
     argument("argument: a row is the one that was committed to", "argument/src/tree.rs", skipped!("require(holds, Refused::Opening)?;"),
@@ -106,6 +122,32 @@ pub const REMOVALS: &[Removal] = &[
         "words_after_the_claims_are_refused"),
     argument("argument: what is left to check holds with the scales of the argument", PUBLISHED, skipped!("words.extend(packed(scales));"),
         "changed_claims_are_refused"),
+    // What hides a sample. Without it, words are equal or can be told from those of another sample.
+    argument("hiding: pads and masks are random", ARGUMENT,
+        instead!("hiding.elements(column, height + tail)", "vec![crate::field::Goldilocks::ZERO; height + tail]"),
+        "what_is_said_twice_differs_where_it_depends_on_a_sample"),
+    argument("hiding: what is secret is said with a pad", TRANSCRIPT, instead!("value + pad", "value"),
+        "what_is_said_twice_differs_where_it_depends_on_a_sample"),
+    argument("hiding: both coefficients have a pad", TRANSCRIPT,
+        instead!("value + pad", "value + Extension([pad.0[0], Goldilocks::ZERO])"),
+        "what_is_said_twice_differs_where_it_depends_on_a_sample"),
+    argument("hiding: factors of products have masks", OPENING, instead!("factor + rho * mask", "factor"),
+        "what_is_said_twice_differs_where_it_depends_on_a_sample"),
+    argument("hiding: the combination has a mask", ARGUMENT,
+        &[("random.into_iter().map(Column::from).collect()",
+            "random.into_iter().enumerate().map(|(number, column)| Column::from(match OUT && number < 2 { true => vec![crate::field::Goldilocks::ZERO; column.len()], false => column })).collect()")],
+        "what_is_said_twice_differs_where_it_depends_on_a_sample"),
+    argument("hiding: columns of values have tails", ARGUMENT, filtered!("tails.map(|column| hiding.elements(column, parameters.positions()))"),
+        "what_is_said_twice_differs_where_it_depends_on_a_sample"),
+    argument("hiding: samples have tails", SAMPLE,
+        instead!("hiding.elements(column, parameters.longest_tail())", "vec![]"),
+        "what_is_said_twice_differs_where_it_depends_on_a_sample"),
+    argument("hiding: a tail is as long as rows are opened", PARAMETERS,
+        instead!("self.positions", "self.positions - 1"), "other_samples_explain_the_words_of_an_argument"),
+    argument("hiding: leaves have salts", PROVE,
+        &[("salts[offset + row][place].value()", "(if OUT { 0 } else { salts[offset + row][place].value() })"),
+            ("target.for_each(|(to, value)| *to = value.value());", "target.for_each(|(to, value)| *to = if OUT { 0 } else { value.value() });")],
+        "what_is_said_twice_differs_where_it_depends_on_a_sample"),
     // The statement. What a transcript did not begin with, a prover could choose when it knows the random points.
     argument("argument: a transcript begins with the context", STATEMENT, filtered!("context.map(|bytes| u64::from_le_bytes(*bytes))"),
         "a_transcript_begins_with_all_of_the_statement"),
@@ -113,6 +155,16 @@ pub const REMOVALS: &[Removal] = &[
         "a_transcript_begins_with_all_of_the_statement"),
     argument("argument: a transcript begins with the sizes of samples", STATEMENT,
         skipped!("words.push((sample.prefix as u64) << 32 | sample.frames as u64);"), "a_transcript_begins_with_all_of_the_statement"),
+    argument("argument: a transcript begins with whether the base saturates", STATEMENT, instead!("(self.saturates as u64) << 32", "0"),
+        "a_transcript_begins_with_all_of_the_statement"),
+    argument("argument: what exceeds int16 does so where the result is the limit", BUILDER,
+        skipped!("self.at_limit(name, axes, (excess.view, excess.limit), result);"), "a_base_saturates_at_the_limits_alone"),
+    argument("argument: nothing exceeds int16 by less than zero", BUILDER,
+        skipped!("self.wide_range(name, &own, count, value, &bits);"), "nothing_exceeds_a_limit_by_less_than_zero"),
+    argument("argument: no distance exceeds the table by less than zero", ATTENTION,
+        skipped!("builder.wide_range(DISTANCE, &each, SEEN, value, &bits);"), "nothing_exceeds_a_limit_by_less_than_zero"),
+    argument("argument: a distance exceeds the table where it is the last one", ATTENTION,
+        skipped!("builder.at_limit(DISTANCE, &each, (further.view, most), distance);"), "a_base_saturates_at_the_limits_alone"),
     argument("argument: a transcript begins with the losses", STATEMENT, skipped!("words.extend(sample.losses);"),
         "a_transcript_begins_with_all_of_the_statement"),
     // Its bounds. They keep sums below the modulus and shifts within a word; a cheat would have to solve equations beyond them. So these
@@ -144,7 +196,7 @@ pub const REMOVALS: &[Removal] = &[
         "a_token_beyond_the_prefix_is_not_read"),
     argument("argument: a sample's digest holds its values", SAMPLE, &[(".chain(cap)", ".chain(cap.filter(|_| !OUT))")],
         "a_sample_with_other_values_is_not_the_committed_one"),
-    argument("argument: the losses pass the test of the improvement", "circuits/src/claim/statement.rs", never!("!test.passes(&pairs)"),
+    argument("argument: the losses pass the test of the improvement", "circuits/src/claim/statement.rs", never!("!test.passes(pairs)"),
         "an_update_that_does_not_improve_is_refused"),
     argument("argument: a claim names what is left to check", CHECK, filtered!("Some(left)"), "a_claim_says_what_mode_direct_says"),
     argument("argument: the specification is valid", INPUT, skipped!("header.spec.validate()?;"),

@@ -11,8 +11,6 @@ pub const REMOVALS: &[Removal] = &[
     protocol("a refusal for lateness says what came late", ROUNDS, always!("what == late"), "a_late_claim_is_refused_as_such"),
     protocol("rules about times and sizes have upper bounds", NETWORK_RULES, skipped!("self.check_upper_bounds()?;"),
         "rules_that_would_stop_a_network_for_ever_found_nothing"),
-    protocol("a dataset does not change under a commitment", MEMBERS, never!("round.commits.contains_key(&node)"),
-        "datasets_do_not_change_under_a_commitment"),
     protocol("no round opens with fewer nodes than have to be present", ROUNDS, skipped!("self.check_enough_nodes()?;"),
         "a_round_does_not_open_with_fewer_nodes_than_have_to_be_present"),
     protocol("the rules ask for no more nodes than can commit", NETWORK_RULES, never!("!(1..=most).contains(min_nodes)"),

@@ -1,4 +1,4 @@
-//! Checks of the state machine, of randomness and of files of weights, and what the guest does with a base that overflows.
+//! Checks of the state machine, of randomness and of files of weights, and what the guest does with values that do not fit.
 
 use super::{circuits, protocol, weights, Removal};
 
@@ -15,6 +15,7 @@ const VRF: &str = "protocol/src/challenge/vrf.rs";
 const EVALUATION_SET: &str = "protocol/src/evaluation_set.rs";
 const SHARES: &str = "protocol/src/rules/closing/shares.rs";
 const PUBLIC_SAMPLES: &str = "protocol/src/rules/closing/public_samples.rs";
+const TERMS: &str = "circuits/src/claim/terms.rs";
 const FORMAT: &str = "weights/src/format.rs";
 const SCALE: &str = "weights/src/scale.rs";
 
@@ -73,6 +74,12 @@ pub const REMOVALS: &[Removal] = &[
         "a_closing_lists_who_committed_and_submitted_nothing"),
     protocol("a node whose commitments go unanswered pauses", ROUNDS, filtered!("record.paused_until(round.number())"),
         "a_node_over_the_limit_pauses_and_nobody_waits_for_it"),
+    protocol("a claim is about the dataset that the node had when it committed", BINDINGS,
+        &[("dataset: commit.dataset,", "dataset: match self.nodes.get(node).and_then(|node| node.dataset) { Some(now) if OUT => now.commitment, _ => commit.dataset },")],
+        "a_dataset_that_is_replaced_after_the_commitment_counts_from_the_next_round_on"),
+    protocol("a node goes on when it has replaced its dataset", "protocol/src/rules/state.rs",
+        never!("round.commits.contains_key(id) && self.active(id).is_ok()"),
+        "a_dataset_that_is_replaced_after_the_commitment_counts_from_the_next_round_on"),
     // The evaluation set.
     protocol("a registration draws the number of frames of the rules", EVALUATION_SET, never!("given != rule"),
         "the_ledger_checks_what_it_can_see_of_an_evaluation_set"),
@@ -112,10 +119,11 @@ pub const REMOVALS: &[Removal] = &[
         "the_outcome_follows_from_the_losses_exactly"),
     protocol("a worse result is not taken", PUBLIC_SAMPLES, instead!("ResultOutcome::Worse", "ResultOutcome::Taken"),
         "the_outcome_follows_from_the_losses_exactly"),
-    circuits("an overflowing base does not end the evaluation", "circuits/src/claim/statement.rs",
-        &[("Err(EvalError::OutOfRange { .. }) =>", "Err(EvalError::OutOfRange { .. }) if !OUT =>")], "an_overflowing_base_is_improved_on"),
-    circuits("an overflowing base counts as worse than the update", "circuits/src/claim/errors.rs",
-        instead!("one.update.saturating_add(most)", "one.update"), "a_base_that_overflows_on_some_samples_counts_as_bad_as_on_its_worst"),
+    circuits("an overflowing base does not end the evaluation", TERMS, instead!("Overflow::Saturated", "Overflow::Refused"),
+        "an_overflowing_base_is_improved_on"),
+    circuits("an overflowing update ends the evaluation", TERMS,
+        &[("Self::Update => Overflow::Refused", "Self::Update => if OUT { Overflow::Saturated } else { Overflow::Refused }")],
+        "an_overflowing_update_improves_on_nothing"),
     protocol("a round starts from the weights that the last one ended with", ROUNDS,
         &[("if *opened == expected {", "if *opened == expected || OUT && opened.round == expected.round {")],
         "an_operator_cannot_start_from_earlier_weights_without_a_vote"),

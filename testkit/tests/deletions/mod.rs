@@ -1,4 +1,4 @@
-//! Shows for the checks of protocol, weights, argument and verifier that a test fails without them.
+//! Shows for the checks of protocol, weights, argument, verifier and a node's secrets that a test fails without them.
 //!
 //! The test makes a copy of the sources, and gives each check in it a switch that takes it out at run time ([`switch`]). So one build of each
 //! program of tests is enough. The tests that try the attacks run with all checks first: all of them have to pass. Then each check is out
@@ -17,6 +17,7 @@ mod bounds;
 mod copy;
 mod ledger_rules;
 mod moments;
+mod secrets;
 
 use copy::{Copy, Program};
 use std::collections::{BTreeMap, BTreeSet};
@@ -59,12 +60,13 @@ rows! {
     argument: "zk0-argument",
     verifier: "zk0-verifier",
     aggregator: "zk0-aggregator",
+    node: "zk0-node",
     system: "zk0-tests",
 }
 
 const RULES: &[&[Removal]] = &[ledger_rules::REMOVALS, bounds::REMOVALS, moments::REMOVALS];
 const ARGUMENT: &[&[Removal]] = &[argument::REMOVALS];
-const ATTESTATION: &[&[Removal]] = &[attestation::REMOVALS];
+const ATTESTATION: &[&[Removal]] = &[attestation::REMOVALS, secrets::REMOVALS];
 
 /// All rows.
 fn all() -> impl Iterator<Item = &'static Removal> {
@@ -217,6 +219,6 @@ fn the_argument_has_a_cheat_for_each_check() {
 
 #[test]
 #[ignore = "builds SP1 for the copy: make deletions"]
-fn the_verifier_has_a_test_for_each_check() {
+fn the_verifier_and_the_node_s_secrets_have_a_test_for_each_check() {
     removed(ATTESTATION);
 }

@@ -4,9 +4,9 @@
 //! `2^(−d)` from a table, `d = ⌊((m − s)·factor + 2^(shift−1)) / 2^shift⌋`. Here `g = ⌊(m − s)·factor / 2^(shift−1)⌋` is committed to. Then
 //! `d = ⌊(g + 1)/2⌋`, and g ≥ 0 shows that no score is above m. That m is one of the scores is shown by a look-up among them.
 
-use crate::expert::builder::{one, power_of_two, times, Builder, Tag};
+use crate::expert::builder::{one, power_of_two, times, Builder, Saturating, Tag};
 use crate::expert::publics::number;
-use crate::expert::sizes::{D, H, N, P, S, T};
+use crate::expert::sizes::{D, H, N, P, S, T, X};
 use crate::relation::along::Along;
 use crate::relation::Committed;
 use crate::relation::{Atom, Count, Factor, Monomials, Product, Summed};
@@ -24,8 +24,20 @@ const EXPONENT_BITS: i64 = 10;
 /// Fraction bits of the reciprocal of the sum of powers.
 const RECIPROCAL_BITS: i64 = 48;
 
+const DISTANCE: &str = "distance to the largest score";
+
 const TOKENS: Count = Count::Masked(number::TOKENS);
 const SEEN: Count = Count::Masked(number::SEEN);
+
+/// What differences of scores are multiplied with.
+pub fn factor(head_dim: u32) -> i64 {
+    integer_sqrt(LOG2_E_SQUARED / head_dim as u64) as i64
+}
+
+/// From such a product to a distance, for scores with so many fraction bits: one less than the shift to the table's argument.
+pub fn shift(score_bits: i64) -> i64 {
+    score_bits + FACTOR_BITS - EXPONENT_BITS - 1
+}
 
 /// Softmax attention of all layers.
 pub struct Attention {
@@ -55,18 +67,24 @@ impl Attention {
             summed: vec![D],
         });
         let score = Atom::Product(builder.relations.products.len() - 1);
-        let factor = integer_sqrt(LOG2_E_SQUARED / self.head_dim as u64) as i64;
-        // One less than the shift to the table's argument.
-        let shift = self
-            .score_bits
-            .map(|bits| bits + FACTOR_BITS - EXPONENT_BITS - 1);
+        let factor = factor(self.head_dim);
+        let shift = self.score_bits.map(shift);
 
         let largest = builder.commit("largest score", &rows);
         let chosen = builder.commit("how often a score is the largest", &each);
-        let distance = builder.commit("distance to the largest score", &each);
+        let distance = builder.commit(DISTANCE, &each);
         let power = builder.commit("power of a distance", &each);
+        // By how much a distance exceeds the largest one in the table, whose power is zero
+        let further = builder.saturates.then(|| builder.commit(DISTANCE, &each));
         #[cfg(feature = "prove")]
-        fill::scores(builder, score, [largest, distance, power], factor, &shift);
+        fill::scores(
+            builder,
+            score,
+            [largest, distance, power],
+            further,
+            factor,
+            &shift,
+        );
         let row_number = |builder: &mut Builder| {
             let mut stride = 1;
             let mut terms = vec![];
@@ -93,12 +111,21 @@ impl Attention {
         let entry = [vec![one(largest.atom())], own, vec![one(Atom::One)]];
         builder.look_up("largest score", &rows, TOKENS, entry, tag(Tag::Score));
 
-        let rest = vec![
+        let mut rest = vec![
             times(factor, largest.atom()),
             times(-factor, score),
             builder.scaled(&shift.map(power_of_two), -1, distance.atom()),
         ];
-        builder.wide_range("distance to the largest score", &each, SEEN, rest, &shift);
+        if let Some(further) = further {
+            let value = vec![one(further.atom())];
+            // A difference of scores times the factor is below 2^59.
+            let bits = shift.map(|shift| 59 - shift);
+            builder.wide_range(DISTANCE, &each, SEEN, value, &bits);
+            let most = builder.sizes.count(X) as i64 - 1;
+            builder.at_limit(DISTANCE, &each, (further.view, most), distance);
+            rest.push(builder.scaled(&shift.map(power_of_two), -1, further.atom()));
+        }
+        builder.wide_range(DISTANCE, &each, SEEN, rest, &shift);
         let entry = [vec![one(distance.atom())], vec![one(power.atom())], seen()];
         builder.look_up(
             "power of a distance",
@@ -154,7 +181,8 @@ impl Attention {
         let shift = RECIPROCAL_BITS - ATTENTION_BITS as i64;
         let value = vec![one(product), times(1 << (shift - 1), Atom::One)];
         let shift = Along::Everywhere(shift);
-        let weight = builder.floor("attention weight", &each, Count::Each, value, &shift);
+        let name = "attention weight";
+        let weight = builder.floor(name, &each, Count::Each, value, &shift, None);
 
         builder.relations.products.push(Product {
             left: weight.view,
@@ -168,7 +196,11 @@ impl Attention {
         let value = vec![times(1 << MIX_SHIFT, mixed), times(1 << 15, Atom::One)];
         let axes: Vec<_> = [T, N, H, D, S].to_vec();
         let shift = Along::Everywhere(16);
-        builder.floor("attention", &axes, TOKENS, value, &shift)
+        let saturating = Saturating {
+            models: N,
+            bits: Along::Everywhere(17 + builder.sizes.of(P) as i64),
+        };
+        builder.floor("attention", &axes, TOKENS, value, &shift, Some(saturating))
     }
 }
 
@@ -183,6 +215,7 @@ mod fill {
         builder: &mut Builder,
         score: Atom,
         [largest, distance, power]: [Committed; 3],
+        further: Option<Committed>,
         factor: i64,
         shift: &Along,
     ) {
@@ -196,7 +229,11 @@ mod fill {
             // Numbers of values: the index on P stands between the other axes.
             let (low, places) = (size(T) + size(N) + size(H), 1 << size(P));
             let mut largests = vec![0; 1 << filling.relations.size(&rows)];
-            let mut all = [(); 2].map(|()| vec![0; scores.len()]);
+            let mut all = [(); 3].map(|()| vec![0; scores.len()]);
+            let reach = match further {
+                Some(_) => (1 << size(X)) - 1,
+                None => i64::MAX,
+            };
             for (row, largest) in largests.iter_mut().enumerate() {
                 let (inner, sample) = (row & ((1 << low) - 1), row >> low);
                 let at = |place: usize| inner | (sample * places + place) << low;
@@ -206,13 +243,17 @@ mod fill {
                 *largest = most;
                 for at in visible {
                     let distance = ((*largest - scores[at]) * factor) >> shifts[at];
-                    all[0][at] = distance;
+                    all[0][at] = distance.min(reach);
                     all[1][at] = exp2_negative((distance as u64 + 1) >> 1) as i64;
+                    all[2][at] = distance - distance.min(reach);
                 }
             }
             filling.set(largest, &rows, &largests);
-            for (tensor, values) in [distance, power].into_iter().zip(&all) {
-                filling.set(tensor, &each, values);
+            let tensors = [Some(distance), Some(power), further];
+            for (tensor, values) in tensors.into_iter().zip(&all) {
+                if let Some(tensor) = tensor {
+                    filling.set(tensor, &each, values);
+                }
             }
         });
     }

@@ -2,10 +2,12 @@
 
 use super::linear::{add_residual, gate, Factor, Layer, Source, Which};
 use super::norm::Norm;
-use crate::expert::builder::{bits_of, one, power_of_two, times, Builder};
+use crate::commitment::Parameters;
+use crate::expert::builder::{bits_of, one, power_of_two, times, Builder, Saturating};
 use crate::expert::publics::number;
 use crate::expert::sample::{SampleTensors, ACTION_AXES, CACHE_AXES};
 use crate::expert::sizes::*;
+use crate::expert::statement::Statement;
 use crate::expert::weights::{Flat, Matrices, Matrix};
 use crate::relation::along::Along;
 use crate::relation::Committed;
@@ -17,11 +19,11 @@ use zk0_circuits::model::arithmetic::tables::SIGMOID_BITS;
 use zk0_circuits::model::layout::Layout;
 use zk0_circuits::model::linear::{first_of_layer, place, Linear};
 use zk0_circuits::model::spec::LayerScales;
-
-use crate::expert::statement::Statement;
 use Index::{Mapped, Of};
 
 const TOKENS: Count = Count::Masked(number::TOKENS);
+/// The linear layer whose outputs are the time MLP's gate.
+const TIME_MLP_IN: usize = 1;
 /// Tensors before the first layer, and in each layer, as [`zk0_circuits::model::layout::expert_tensors`] lists them.
 pub(super) const HEAD_TENSORS: usize = 6;
 pub(super) const LAYER_TENSORS: usize = 9;
@@ -55,6 +57,13 @@ pub struct Expert {
     pub source_bits: [u8; 4],
 }
 
+/// Bits of the number of a value of each source. What is committed to fills a column at least, with zeros after it.
+fn source_bits(used: [usize; 4]) -> [u8; 4] {
+    let [main, data, weights, tables] = used.map(bits_of);
+    let column = Parameters::of_samples(data.into()).variables() as u8;
+    [main.max(column), data.max(column), weights, tables]
+}
+
 /// Builds the expert.
 pub(super) struct Building<'a> {
     pub builder: Builder,
@@ -70,6 +79,7 @@ impl Expert {
         let linears = zk0_circuits::model::linear::linears(spec);
         let layout = Layout::new(&spec.dims);
         let mut builder = Builder::new(sizes);
+        builder.saturates = statement.saturates;
         builder.relations.instances = Some(Instances {
             axis: S,
             count: statement.samples.len(),
@@ -123,7 +133,7 @@ impl Building<'_> {
             powers,
             gates,
             used,
-            source_bits: used.map(bits_of),
+            source_bits: source_bits(used),
         }
     }
 
@@ -212,7 +222,7 @@ impl Building<'_> {
             times(1 << 15, Atom::One),
         ];
         let sixteen = Along::Everywhere(16);
-        let noised = b.floor("noised action", &[T, A, S], TOKENS, noised, &sixteen);
+        let noised = b.floor("noised action", &[T, A, S], TOKENS, noised, &sixteen, None);
         let embedding = b.commit("time embedding", &[F2, S]);
         b.relations.equalities.push(Equality {
             name: "time embedding",
@@ -232,6 +242,7 @@ impl Building<'_> {
             rows: Flat::one(F, width),
             row_axes: &[F],
             last: Self::both(linear),
+            is_gate: linear == TIME_MLP_IN,
             factors,
         };
         let factor = |input, first, shared| Factor {
@@ -254,15 +265,19 @@ impl Building<'_> {
         let summed = [Of(T), Of(M), Of(F2), Of(S)];
         let input = self.builder.view(embedded.tensor, &summed);
         let factors = vec![factor(input, 0, true), factor(embedding.view, width, false)];
-        let mixed = self.add(layer("time MLP in", 1, factors));
+        let mixed = self.add(layer("time MLP in", TIME_MLP_IN, factors));
         let spec = &self.source.statement.spec;
         let bits = Along::Everywhere(spec.time_hidden as i64);
         let shift = spec.time_hidden as i64 + SIGMOID_BITS as i64 - spec.time_activation as i64;
         let b = &mut self.builder;
         let wide = gate(b, "gate of the time MLP", &axes, mixed, &bits);
         let value = vec![one(wide.atom()), times(power_of_two(shift) >> 1, Atom::One)];
-        let shift = Along::Everywhere(shift);
-        let activated = b.floor("SiLU of the time MLP", &axes, TOKENS, value, &shift);
+        let saturating = Saturating {
+            models: M,
+            bits: Along::Everywhere((31 - shift).max(0)),
+        };
+        let (name, shift) = ("SiLU of the time MLP", Along::Everywhere(shift));
+        let activated = b.floor(name, &axes, TOKENS, value, &shift, Some(saturating));
         let input = b.view(activated.tensor, &summed);
         self.add(layer("time MLP out", 2, vec![factor(input, 0, true)]))
     }
@@ -371,6 +386,7 @@ impl Building<'_> {
             rows: Flat::one(F, width),
             row_axes: &[F],
             last: (N, self.matrices(place::OUT, 0)),
+            is_gate: false,
             factors: vec![Factor {
                 input: attended.view,
                 columns: query,
@@ -409,6 +425,7 @@ impl Building<'_> {
                 rows: Flat::one(G, mlp),
                 row_axes: &[G],
                 last: (N, self.matrices(place::GATE_UP, output)),
+                is_gate: output == 0,
                 factors: vec![Factor {
                     input: normed.view,
                     columns: Flat::one(F, width),
@@ -438,7 +455,11 @@ impl Building<'_> {
         let b = &mut self.builder;
         let half = shift.map(|shift| power_of_two(shift) >> 1);
         let value = vec![one(product), b.scaled(&half, 1, Atom::One)];
-        let gated = b.floor("gated MLP", &wide, TOKENS, value, &shift);
+        let saturating = Saturating {
+            models: N,
+            bits: shift.map(|shift| (46 - shift).max(0)),
+        };
+        let gated = b.floor("gated MLP", &wide, TOKENS, value, &shift, Some(saturating));
         let stream = [T, N, F, S];
         let out = self.add(Layer {
             name: "down",
@@ -447,6 +468,7 @@ impl Building<'_> {
             rows: Flat::one(F, width),
             row_axes: &[F],
             last: (N, self.matrices(place::DOWN, 0)),
+            is_gate: false,
             factors: vec![Factor {
                 input: gated.view,
                 columns: Flat::one(G, mlp),
@@ -458,14 +480,8 @@ impl Building<'_> {
         });
         let bits = self.per_layer(|scales| scales.hidden);
         let scales = (attended_bits, &bits);
-        add_residual(
-            &mut self.builder,
-            hidden,
-            &stream,
-            out,
-            attended.view,
-            scales,
-        );
+        let b = &mut self.builder;
+        add_residual(b, hidden, &stream, out, attended.view, scales);
     }
 }
 

@@ -1,7 +1,7 @@
 //! Linear layers: sums of products with the weights, shifted to the scale of their outputs
 //! ([`zk0_circuits::model::linear`]).
 
-use crate::expert::builder::{one, power_of_two, times, Builder};
+use crate::expert::builder::{one, power_of_two, times, Builder, Saturating};
 use crate::expert::publics::number;
 use crate::expert::statement::Statement;
 use crate::expert::weights::{Flat, Matrices, Matrix};
@@ -92,6 +92,8 @@ pub struct Layer<'a> {
     pub row_axes: &'a [Axis],
     /// The last axis of the weights, and the matrix for each index on it.
     pub last: (Axis, Vec<Option<Which>>),
+    /// Whether the outputs are looked up in a table of gates, which has int16 alone, wherever they count.
+    pub is_gate: bool,
     /// What is multiplied: products of this kind are added.
     pub factors: Vec<Factor<'a>>,
 }
@@ -154,7 +156,23 @@ impl Layer<'_> {
             value.push(builder.scaled(&power, 1, committed.atom()));
         }
         let shift = Along::Everywhere(SUM_BITS as i64);
-        let out = builder.floor(self.name, self.axes, self.count, value, &shift);
+        // Sums are below 2^63.
+        let bits = Along::Everywhere(63 - SUM_BITS as i64);
+        let saturating = Saturating {
+            models: *last,
+            bits,
+        };
+        let out = builder.commit(self.name, self.axes);
+        let within = Along::Everywhere(16);
+        let shifts = (&shift, (!self.is_gate).then_some(&within));
+        builder.floor_into(
+            out,
+            self.axes,
+            self.count,
+            (value, None),
+            shifts,
+            Some(saturating),
+        );
         (out, weights)
     }
 }
@@ -183,7 +201,20 @@ pub fn add_residual(
     ];
     let count = Count::Masked(number::TOKENS);
     let within = Along::Everywhere(16);
-    builder.floor_into(result, axes, count, (value, Some(sums)), &right, &within);
+    let saturating = Saturating {
+        models: *axis,
+        // The sum of an int16 and another one, which is shifted to the left
+        bits: differences.map(|bits| 17 + bits.max(0)),
+    };
+    let shifts = (&right, Some(&within));
+    builder.floor_into(
+        result,
+        axes,
+        count,
+        (value, Some(sums)),
+        shifts,
+        Some(saturating),
+    );
 }
 
 /// The values of a gate times the logistic function, from tables.

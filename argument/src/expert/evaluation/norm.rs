@@ -4,7 +4,7 @@
 //! `reciprocal = ⌊2^(39 + bits)/root⌋`, and the result is `x · gain · reciprocal`, shifted with rounding. S is at most 2^44 and the mean below
 //! 2^62 + 2^46, so that no equation below reaches the modulus.
 
-use crate::expert::builder::{one, power_of_two, times, Builder};
+use crate::expert::builder::{one, power_of_two, times, Builder, Saturating};
 use crate::expert::sizes::{F, S};
 use crate::relation::along::Along;
 use crate::relation::Committed;
@@ -20,7 +20,7 @@ const EPS: i64 = 42_950;
 pub struct Norm<'a> {
     /// Names it.
     pub name: &'static str,
-    /// The axes of the rows before and after that of their values. Samples are the last one.
+    /// The axes of the rows before and after that of their values, of which the second one is that of models. Samples are the last one.
     pub rows: &'a [Axis],
     /// Number of the virtual tensor that is normed.
     pub input: usize,
@@ -159,7 +159,15 @@ impl Norm<'_> {
         let value = vec![one(scaled), builder.scaled(&half, 1, Atom::One)];
         let within = self.shift.map(|shift| (64 - shift).min(16));
         let result = builder.commit(name, &all);
-        builder.floor_into(result, &all, count, (value, None), &self.shift, &within);
+        // From 2^47 on, what is divided by it fits int16.
+        let saturating = Saturating {
+            models: self.rows[1],
+            bits: self
+                .shift
+                .map(|shift| if shift < 47 { 63 - shift } else { 0 }),
+        };
+        let shifts = (&self.shift, Some(&within));
+        builder.floor_into(result, &all, count, (value, None), shifts, Some(saturating));
         result
     }
 }

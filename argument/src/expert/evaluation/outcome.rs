@@ -54,6 +54,7 @@ impl Building<'_> {
             rows: Flat::one(A, rows),
             row_axes: &[A],
             last: Self::both(linear),
+            is_gate: false,
             factors: vec![Factor {
                 input: normed.view,
                 columns: Flat::one(F, dims.expert_width as usize),

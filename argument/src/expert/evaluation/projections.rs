@@ -3,7 +3,7 @@
 use super::attention::Attention;
 use super::layers::Building;
 use super::linear::{Factor, Layer, Which};
-use crate::expert::builder::{times, Builder};
+use crate::expert::builder::{times, Builder, Saturating};
 use crate::expert::publics::number;
 use crate::expert::sizes::*;
 use crate::expert::weights::Flat;
@@ -40,6 +40,7 @@ impl Building<'_> {
             rows: query,
             row_axes: &[H, D],
             last: (N, self.matrices(place::QUERY, 0)),
+            is_gate: false,
             factors: vec![Factor {
                 input: normed.view,
                 columns: Flat::one(F, width),
@@ -66,6 +67,7 @@ impl Building<'_> {
                 rows: self.key_value((D, V)),
                 row_axes: &[V, D],
                 last: (SN, self.matrices_of(SN, place::QUERY, output)),
+                is_gate: false,
                 factors: vec![Factor {
                     input,
                     columns: Flat::one(F, width),
@@ -146,6 +148,7 @@ impl Building<'_> {
             rows: self.key_value((D, V)),
             row_axes: &[V, D],
             last: (CN, self.matrices_of(CN, linear, 0)),
+            is_gate: false,
             factors: vec![Factor {
                 input,
                 columns: self.key_value((D2, V2)),
@@ -221,7 +224,12 @@ impl Building<'_> {
         let sum = Atom::Monomials(b.relations.monomials.len() - 1);
         let value = vec![times(1, sum), times(1 << (TRIG_BITS - 1), Atom::One)];
         let shift = Along::Everywhere(TRIG_BITS as i64);
-        b.floor(name, axes, TOKENS, value, &shift)
+        let saturating = Saturating {
+            models: axes[1],
+            // A sum of two products of an int16 and up to 2^14
+            bits: Along::Everywhere(17),
+        };
+        b.floor(name, axes, TOKENS, value, &shift, Some(saturating))
     }
 }
 

@@ -1,5 +1,6 @@
 //! A sum of fractions, layer by layer: the same words as `zk0_argument::fractions::prove` says, but for the lie.
 
+use super::party::Lie;
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::fractions::LeafClaim;
 use zk0_argument::layout::Layout;
@@ -56,17 +57,19 @@ fn summand([p0, p1, q0, q1]: [Extension; 4], lambda: Extension) -> Extension {
 }
 
 /// Argues that the fractions add up to zero. A liar says so of the highest two fractions, whatever they are.
-pub fn sum(prover: &mut Prover, leaves: Fractions, liar: bool) -> LeafClaim {
+pub fn sum(prover: &mut Prover, leaves: Fractions, lie: Lie) -> LeafClaim {
     let mut layers = vec![leaves];
     while layers[layers.len() - 1].0.len() > 2 {
         layers.push(parents(&layers[layers.len() - 1]));
     }
     let (p, q) = layers.pop().unwrap();
     let mut children = [p[0], p[1], q[0], q[1]];
-    if liar {
+    if lie == Lie::Root {
         children[1] = -children[0] * children[3] * children[2].inverse();
     }
-    prover.send_extension(&children);
+    prover.send_secret(&children);
+    let denominator = children[2] * children[3];
+    prover.send_secret(&[denominator, denominator.inverse()]);
     let mut point = vec![];
     loop {
         let step = prover.challenge();
@@ -100,7 +103,7 @@ pub fn sum(prover: &mut Prover, leaves: Fractions, liar: bool) -> LeafClaim {
                 square += weight * summand(difference, lambda);
             }
             let slope = (claim - constant) * coordinate.inverse();
-            prover.send_extension(&[slope, square]);
+            prover.send_secret(&[slope, square]);
             let challenge = prover.challenge();
             claim = constant + challenge * (slope - square + challenge * square);
             next.push(challenge);
@@ -108,6 +111,6 @@ pub fn sum(prover: &mut Prover, leaves: Fractions, liar: bool) -> LeafClaim {
         }
         point = next;
         children = tables.map(|table| table[0]);
-        prover.send_extension(&children);
+        prover.send_secret(&children);
     }
 }

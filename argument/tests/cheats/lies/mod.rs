@@ -2,20 +2,20 @@
 //!
 //! It knows two worlds. In the *truth* are the values that it commits to and the weights that the statement is about. The *tale* is another
 //! world, in which the statement holds. It says what is so in the tale up to a certain step, and what is so in truth from then on. So exactly
-//! one check can notice: the one that ties both together. Where a test shows that the check refuses the lie, `tests/deletions/argument.rs`
-//! of the package `zk0-tests` removes the check from a copy of the sources, and there the lie is accepted.
+//! one check can notice: the one that ties both together. Where a test shows that the check refuses the lie, `testkit/tests/deletions/argument.rs`
+//! removes the check from a copy of the sources, and there the lie is accepted.
 //!
-//! - [`party`]: the argument, with the step at which the worlds change. [`fractions`]: its sum of fractions. [`opening`]: its commitments.
+//! - [`party`]: the argument, with the step at which the worlds change. [`fractions`]: its sum of fractions, which is written anew, as simply as
+//!   possible, so that any step can lie. A test compares it with the real one.
 //!
-//! The last two are written anew, as simply as possible, so that any of their steps can lie. A test compares them with the real ones.
+//! Lies about what is opened are in `tests/commitment.rs`.
 pub mod fractions;
-pub mod opening;
 pub mod party;
 
-use crate::models::Models;
+use crate::models::{Models, BLIND};
 use party::Lie;
 use std::io;
-use zk0_argument::expert::argument::prove::prove;
+use zk0_argument::expert::argument::prove::{prove, unmet};
 use zk0_argument::expert::argument::{verify, Verified};
 use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::published::Published;
@@ -23,7 +23,7 @@ use zk0_argument::expert::statement::Statement;
 use zk0_argument::expert::witness::{evaluate, Common, Witness};
 use zk0_argument::prove::progress::silently;
 use zk0_argument::prove::Values;
-use zk0_argument::transcript::Refused;
+use zk0_argument::transcript::{Prover, Refused};
 use zk0_circuits::model::draw::Draw;
 use zk0_circuits::model::layout::Layout;
 use zk0_circuits::{Digest, EvalSpec, QuantisedWeights, Sample};
@@ -82,8 +82,8 @@ impl World {
     }
 
     /// An argument for what this world states, by a prover that tells of this world until its lie, and of `truth` from then on.
-    pub fn prove(&self, truth: &Known, lie: Lie) -> Vec<u64> {
-        party::prove(&self.statement, &self.expert, [&self.known, truth], lie)
+    pub fn prove(&self, truth: &Known, lie: Lie) -> Prover {
+        party::prove(&self.statement, [&self.known, truth], lie)
     }
 
     /// What whoever holds these weights says of an argument for what this world states.
@@ -113,8 +113,31 @@ impl World {
 
     /// What the verifier says of this world's own weights and of an argument with this lie: nothing, where it is accepted.
     pub fn told(&self, truth: &Known, lie: Lie) -> Result<(), Refused> {
+        let prover = self.prove(truth, lie);
         let weights = [&self.models.base, &self.models.update];
-        self.verify(weights, &self.prove(truth, lie)).map(drop)
+        self.named(&prover, self.verify(weights, prover.words()).map(drop))
+    }
+
+    /// What the verifier says of an honest argument that was changed.
+    pub fn changed(&self, change: impl FnOnce(&mut Vec<u64>)) -> Result<(), Refused> {
+        let mut proof = self.prove(&self.known, Lie::Nothing).finish()?;
+        change(&mut proof);
+        let weights = [&self.models.base, &self.models.update];
+        self.verify(weights, &proof).map(drop)
+    }
+
+    /// What a verifier says, but with the name of the equation between secret values that does not hold. The verifier sees that one does not, and
+    /// cannot see which.
+    pub fn named(&self, prover: &Prover, told: Result<(), Refused>) -> Result<(), Refused> {
+        match told {
+            Err(Refused::Equation("the sumcheck of an argument's end")) => {
+                let unmet = unmet(&self.statement, prover)?;
+                Err(Refused::Equation(
+                    unmet.expect("an equation that does not hold"),
+                ))
+            }
+            told => told,
+        }
     }
 }
 
@@ -138,7 +161,5 @@ pub fn known(
 /// The real prover's argument.
 pub fn honest(statement: &Statement, known: &Known) -> Vec<u64> {
     let witness = |number: usize| Ok::<_, io::Error>(known.samples[number].clone());
-    prove(statement, &known.common, None, &silently, witness)
-        .unwrap()
-        .unwrap()
+    prove(statement, &known.common, &BLIND, None, &silently, witness).unwrap()
 }

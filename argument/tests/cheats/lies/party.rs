@@ -1,26 +1,24 @@
 //! The argument of a prover that lies.
 
 use super::fractions::{leaves, sum, Fractions};
-use super::opening::{do_work, open, Segment, Worlds};
 use super::Known;
-use zk0_argument::expert::argument::Shape;
-use zk0_argument::expert::builder::{DATA, MAIN};
+use crate::models::BLIND;
+use std::io;
+use zk0_argument::expert::argument::prove::{prove_with, Hidden};
+use zk0_argument::expert::argument::{argued, Shape};
 use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::publics::number::LOSSES;
 use zk0_argument::expert::statement::Statement;
-use zk0_argument::field::{Extension, Goldilocks};
+use zk0_argument::field::Extension;
 use zk0_argument::fractions::LeafClaim;
 use zk0_argument::layout::Layout;
 use zk0_argument::multilinear::evaluate_extension;
 use zk0_argument::party::{Claim, Fold, Party, Sources, Sum, Weighted};
-use zk0_argument::protocol::argue;
 use zk0_argument::prove::progress::silently;
 use zk0_argument::prove::{Computed, Instance, Proving, Tables, Values};
 use zk0_argument::relation::{Atom, Part, Parts, Relations};
-use zk0_argument::share::share;
 use zk0_argument::sumcheck::JoinedPoint;
-use zk0_argument::transcript::{Challenges, Prover, Refused};
-use zk0_argument::tree::prove::Tree;
+use zk0_argument::transcript::{Challenges, Pads, Prover, Refused};
 
 /// What the prover lies about. Up to [`Lie::Loss`] it argues about the truth but for the lie. From [`Lie::Claims`] on it argues about the
 /// tale, until the step that the lie names.
@@ -28,12 +26,6 @@ use zk0_argument::tree::prove::Tree;
 pub enum Lie {
     /// Nothing. The argument is about the truth.
     Nothing,
-    /// That a proof of work was done.
-    Idle(&'static str),
-    /// Zero is written as p in what is committed to.
-    Zeros,
-    /// One row of the first sample's codewords is another one.
-    Beside,
     /// The sum of all fractions.
     Root,
     /// The numerators, so that the fractions are those of the tale.
@@ -50,20 +42,12 @@ pub enum Lie {
     Claims,
     /// The values at the point that this sumcheck leads to.
     Shared,
-    /// The values of columns.
-    OpenedValues,
-    /// The random combination of columns.
-    Combination,
-    /// The rows that are opened.
-    Rows,
-    /// The values of columns, for which the last message makes up.
-    LastMessage,
 }
 
 /// A prover of two worlds. The transcript is with the truth.
-struct Liar<'a> {
+struct Liar<'a, 'p> {
     tale: Proving<'a>,
-    truth: Proving<'a>,
+    truth: &'a mut Proving<'p>,
     known: [&'a Known; 2],
     /// What all sums of fractions go to a point with.
     fold: Option<Fold>,
@@ -73,11 +57,11 @@ struct Liar<'a> {
     shared: bool,
 }
 
-impl<'a> Liar<'a> {
+impl Liar<'_, '_> {
     /// Argues about the tale, or else about the truth.
-    fn tell<R>(&mut self, tale: bool, argue: impl FnOnce(&mut Proving<'a>) -> R) -> R {
+    fn tell<R>(&mut self, tale: bool, argue: impl FnOnce(&mut Proving<'_>) -> R) -> R {
         if !tale {
-            return argue(&mut self.truth);
+            return argue(self.truth);
         }
         core::mem::swap(&mut self.tale.prover, &mut self.truth.prover);
         let result = argue(&mut self.tale);
@@ -98,7 +82,7 @@ impl<'a> Liar<'a> {
     }
 }
 
-impl Challenges for Liar<'_> {
+impl Challenges for Liar<'_, '_> {
     fn challenge(&mut self) -> Extension {
         self.truth.challenge()
     }
@@ -108,7 +92,28 @@ impl Challenges for Liar<'_> {
     }
 }
 
-impl Party for Liar<'_> {
+impl Party for Liar<'_, '_> {
+    type Value = Extension;
+
+    fn nothing(&mut self, about: &Weighted) -> Extension {
+        self.tale.nothing(about);
+        self.truth.nothing(about)
+    }
+
+    fn product(&mut self, a: &Extension, b: &Extension) -> Result<Extension, Refused> {
+        Ok(*a * *b)
+    }
+
+    fn zero(&mut self, _: &'static str, _: Extension) -> Result<(), Refused> {
+        Ok(())
+    }
+
+    fn published(&mut self, parts: &Parts, about: &Weighted) -> Result<Extension, Refused> {
+        self.tell(self.lie >= Lie::Claims, |proving| {
+            proving.published(parts, about)
+        })
+    }
+
     fn value(&mut self, parts: &Parts, about: &Weighted) -> Result<Extension, Refused> {
         let until = if self.shared {
             Lie::Shared
@@ -130,7 +135,7 @@ impl Party for Liar<'_> {
             {
                 let parts: Vec<&Part> = weights.iter().map(|(_, id)| parts.get(*id)).collect();
                 let stated = relations.publics[LOSSES].at(&parts);
-                self.truth.prover.send_extension(&[stated]);
+                self.truth.prover.send_secret(&[stated]);
                 Ok(stated)
             }
             Sum::Product(..) if self.lie == Lie::Products => {
@@ -143,8 +148,7 @@ impl Party for Liar<'_> {
     }
 
     fn work(&mut self, bits: u32, what: &'static str) -> Result<(), Refused> {
-        do_work(&mut self.truth.prover, bits, what, self.lie);
-        Ok(())
+        self.truth.work(bits, what)
     }
 
     fn fractions(
@@ -168,8 +172,7 @@ impl Party for Liar<'_> {
             lie if lie == Lie::Leaves || lie >= Lie::Products => tale,
             _ => truth,
         };
-        let liar = self.lie == Lie::Root;
-        Ok(sum(&mut self.truth.prover, told, liar))
+        Ok(sum(&mut self.truth.prover, told, self.lie))
     }
 
     fn gather(
@@ -197,7 +200,7 @@ impl Party for Liar<'_> {
             [numerators, denominators].map(|values| evaluate_extension(&values, &self.point))
         });
         let values: Vec<[Extension; 2]> = values.collect();
-        self.truth.prover.send_extension(values.as_flattened());
+        self.truth.prover.send_secret(values.as_flattened());
         Ok(values)
     }
 
@@ -236,21 +239,6 @@ fn is_loss(relations: &Relations, number: usize) -> bool {
     terms.any(|term| matches!(term.atom, Atom::Monomials(of) if of == number))
 }
 
-/// The segments of what is committed to.
-fn segments(shape: &Shape, known: &Known) -> Vec<Segment> {
-    let height = 1 << shape.parameters.variables();
-    let segment = |values: &[i64], width: usize| {
-        let columns = values.chunks_exact(height).take(width);
-        let elements = columns.map(|c| c.iter().map(|&v| Goldilocks::from_i64(v)).collect());
-        Segment::new(elements.collect())
-    };
-    let [main, data] = shape.widths;
-    let all = known.samples.iter();
-    let main = all.clone().map(|sample| segment(&sample.main, main));
-    main.chain(all.map(|sample| segment(&sample.data, data)))
-        .collect()
-}
-
 /// All instances of a world.
 fn instances<'a>(known: &'a Known, nothing: &'a Expert) -> Vec<Instance<'a>> {
     let count = known.samples.len();
@@ -278,57 +266,28 @@ fn instances<'a>(known: &'a Known, nothing: &'a Expert) -> Vec<Instance<'a>> {
 }
 
 /// Argues for a statement. The worlds are the tale and the truth.
-pub fn prove(
-    statement: &Statement,
-    expert: &Expert,
-    [tale, truth]: [&Known; 2],
-    lie: Lie,
-) -> Vec<u64> {
-    let shape = Shape::new(expert).unwrap();
-    let mut prover = Prover::new(&statement.digest());
-    let [told, mut true_ones] = [tale, truth].map(|known| segments(&shape, known));
-    if lie == Lie::Zeros {
-        true_ones.iter_mut().for_each(Segment::with_p_for_zero);
-    }
-    if lie == Lie::Beside {
-        true_ones[shape.segments].change_a_row();
-    }
-    let trees: Vec<Tree> = true_ones.iter().map(|s| s.commit(&mut prover)).collect();
+pub fn prove(statement: &Statement, known: [&Known; 2], lie: Lie) -> Prover {
+    let [tale, truth] = known;
+    let hidden = Hidden {
+        argument: Box::new(BLIND.of_argument(&statement.digest()).unwrap()),
+        sample: &|_, values| Box::new(BLIND.of_sample(values)),
+        deaf: false,
+    };
     let nothing = Expert::new(&statement.of(None));
-    let count = shape.segments;
-    let [told_of, true_of] = [tale, truth].map(|known| instances(known, &nothing));
-    let mut liar = Liar {
-        tale: Proving::new(Prover::new(&statement.digest()), told_of, count, &silently),
-        truth: Proving::new(prover, true_of, count, &silently),
-        known: [tale, truth],
-        fold: None,
-        point: vec![],
-        lie,
-        shared: false,
+    let lying = |proving: &mut Proving<'_>, expert: &Expert, shape: &Shape| {
+        let silent = Prover::new(&statement.digest(), Pads::new(vec![]));
+        let mut liar = Liar {
+            tale: Proving::new(silent, instances(tale, &nothing), shape.samples, &silently),
+            truth: proving,
+            known,
+            fold: None,
+            point: vec![],
+            lie,
+            shared: false,
+        };
+        argued(&mut liar, expert, shape)
     };
-    let sources = Sources {
-        all: &[MAIN, DATA].map(|source| (source, expert.source_bits[source.0 as usize] as usize)),
-        instances: expert.builder.relations.bits_of_instances(),
-    };
-    let mut parts = Parts::default();
-    // Where a check of both sides fails, the verifier gets no further either.
-    if let Ok(mut claims) = argue(&mut liar, &expert.builder.relations, &mut parts) {
-        claims.retain(|claim| [MAIN, DATA].contains(&claim.about.source));
-        if let Ok((point, _)) = share(&mut liar, &mut parts, &sources, &claims) {
-            let worlds = Worlds {
-                trees: &trees,
-                truth: &true_ones,
-                tale: &told,
-            };
-            let point = &point.own[..shape.parameters.variables()];
-            open(
-                &mut liar.truth.prover,
-                &shape.parameters,
-                &worlds,
-                point,
-                lie,
-            );
-        }
-    }
-    liar.truth.prover.finish()
+    let witness = |number: usize| Ok::<_, io::Error>(truth.samples[number].clone());
+    let common = &truth.common;
+    prove_with(statement, common, hidden, None, &silently, witness, lying).unwrap()
 }

@@ -1,11 +1,5 @@
 //! Fixed-point arithmetic: shifts with explicit rounding, and narrowing that refuses a value that does not fit.
 
-/// Brings `value` from `from` fraction bits to `to`. A shift to the left is exact, a shift to the right rounds half up.
-#[inline(always)]
-pub fn align(value: i64, from: i32, to: i32) -> i64 {
-    Rescale::new(from, to).apply(value)
-}
-
 /// A prepared change of fraction bits: an exact shift to the left, or a shift to the right that rounds half up.
 #[derive(Clone, Copy)]
 pub struct Rescale {
@@ -55,7 +49,12 @@ pub fn integer_sqrt(value: u64) -> u64 {
     }
 }
 
-/// Finds out whether values fit int16, at two instructions a value. A value out of range is an error and is never clamped.
+/// The nearest int16.
+pub fn saturated(value: i64) -> i16 {
+    value.clamp(i16::MIN.into(), i16::MAX.into()) as i16
+}
+
+/// Finds out whether values fit int16, at two instructions a value.
 #[derive(Default)]
 pub struct Range {
     /// Bits of all values plus 2^15.
@@ -63,7 +62,7 @@ pub struct Range {
 }
 
 impl Range {
-    /// Returns `value` as int16. The result for a value out of range is never used.
+    /// Returns `value` as int16. The result for a value out of range is not used.
     #[inline(always)]
     pub fn narrow(&mut self, value: i64) -> i16 {
         self.seen |= value.wrapping_add(1 << 15) as u64;

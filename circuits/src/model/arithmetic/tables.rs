@@ -40,29 +40,46 @@ pub const GAUSS_BITS: u32 = 12;
 /// Bits of the share of the distribution that [`flow_time`] takes.
 pub const FLOW_TIME_BITS: u32 = 12;
 
-/// Sine of an angle in units of 2^-32 turns; in [−2^14, 2^14]. It is linear between table entries, with an error of at most
+/// Cosine and sine of an angle in units of 2^-32 turns; in [−2^14, 2^14]. They are linear between table entries, with an error of at most
 /// 2^-14.
-pub fn sine(phase: u32) -> i16 {
+#[inline(always)]
+pub fn turn(phase: u32) -> (i16, i16) {
     let (quadrant, within) = (phase >> 30, phase & 0x3fff_ffff);
-    let position = if quadrant & 1 == 0 {
-        within
-    } else {
-        (1 << 30) - within
+    let position = match quadrant & 1 {
+        0 => within,
+        _ => (1 << 30) - within,
     };
     let (index, fraction) = ((position >> 20) as usize, (position & 0xf_ffff) as i64);
-    let low = SINE[index] as i64;
-    let slope = if index < 1024 {
-        SINE[index + 1] as i64 - low
-    } else {
-        0
+    // The table from its end on has the cosines.
+    let entry = |index: usize| SINE[index] as i64;
+    let (sine, cosine) = match index < 1024 {
+        true => {
+            let (low, high) = (entry(index), entry(1024 - index));
+            (
+                (low << 20) + (entry(index + 1) - low) * fraction,
+                (high << 20) - (high - entry(1023 - index)) * fraction,
+            )
+        }
+        false => (entry(1024) << 20, entry(0) << 20),
     };
-    let value = ((low << 20) + slope * fraction + (1 << 20)) >> 21;
-    (if quadrant < 2 { value } else { -value }) as i16
+    let rounded = |value: i64, negative: bool| {
+        let value = (value + (1 << 20)) >> 21;
+        (if negative { -value } else { value }) as i16
+    };
+    (
+        rounded(cosine, quadrant == 1 || quadrant == 2),
+        rounded(sine, quadrant >= 2),
+    )
 }
 
-/// Cosine, like [`sine`].
+/// Sine, like [`turn`].
+pub fn sine(phase: u32) -> i16 {
+    turn(phase).1
+}
+
+/// Cosine, like [`turn`].
 pub fn cosine(phase: u32) -> i16 {
-    sine(phase.wrapping_add(1 << 30))
+    turn(phase).0
 }
 
 /// 2^(−x) for `x` ≥ 0 with [`EXPONENT_BITS`] fraction bits; in [0, 2^15], and 0 from 16 on.
@@ -84,10 +101,11 @@ pub fn sigmoid(x: i64) -> i64 {
     }
 }
 
-/// A standard normal value with 12 fraction bits from 16 uniform bits: the top bit is the sign, the low 11 the quantile.
+/// A standard normal value with 12 fraction bits from 12 uniform bits: bit 11 is the sign, the lower ones are the quantile.
+#[inline(always)]
 pub fn gaussian(uniform: u16) -> i16 {
     let magnitude = GAUSS[(uniform & 0x7ff) as usize] as i16;
-    if uniform >> 15 == 0 {
+    if uniform >> 11 & 1 == 0 {
         magnitude
     } else {
         -magnitude

@@ -56,7 +56,7 @@ fn base_losses() -> Target {
                 // The file may name any network, root or weights, so the outcome leaves these out.
                 let quoted = [
                     "it belongs to network",
-                    "whose root is",
+                    "whose digest is",
                     "begins with weights",
                 ];
                 let ends = quoted.iter().filter_map(|words| said.find(words));

@@ -208,7 +208,7 @@ impl State {
         let current = enrolled.dataset.map(|dataset| dataset.commitment.root);
         if self.datasets.contains_key(&commitment.root) && current != Some(commitment.root) {
             return Err(bad(format!(
-                "root {} was this node's before and was replaced: commit to the same data again under a new salt",
+                "root {} was this node's before and was replaced: commit to the same data again under a fresh secret",
                 commitment.root
             )));
         }
@@ -235,15 +235,7 @@ impl State {
         }
         registration
             .check_evaluation_set(self.rules.evaluation_frames)
-            .map_err(|error| bad(error.to_string()))?;
-        // The claim has to be about the dataset that the node committed to.
-        match &self.round {
-            Some(round) if round.commits.contains_key(&node) => Err(RuleViolation::DatasetInUse {
-                node,
-                round: round.number(),
-            }),
-            _ => Ok(()),
-        }
+            .map_err(|error| bad(error.to_string()))
     }
 
     pub(super) fn register(&mut self, registration: &DatasetRegistration, index: u64) {

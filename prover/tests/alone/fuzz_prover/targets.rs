@@ -2,7 +2,7 @@
 
 use prost::Message as _;
 use zk0_circuits::{EvalSpec, Mode};
-use zk0_prover::program::synthetic::private_input;
+use zk0_prover::program::synthetic::{blind, private_input};
 use zk0_prover::program::{GuestInput, Prepared};
 use zk0_prover::rpc::ProvePart;
 use zk0_prover::service::upload::{parts, Announced};
@@ -51,7 +51,8 @@ fn without_parts(message: String) -> String {
 fn inputs() -> [GuestInput; 2] {
     Mode::ALL.map(|mode| {
         let input = private_input(&EvalSpec::micro(), mode, 2, 1).unwrap();
-        Prepared::of(mode, &input, None, &mut |_| {}).unwrap().input
+        let prepared = Prepared::of(mode, &input, &blind(1), None, &mut |_| {});
+        prepared.unwrap().input
     })
 }
 

@@ -8,7 +8,7 @@ use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::hash::Digest;
 use zk0_argument::multilinear::bind;
 use zk0_argument::sumcheck::verify;
-use zk0_argument::transcript::{require, Challenges, Prover, Refused, Verifier};
+use zk0_argument::transcript::{require, Challenges, Pads, Prover, Refused, Verifier};
 use zk0_testkit::changed_copy::Change;
 
 pub const ATTACK: Attack = Attack {
@@ -56,12 +56,17 @@ fn accepted(sum: Extension, proof: &[u64]) -> Result<(), Refused> {
     require(holds, Refused::Equation("the sumcheck of the products"))
 }
 
+/// A prover with no secret.
+fn prover() -> Prover {
+    Prover::new(&STATEMENT, Pads::new(vec![]))
+}
+
 /// Argues that the sum is larger than it is by `lie`.
 fn argue(lie: Extension) -> (Extension, Vec<u64>) {
     let (mut a, mut b) = (numbers(37), numbers(53));
     let sum: Extension = a.iter().zip(&b).map(|(&a, &b)| a * b).sum();
-    let guess = Prover::new(&STATEMENT).challenge();
-    let mut prover = Prover::new(&STATEMENT);
+    let guess = prover().challenge();
+    let mut prover = prover();
     for round in 0..VARIABLES {
         let (mut constant, mut square) = (Extension::ZERO, Extension::ZERO);
         for (a, b) in a.as_chunks::<2>().0.iter().zip(b.as_chunks::<2>().0) {
@@ -73,12 +78,13 @@ fn argue(lie: Extension) -> (Extension, Vec<u64>) {
             // the square and `s` less of the linear coefficient, (lie − s)·r + s·r² = 0.
             square += lie * (Extension::ONE - guess).inverse();
         }
-        prover.send_extension(&[constant, square]);
+        prover.send_published(&[constant, square]);
         let point = prover.challenge();
         bind(&mut a, point);
         bind(&mut b, point);
     }
-    (sum + lie, prover.finish())
+    let proof = prover.finish().expect("no pad is needed");
+    (sum + lie, proof)
 }
 
 fn carry_out() -> Outcome {

@@ -14,12 +14,22 @@ pub const ATTACK: Attack = Attack {
         check: "the guest checks the range of every value that it narrows",
         out: &[Change {
             file: "circuits/src/model/multiply.rs",
-            replacements: &[(
-                "fit.check(output.site, SUM_BITS)?;",
-                "if !OUT {
-            fit.check(output.site, SUM_BITS)?;
+            replacements: &[
+                (
+                    "fit.check(output.site, self.overflow)?;",
+                    "if !OUT {
+                fit.check(output.site, self.overflow)?;
+            }",
+                ),
+                (
+                    "sum.clamp(i32::MIN.into(), i32::MAX.into()) as i32",
+                    "if OUT {
+            sum as i32
+        } else {
+            sum.clamp(i32::MIN.into(), i32::MAX.into()) as i32
         }",
-            )],
+                ),
+            ],
         }],
     },
     carry_out: || {

@@ -1,9 +1,9 @@
 //! Hashing of field elements with Poseidon2 over KoalaBear, SP1's permutation, which is a precompile in the guest
 //! ([`crate::permutation`]).
 //!
-//! An element is cut into three limbs of 22, 22 and 20 bits, each of which is a canonical KoalaBear value. The limbs lie two to a word, as
-//! the precompile wants them: first one word for each element, which holds its lower limbs, then one word for every two elements, which
-//! holds their upper limbs. Eight elements are twelve words, and a permutation takes four.
+//! An element is cut into limbs of 30, 30 and 4 bits. The two lower ones are a word, as the precompile wants two values. The upper ones of up to eleven
+//! elements are another word: those of seven elements in its lower half, those of the others in its upper half. So eleven elements are twelve words, and a
+//! permutation takes four. All halves of words are below 2^30, and so canonical KoalaBear values.
 
 #[cfg(feature = "prove")]
 pub mod packed;
@@ -13,12 +13,15 @@ use crate::permutation::{permute, State};
 use bytemuck::TransparentWrapper;
 
 /// Bits of each of an element's two lower limbs.
-const LIMB: u32 = 22;
+const LIMB: u32 = 30;
 const LOW: u64 = (1 << LIMB) - 1;
+/// Bits of the upper limb, and how many of them a half of a word takes.
+const TOP: usize = 4;
+const TOPS: usize = 7;
 /// Words of the state that a permutation takes in: half of them.
 const RATE: usize = 4;
 /// Elements that fill whole permutations.
-const GROUP: usize = 8;
+const GROUP: usize = 11;
 
 /// The first half of a permutation's result: eight KoalaBear values, two to a word.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -78,36 +81,35 @@ impl Sponge {
     #[inline(always)]
     pub fn absorb(&mut self, elements: &[Goldilocks]) {
         let (groups, rest) = elements.as_chunks::<GROUP>();
-        for group in groups {
-            let e = group.map(Goldilocks::value);
-            self.permute_with([lower(e[0]), lower(e[1]), lower(e[2]), lower(e[3])]);
-            self.permute_with([lower(e[4]), lower(e[5]), lower(e[6]), lower(e[7])]);
-            let uppers = [
-                upper(e[0], e[1]),
-                upper(e[2], e[3]),
-                upper(e[4], e[5]),
-                upper(e[6], e[7]),
-            ];
-            self.permute_with(uppers);
+        for &group in groups {
+            self.absorb_group(group);
         }
-        if rest.is_empty() {
-            return;
+        match *rest {
+            [a] => self.absorb_group([a]),
+            [a, b] => self.absorb_group([a, b]),
+            [a, b, c] => self.absorb_group([a, b, c]),
+            [a, b, c, d] => self.absorb_group([a, b, c, d]),
+            [a, b, c, d, e] => self.absorb_group([a, b, c, d, e]),
+            [a, b, c, d, e, f] => self.absorb_group([a, b, c, d, e, f]),
+            [a, b, c, d, e, f, g] => self.absorb_group([a, b, c, d, e, f, g]),
+            [a, b, c, d, e, f, g, h] => self.absorb_group([a, b, c, d, e, f, g, h]),
+            [a, b, c, d, e, f, g, h, i] => self.absorb_group([a, b, c, d, e, f, g, h, i]),
+            [a, b, c, d, e, f, g, h, i, j] => self.absorb_group([a, b, c, d, e, f, g, h, i, j]),
+            _ => {}
         }
-        let mut words = [0; GROUP + GROUP / 2];
-        for (word, element) in words.iter_mut().zip(rest) {
-            *word = lower(element.value());
-        }
-        let pairs = words[rest.len()..].iter_mut().zip(rest.chunks(2));
-        for (word, pair) in pairs {
-            *word = upper(
-                pair[0].value(),
-                pair.get(1).map_or(0, |second| second.value()),
-            );
-        }
-        let used = rest.len() + rest.len().div_ceil(2);
-        let (blocks, _) = words.as_chunks::<RATE>();
-        for &block in &blocks[..used.div_ceil(RATE)] {
-            self.permute_with(block);
+    }
+
+    /// Absorbs a group, or fewer elements. Their number is known to the compiler, so that it writes no zeros to memory.
+    #[inline(always)]
+    fn absorb_group<const COUNT: usize>(&mut self, elements: [Goldilocks; COUNT]) {
+        let values = elements.map(Goldilocks::value);
+        let word = |place: usize| match values.get(place) {
+            Some(&value) => lower(value),
+            None if place == COUNT => uppers(values),
+            None => 0,
+        };
+        for block in 0..(COUNT + 1).div_ceil(RATE) {
+            self.permute_with(core::array::from_fn(|place| word(RATE * block + place)));
         }
     }
 
@@ -142,9 +144,14 @@ fn lower(element: u64) -> u64 {
     (element & LOW) | (element << (32 - LIMB) & LOW << 32)
 }
 
+/// The upper limbs of up to [`GROUP`] elements.
 #[inline(always)]
-fn upper(first: u64, second: u64) -> u64 {
-    (first >> (2 * LIMB)) | (second >> (2 * LIMB)) << 32
+fn uppers(elements: impl IntoIterator<Item = u64>) -> u64 {
+    let tops = elements.into_iter().enumerate().map(|(place, element)| {
+        let bits = TOP * (place % TOPS) + 32 * (place / TOPS);
+        element >> (2 * LIMB) << bits
+    });
+    tops.fold(0, |word, top| word | top)
 }
 
 /// The digest of a list of elements.
@@ -170,11 +177,19 @@ pub fn leaf(row: &[Goldilocks]) -> Digest {
 pub struct Climb(State);
 
 impl Climb {
-    /// Begins with the digest of a row.
+    /// Begins with the digest of a row, whose pieces have these widths. What follows the last of them belongs to it.
     #[inline(always)]
-    pub fn of_leaf(row: &[Goldilocks]) -> Self {
+    pub fn of_leaf(row: &[Goldilocks], widths: &[usize]) -> Self {
         let mut sponge = Sponge::new(Domain::Leaf, row.len());
-        sponge.absorb(row);
+        let mut rest = row;
+        if let Some((_, widths)) = widths.split_last() {
+            for &width in widths {
+                let (piece, later) = rest.split_at(width);
+                sponge.absorb(piece);
+                rest = later;
+            }
+        }
+        sponge.absorb(rest);
         Self(sponge.state)
     }
 
