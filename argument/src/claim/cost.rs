@@ -102,4 +102,44 @@ mod tests {
         assert!((1.5..2.0).contains(&(saturating.seconds / four.seconds)));
         assert!((1.5..2.0).contains(&(saturating.files as f64 / four.files as f64)));
     }
+
+    fn lookups(spec: &EvalSpec, scales: [Vec<i16>; 2]) -> u64 {
+        let statement = Statement {
+            saturates: true,
+            ..Statement::of_weights(spec, scales)
+        };
+        let relations = Expert::new(&statement).builder.relations;
+        let sizes = relations.lookups.iter().map(|of| relations.size(&of.axes));
+        sizes.map(|size| 1u64 << size).sum()
+    }
+
+    /// Gains and matrices have few, some or many bits, in both models.
+    #[test]
+    fn no_scales_are_dearer() {
+        let spec = EvalSpec::micro();
+        let most = lookups(&spec, dearest_scales(&spec));
+        let [middle, _] = middle_scales(&spec);
+        assert!(lookups(&spec, middle_scales(&spec)) < most);
+        let limits = bit_limits(&spec, middle.len());
+        let linears = linears(&spec);
+        let outputs = linears.iter().flat_map(|linear| &linear.outputs);
+        let matrices: Vec<usize> = outputs.map(|output| output.matrix).collect();
+        let choice = |tensor: usize, which: usize| {
+            let (few, many) = limits[tensor];
+            [few, middle[tensor], many][which]
+        };
+        let models = (0..9).map(|which| {
+            let of = |tensor| match matrices.contains(&tensor) {
+                true => choice(tensor, which / 3),
+                false => choice(tensor, which % 3),
+            };
+            (0..middle.len()).map(of).collect::<Vec<i16>>()
+        });
+        let models: Vec<_> = models.collect();
+        for base in &models {
+            for update in &models {
+                assert!(lookups(&spec, [base.clone(), update.clone()]) <= most);
+            }
+        }
+    }
 }
