@@ -6,6 +6,7 @@
 
 pub mod columns;
 mod encode;
+mod rows;
 mod stored;
 
 use super::parameters::{cap_bits, Parameters, CAP, FOLDS, POSITION_WORK, SALT, SIBLINGS};
@@ -219,8 +220,7 @@ impl Committed {
         values.collect()
     }
 
-    /// For each position, the row of all codewords there and its salt, and its path to the cap. `encoded` is told how many columns were encoded for
-    /// it.
+    /// For each position, the row of all codewords there and its salt, and its path to the cap. `encoded` is told how many columns are done.
     fn open(
         &self,
         parameters: &Parameters,
@@ -231,32 +231,30 @@ impl Committed {
         let width = self.width();
         let rows = 1usize << self.missing;
         // Of each position, the rows that are below the same digest of the tree's lowest level.
+        let numbers = positions
+            .iter()
+            .map(|&position| parameters.leaf(position) >> self.missing);
+        let numbers: Vec<usize> = numbers.collect();
         let wide = width + SALT;
         let mut groups = vec![vec![0; rows * wide]; positions.len()];
-        let places = positions
-            .iter()
-            .map(|&position| encoder.place(position, parameters.height));
-        let places: Vec<(usize, usize)> = places.collect();
         let mut column = 0;
         for matrix in &self.matrices {
-            for coset in 0..encoder.cosets() {
-                let values = matrix.coset(&encoder, coset);
-                let own = groups.iter_mut().zip(&places);
-                for (group, (_, row)) in own.filter(|(_, (of, _))| *of == coset) {
-                    let first = row & !(rows - 1);
-                    let rows = values[first * matrix.width()..].chunks_exact(matrix.width());
-                    for (target, row) in group.chunks_exact_mut(wide).zip(rows) {
-                        let target = target[column..].iter_mut().zip(row);
-                        target.for_each(|(to, value)| *to = value.as_canonical_u64());
-                    }
+            let dimensions = (self.missing, parameters.length());
+            let own = rows::rows(&encoder, matrix, &numbers, dimensions);
+            groups.par_iter_mut().zip(own).for_each(|(group, own)| {
+                let own = own.chunks_exact(matrix.width());
+                for (target, row) in group.chunks_exact_mut(wide).zip(own) {
+                    let target = target[column..].iter_mut().zip(row);
+                    target.for_each(|(to, value)| *to = value.as_canonical_u64());
                 }
-            }
+            });
             matrix.release();
             column += matrix.width();
             encoded(matrix.width());
         }
-        let opened = groups.into_iter().zip(positions).zip(places);
-        let opened = opened.map(|((mut group, &position), (coset, row))| {
+        let opened = groups.into_par_iter().zip(positions).zip(numbers);
+        let opened = opened.map(|((mut group, &position), number)| {
+            let (coset, row) = encoder.place(position, parameters.height);
             let first = (coset << parameters.height) + (row & !(rows - 1));
             let salts = self.hiding.salts(first, rows);
             for (target, salt) in group.chunks_exact_mut(wide).zip(&salts) {
@@ -264,9 +262,9 @@ impl Committed {
                 target.for_each(|(to, value)| *to = value.value());
             }
             let lowest = Tree::of_leaves(self.leaves(&group, rows), 0);
-            let place = row % rows;
+            let place = parameters.leaf(position) % rows;
             let mut path = lowest.path(place);
-            path.extend(self.tree.path(parameters.leaf(position) >> self.missing));
+            path.extend(self.tree.path(number));
             let row = group[place * wide..][..wide].iter();
             OpenedRow {
                 row: row.map(|&value| Goldilocks::canonical(value)).collect(),

@@ -14,6 +14,8 @@ use crate::relation::{
 use alloc::boxed::Box;
 use alloc::vec;
 use alloc::vec::Vec;
+#[cfg(feature = "prove")]
+use rayon::prelude::*;
 
 /// What the prover commits to for each sample: the values of both evaluations.
 pub const MAIN: Source = Source(0);
@@ -270,12 +272,12 @@ impl Builder {
                 let (value, axes) = (value.clone(), axes.to_vec());
                 let last = number + 1 == limbs;
                 self.step(move |filling| {
-                    let mut values = filling.linear(&value, &axes);
-                    let mask = if last { -1 } else { (1 << limb) - 1 };
-                    for value in &mut values {
-                        *value = *value >> (number * limb) & mask;
+                    let shift = Along::Everywhere(number * limb);
+                    let mut values = filling.shifted((&value, None), &shift, count, &axes);
+                    if !last {
+                        let mask = (1 << limb) - 1;
+                        values.par_iter_mut().for_each(|value| *value &= mask);
                     }
-                    filling.keep_counted(count, &axes, &mut values);
                     filling.set(high, &axes, &values);
                 });
             }
@@ -328,15 +330,7 @@ impl Builder {
                 .map(|excess| (excess.sign, excess.limit, excess.committed))
                 .collect();
             self.step(move |filling| {
-                let mut values = filling.linear(&value, &axes);
-                filling.shift_right(&mut values, &axes, &shift);
-                if let Some(plus) = plus {
-                    let added = filling.linear(&vec![one(plus.atom())], &axes);
-                    for (value, added) in values.iter_mut().zip(added) {
-                        *value += added;
-                    }
-                }
-                filling.keep_counted(count, &axes, &mut values);
+                let mut values = filling.shifted((&value, plus), &shift, count, &axes);
                 if let (Some(base), Some(own)) = (&base, &own) {
                     filling.saturate(&mut values, &axes, base, own, &committed);
                 }

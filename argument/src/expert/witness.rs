@@ -10,7 +10,7 @@ use super::trace::{trace, Kept, Traced, EMBEDDED};
 use crate::prove::filling::Filling;
 use crate::prove::progress::{Phase, Tell};
 use crate::prove::{Computed, NotInTable, Values};
-use crate::relation::{Committed, Relations, Source};
+use crate::relation::{Source, Tensor};
 use std::borrow::Cow;
 use std::io;
 use std::rc::Rc;
@@ -259,11 +259,19 @@ impl Witness {
         for (model, kept) in kept.iter().enumerate() {
             fill_hidden(&statement, sizes, kept, model, hidden, &mut filling.main);
         }
-        let given = filling.main.clone();
+        let of_hidden = |main: &[i64]| {
+            let bits: u32 = hidden
+                .places
+                .iter()
+                .map(|place| u32::from(place.bits))
+                .sum();
+            main[hidden.offset..][..1 << bits].to_vec()
+        };
+        let given = of_hidden(&filling.main);
         for step in &expert.builder.steps {
             step(&mut filling);
         }
-        differs(relations, expert.given.hidden, &given, &filling.main)?;
+        differs(hidden, &given, &of_hidden(&filling.main))?;
         filling.count()?;
         let main = filling.main;
         Ok(Self {
@@ -275,30 +283,19 @@ impl Witness {
 }
 
 /// Fails with the first value of a tensor that the relations give and that was given otherwise.
-fn differs(
-    relations: &Relations,
-    tensor: Committed,
-    given: &[i64],
-    filled: &[i64],
-) -> Result<(), Unprovable> {
-    let values = given.iter().zip(filled).enumerate();
-    let tensor = &relations.tensors[tensor.tensor];
-    let own: usize = tensor
-        .places
-        .iter()
-        .map(|p| ((1 << p.bits) - 1) << p.shift)
-        .sum();
-    for (index, (&expected, &found)) in values {
-        if index & !own == tensor.offset && expected != found {
-            return Err(Unprovable::Differs {
-                tensor: tensor.name,
-                index,
-                expected,
-                found,
-            });
-        }
-    }
-    Ok(())
+fn differs(tensor: &Tensor, given: &[i64], filled: &[i64]) -> Result<(), Unprovable> {
+    let pairs = given.iter().zip(filled);
+    let first = pairs
+        .enumerate()
+        .find(|(_, (expected, found))| expected != found);
+    first.map_or(Ok(()), |(index, (&expected, &found))| {
+        Err(Unprovable::Differs {
+            tensor: tensor.name,
+            index: tensor.offset + index,
+            expected,
+            found,
+        })
+    })
 }
 
 /// The columns of tables.
@@ -319,7 +316,7 @@ fn fill_hidden(
     sizes: &Sizes,
     kept: &[Kept],
     model: usize,
-    tensor: &crate::relation::Tensor,
+    tensor: &Tensor,
     main: &mut [i64],
 ) {
     debug_assert_eq!((sizes.of(M), sizes.of(N)), (1, sizes.of(L) + 1));

@@ -1,53 +1,52 @@
 //! The hashing of [`super`] for many rows at once, one in each lane of a vector. Its digests are the same.
-//!
-//! `p3-koala-bear` has Poseidon2 in vectors, but with other inner layers than SP1: those of SP1 multiply by `(J + D)/2^32`, where J is all
-//! ones and D is diagonal. So only the outer layers are taken from there.
+
+#[cfg(target_arch = "x86_64")]
+mod avx512;
+mod portable;
 
 use super::{lower, uppers, Digest, Domain, Sponge, GROUP, RATE};
-use p3_field::{Field, PackedValue, PrimeCharacteristicRing, PrimeField32};
+use p3_field::{Field, PrimeCharacteristicRing, PrimeField32};
 use p3_koala_bear::{
-    KoalaBear, Poseidon2ExternalLayerKoalaBear, KOALABEAR_POSEIDON2_RC_16_EXTERNAL_FINAL,
+    KoalaBear, KOALABEAR_POSEIDON2_RC_16_EXTERNAL_FINAL,
     KOALABEAR_POSEIDON2_RC_16_EXTERNAL_INITIAL, KOALABEAR_POSEIDON2_RC_16_INTERNAL,
 };
-use p3_poseidon2::{ExternalLayer, ExternalLayerConstants, ExternalLayerConstructor};
-use std::sync::LazyLock;
-
-type Packed = <KoalaBear as Field>::Packing;
+use portable::Portable;
 
 /// Rows that are hashed at once.
-pub const LANES: usize = Packed::WIDTH;
+pub const LANES: usize = 16;
 
 const WIDTH: usize = 16;
 const INNER_ROUNDS: usize = 20;
 
-type State = [Packed; WIDTH];
-
-static PERMUTATION: LazyLock<Permutation> = LazyLock::new(Permutation::new);
-
-/// Poseidon2 with SP1's constants.
+/// SP1's constants, as canonical values.
 ///
-/// The division by 2^32 of all values in each inner round is put off: before round r, the state is 2^(32·r) times what it stands for. So
-/// what is added to the first value is larger by that factor, and its cube has to be divided by the square of it.
-struct Permutation {
-    outer: Poseidon2ExternalLayerKoalaBear<WIDTH>,
+/// SP1's inner layers multiply by `(J + D)/2^32`, where J is all ones and D is diagonal. The division of all values in each inner round is put
+/// off: before round r, the state is 2^(32·r) times what it stands for. So what is added to the first value is larger by that factor, and its
+/// cube has to be divided by the square of it.
+struct Constants {
+    /// What is added in the outer rounds before the inner ones, and after them.
+    outer: [[[u32; WIDTH]; 4]; 2],
     /// What is added to the first value, and what its cube is multiplied with.
-    inner: [(Packed, Packed); INNER_ROUNDS],
+    inner: [(u32, u32); INNER_ROUNDS],
     /// The diagonal from its fifth entry on; the ones before are −2, 1, 2 and 4.
-    diagonal: [Packed; WIDTH - 4],
+    diagonal: [u32; WIDTH - 4],
     /// 2^(−32·[`INNER_ROUNDS`]).
-    last: Packed,
+    last: u32,
 }
 
-impl Permutation {
+impl Constants {
     fn new() -> Self {
         let factor = KoalaBear::TWO.exp_u64(32);
         let inverse = factor.inverse();
+        let value = |element: KoalaBear| element.as_canonical_u32();
+        let outer = [
+            KOALABEAR_POSEIDON2_RC_16_EXTERNAL_INITIAL,
+            KOALABEAR_POSEIDON2_RC_16_EXTERNAL_FINAL,
+        ];
         let inner = core::array::from_fn(|round| {
             let constant = KOALABEAR_POSEIDON2_RC_16_INTERNAL[round];
-            (
-                (constant * factor.exp_u64(round as u64)).into(),
-                inverse.exp_u64(2 * round as u64).into(),
-            )
+            let added = constant * factor.exp_u64(round as u64);
+            (value(added), value(inverse.exp_u64(2 * round as u64)))
         });
         // 2^3, 2^4, …, 2^13 and 2^15
         let exponent = |place: usize| match place {
@@ -55,61 +54,48 @@ impl Permutation {
             _ => place as u64 + 3,
         };
         Self {
-            outer: Poseidon2ExternalLayerKoalaBear::new_from_constants(
-                ExternalLayerConstants::new(
-                    KOALABEAR_POSEIDON2_RC_16_EXTERNAL_INITIAL.to_vec(),
-                    KOALABEAR_POSEIDON2_RC_16_EXTERNAL_FINAL.to_vec(),
-                ),
-            ),
+            outer: outer.map(|rounds| rounds.map(|round| round.map(value))),
             inner,
-            diagonal: core::array::from_fn(|place| KoalaBear::TWO.exp_u64(exponent(place)).into()),
-            last: inverse.exp_u64(INNER_ROUNDS as u64).into(),
-        }
-    }
-
-    fn permute(&self, state: &mut State) {
-        self.outer.permute_state_initial(state);
-        for &(constant, factor) in &self.inner {
-            state[0] = (state[0] + constant).cube() * factor;
-            self.inner_layer(state);
-        }
-        for value in state.iter_mut() {
-            *value *= self.last;
-        }
-        self.outer.permute_state_terminal(state);
-    }
-
-    /// Multiplies by J + D.
-    #[inline(always)]
-    fn inner_layer(&self, state: &mut State) {
-        let [first, rest @ ..] = state;
-        let others = Packed::sum_array::<15>(rest);
-        let sum = others + *first;
-        *first = others - *first;
-        rest[0] += sum;
-        rest[1] = sum + rest[1].double();
-        rest[2] = sum + rest[2].double().double();
-        for (value, &factor) in rest[3..].iter_mut().zip(&self.diagonal) {
-            *value = sum + *value * factor;
+            diagonal: core::array::from_fn(|at| value(KoalaBear::TWO.exp_u64(exponent(at)))),
+            last: value(inverse.exp_u64(INNER_ROUNDS as u64)),
         }
     }
 }
 
-/// The values of one word of each lane: the lower one, and the upper one.
-#[inline(always)]
-fn pair(word: impl Fn(usize) -> u64) -> [Packed; 2] {
-    let words: [u64; LANES] = core::array::from_fn(word);
-    [0, 32].map(|shift| Packed::from_fn(|lane| KoalaBear::new((words[lane] >> shift) as u32)))
+/// A processor's vectors, and states of the permutation in them. Two values of a state are a word.
+trait Vectors: Copy {
+    /// The states of all lanes.
+    type State;
+    /// States of zeros.
+    fn zero() -> Self::State;
+    /// Sets a word of each state.
+    fn load(state: &mut Self::State, word: usize, words: &[u64; LANES]);
+    /// Permutes all states.
+    fn permute(state: &mut Self::State);
+    /// A word of each state.
+    fn store(state: &Self::State, word: usize) -> [u64; LANES];
+}
+
+/// What is computed in vectors, whichever they are.
+trait InVectors {
+    type Result;
+    fn compute<V: Vectors>(self, vectors: V) -> Self::Result;
 }
 
 #[inline(always)]
-fn digests(state: &[Packed], digests: &mut [Digest]) {
-    for (lane, digest) in digests.iter_mut().enumerate() {
-        let value = |place: usize| u64::from(state[place].extract(lane).as_canonical_u32());
-        *digest = Digest(core::array::from_fn(|word| {
-            value(2 * word) | value(2 * word + 1) << 32
-        }));
+fn in_vectors<C: InVectors>(computation: C) -> C::Result {
+    #[cfg(target_arch = "x86_64")]
+    if avx512::are_there() {
+        return computation.compute(avx512::Avx512);
     }
+    computation.compute(Portable)
+}
+
+/// One half of all states.
+#[inline(always)]
+fn half<V: Vectors>(state: &V::State, first: usize) -> [Digest; LANES] {
+    let words: [[u64; LANES]; RATE] = core::array::from_fn(|word| V::store(state, first + word));
+    core::array::from_fn(|lane| Digest(words.map(|words| words[lane])))
 }
 
 /// The half of a row's state that nothing overwrites: what the row was up to now.
@@ -123,24 +109,65 @@ impl Begun {
     }
 }
 
-fn state_of(begun: impl Fn(usize) -> [u64; RATE]) -> State {
-    let mut state = State::default();
-    for (place, values) in state[2 * RATE..]
-        .as_chunks_mut::<2>()
-        .0
-        .iter_mut()
-        .enumerate()
-    {
-        *values = pair(|lane| begun(lane)[place]);
+/// Sets the half of states that nothing overwrites.
+#[inline(always)]
+fn begin<V: Vectors>(begun: impl Fn(usize) -> [u64; RATE]) -> V::State {
+    let mut state = V::zero();
+    for word in 0..RATE {
+        let words = core::array::from_fn(|lane| begun(lane)[word]);
+        V::load(&mut state, RATE + word, &words);
     }
     state
 }
 
+/// Absorbs elements of rows.
+struct Absorbing<'a, E> {
+    begun: &'a [Begun],
+    width: usize,
+    element: E,
+    /// The first word of the half that is the result.
+    half: usize,
+}
+
+impl<E: Fn(usize, usize) -> u64> InVectors for Absorbing<'_, E> {
+    type Result = [Digest; LANES];
+
+    #[inline(always)]
+    fn compute<V: Vectors>(self, _: V) -> [Digest; LANES] {
+        let Self { begun, width, .. } = self;
+        let last_row = begun.len() - 1;
+        // Lanes that are not needed repeat the last row.
+        let element = |lane: usize, column: usize| (self.element)(lane.min(last_row), column);
+        let mut state = begin::<V>(|lane| begun[lane.min(last_row)].0);
+        for first in (0..width).step_by(GROUP) {
+            let count = GROUP.min(width - first);
+            let word = |lane: usize, place: usize| match place {
+                _ if place < count => lower(element(lane, first + place)),
+                _ if place == count => {
+                    uppers((first..first + count).map(|column| element(lane, column)))
+                }
+                _ => 0,
+            };
+            for block in (0..=count).step_by(RATE) {
+                for place in 0..RATE {
+                    let words = core::array::from_fn(|lane| word(lane, block + place));
+                    V::load(&mut state, place, &words);
+                }
+                V::permute(&mut state);
+            }
+        }
+        half::<V>(&state, self.half)
+    }
+}
+
 /// Absorbs the next `width` elements of as many rows as were begun, up to [`LANES`]. `element` gives the canonical value for a row and a column.
 pub fn absorb(begun: &mut [Begun], width: usize, element: impl Fn(usize, usize) -> u64) {
-    let state = absorbed(begun, width, element);
-    let mut inner = [Digest::default(); LANES];
-    digests(&state[2 * RATE..], &mut inner);
+    let inner = in_vectors(Absorbing {
+        begun,
+        width,
+        element,
+        half: RATE,
+    });
     for (begun, Digest(inner)) in begun.iter_mut().zip(inner) {
         *begun = Begun(inner);
     }
@@ -153,7 +180,13 @@ pub fn finish(
     element: impl Fn(usize, usize) -> u64,
     results: &mut [Digest],
 ) {
-    digests(&absorbed(begun, width, element), results);
+    let digests = in_vectors(Absorbing {
+        begun,
+        width,
+        element,
+        half: 0,
+    });
+    results.copy_from_slice(&digests[..results.len()]);
 }
 
 /// [`super::leaf`] for as many rows as there are places for digests, up to [`LANES`]. All have `width` elements; `element` gives the
@@ -163,59 +196,60 @@ pub fn leaves(width: usize, element: impl Fn(usize, usize) -> u64, results: &mut
     finish(&begun, width, element, results);
 }
 
-fn absorbed(begun: &[Begun], width: usize, element: impl Fn(usize, usize) -> u64) -> State {
-    let last_row = begun.len() - 1;
-    // Lanes that are not needed repeat the last row.
-    let element = |lane: usize, column: usize| element(lane.min(last_row), column);
-    let mut state = state_of(|lane| begun[lane.min(last_row)].0);
-    let mut absorb = |words: [[u64; LANES]; RATE]| {
-        for (values, words) in state.as_chunks_mut::<2>().0.iter_mut().zip(words) {
-            *values = pair(|lane| words[lane]);
-        }
-        PERMUTATION.permute(&mut state);
-    };
-    let per_lane = |word: &dyn Fn(usize, usize) -> u64, first: usize| -> [[u64; LANES]; RATE] {
-        core::array::from_fn(|place| core::array::from_fn(|lane| word(lane, first + place)))
-    };
-    for first in (0..width).step_by(GROUP) {
-        let count = GROUP.min(width - first);
-        let word = |lane: usize, place: usize| match place {
-            _ if place < count => lower(element(lane, first + place)),
-            _ if place == count => {
-                uppers((first..first + count).map(|column| element(lane, column)))
-            }
-            _ => 0,
-        };
-        for block in (0..=count).step_by(RATE) {
-            absorb(per_lane(&word, block));
-        }
+/// Absorbs one element in each lane: numbers that follow each other.
+struct Numbers {
+    begun: [u64; RATE],
+    first: u32,
+}
+
+impl InVectors for Numbers {
+    type Result = [u64; LANES];
+
+    fn compute<V: Vectors>(self, _: V) -> [u64; LANES] {
+        let mut state = begin::<V>(|_| self.begun);
+        let number = |lane: usize| u64::from(self.first) + lane as u64;
+        // Its upper limb is zero.
+        V::load(
+            &mut state,
+            0,
+            &core::array::from_fn(|lane| lower(number(lane))),
+        );
+        V::permute(&mut state);
+        V::store(&state, 0)
     }
-    state
 }
 
 /// The first word of the digest when a sponge has absorbed one element: `first` and the numbers after it, one in each lane.
 pub fn first_words(sponge: &Sponge, first: u32) -> [u64; LANES] {
     let [.., a, b, c, d] = sponge.state.0;
-    let mut state = state_of(|_| [a, b, c, d]);
-    let number = |lane: usize| first as u64 + lane as u64;
-    // Its upper limb is zero.
-    [state[0], state[1]] = pair(|lane| lower(number(lane)));
-    PERMUTATION.permute(&mut state);
-    let mut results = [Digest::default(); LANES];
-    digests(&state, &mut results);
-    results.map(|digest| digest.0[0])
+    let begun = [a, b, c, d];
+    in_vectors(Numbers { begun, first })
+}
+
+/// Hashes two digests in each lane.
+struct Nodes<'a>(&'a [Digest]);
+
+impl InVectors for Nodes<'_> {
+    type Result = [Digest; LANES];
+
+    #[inline(always)]
+    fn compute<V: Vectors>(self, _: V) -> [Digest; LANES] {
+        let last_pair = self.0.len() / 2 - 1;
+        let pair_of = |lane: usize| &self.0[2 * lane.min(last_pair)..][..2];
+        let mut state = V::zero();
+        for word in 0..2 * RATE {
+            let words = core::array::from_fn(|lane| pair_of(lane)[word / RATE].0[word % RATE]);
+            V::load(&mut state, word, &words);
+        }
+        V::permute(&mut state);
+        half::<V>(&state, 0)
+    }
 }
 
 /// [`super::node`] for as many pairs as there are places for digests, up to [`LANES`].
 pub fn nodes(pairs: &[Digest], results: &mut [Digest]) {
-    let last_pair = results.len() - 1;
-    let pair_of = |lane: usize| &pairs[2 * lane.min(last_pair)..][..2];
-    let mut state = State::default();
-    for (place, values) in state.as_chunks_mut::<2>().0.iter_mut().enumerate() {
-        *values = pair(|lane| pair_of(lane)[place / RATE].0[place % RATE]);
-    }
-    PERMUTATION.permute(&mut state);
-    digests(&state, results);
+    let digests = in_vectors(Nodes(pairs));
+    results.copy_from_slice(&digests[..results.len()]);
 }
 
 #[cfg(test)]
@@ -298,10 +332,15 @@ mod tests {
         let children: Vec<Digest> = rows.chunks(1).map(leaf).collect();
         for count in 1..=LANES {
             let mut digests = vec![Digest::default(); count];
-            nodes(&children, &mut digests);
+            nodes(&children[..2 * count], &mut digests);
             let pairs = children.as_chunks::<2>().0[..count].iter();
             let expected: Vec<Digest> = pairs.map(|[left, right]| node(left, right)).collect();
             assert_eq!(digests, expected, "{count}");
+            // What a processor without wider vectors computes
+            assert_eq!(
+                Nodes(&children[..2 * count]).compute(Portable)[..count],
+                expected
+            );
         }
     }
 }

@@ -1,11 +1,12 @@
 //! The values of committed tensors, computed step by step from the relations that they have to obey.
 
 use super::looked_up::{count, NotInTable};
+use super::reading::BLOCK;
 use super::tables::{Computed, Tables};
-use super::values::{numbers, Values};
+use super::values::{numbers, packed, Values};
 use crate::relation::along::Along;
-use crate::relation::Committed;
-use crate::relation::{Axis, Count, Linear, Relations};
+use crate::relation::{Atom, Axis, Committed, Count, Linear, Relations, Term};
+use rayon::prelude::*;
 
 /// Values of all sources. Those that are committed to are filled in.
 pub struct Filling<'a> {
@@ -63,12 +64,56 @@ impl Filling<'_> {
         }
     }
 
-    /// Shifts each value to the right.
-    pub fn shift_right(&self, values: &mut [i64], axes: &[Axis], shift: &Along) {
-        let shifts = self.along(shift, axes);
-        for (value, shift) in values.iter_mut().zip(shifts) {
-            *value >>= shift;
-        }
+    /// `plus + ⌊value / 2^shift⌋`, and zero where it does not count.
+    pub fn shifted(
+        &self,
+        (value, plus): (&Linear, Option<Committed>),
+        shift: &Along,
+        count: Count,
+        axes: &[Axis],
+    ) -> Vec<i64> {
+        let mut values = vec![0; 1 << self.relations.size(axes)];
+        self.with(|tables| {
+            let atom = |atom| {
+                let term = Term {
+                    factor: 1,
+                    coefficients: None,
+                    atom,
+                };
+                tables.reader(&vec![term], axes)
+            };
+            let value = tables.reader(value, axes);
+            let shift = tables.along(shift, axes);
+            let plus = plus.map(|plus| atom(plus.atom()));
+            let mask = match count {
+                Count::Masked(public) => Some(atom(Atom::Public(public))),
+                _ => None,
+            };
+            let blocks = values.par_chunks_mut(BLOCK).enumerate();
+            blocks.for_each(|(block, values)| {
+                let first = block * BLOCK;
+                let mut others = [0; BLOCK];
+                let others = &mut others[..values.len()];
+                value.read(first, values);
+                shift.read(first, others);
+                for (value, &mut shift) in values.iter_mut().zip(&mut *others) {
+                    *value >>= shift;
+                }
+                if let Some(plus) = &plus {
+                    plus.read(first, others);
+                    for (value, &mut plus) in values.iter_mut().zip(&mut *others) {
+                        *value += plus;
+                    }
+                }
+                if let Some(mask) = &mask {
+                    mask.read(first, others);
+                    for (value, &mut mask) in values.iter_mut().zip(others) {
+                        *value *= mask;
+                    }
+                }
+            });
+        });
+        values
     }
 
     /// Saturates the values of the base, whose half `base` says, and fills in by how much they exceeded each limit, on the axes `own`.
@@ -112,8 +157,13 @@ impl Filling<'_> {
         let places: Vec<_> = places
             .map(|place| (place.shift, place.bits as usize))
             .collect();
-        for (number, &value) in numbers(tensor.offset, &places).into_iter().zip(values) {
-            self.main[number] = value;
+        match packed(&places) {
+            Some(_) => self.main[tensor.offset..][..values.len()].copy_from_slice(values),
+            None => {
+                for (number, &value) in numbers(tensor.offset, &places).into_iter().zip(values) {
+                    self.main[number] = value;
+                }
+            }
         }
     }
 

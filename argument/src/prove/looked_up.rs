@@ -1,11 +1,13 @@
 //! Look-ups: how often each row of a table is looked up, and the fractions that show it.
 
+use super::counting::{Counting, Index};
+use super::reading::{Reader, BLOCK};
 use super::tables::Tables;
 use crate::field::{Extension, Goldilocks};
 use crate::fractions::prove::Stored;
 use crate::layout::Layout;
 use crate::party::Fold;
-use crate::relation::{Axis, Count, Lookup, Relations, COLUMNS};
+use crate::relation::{Atom, Count, Lookup, Term, COLUMNS};
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
@@ -74,6 +76,14 @@ pub fn check_equalities(tables: &Tables<'_>) -> Result<(), Violation> {
     Ok(())
 }
 
+fn one(atom: Atom) -> Term {
+    Term {
+        factor: 1,
+        coefficients: None,
+        atom,
+    }
+}
+
 /// The columns of all entries of a look-up.
 fn columns(tables: &Tables<'_>, lookup: &Lookup) -> [Vec<i64>; COLUMNS] {
     core::array::from_fn(|column| tables.linear(&lookup.entry[column], &lookup.axes))
@@ -83,61 +93,107 @@ fn row(columns: &[Vec<i64>; COLUMNS], index: usize) -> [i64; COLUMNS] {
     core::array::from_fn(|column| columns[column][index])
 }
 
-/// Whether each entry counts.
-fn mask(tables: &Tables<'_>, number: usize, axes: &[Axis]) -> Vec<i64> {
-    tables.public(number, axes)
+/// Whether each entry counts, unless all do.
+fn mask<'a>(tables: &Tables<'a>, lookup: &Lookup) -> Option<Reader<'a>> {
+    match lookup.count {
+        Count::Masked(public) => {
+            Some(tables.reader(&vec![one(Atom::Public(public))], &lookup.axes))
+        }
+        _ => None,
+    }
+}
+
+/// Reads the entries of a look-up.
+struct Entries<'a> {
+    columns: [Reader<'a>; COLUMNS],
+    mask: Option<Reader<'a>>,
+}
+
+/// Room for the entries of a block.
+struct Room {
+    columns: [[i64; BLOCK]; COLUMNS],
+    mask: [i64; BLOCK],
+}
+
+impl<'a> Entries<'a> {
+    fn new(tables: &Tables<'a>, lookup: &Lookup) -> Self {
+        Self {
+            columns: core::array::from_fn(|column| {
+                tables.reader(&lookup.entry[column], &lookup.axes)
+            }),
+            mask: mask(tables, lookup),
+        }
+    }
+
+    /// Calls `with` for each of `count` entries from number `first` on that counts.
+    fn for_each(
+        &self,
+        room: &mut Room,
+        first: usize,
+        count: usize,
+        mut with: impl FnMut(usize, [i64; COLUMNS]),
+    ) {
+        for (reader, column) in self.columns.iter().zip(&mut room.columns) {
+            reader.read(first, &mut column[..count]);
+        }
+        if let Some(mask) = &self.mask {
+            mask.read(first, &mut room.mask[..count]);
+        }
+        for at in 0..count {
+            if self.mask.is_none() || room.mask[at] != 0 {
+                let column = |column: usize| room.columns[column][at];
+                with(first + at, core::array::from_fn(column));
+            }
+        }
+    }
 }
 
 /// For each table, in the order of the look-ups that offer one: how often each of its rows is looked up. Of equal rows the last one has it.
 pub fn count(tables: &Tables<'_>) -> Result<Vec<(usize, Vec<i64>)>, NotInTable> {
-    let relations: &Relations = tables.relations;
-    let offered = |lookup: &&Lookup| matches!(lookup.count, Count::Offered(_));
-    let sizes = relations.lookups.iter().filter(offered);
-    let sizes = sizes.map(|lookup| 1 << relations.size(&lookup.axes));
-    let mut rows: FxHashMap<[i64; COLUMNS], (u32, u32)> =
-        FxHashMap::with_capacity_and_hasher(sizes.sum(), Default::default());
-    let mut counts = vec![];
-    for (number, lookup) in relations.lookups.iter().enumerate() {
-        if offered(&lookup) {
-            let columns = columns(tables, lookup);
-            for index in 0..columns[0].len() {
-                rows.insert(row(&columns, index), (counts.len() as u32, index as u32));
-            }
-            counts.push((number, vec![0; columns[0].len()]));
-        }
-    }
-    for lookup in &relations.lookups {
-        let mask = match lookup.count {
-            Count::Offered(_) => continue,
-            Count::Each => None,
-            Count::Masked(public) => Some(mask(tables, public, &lookup.axes)),
+    let lookups = tables.relations.lookups.iter().enumerate();
+    let (offered, others): (Vec<_>, Vec<_>) =
+        lookups.partition(|(_, lookup)| matches!(lookup.count, Count::Offered(_)));
+    let rows = offered.iter().map(|(_, lookup)| columns(tables, lookup));
+    let index = Index::new(rows.collect());
+    let entries: Vec<Entries> = others
+        .iter()
+        .map(|(_, lookup)| Entries::new(tables, lookup))
+        .collect();
+    let blocks = others.iter().enumerate().flat_map(|(place, (_, lookup))| {
+        let size = 1usize << tables.relations.size(&lookup.axes);
+        (0..size)
+            .step_by(BLOCK)
+            .map(move |first| (place, first, BLOCK.min(size - first)))
+    });
+    let blocks: Vec<(usize, usize, usize)> = blocks.collect();
+    // Each core counts for itself.
+    let cores = rayon::current_num_threads();
+    let counted = (0..cores).into_par_iter().map(|core| {
+        let mut counting = Counting::new(&index);
+        let mut room = Room {
+            columns: [[0; BLOCK]; COLUMNS],
+            mask: [0; BLOCK],
         };
-        let columns = columns(tables, lookup);
-        // Each core looks up a part of the entries.
-        let entries = columns[0].len();
-        let part = entries.div_ceil(rayon::current_num_threads()).max(1);
-        let parts = (0..entries).into_par_iter().step_by(part);
-        let found = parts.map(|first| {
-            (first..entries.min(first + part))
-                .filter(|&index| mask.as_ref().is_none_or(|mask| mask[index] != 0))
-                .map(|index| {
-                    let entry = row(&columns, index);
-                    rows.get(&entry).copied().ok_or(NotInTable {
-                        lookup: lookup.name,
-                        index,
-                        entry,
-                    })
-                })
-                .collect()
-        });
-        // The parts are in order, so that the error is about the first entry that no table offers.
-        for found in found.collect::<Vec<Result<Vec<(u32, u32)>, NotInTable>>>() {
-            for (table, row) in found? {
-                counts[table as usize].1[row as usize] += 1;
-            }
+        for &(place, first, count) in blocks.iter().skip(core).step_by(cores) {
+            entries[place].for_each(&mut room, first, count, |number, entry| {
+                counting.add((place, number), entry);
+            });
         }
-    }
-    Ok(counts)
+        counting
+    });
+    let all = counted
+        .reduce_with(Counting::plus)
+        .unwrap_or_else(|| Counting::new(&index));
+    let counts = all.counts().map_err(|((place, index), entry)| NotInTable {
+        lookup: others[place].1.name,
+        index,
+        entry,
+    })?;
+    Ok(offered
+        .iter()
+        .map(|(number, _)| *number)
+        .zip(counts)
+        .collect())
 }
 
 /// The fractions of all look-ups.
@@ -152,32 +208,40 @@ pub fn leaves(tables: &Tables<'_>, layout: &Layout, fold: &Fold) -> Stored<Goldi
     let mut denominators = vec![Extension::ONE; used];
     let element = |value: i64| Goldilocks::from_i64(value);
     for (lookup, &offset) in lookups {
+        let entries = Entries::new(tables, lookup);
+        let (sign, counts) = match lookup.count {
+            Count::Offered(number) => {
+                let counts = vec![one(Atom::Virtual(number))];
+                (-1, Some(tables.reader(&counts, &lookup.axes)))
+            }
+            _ => (1, mask(tables, lookup)),
+        };
         let places = offset..offset + size(lookup);
-        let targets = &mut denominators[places.clone()];
-        targets.fill(fold.shift);
-        for (&power, column) in fold.powers.iter().zip(&lookup.entry) {
-            if column.is_empty() {
-                continue;
-            }
-            let values = tables.linear(column, &lookup.axes);
-            let pairs = targets.par_iter_mut().zip(values);
-            pairs.for_each(|(target, value)| *target -= power.scale(element(value)));
-        }
-        let targets = &mut numerators[places];
-        let counts = match lookup.count {
-            Count::Each => {
-                targets.fill(Goldilocks::ONE);
-                continue;
-            }
-            Count::Masked(public) => mask(tables, public, &lookup.axes),
-            Count::Offered(number) => tables.of_virtual(number, &lookup.axes),
-        };
-        let sign = match lookup.count {
-            Count::Offered(_) => -1,
-            _ => 1,
-        };
-        let pairs = targets.par_iter_mut().zip(counts);
-        pairs.for_each(|(target, count)| *target = element(sign * count));
+        let denominators = denominators[places.clone()].par_chunks_mut(BLOCK);
+        let blocks = numerators[places].par_chunks_mut(BLOCK).zip(denominators);
+        blocks
+            .enumerate()
+            .for_each(|(block, (numerators, denominators))| {
+                let mut values = [0; BLOCK];
+                let values = &mut values[..numerators.len()];
+                denominators.fill(fold.shift);
+                let columns = fold.powers.iter().zip(&entries.columns).zip(&lookup.entry);
+                for ((&power, reader), _) in columns.filter(|(_, column)| !column.is_empty()) {
+                    reader.read(block * BLOCK, values);
+                    for (target, &value) in denominators.iter_mut().zip(&*values) {
+                        *target -= power.scale(element(value));
+                    }
+                }
+                match &counts {
+                    None => numerators.fill(Goldilocks::ONE),
+                    Some(counts) => {
+                        counts.read(block * BLOCK, values);
+                        for (target, &count) in numerators.iter_mut().zip(&*values) {
+                            *target = element(sign * count);
+                        }
+                    }
+                }
+            });
     }
     Stored::new(numerators, denominators)
 }

@@ -2,6 +2,7 @@
 //!
 //! It has the values of all sources as integers. Sums over them stay within an i64, which the statement has to see to.
 
+mod counting;
 pub mod filling;
 mod grid;
 mod instance;
@@ -9,6 +10,7 @@ mod joined;
 mod looked_up;
 mod party;
 pub mod progress;
+mod reading;
 mod summed;
 mod tables;
 mod values;

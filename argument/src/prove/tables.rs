@@ -1,13 +1,17 @@
 //! All values of tensors that nobody commits to.
 
+use super::reading::{Gather, Products, Reader, Term, What, Where, BLOCK, NOTHING};
 use super::values::Values;
+use crate::relation::along::Along;
 use crate::relation::{Atom, Axis, Factor, Index, Linear, Relations, View};
 use rayon::prelude::*;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Sums of products that were computed before, by the numbers of products and of monomials. They take long, and several relations need
-/// each. They are right as long as the values do not change that they are made from.
+/// Products and public tensors that were computed before. They take long, and several relations need each. They are right as long as the values
+/// do not change that they are made from.
 #[derive(Default)]
 pub struct Computed(Mutex<BTreeMap<Factor, Arc<Vec<i64>>>>);
 
@@ -36,24 +40,146 @@ pub struct Tables<'a> {
     pub computed: &'a Computed,
 }
 
-impl Tables<'_> {
-    /// The values of a virtual tensor on `axes`, which are all that it reads, and others along which its values repeat.
-    pub fn of_virtual(&self, number: usize, axes: &[Axis]) -> Vec<i64> {
-        let mut sum = vec![0; 1 << self.relations.size(axes)];
-        for view in &self.relations.virtuals[number].views {
-            self.add_view(view, axes, &mut sum);
-        }
-        sum
+impl<'a> Tables<'a> {
+    /// The values of a sum of terms on these axes.
+    pub fn linear(&self, linear: &Linear, axes: &[Axis]) -> Vec<i64> {
+        self.all(axes, &self.reader(linear, axes))
     }
 
-    fn add_view(&self, view: &View, axes: &[Axis], sum: &mut [i64]) {
+    /// The values of a virtual tensor on `axes`, which are all that it reads, and others along which its values repeat.
+    pub fn of_virtual(&self, number: usize, axes: &[Axis]) -> Vec<i64> {
+        self.factor(Factor::Virtual(number), axes)
+    }
+
+    /// The values of a public tensor on these axes.
+    pub fn public(&self, number: usize, axes: &[Axis]) -> Vec<i64> {
+        self.factor(Factor::Public(number), axes)
+    }
+
+    /// The values of a factor on these axes.
+    pub fn factor(&self, factor: Factor, axes: &[Axis]) -> Vec<i64> {
+        let what = What::Gathered(self.gather(factor, axes));
+        self.all(axes, &Reader(vec![once(what)]))
+    }
+
+    /// The values of monomials on those of their axes that are not summed over.
+    pub fn monomials(&self, number: usize) -> Vec<i64> {
+        let what = What::Products(self.products_of(number));
+        self.all(self.monomial_axes(number), &Reader(vec![once(what)]))
+    }
+
+    fn all(&self, axes: &[Axis], reader: &Reader<'_>) -> Vec<i64> {
+        let mut values = vec![0; 1 << self.relations.size(axes)];
+        let blocks = values.par_chunks_mut(BLOCK).enumerate();
+        blocks.for_each(|(block, values)| reader.read(block * BLOCK, values));
+        values
+    }
+
+    /// Reads the values of a sum of terms on these axes.
+    pub fn reader(&self, linear: &Linear, axes: &[Axis]) -> Reader<'a> {
+        let terms = linear.iter().map(|term| {
+            let what = match term.atom {
+                Atom::One => What::One,
+                Atom::Virtual(number) => What::Gathered(self.gather(Factor::Virtual(number), axes)),
+                Atom::Product(number) => What::Gathered(self.gather(Factor::Product(number), axes)),
+                Atom::Public(number) => What::Gathered(self.gather(Factor::Public(number), axes)),
+                Atom::Monomials(number) if self.monomial_axes(number) == axes => {
+                    What::Products(self.products_of(number))
+                }
+                Atom::Monomials(number) => {
+                    let values = Arc::new(self.monomials(number));
+                    What::Gathered(vec![self.repeated(
+                        values,
+                        self.monomial_axes(number),
+                        axes,
+                    )])
+                }
+                Atom::Summed(number) => {
+                    let summed = &self.relations.sums[number];
+                    let all = [axes, &summed.axes].concat();
+                    let factor = self.gather(Factor::Virtual(summed.of), &all);
+                    What::Products(Products {
+                        terms: vec![(1, vec![factor])],
+                        count: 1 << self.relations.size(axes),
+                        summed: 1 << self.relations.size(&summed.axes),
+                    })
+                }
+            };
+            let coefficients = term.coefficients.map(|number| {
+                let (axis, coefficients) = &self.relations.coefficients[number];
+                let values = coefficients.iter().map(|&c| integer(c)).collect();
+                self.repeated(Arc::new(values), &[*axis], axes)
+            });
+            Term {
+                factor: term.factor,
+                coefficients,
+                what,
+            }
+        });
+        Reader(terms.collect())
+    }
+
+    /// Reads numbers that may differ along an axis.
+    pub fn along(&self, numbers: &Along, axes: &[Axis]) -> Reader<'a> {
+        Reader(vec![match numbers {
+            Along::Everywhere(number) => Term {
+                factor: *number,
+                coefficients: None,
+                what: What::One,
+            },
+            Along::Axis(axis, numbers) => {
+                let numbers = Arc::new(numbers.clone());
+                once(What::Gathered(vec![self.repeated(numbers, &[*axis], axes)]))
+            }
+        }])
+    }
+
+    /// The axes of monomials, but for those that are summed over.
+    fn monomial_axes(&self, number: usize) -> &'a [Axis] {
+        let monomials = &self.relations.monomials[number];
+        &monomials.axes[..monomials.axes.len() - monomials.summed]
+    }
+
+    fn products_of(&self, number: usize) -> Products<'a> {
+        let monomials = &self.relations.monomials[number];
+        let kept = self.relations.size(self.monomial_axes(number));
+        let terms = monomials.terms.iter().map(|(coefficient, factors)| {
+            let factors = factors.iter();
+            let factors = factors.map(|&factor| self.gather(factor, &monomials.axes));
+            (*coefficient, factors.collect())
+        });
+        Products {
+            terms: terms.collect(),
+            count: 1 << kept,
+            summed: 1 << (self.relations.size(&monomials.axes) - kept),
+        }
+    }
+
+    /// A factor's values on these axes are sums of these.
+    fn gather(&self, factor: Factor, axes: &[Axis]) -> Vec<Gather<'a>> {
+        match factor {
+            Factor::Virtual(number) => {
+                let views = self.relations.virtuals[number].views.iter();
+                views.map(|view| self.view(view, axes)).collect()
+            }
+            Factor::Product(number) => {
+                let values = self.computed.get(factor, || self.multiply(number));
+                vec![self.repeated(values, &self.product_axes(number), axes)]
+            }
+            Factor::Public(number) => {
+                let values = self.computed.get(factor, || self.write_out(number));
+                vec![self.repeated(values, self.relations.publics[number].axes(), axes)]
+            }
+        }
+    }
+
+    fn view(&self, view: &View, axes: &[Axis]) -> Gather<'a> {
         let tensor = &self.relations.tensors[view.tensor];
-        let values = self.sources[tensor.source.0 as usize];
-        // For each axis and index, how far into the tensor it leads; nothing where the view is zero.
-        let mut steps: Vec<Vec<Option<usize>>> = axes
+        // For each axis and index, how far into the tensor it leads.
+        let steps = axes
             .iter()
-            .map(|&axis| vec![Some(0); 1 << self.relations.bits(axis)])
-            .collect();
+            .map(|&axis| vec![0; 1 << self.relations.bits(axis)]);
+        let mut steps: Vec<Vec<usize>> = steps.collect();
         let of = |axis: Axis| axes.iter().position(|&own| own == axis);
         let mut start = tensor.offset;
         for (index, place) in view.indices.iter().zip(&tensor.places) {
@@ -66,220 +192,178 @@ impl Tables<'_> {
                     continue;
                 }
             };
-            if let Some(own) = of(axis) {
-                for (number, step) in steps[own].iter_mut().enumerate() {
-                    let place = match map {
-                        None => Some(number),
-                        Some(map) => map[number].map(usize::from),
-                    };
-                    *step = place.and_then(|place| step.map(|step| step + (place << shift)));
-                }
+            let Some(own) = of(axis) else { continue };
+            for (number, step) in steps[own].iter_mut().enumerate() {
+                let place = match map {
+                    None => Some(number),
+                    Some(map) => map[number].map(usize::from),
+                };
+                *step = match (place, *step) {
+                    (None, _) | (_, NOTHING) => NOTHING,
+                    (Some(place), step) => step + (place << shift),
+                };
             }
         }
         for &(axis, only) in &view.only {
             let Some(own) = of(axis) else { continue };
             for (number, step) in steps[own].iter_mut().enumerate() {
-                *step = step.filter(|_| number == only);
+                if number != only {
+                    *step = NOTHING;
+                }
             }
         }
-        let (lowest, higher) = match steps.split_first() {
-            Some(split) => split,
-            None => {
-                sum[0] += view.factor * values.get(start);
-                return;
-            }
+        let values = self.sources[tensor.source.0 as usize];
+        Gather::new(Where::Source(values), start, view.factor, steps)
+    }
+
+    /// Values that lie on the axes `own`, on `axes`.
+    fn repeated(&self, values: Arc<Vec<i64>>, own: &[Axis], axes: &[Axis]) -> Gather<'a> {
+        let stride = |axis: Axis| {
+            let place = own.iter().position(|&of| of == axis)?;
+            Some(1 << self.relations.size(&own[..place]))
         };
-        sum.par_chunks_exact_mut(lowest.len())
-            .enumerate()
-            .for_each(|(mut row, sums)| {
-                let mut first = start;
-                for steps in higher {
-                    match steps[row % steps.len()] {
-                        Some(step) => first += step,
-                        None => return,
-                    }
-                    row /= steps.len();
+        let steps = axes.iter().map(|&axis| {
+            let stride: usize = stride(axis).unwrap_or(0);
+            (0..1 << self.relations.bits(axis))
+                .map(|index: usize| index * stride)
+                .collect()
+        });
+        Gather::new(Where::Computed(values), 0, 1, steps.collect())
+    }
+
+    /// All values of a public tensor.
+    fn write_out(&self, number: usize) -> Vec<i64> {
+        let public = &self.relations.publics[number];
+        let sizes = public
+            .axes()
+            .iter()
+            .map(|&axis| 1usize << self.relations.bits(axis));
+        let sizes: Vec<usize> = sizes.collect();
+        let mut values = vec![0; sizes.iter().product()];
+        let blocks = values.par_chunks_mut(BLOCK).enumerate();
+        blocks.for_each(|(block, values)| {
+            let mut indices = vec![0; sizes.len()];
+            for (number, value) in values.iter_mut().enumerate() {
+                let mut rest = block * BLOCK + number;
+                for (index, &size) in indices.iter_mut().zip(&sizes) {
+                    (*index, rest) = (rest % size, rest / size);
                 }
-                for (sum, step) in sums.iter_mut().zip(lowest) {
-                    if let Some(step) = step {
-                        *sum += view.factor * values.get(first + step);
-                    }
-                }
-            });
+                *value = integer(public.value(&indices));
+            }
+        });
+        values
     }
 
     /// The axes of a product, from the lowest: those of the left factor, those of the right one, those of both.
-    pub fn product_axes(&self, number: usize) -> Vec<Axis> {
+    fn product_axes(&self, number: usize) -> Vec<Axis> {
         let product = &self.relations.products[number];
         [&product.left_axes[..], &product.right_axes, &product.shared].concat()
     }
 
-    /// The values of a product on its own axes.
-    fn product(&self, number: usize) -> Arc<Vec<i64>> {
-        self.computed
-            .get(Factor::Product(number), || self.multiply(number))
-    }
-
     fn multiply(&self, number: usize) -> Vec<i64> {
         let product = &self.relations.products[number];
-        let table = |factor: usize, own: &[Axis]| {
-            self.of_virtual(factor, &[&product.summed, own, &product.shared].concat())
+        let side = |factor: usize, own: &[Axis]| {
+            let axes = [&product.summed, own, &product.shared].concat();
+            (
+                self.gather(Factor::Virtual(factor), &axes),
+                1usize << self.relations.size(&axes),
+            )
         };
-        let left = table(product.left, &product.left_axes);
-        let right = table(product.right, &product.right_axes);
-        let summed = 1 << self.relations.size(&product.summed);
-        let lefts = 1 << self.relations.size(&product.left_axes);
-        let rights = 1 << self.relations.size(&product.right_axes);
-        match (narrow(&left), narrow(&right)) {
-            (Some(left), Some(right)) => {
-                products(&left, &right, [summed, lefts, rights], dot_narrow)
-            }
-            _ => products(&left, &right, [summed, lefts, rights], dot),
+        let (left, lefts) = side(product.left, &product.left_axes);
+        let (right, rights) = side(product.right, &product.right_axes);
+        let size = |axes: &[Axis]| 1 << self.relations.size(axes);
+        let sizes =
+            [&product.summed, &product.left_axes, &product.right_axes].map(|axes| size(axes));
+        match (narrow(&left, lefts), narrow(&right, rights)) {
+            (Some(left), Some(right)) => products(&left, &right, sizes, dot_narrow),
+            _ => products(&wide(left, lefts), &wide(right, rights), sizes, dot),
         }
-    }
-
-    /// The values of monomials on those of their axes that are not summed over.
-    pub fn monomials(&self, number: usize) -> Vec<i64> {
-        let monomials = &self.relations.monomials[number];
-        let axes = &monomials.axes;
-        let kept = &axes[..axes.len() - monomials.summed];
-        let mut sums = vec![0i64; 1 << self.relations.size(kept)];
-        for (coefficient, factors) in &monomials.terms {
-            let mut products = vec![*coefficient; 1 << self.relations.size(axes)];
-            for &factor in factors {
-                let values = self.factor(factor, axes);
-                let pairs = products.par_iter_mut().zip(values);
-                pairs.for_each(|(product, value)| *product = product.wrapping_mul(value));
-            }
-            for row in products.chunks_exact(sums.len()) {
-                let pairs = sums.par_iter_mut().zip(row);
-                pairs.for_each(|(sum, &value)| *sum = sum.wrapping_add(value));
-            }
-        }
-        sums
-    }
-
-    /// The values of a factor on these axes.
-    pub fn factor(&self, factor: Factor, axes: &[Axis]) -> Vec<i64> {
-        match factor {
-            Factor::Virtual(number) => self.of_virtual(number, axes),
-            Factor::Product(number) => {
-                self.repeat(&self.product(number), &self.product_axes(number), axes)
-            }
-            Factor::Public(number) => self.public(number, axes),
-        }
-    }
-
-    /// The values of a public tensor on these axes.
-    pub fn public(&self, number: usize, axes: &[Axis]) -> Vec<i64> {
-        let public = &self.relations.publics[number];
-        let own = public.axes();
-        let sizes: Vec<usize> = own
-            .iter()
-            .map(|&axis| 1 << self.relations.bits(axis))
-            .collect();
-        let values = (0..1usize << self.relations.size(own)).into_par_iter();
-        let value = |mut place: usize| {
-            let indices: Vec<usize> = sizes
-                .iter()
-                .map(|&size| {
-                    let index = place % size;
-                    place /= size;
-                    index
-                })
-                .collect();
-            integer(public.value(&indices))
-        };
-        let values: Vec<i64> = values.map(value).collect();
-        self.repeat(&values, own, axes)
-    }
-
-    /// Values that lie on the axes `own`, on `axes`.
-    fn repeat(&self, values: &[i64], own: &[Axis], axes: &[Axis]) -> Vec<i64> {
-        if own == axes {
-            return values.to_vec();
-        }
-        let mut stride = 1;
-        let mut strides = vec![0; axes.len()];
-        for &axis in own {
-            if let Some(place) = axes.iter().position(|&of| of == axis) {
-                strides[place] = stride;
-            }
-            stride <<= self.relations.bits(axis);
-        }
-        let sizes: Vec<usize> = axes
-            .iter()
-            .map(|&axis| 1 << self.relations.bits(axis))
-            .collect();
-        let places = (0..1usize << self.relations.size(axes)).into_par_iter();
-        let value = |mut place: usize| {
-            let mut from = 0;
-            for (stride, size) in strides.iter().zip(&sizes) {
-                from += place % size * stride;
-                place /= size;
-            }
-            values[from]
-        };
-        places.map(value).collect()
-    }
-
-    /// The values of a sum of terms on these axes.
-    pub fn linear(&self, linear: &Linear, axes: &[Axis]) -> Vec<i64> {
-        let mut sums = vec![0i64; 1 << self.relations.size(axes)];
-        for term in linear {
-            let values = match term.atom {
-                Atom::One => vec![1; sums.len()],
-                Atom::Virtual(number) => self.of_virtual(number, axes),
-                Atom::Product(number) => self.factor(Factor::Product(number), axes),
-                Atom::Public(number) => self.public(number, axes),
-                Atom::Monomials(number) => {
-                    let monomials = &self.relations.monomials[number];
-                    let kept = &monomials.axes[..monomials.axes.len() - monomials.summed];
-                    self.repeat(&self.monomials(number), kept, axes)
-                }
-                Atom::Summed(number) => {
-                    let summed = &self.relations.sums[number];
-                    let all = [&summed.axes, axes].concat();
-                    let each = self.of_virtual(summed.of, &all);
-                    let rows = each.par_chunks_exact(1 << self.relations.size(&summed.axes));
-                    rows.map(|row| row.iter().sum()).collect()
-                }
-            };
-            let coefficients = term.coefficients.map(|number| {
-                let (axis, coefficients) = &self.relations.coefficients[number];
-                let values: Vec<i64> = coefficients.iter().map(|&c| integer(c)).collect();
-                self.repeat(&values, &[*axis], axes)
-            });
-            let terms = sums.par_iter_mut().zip(values).enumerate();
-            terms.for_each(|(index, (sum, value))| {
-                let coefficient = coefficients.as_ref().map_or(1, |all| all[index]);
-                let value = value.wrapping_mul(coefficient).wrapping_mul(term.factor);
-                *sum = sum.wrapping_add(value);
-            });
-        }
-        sums
     }
 }
 
-/// The values as int16, if all are.
-fn narrow(values: &[i64]) -> Option<Vec<i16>> {
-    let narrowed = values.par_iter().map(|&value| i16::try_from(value).ok());
-    narrowed.collect()
+/// `what`, once.
+fn once(what: What<'_>) -> Term<'_> {
+    Term {
+        factor: 1,
+        coefficients: None,
+        what,
+    }
 }
 
-/// Of each block the products of all rows of the left factor with all rows of the right one.
-fn products<T: Sync>(
+/// Sums of gathered values as int16, if all are.
+fn narrow<'a>(gathered: &[Gather<'a>], count: usize) -> Option<Cow<'a, [i16]>> {
+    if let [only] = gathered {
+        if let Some(values) = only.as_they_lie(count) {
+            return Some(values.into());
+        }
+    }
+    let fit = AtomicBool::new(true);
+    let mut narrowed = vec![0i16; count];
+    let blocks = narrowed.par_chunks_mut(BLOCK).enumerate();
+    blocks.for_each(|(block, narrowed)| {
+        let mut values = [0; BLOCK];
+        let values = &mut values[..narrowed.len()];
+        gathered
+            .iter()
+            .for_each(|own| own.add(block * BLOCK, 1, values));
+        let mut bits = 0;
+        for (narrowed, &value) in narrowed.iter_mut().zip(&*values) {
+            *narrowed = value as i16;
+            bits |= value ^ value >> 63;
+        }
+        if bits > i16::MAX as i64 {
+            fit.store(false, Ordering::Relaxed);
+        }
+    });
+    fit.into_inner().then(|| narrowed.into())
+}
+
+/// Sums of gathered values.
+fn wide(gathered: Vec<Gather<'_>>, count: usize) -> Vec<i64> {
+    let mut values = vec![0; count];
+    let blocks = values.par_chunks_mut(BLOCK).enumerate();
+    blocks.for_each(|(block, values)| {
+        gathered
+            .iter()
+            .for_each(|own| own.add(block * BLOCK, 1, values));
+    });
+    values
+}
+
+/// Of each block the products of all rows of the left factor with all rows of the right one. Much is padding, with zeros.
+fn products<T: Copy + Default + PartialEq + Sync>(
     left: &[T],
     right: &[T],
     [summed, lefts, rights]: [usize; 3],
     dot: fn(&[T], &[T]) -> i64,
 ) -> Vec<i64> {
-    let rows = right.par_chunks_exact(summed).enumerate();
-    let sums = rows.flat_map_iter(|(row, b)| {
-        let block = &left[row / rights * summed * lefts..][..summed * lefts];
-        block.chunks_exact(summed).map(move |a| dot(a, b))
+    let used = |row: &[T]| row.iter().rposition(|&value| value != T::default());
+    // Of each block the rows of the left factor that are not zero, and how many columns they have.
+    let blocks = left.par_chunks_exact(summed * lefts).map(|block| {
+        let rows = block.chunks_exact(summed).map(used).enumerate();
+        let rows: Vec<_> = rows
+            .filter_map(|(row, last)| Some((row, last? + 1)))
+            .collect();
+        let columns = rows.iter().map(|(_, columns)| *columns).max().unwrap_or(0);
+        (rows, columns)
     });
-    sums.collect()
+    let blocks: Vec<_> = blocks.collect();
+    let mut sums = vec![0; blocks.len() * lefts * rights];
+    let rows = sums
+        .par_chunks_exact_mut(lefts)
+        .zip(right.par_chunks_exact(summed));
+    rows.enumerate().for_each(|(number, (sums, row))| {
+        let block = number / rights;
+        let (rows, columns) = &blocks[block];
+        let row = &row[..*columns];
+        let left = &left[block * summed * lefts..];
+        if row.iter().any(|&value| value != T::default()) {
+            for &(number, _) in rows {
+                sums[number] = dot(&left[number * summed..][..*columns], row);
+            }
+        }
+    });
+    sums
 }
 
 /// `Σ a·b`.

@@ -25,6 +25,28 @@ impl Values<'_> {
         }
     }
 
+    /// Adds the values from number `first` on, times `factor`; nothing after the last one.
+    pub fn add(&self, first: usize, factor: i64, sums: &mut [i64]) {
+        match self {
+            Self::Narrow(values) => add(values.get(first..).unwrap_or_default(), factor, sums),
+            Self::Wide(values) => add(values.get(first..).unwrap_or_default(), factor, sums),
+            Self::Columns(columns, bits) => {
+                let (mut number, mut within) = (first >> bits, first & ((1 << bits) - 1));
+                let mut rest = sums;
+                while let (false, Some(column)) = (rest.is_empty(), columns.get(number)) {
+                    let count = rest.len().min((1 << bits) - within);
+                    let (now, later) = rest.split_at_mut(count);
+                    match column {
+                        Column::Narrow(values) => add(&values[within..], factor, now),
+                        Column::Medium(values) => add(&values[within..], factor, now),
+                        Column::Wide(values) => add(&values[within..], factor, now),
+                    }
+                    (number, within, rest) = (number + 1, 0, later);
+                }
+            }
+        }
+    }
+
     /// Value number `index`; zero after the last one.
     #[inline(always)]
     pub fn get(&self, index: usize) -> i64 {
@@ -36,6 +58,17 @@ impl Values<'_> {
                 column.map_or(0, |column| column.get(index & ((1 << bits) - 1)))
             }
         }
+    }
+}
+
+/// Adds values times `factor`, as many as there are sums.
+pub fn add<T: Copy + Into<i64>>(values: &[T], factor: i64, sums: &mut [i64]) {
+    let pairs = sums.iter_mut().zip(values);
+    match factor {
+        1 => pairs.for_each(|(sum, &value)| *sum = sum.wrapping_add(value.into())),
+        _ => pairs.for_each(|(sum, &value)| {
+            *sum = sum.wrapping_add(value.into().wrapping_mul(factor));
+        }),
     }
 }
 

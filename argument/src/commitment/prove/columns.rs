@@ -104,6 +104,39 @@ impl Column {
         }
     }
 
+    /// In how many pieces of 16 bits its values are cut.
+    pub(super) fn pieces(&self) -> u32 {
+        match self {
+            Self::Narrow(_) => 1,
+            Self::Medium(_) => 2,
+            Self::Wide(_) => 4,
+        }
+    }
+
+    /// A piece of each value from number `first` on: how often 2^(16·piece) is in it. Pieces are signed.
+    pub(super) fn piece(&self, piece: u32, first: usize, pieces: &mut [f64]) {
+        fn cut<T: Copy + Into<i64>>(values: &[T], piece: u32, last: u32, pieces: &mut [f64]) {
+            for (target, &value) in pieces.iter_mut().zip(values) {
+                let mut rest: i64 = value.into();
+                for _ in 0..piece {
+                    rest = (rest - i64::from(rest as i16)) >> i16::BITS;
+                }
+                let own = if piece < last {
+                    i64::from(rest as i16)
+                } else {
+                    rest
+                };
+                *target = own as f64;
+            }
+        }
+        let range = first..first + pieces.len();
+        match self {
+            Self::Narrow(values) => cut(&values[range], piece, 0, pieces),
+            Self::Medium(values) => cut(&values[range], piece, 1, pieces),
+            Self::Wide(values) => cut(&values[range], piece, 3, pieces),
+        }
+    }
+
     /// Calls `with` for each of `count` values from number `first` on.
     #[inline(always)]
     fn for_each(&self, first: usize, count: usize, mut with: impl FnMut(usize, Goldilocks)) {

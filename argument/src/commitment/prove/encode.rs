@@ -59,6 +59,16 @@ impl Encoder {
         }
         let bits = (rows.len() / width).ilog2() + self.rate;
         let shift = Goldilocks::root_of_unity(bits).pow(coset as u64);
+        self.transform(rows, width, shift)
+    }
+
+    /// The polynomials whose coefficients are in the columns of these rows, at the points `shift` times a root of unity, in the order of reversed bits.
+    pub(super) fn transform(
+        &self,
+        rows: Vec<Theirs>,
+        width: usize,
+        shift: Goldilocks,
+    ) -> Vec<Theirs> {
         let matrix = RowMajorMatrix::new(rows, width);
         let codewords = self.dft.coset_dft_batch(matrix, Theirs::new(shift.value()));
         // The rows lie in the order of their reversed bits. To reverse it twice changes nothing.

@@ -208,7 +208,11 @@ impl Attention {
 #[cfg(feature = "prove")]
 mod fill {
     use super::*;
+    use rayon::prelude::*;
     use zk0_circuits::model::arithmetic::tables::exp2_negative;
+
+    /// Rows whose largest scores one core finds at a time.
+    const ROWS: usize = 1 << 10;
 
     /// The largest score of each row that is seen, the distances to it, and their powers.
     pub fn scores(
@@ -226,28 +230,50 @@ mod fill {
             let seen = filling.linear(&vec![one(Atom::Public(number::SEEN))], &each);
             let shifts = filling.along(&shift, &each);
             let size = |axis| filling.relations.bits(axis);
-            // Numbers of values: the index on P stands between the other axes.
+            // The index on P stands above those of rows: scores of neighbouring rows at one place lie side by side.
             let (low, places) = (size(T) + size(N) + size(H), 1 << size(P));
+            let rows_of_one = 1usize << low;
             let mut largests = vec![0; 1 << filling.relations.size(&rows)];
             let mut all = [(); 3].map(|()| vec![0; scores.len()]);
             let reach = match further {
                 Some(_) => (1 << size(X)) - 1,
                 None => i64::MAX,
             };
-            for (row, largest) in largests.iter_mut().enumerate() {
-                let (inner, sample) = (row & ((1 << low) - 1), row >> low);
-                let at = |place: usize| inner | (sample * places + place) << low;
-                let visible = (0..places).map(at).filter(|&at| seen[at] == 1);
-                let most = visible.clone().map(|at| scores[at]).max();
-                let Some(most) = most else { continue };
-                *largest = most;
-                for at in visible {
-                    let distance = ((*largest - scores[at]) * factor) >> shifts[at];
-                    all[0][at] = distance.min(reach);
-                    all[1][at] = exp2_negative((distance as u64 + 1) >> 1) as i64;
-                    all[2][at] = distance - distance.min(reach);
+            let of_one = largests.chunks_mut(rows_of_one).enumerate();
+            of_one.for_each(|(sample, largests)| {
+                let blocks = largests.par_chunks_mut(ROWS).enumerate();
+                blocks.for_each(|(block, largests)| {
+                    let mut most = [i64::MIN; ROWS];
+                    for place in sample * places..(sample + 1) * places {
+                        let own = (place << low) + block * ROWS..;
+                        let pairs = scores[own.clone()].iter().zip(&seen[own]);
+                        for (most, (&score, &seen)) in most.iter_mut().zip(pairs) {
+                            *most = if seen == 1 { score.max(*most) } else { *most };
+                        }
+                    }
+                    for (largest, most) in largests.iter_mut().zip(most) {
+                        *largest = if most == i64::MIN { 0 } else { most };
+                    }
+                });
+            });
+            let [distances, powers, excesses] = &mut all;
+            let targets = distances.par_chunks_mut(rows_of_one);
+            let targets = targets.zip(powers.par_chunks_mut(rows_of_one));
+            let targets = targets
+                .zip(excesses.par_chunks_mut(rows_of_one))
+                .enumerate();
+            targets.for_each(|(place, ((distances, powers), excesses))| {
+                let largests = &largests[place / places * rows_of_one..];
+                for row in 0..rows_of_one {
+                    let at = (place << low) + row;
+                    if seen[at] == 1 {
+                        let distance = ((largests[row] - scores[at]) * factor) >> shifts[at];
+                        distances[row] = distance.min(reach);
+                        powers[row] = exp2_negative((distance as u64 + 1) >> 1) as i64;
+                        excesses[row] = distance - distance.min(reach);
+                    }
                 }
-            }
+            });
             filling.set(largest, &rows, &largests);
             let tensors = [Some(distance), Some(power), further];
             for (tensor, values) in tensors.into_iter().zip(&all) {

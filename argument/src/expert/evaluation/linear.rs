@@ -10,6 +10,8 @@ use crate::relation::Committed;
 use crate::relation::{Atom, Axis, Count, Product};
 use alloc::vec;
 use alloc::vec::Vec;
+#[cfg(feature = "prove")]
+use rayon::prelude::*;
 use zk0_circuits::model::layout::Layout;
 use zk0_circuits::model::linear::{Linear, Output, HALF, SUM_BITS};
 
@@ -232,9 +234,8 @@ pub fn gate(
         builder.step(move |filling| {
             let mut values = filling.linear(&vec![one(gate.atom())], &axes);
             let bits = filling.along(&bits, &axes);
-            for (value, bits) in values.iter_mut().zip(bits) {
-                *value = gated(*value, bits as u8);
-            }
+            let pairs = values.par_iter_mut().zip(bits);
+            pairs.for_each(|(value, bits)| *value = gated(*value, bits as u8));
             filling.set(result, &axes, &values);
         });
     }
