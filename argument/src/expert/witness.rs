@@ -144,6 +144,18 @@ fn traced(
     })
 }
 
+/// Evaluates both models on a sample, side by side.
+fn both_traced(
+    spec: &EvalSpec,
+    models: Models<'_>,
+    number: usize,
+    sample: (&Sample, &Draw),
+) -> Result<[Traced; 2], Unprovable> {
+    let traced = |model| traced(spec, models, model, number, sample);
+    let (base, update) = rayon::join(|| traced(0), || traced(1));
+    Ok([base?, update?])
+}
+
 /// What is stated about two models and samples in a context ([`Statement::context`]).
 ///
 /// # Errors
@@ -159,8 +171,7 @@ pub fn evaluate(
     let draws = samples.draws();
     for (number, draw) in draws.iter().enumerate() {
         let sample = read(samples, number)?;
-        let traced = |model| traced(spec, models, model, number, (&sample, draw));
-        let both = [traced(0)?, traced(1)?];
+        let both = both_traced(spec, models, number, (&sample, draw))?;
         saturates |= both.iter().any(|traced| traced.saturates);
         evaluated.push(Evaluated {
             prefix: sample.prefix(),
@@ -236,8 +247,8 @@ impl Witness {
     ) -> Result<Self, Unprovable> {
         let sample = &*read(samples, number)?;
         let draw = &statement.samples[number].draw;
-        let kept = |model| traced(&statement.spec, models, model, number, (sample, draw));
-        let kept = [kept(0)?.kept, kept(1)?.kept];
+        let kept = both_traced(&statement.spec, models, number, (sample, draw))?;
+        let kept = kept.map(|traced| traced.kept);
         let statement = statement.of(Some(number));
         let expert = Expert::new(&statement);
         let relations = &expert.builder.relations;

@@ -4,7 +4,6 @@
 
 use super::{Constants, Vectors, INNER_ROUNDS, LANES, WIDTH};
 use core::arch::x86_64::*;
-use core::array::from_fn;
 use std::sync::LazyLock;
 
 /// The modulus, 2^31 − 2^24 + 1.
@@ -99,11 +98,13 @@ fn mul_halves(a: __m512i, b: __m512i, b_odd: __m512i) -> __m512i {
     // What has the same lower half, and is a multiple of P
     let same_even = _mm512_mul_epu32(_mm512_mul_epu32(even, inverse), p);
     let same_odd = _mm512_mul_epu32(_mm512_mul_epu32(odd, inverse), p);
-    let upper = |even, odd| {
-        let even = _mm512_srli_epi64::<32>(even);
-        _mm512_mask_blend_epi32(0xaaaa, even, odd)
-    };
     sub(upper(even, odd), upper(same_even, same_odd))
+}
+
+/// The upper halves of what was computed of even and of odd lanes.
+#[target_feature(enable = "avx512f")]
+fn upper(even: __m512i, odd: __m512i) -> __m512i {
+    _mm512_mask_blend_epi32(0xaaaa, _mm512_srli_epi64::<32>(even), odd)
 }
 
 #[target_feature(enable = "avx512f")]
@@ -137,10 +138,13 @@ fn outer_layer(state: &mut [__m512i; WIDTH]) {
             add(with_d, add(a, a)),
         ];
     }
-    let sums: [__m512i; 4] = from_fn(|place| {
-        let low = add(state[place], state[4 + place]);
-        add(low, add(state[8 + place], state[12 + place]))
-    });
+    let [a, b, c, d] = state.as_chunks::<4>().0 else {
+        return;
+    };
+    let mut sums = *a;
+    for (place, sum) in sums.iter_mut().enumerate() {
+        *sum = add(add(*sum, b[place]), add(c[place], d[place]));
+    }
     for (place, value) in state.iter_mut().enumerate() {
         *value = add(*value, sums[place % 4]);
     }
@@ -162,14 +166,10 @@ fn permute(state: &mut [__m512i; WIDTH], constants: &Montgomery) {
     outer_rounds(state, &constants.outer[0]);
     for &(constant, factor) in &constants.inner {
         let first = times(cube(add(state[0], broadcast(constant))), factor);
-        let [a, b, c, d] = [0, 4, 8, 12].map(|at| {
-            let low = match at {
-                0 => state[1],
-                _ => add(state[at], state[at + 1]),
-            };
-            add(low, add(state[at + 2], state[at + 3]))
-        });
-        let others = add(add(a, b), add(c, d));
+        let mut others = state[1];
+        for &value in &state[2..] {
+            others = add(others, value);
+        }
         let sum = add(others, first);
         state[0] = sub(others, first);
         state[1] = add(state[1], sum);
@@ -184,6 +184,13 @@ fn permute(state: &mut [__m512i; WIDTH], constants: &Montgomery) {
         *value = times(*value, constants.last);
     }
     outer_rounds(state, &constants.outer[1]);
+}
+
+/// Words with these halves.
+#[target_feature(enable = "avx512f")]
+fn join(lower: __m256i, upper: __m256i) -> __m512i {
+    let upper = _mm512_slli_epi64::<32>(_mm512_cvtepu32_epi64(upper));
+    _mm512_or_si512(_mm512_cvtepu32_epi64(lower), upper)
 }
 
 /// The lower or upper halves of words of all lanes.
@@ -204,15 +211,12 @@ fn load(state: &mut [__m512i; WIDTH], word: usize, words: &[u64; LANES]) {
 
 #[target_feature(enable = "avx512f")]
 fn store(state: &[__m512i; WIDTH], word: usize) -> [u64; LANES] {
-    let [lower, upper] = [2 * word, 2 * word + 1].map(|place| times(state[place], 1));
-    let join = |lower, upper| {
-        let upper = _mm512_slli_epi64::<32>(_mm512_cvtepu32_epi64(upper));
-        _mm512_or_si512(_mm512_cvtepu32_epi64(lower), upper)
-    };
-    let of_low = _mm512_castsi512_si256;
-    let of_high = |vector| _mm512_extracti64x4_epi64::<1>(vector);
-    let low = join(of_low(lower), of_low(upper));
-    let high = join(of_high(lower), of_high(upper));
+    let (lower, upper) = (times(state[2 * word], 1), times(state[2 * word + 1], 1));
+    let low = join(_mm512_castsi512_si256(lower), _mm512_castsi512_si256(upper));
+    let high = join(
+        _mm512_extracti64x4_epi64::<1>(lower),
+        _mm512_extracti64x4_epi64::<1>(upper),
+    );
     // SAFETY: both have as many bits, and any bits are integers.
     unsafe { core::mem::transmute([low, high]) }
 }
