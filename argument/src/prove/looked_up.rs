@@ -216,6 +216,15 @@ pub fn leaves(tables: &Tables<'_>, layout: &Layout, fold: &Fold) -> Stored<Goldi
             }
             _ => (1, mask(tables, lookup)),
         };
+        // What is the same in all entries is subtracted once.
+        let mut shift = fold.shift;
+        let mut columns = vec![];
+        for (&power, reader) in fold.powers.iter().zip(&entries.columns) {
+            match reader.constant() {
+                Some(value) => shift -= power.scale(element(value)),
+                None => columns.push((power, reader)),
+            }
+        }
         let places = offset..offset + size(lookup);
         let denominators = denominators[places.clone()].par_chunks_mut(BLOCK);
         let blocks = numerators[places].par_chunks_mut(BLOCK).zip(denominators);
@@ -224,12 +233,17 @@ pub fn leaves(tables: &Tables<'_>, layout: &Layout, fold: &Fold) -> Stored<Goldi
             .for_each(|(block, (numerators, denominators))| {
                 let mut values = [0; BLOCK];
                 let values = &mut values[..numerators.len()];
-                denominators.fill(fold.shift);
-                let columns = fold.powers.iter().zip(&entries.columns).zip(&lookup.entry);
-                for ((&power, reader), _) in columns.filter(|(_, column)| !column.is_empty()) {
+                denominators.fill(shift);
+                for &(power, reader) in &columns {
                     reader.read(block * BLOCK, values);
-                    for (target, &value) in denominators.iter_mut().zip(&*values) {
-                        *target -= power.scale(element(value));
+                    let pairs = denominators.iter_mut().zip(&*values);
+                    match power {
+                        Extension::ONE => {
+                            pairs.for_each(|(target, &value)| target.0[0] -= element(value));
+                        }
+                        _ => pairs.for_each(|(target, &value)| {
+                            *target -= power.scale(element(value));
+                        }),
                     }
                 }
                 match &counts {

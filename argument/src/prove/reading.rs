@@ -207,6 +207,15 @@ pub struct Term<'a> {
 pub struct Reader<'a>(pub Vec<Term<'a>>);
 
 impl Reader<'_> {
+    /// The value, if it is the same everywhere.
+    pub fn constant(&self) -> Option<i64> {
+        let same = |term: &Term| match (&term.what, &term.coefficients) {
+            (What::One, None) => Some(term.factor),
+            _ => None,
+        };
+        self.0.iter().map(same).sum()
+    }
+
     /// Writes the values from number `first` on, up to [`BLOCK`] of them.
     pub fn read(&self, first: usize, values: &mut [i64]) {
         values.fill(0);

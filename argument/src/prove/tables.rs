@@ -368,11 +368,14 @@ fn products<T: Copy + Default + PartialEq + Sync>(
 
 /// `Σ a·b`.
 fn dot_narrow(a: &[i16], b: &[i16]) -> i64 {
-    // A product fits an i32. A sum of two may not.
-    a.iter()
-        .zip(b)
-        .map(|(&a, &b)| (a as i32 * b as i32) as i64)
-        .sum()
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<2>(), b.as_chunks::<2>());
+    let pairs = a.iter().zip(b).map(|(&[a, c], &[b, d])| {
+        // Processors have one instruction for it. All such sums fit an i32 but that of two squares of −2^15, which becomes −2^31, and no other sum does.
+        let sum = (a as i32 * b as i32).wrapping_add(c as i32 * d as i32);
+        i64::from(sum.wrapping_sub(1)) + 1
+    });
+    let rest = a_rest.iter().zip(b_rest);
+    pairs.sum::<i64>() + rest.map(|(&a, &b)| a as i64 * b as i64).sum::<i64>()
 }
 
 /// `Σ a·b`.
@@ -388,5 +391,22 @@ fn integer(element: crate::field::Goldilocks) -> i64 {
     match value > P / 2 {
         true => -((P - value) as i64),
         false => value as i64,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sums_of_the_largest_products_are_exact() {
+        const LEAST: i64 = i16::MIN as i64;
+        for length in [1, 2, 7, 64] {
+            let least = vec![i16::MIN; length];
+            let most = vec![i16::MAX; length];
+            let expected = length as i64 * LEAST;
+            assert_eq!(dot_narrow(&least, &least), expected * LEAST);
+            assert_eq!(dot_narrow(&least, &most), expected * i64::from(i16::MAX));
+        }
     }
 }
