@@ -20,6 +20,7 @@ struct Permutation {
     inner: [(Packed, Packed); INNER_ROUNDS],
     diagonal: [Packed; WIDTH - 4],
     last: Packed,
+    two_to_32: Packed,
 }
 
 impl Permutation {
@@ -39,6 +40,7 @@ impl Permutation {
                 .map(|(added, factor)| (packed(added), packed(factor))),
             diagonal: constants.diagonal.map(packed),
             last: packed(constants.last),
+            two_to_32: packed(((1u64 << 32) % u64::from(KoalaBear::ORDER_U32)) as u32),
         }
     }
 
@@ -85,8 +87,8 @@ impl Vectors for Portable {
     fn load(state: &mut Self::State, word: usize, words: &[u64; LANES]) {
         for (state, words) in state.iter_mut().zip(words.chunks_exact(Packed::WIDTH)) {
             for (half, shift) in [0, 32].into_iter().enumerate() {
-                let value = |lane: usize| KoalaBear::new((words[lane] >> shift) as u32);
-                state[2 * word + half] = Packed::from_fn(value);
+                let values = core::array::from_fn(|lane| (words[lane] >> shift) as u32);
+                state[2 * word + half] = of_montgomery(values) * PERMUTATION.two_to_32;
             }
         }
     }
@@ -100,13 +102,27 @@ impl Vectors for Portable {
 
     #[inline(always)]
     fn store(state: &Self::State, word: usize) -> [u64; LANES] {
-        core::array::from_fn(|lane| {
-            let state = &state[lane / Packed::WIDTH];
-            let value = |place: usize| {
-                let value = state[place].extract(lane % Packed::WIDTH);
-                u64::from(value.as_canonical_u32())
-            };
-            value(2 * word) | value(2 * word + 1) << 32
-        })
+        let one = of_montgomery([1; Packed::WIDTH]);
+        let mut words = [0; LANES];
+        for (state, words) in state.iter().zip(words.chunks_exact_mut(Packed::WIDTH)) {
+            let [lower, upper] = [2 * word, 2 * word + 1].map(|at| montgomery(state[at] * one));
+            for (word, (lower, upper)) in words.iter_mut().zip(lower.into_iter().zip(upper)) {
+                *word = u64::from(lower) | u64::from(upper) << 32;
+            }
+        }
+        words
     }
+}
+
+/// The elements whose Montgomery form these are: x is that of x/2^32. They are below the modulus.
+#[inline(always)]
+fn of_montgomery(values: [u32; Packed::WIDTH]) -> Packed {
+    // SAFETY: a vector of elements is an array of integers below the modulus, in this form; all of these types are transparent.
+    unsafe { core::mem::transmute(values) }
+}
+
+#[inline(always)]
+fn montgomery(values: Packed) -> [u32; Packed::WIDTH] {
+    // SAFETY: as above; any element is an integer.
+    unsafe { core::mem::transmute(values) }
 }
