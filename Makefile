@@ -126,11 +126,13 @@ round-full: build
 	@scripts/setup.sh python
 	scripts/round-full $(ZK0) $(CARGO_TARGET_DIR)/round-full --samples $(FULL_SAMPLES)
 
-# Measures what mode `succinct` costs at the published size, beside the SP1 proof: the native argument, the verifier's checks, guest cycles. Prints
-# JSON lines. Ten minutes, 10 GB of memory, and 3 GB of disk where temporary files go.
+# Measures what mode `succinct` costs at the published size, beside the SP1 proof: the native argument, the verifier's checks, guest cycles. Then it
+# makes an argument about one sample with this build and with that of 88986e74, phase by phase. Prints JSON lines. A quarter of an hour, 10 GB of
+# memory, and 3 GB of disk where temporary files go.
 bench-succinct: build
 	$(RUST) cargo build --release --workspace --locked --example bench_succinct
 	$(CARGO_TARGET_DIR)/release/examples/bench_succinct full 4
+	scripts/bench-succinct
 
 # Compares fixed-point with float32 losses, untrained and trained, up to the published size, and prints every range. Four minutes
 # and 4.4 GB.

@@ -75,6 +75,11 @@ pub mod prove {
             self.levels.last().map_or(&[], |last| last)
         }
 
+        /// The digests of all rows.
+        pub fn leaves(&self) -> &[Digest] {
+            &self.levels[0]
+        }
+
         /// Says the cap.
         pub fn send_cap(&self, prover: &mut Prover) {
             for digest in self.cap() {

@@ -4,7 +4,8 @@ use crate::models::{committed_to, BLIND};
 use std::borrow::Cow;
 use std::{fs, io};
 use zk0_argument::claim::{
-    check, committed, make, most_samples, most_uses, ClaimInput, ClaimSource, NotMade, NotShown,
+    check, committed, digest_of, make, most_samples, most_uses, ClaimInput, ClaimSource, NotMade,
+    NotShown,
 };
 use zk0_argument::expert::witness::Unprovable;
 use zk0_argument::prove::progress::Phase;
@@ -77,6 +78,77 @@ fn a_sample_that_cannot_be_read_is_named() {
         text.contains("sample 2") && text.contains("the disk is broken"),
         "{text}"
     );
+}
+
+/// A private input with what is kept of the commitments to its samples.
+struct Kept {
+    input: PrivateInput,
+    kept: Vec<Vec<u8>>,
+}
+
+impl Kept {
+    fn new() -> Self {
+        let input = node().input;
+        let kept = input.openings.iter().map(|opening| {
+            let spec = &input.header.spec;
+            committed(Mode::Succinct, spec, &opening.sample, &BLIND).kept
+        });
+        let kept = kept.collect();
+        Self { input, kept }
+    }
+}
+
+impl ClaimSource for Kept {
+    fn header(&self) -> &Header {
+        self.input.header()
+    }
+
+    fn models(&self) -> [&QuantisedWeights; 2] {
+        self.input.models()
+    }
+
+    fn places(&self) -> Vec<(u64, &[Digest])> {
+        self.input.places()
+    }
+
+    fn sample(&self, position: usize) -> io::Result<Cow<'_, Sample>> {
+        self.input.sample(position)
+    }
+
+    fn kept(&self, position: usize) -> io::Result<Vec<u8>> {
+        Ok(self.kept[position].clone())
+    }
+}
+
+/// A sample is not hashed a second time. Whatever is kept of its commitment, it is this sample that is shown, or nothing.
+#[test]
+fn what_is_kept_of_a_commitment_opens_it() {
+    let mut source = Kept::new();
+    let made = make(&source, &BLIND, None, &mut |_| {}).unwrap();
+    claim(&made).unwrap();
+    for (sample, opening) in source.input.openings.iter().enumerate() {
+        let of = digest_of(
+            Mode::Succinct,
+            &source.input.header.spec,
+            &opening.sample,
+            &source.kept[sample],
+        );
+        let expected = committed(
+            Mode::Succinct,
+            &source.input.header.spec,
+            &opening.sample,
+            &BLIND,
+        );
+        assert_eq!(of, expected.digest);
+    }
+
+    source.kept.swap(0, 1);
+    let made = make(&source, &BLIND, None, &mut |_| {}).unwrap();
+    assert!(claim(&made).is_err());
+    source.kept.swap(0, 1);
+    source.kept[1].truncate(32);
+    let error = make(&source, &BLIND, None, &mut |_| {}).unwrap_err();
+    assert!(error.to_string().contains("tree of sample 1"), "{error}");
 }
 
 /// The folder is gone after the samples were committed to, when the values of all samples are needed at once.
@@ -338,12 +410,12 @@ fn equal_samples_are_committed_to_alike() {
     let digests = [Mode::Direct, Mode::Succinct].map(|mode| {
         dataset
             .iter()
-            .map(|s| committed(mode, &spec, s, &BLIND))
+            .map(|s| committed(mode, &spec, s, &BLIND).digest)
             .collect::<Vec<_>>()
     });
     let [direct, succinct] = digests;
     assert!(direct.iter().zip(&succinct).all(|(a, b)| a != b));
-    let again = committed(Mode::Succinct, &spec, &dataset[1].clone(), &BLIND);
+    let again = committed(Mode::Succinct, &spec, &dataset[1].clone(), &BLIND).digest;
     assert_eq!(again, succinct[1]);
     assert!(succinct[0] != succinct[1] && succinct[1] != succinct[2]);
 }

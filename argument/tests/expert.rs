@@ -320,7 +320,7 @@ fn a_proof_names_the_samples_as_they_were_committed_to() {
     let models = Models::new(&EvalSpec::micro(), 3, 9);
     let made = Made::new(&models);
     let verified = made.verify(&made.statement, &made.proof()).unwrap();
-    let digest = |sample: &Sample| sample::prove::digest(&models.spec, sample, &BLIND);
+    let digest = |sample: &Sample| sample::prove::committed(&models.spec, sample, &BLIND).0;
     let expected: Vec<_> = models
         .samples
         .iter()

@@ -114,8 +114,7 @@ async fn main() -> Result<(), Box<dyn Error>> {
 /// Makes the input and what belongs to it.
 fn prepare(spec: &EvalSpec, mode: Mode, samples: u32, folder: &Path) -> Result<(), Box<dyn Error>> {
     let begin = Instant::now();
-    let private = synthetic::private_input(spec, mode, samples, SEED)?;
-    let private = MadeAgain::of(private, SEED);
+    let private = MadeAgain::new(spec, mode, samples, SEED)?;
     eprintln!("a claim that holds: {:.0?}", begin.elapsed());
     let begin = Instant::now();
     let mut shown = 0;

@@ -85,7 +85,7 @@ async fn guest_and_host_give_the_same_claim_about_a_base_that_saturates() {
     let blind = synthetic::blind(11);
     let committed = node
         .honest()
-        .succinct(|spec, sample| claim::committed(Mode::Succinct, spec, sample, &blind));
+        .succinct(|spec, sample| claim::committed(Mode::Succinct, spec, sample, &blind).digest);
     let made = claim::make(&committed.input, &blind, None, &mut |_| {}).unwrap();
     assert!(made.saturates);
     let run = executor

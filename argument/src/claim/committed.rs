@@ -3,17 +3,58 @@
 use super::cost::dearest_scales;
 use crate::expert::argument::prove::has_room;
 use crate::expert::blinding::Blind;
-use crate::expert::sample::prove::{digest, uses};
+use crate::expert::sample::prove::{committed as of_succinct, digest, frames, uses};
 use crate::expert::statement::{Statement, MOST_SAMPLES};
+use crate::hash;
 use zk0_circuits::{Digest, EvalSpec, Mode, Sample};
 
-/// The digest of a sample, from which its leaf follows ([`zk0_circuits::claim::dataset::leaf`]). In mode `succinct` it is that of a commitment to
-/// all values, which takes about a second at the published size, and which `blind` hides.
-pub fn committed(mode: Mode, spec: &EvalSpec, sample: &Sample, blind: &Blind) -> Digest {
+/// The commitment to a sample.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Committed {
+    /// Its leaf follows from it ([`zk0_circuits::claim::dataset::leaf`]).
+    pub digest: Digest,
+    /// What an argument would have to hash again without it: digests of a Merkle tree over the sample's codewords. Nothing in mode `direct`.
+    pub kept: Vec<u8>,
+}
+
+/// Commits to a sample. In mode `succinct` it is a commitment to all values, which takes seconds at the published size, and which `blind` hides.
+pub fn committed(mode: Mode, spec: &EvalSpec, sample: &Sample, blind: &Blind) -> Committed {
+    match mode {
+        Mode::Direct => Committed {
+            digest: sample.digest(),
+            kept: vec![],
+        },
+        Mode::Succinct => {
+            let (digest, kept) = of_succinct(spec, sample, blind);
+            Committed {
+                digest: digest.into(),
+                kept: bytes_of(&kept),
+            }
+        }
+    }
+}
+
+/// The digest of a sample of whose commitment this is kept. Whether the tree is that of the sample's values is not looked at.
+pub fn digest_of(mode: Mode, spec: &EvalSpec, sample: &Sample, kept: &[u8]) -> Digest {
     match mode {
         Mode::Direct => sample.digest(),
-        Mode::Succinct => digest(spec, sample, blind).into(),
+        Mode::Succinct => digest(sample.prefix(), frames(spec, sample), &of_bytes(kept)).into(),
     }
+}
+
+fn bytes_of(digests: &[hash::Digest]) -> Vec<u8> {
+    let words = digests.iter().flat_map(|digest| digest.0);
+    words.flat_map(u64::to_le_bytes).collect()
+}
+
+/// The digests in bytes that are kept.
+pub(super) fn of_bytes(bytes: &[u8]) -> Vec<hash::Digest> {
+    let digests = bytes.as_chunks::<32>().0.iter();
+    let word = |digest: &[u8; 32], word: usize| {
+        u64::from_le_bytes(core::array::from_fn(|byte| digest[8 * word + byte]))
+    };
+    let digests = digests.map(|digest| hash::Digest(core::array::from_fn(|at| word(digest, at))));
+    digests.collect()
 }
 
 /// Most samples of a claim, beside what the rules allow. In mode `succinct` there are pads for each in one column, which is shorter where samples are

@@ -1,11 +1,13 @@
 //! The node's side of mode `succinct`: it evaluates both models on the opened samples, and makes the argument about the losses.
 
 use super::check::{conclude, context};
+use super::committed::of_bytes;
 use super::input::{ClaimInput, SampleOpening};
 use super::source::ClaimSource;
 use crate::expert::argument::prove::prove;
 use crate::expert::blinding::Blind;
 use crate::expert::witness::{evaluate, Common, Samples, Unprovable, Witness};
+use crate::hash::Digest;
 use crate::prove::progress::Phase;
 use std::borrow::Cow;
 use std::cell::RefCell;
@@ -39,6 +41,11 @@ impl<S: ClaimSource + ?Sized> Samples for Opened<'_, S> {
 
     fn sample(&self, number: usize) -> io::Result<Cow<'_, Sample>> {
         self.source.sample(number)
+    }
+
+    fn kept(&self, number: usize) -> io::Result<Option<Vec<Digest>>> {
+        let kept = self.source.kept(number)?;
+        Ok((!kept.is_empty()).then(|| of_bytes(&kept)))
     }
 }
 

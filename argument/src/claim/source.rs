@@ -23,6 +23,14 @@ pub trait ClaimSource {
     /// It cannot be read.
     fn sample(&self, position: usize) -> io::Result<Cow<'_, Sample>>;
 
+    /// What is kept of its commitment ([`super::Committed::kept`]); nothing if it is not known.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    fn kept(&self, _position: usize) -> io::Result<Vec<u8>> {
+        Ok(vec![])
+    }
+
     /// All of it in memory.
     ///
     /// # Errors

@@ -132,9 +132,7 @@ impl Committing {
         let (width, height) = (last.width(), 1usize << self.parameters.height);
         let parameters = self.parameters;
         let columns: usize = self.matrices.iter().map(Matrix::width).sum();
-        let columns = columns + width;
-        let missing = BELOW.saturating_sub(columns.next_power_of_two().ilog2());
-        let missing = missing.clamp(4, 10).min(parameters.length() - CAP);
+        let missing = missing(&parameters, columns + width);
         let mut lowest = Vec::with_capacity(1 << (parameters.length() - missing));
         for coset in self.encoder.order() {
             let begun = &self.begun[coset * height..][..height];
@@ -171,6 +169,12 @@ impl Committing {
     }
 }
 
+/// How many of the lowest levels of a tree over so many columns are not kept.
+fn missing(parameters: &Parameters, columns: usize) -> u32 {
+    let missing = BELOW.saturating_sub(columns.next_power_of_two().ilog2());
+    missing.clamp(4, 10).min(parameters.length() - CAP)
+}
+
 /// A segment that was committed to.
 pub struct Committed {
     matrices: Vec<Matrix>,
@@ -182,6 +186,28 @@ pub struct Committed {
 }
 
 impl Committed {
+    /// To a matrix that was committed to before, whose tree had these digests in the lowest level that is kept. `None` if it has another number of them.
+    pub fn again(
+        parameters: &Parameters,
+        matrix: Matrix,
+        hiding: Box<dyn Hiding>,
+        lowest: Vec<Digest>,
+    ) -> Option<Self> {
+        let missing = missing(parameters, matrix.width());
+        let all = lowest.len() == 1 << (parameters.length() - missing);
+        all.then(|| Self {
+            matrices: vec![matrix],
+            hiding,
+            tree: Tree::of_leaves(lowest, CAP),
+            missing,
+        })
+    }
+
+    /// The digests of the lowest level that is kept of the tree: [`Self::again`] takes them.
+    pub fn lowest(&self) -> &[Digest] {
+        self.tree.leaves()
+    }
+
     /// Says the commitment.
     pub fn say(&self, prover: &mut Prover) {
         self.tree.send_cap(prover);

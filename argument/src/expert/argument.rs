@@ -391,9 +391,13 @@ pub mod prove {
             let columns = cut(own.data, shape.widths[1]);
             let evaluated = &statement.samples[sample];
             let lengths = (evaluated.prefix, evaluated.frames);
-            let committed = commit(parameters, columns, lengths, |values| {
-                (hidden.sample)(sample, values)
-            });
+            let hiding = |values: &_| (hidden.sample)(sample, values);
+            let committed = commit(parameters, columns, lengths, own.kept, hiding);
+            let committed = committed.ok_or_else(|| {
+                io::Error::other(format!(
+                    "what is kept of the tree of sample {sample} is not of such a tree"
+                ))
+            })?;
             data.push(committed.into_files(folder)?);
             done(1.0);
         }

@@ -48,6 +48,7 @@ pub(super) fn sample_digest(prefix: usize, frames: usize, cap: &[Digest]) -> Dig
 #[cfg(feature = "prove")]
 pub mod prove {
     use super::*;
+    use crate::commitment::parameters::CAP;
     use crate::commitment::prove::columns::Column;
     use crate::commitment::prove::Committed as Commitment;
     use crate::commitment::prove::{Committing, Hiding, Matrix};
@@ -56,6 +57,8 @@ pub mod prove {
     use crate::expert::builder::bits_of;
     use crate::expert::sizes::Sizes;
     use crate::relation::Tensor;
+    use crate::tree::prove::Tree;
+    use alloc::vec;
     use zk0_circuits::vm::digest::tagged_sha256;
     use zk0_circuits::{EvalSpec, Sample};
 
@@ -67,8 +70,8 @@ pub mod prove {
         (parameters.longest_tail() / parameters.positions()) as u32
     }
 
-    /// The digest of a sample, which `blind` hides.
-    pub fn digest(spec: &EvalSpec, sample: &Sample, blind: &Blind) -> Digest {
+    /// The digest of a sample, which `blind` hides, and what is kept of its tree.
+    pub fn committed(spec: &EvalSpec, sample: &Sample, blind: &Blind) -> (Digest, Vec<Digest>) {
         let mut builder = Builder::new(Sizes::new(spec, 1));
         let tensors = SampleTensors::new(&mut builder);
         let used = builder.place()[DATA.0 as usize];
@@ -78,27 +81,40 @@ pub mod prove {
         tensors.fill(spec, &builder.relations.tensors, sample, &mut data);
         let columns = Column::cut(&data, tall, used.div_ceil(tall));
         let (prefix, frames) = (sample.prefix(), frames(spec, sample));
-        let commitment = commit(&parameters, columns, (prefix, frames), |sample| {
-            Box::new(blind.of_sample(sample))
-        });
-        sample_digest(prefix, frames, commitment.cap())
+        let hiding = |sample: &_| -> Box<dyn Hiding> { Box::new(blind.of_sample(sample)) };
+        let commitment = commit(&parameters, columns, (prefix, frames), None, hiding);
+        let kept = commitment.map_or(vec![], |commitment| commitment.lowest().to_vec());
+        (digest(prefix, frames, &kept), kept)
+    }
+
+    /// The digest of a sample with such lengths, of whose tree this is kept.
+    pub fn digest(prefix: usize, frames: usize, kept: &[Digest]) -> Digest {
+        let tree = Tree::of_leaves(kept.to_vec(), CAP);
+        sample_digest(prefix, frames, tree.cap())
     }
 
     /// Commits to the values of a sample with a prefix and frames, which are hidden by what `hiding` returns for the digest of all that. Different
     /// samples have nothing of that in common: otherwise, at a position that both opened, the difference of the rows would show that of their values; and
     /// rows of both would count for one tail.
+    ///
+    /// With what is kept of its tree, nothing is hashed. Returns `None` if that is not of such a tree.
     pub fn commit(
         parameters: &Parameters,
         columns: Vec<Column>,
         lengths: (usize, usize),
+        kept: Option<Vec<Digest>>,
         hiding: impl FnOnce(&zk0_circuits::Digest) -> Box<dyn Hiding>,
-    ) -> Commitment {
+    ) -> Option<Commitment> {
         let hiding = hiding(&of_values(&columns, lengths));
         let tails = 0..columns.len();
         let tails = tails.map(|column| hiding.elements(column, parameters.longest_tail()));
         let tails = tails.collect();
-        let committing = Committing::new(parameters, columns.len());
-        committing.finish(Matrix::new(columns, tails), hiding)
+        let width = columns.len();
+        let matrix = Matrix::new(columns, tails);
+        match kept {
+            Some(kept) => Commitment::again(parameters, matrix, hiding, kept),
+            None => Some(Committing::new(parameters, width).finish(matrix, hiding)),
+        }
     }
 
     /// A digest of the lengths of prefix and frames, and of the values of columns as they lie in them.

@@ -92,6 +92,8 @@ pub struct Witness {
     pub main: Vec<i64>,
     /// The sample.
     pub data: Vec<i64>,
+    /// What is kept of the tree of its commitment, if that is known.
+    pub kept: Option<Vec<crate::hash::Digest>>,
 }
 
 /// The samples that an argument is about. They are read one at a time.
@@ -104,6 +106,14 @@ pub trait Samples {
     /// # Errors
     /// It cannot be read.
     fn sample(&self, number: usize) -> io::Result<Cow<'_, Sample>>;
+
+    /// What is kept of the tree of a sample's commitment, if it was committed to before.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    fn kept(&self, _number: usize) -> io::Result<Option<Vec<crate::hash::Digest>>> {
+        Ok(None)
+    }
 }
 
 impl Samples for Vec<(Sample, Draw)> {
@@ -118,11 +128,14 @@ impl Samples for Vec<(Sample, Draw)> {
 }
 
 fn read(samples: &impl Samples, number: usize) -> Result<Cow<'_, Sample>, Unprovable> {
-    let unreadable = |error: io::Error| Unprovable::Sample {
-        sample: number,
+    samples.sample(number).map_err(unreadable(number))
+}
+
+fn unreadable(sample: usize) -> impl Fn(io::Error) -> Unprovable {
+    move |error| Unprovable::Sample {
+        sample,
         reason: error.to_string(),
-    };
-    samples.sample(number).map_err(unreadable)
+    }
 }
 
 /// Evaluates one of the models on a sample.
@@ -289,6 +302,7 @@ impl Witness {
             expert: Rc::new(expert),
             main,
             data,
+            kept: samples.kept(number).map_err(unreadable(number))?,
         })
     }
 }

@@ -21,7 +21,12 @@ impl Instance<'_> {
             sources: &self.sources,
             computed: &Computed::default(),
         });
-        self.sources.iter().for_each(Values::release);
+        self.release();
         result
+    }
+
+    /// Drops values that are in files from the process's memory, until somebody uses them again.
+    pub fn release(&self) {
+        self.sources.iter().for_each(Values::release);
     }
 }

@@ -4,8 +4,9 @@ use super::grid::Grid;
 use super::instance::Instance;
 use super::joined::{self, Joined};
 use super::looked_up;
+use super::reading::BLOCK;
 use super::summed::{self, ProductFactors};
-use super::values::{contract, numbers, packed, value, Values};
+use super::values::{contract, numbers, packed, value};
 use crate::field::{Extension, Goldilocks};
 use crate::fractions::{self, prove::halves, LeafClaim};
 use crate::layout::Layout;
@@ -171,13 +172,15 @@ impl Party for Proving<'_> {
         layout: &Layout,
         fold: &Fold,
     ) -> Result<LeafClaim, Refused> {
-        let leaves = self.instances[instance].with(|own| looked_up::leaves(own, layout, fold));
-        let claim = fractions::prove::sum_of(&mut self.prover, layout.variables, &leaves);
-        if self.count > 1 {
-            let low = layout.variables / 2;
-            let halves = halves::over_high(&leaves, low, &claim.point[low..]);
-            self.halves.push(halves);
-        }
+        let low = layout.variables / 2;
+        let (claim, halves) = self.instances[instance].with(|own| {
+            let leaves = looked_up::Fractions::new(own, layout, fold);
+            let claim = fractions::prove::sum_of(&mut self.prover, layout.variables, &leaves);
+            let halves = || halves::over_high(&leaves, low, &claim.point[low..]);
+            let halves = (self.count > 1).then(halves);
+            (claim, halves)
+        });
+        self.halves.extend(halves);
         let added = (instance + 1) as f64 / self.count as f64;
         let of_all = if self.count > 1 { ADDING } else { 1.0 };
         (self.tell)(Phase::Adding, of_all * added);
@@ -209,8 +212,10 @@ impl Party for Proving<'_> {
         let places = a;
         let (mut a, mut b) = (vec![], vec![]);
         for (number, (claim, &place)) in claims.iter().zip(&places).enumerate() {
-            let leaves = self.instances[number].with(|own| looked_up::leaves(own, layout, fold));
-            let own = halves::over_low(&leaves, &point, layout.variables);
+            let own = self.instances[number].with(|own| {
+                let leaves = looked_up::Fractions::new(own, layout, fold);
+                halves::over_low(&leaves, &point, layout.variables)
+            });
             a.extend(
                 eq_table(&claim.point[low..])
                     .iter()
@@ -382,22 +387,32 @@ fn of_instance(instance: &Instance<'_>, parts: &Parts, about: &Weighted) -> Exte
 impl Proving<'_> {
     /// The sum over all instances of the values of a source, with weights.
     fn combined(&self, source: usize, bits: usize, weights: &[Extension]) -> joined::Table {
-        let element = |values: Values<'_>, index| Goldilocks::from_i64(values.get(index));
         if let [_] = weights {
-            let all = self.instances[0].with(|tables| {
-                let all = (0..1usize << bits).into_par_iter();
-                let all = all.map(|index| element(tables.sources[source], index));
-                all.collect::<Vec<Goldilocks>>()
+            let own = self.instances[0].sources[source];
+            let mut all = vec![Goldilocks::ZERO; 1 << bits];
+            let blocks = all.par_chunks_mut(BLOCK).enumerate();
+            blocks.for_each(|(block, all)| {
+                let mut values = [0; BLOCK];
+                own.add(block * BLOCK, 1, &mut values[..all.len()]);
+                for (element, &value) in all.iter_mut().zip(&values) {
+                    *element = Goldilocks::from_i64(value);
+                }
             });
+            self.instances[0].release();
             return all.into();
         }
         let mut sums = vec![Extension::ZERO; 1 << bits];
         for (instance, &weight) in self.instances[..self.count].iter().zip(weights) {
-            instance.with(|tables| {
-                let values = tables.sources[source];
-                let sums = sums.par_iter_mut().enumerate();
-                sums.for_each(|(index, sum)| *sum += weight.scale(element(values, index)));
+            let own = instance.sources[source];
+            let blocks = sums.par_chunks_mut(BLOCK).enumerate();
+            blocks.for_each(|(block, sums)| {
+                let mut values = [0; BLOCK];
+                own.add(block * BLOCK, 1, &mut values[..sums.len()]);
+                for (sum, &value) in sums.iter_mut().zip(&values) {
+                    *sum += weight.scale(Goldilocks::from_i64(value));
+                }
             });
+            instance.release();
         }
         sums.into()
     }
@@ -407,18 +422,28 @@ impl Proving<'_> {
 fn add_weights(parts: &Parts, about: &Weighted, power: Extension, weights: &mut [Extension]) {
     let places = about.parts.iter();
     let places = places.map(|&(shift, id)| (shift, parts.get(id).bits()));
-    let mut own = vec![power];
-    for &(_, id) in &about.parts {
-        own = outer(&own, &parts.get(id).weights());
-    }
     let places = places.collect::<Vec<_>>();
+    let mut ids = about.parts.iter().map(|&(_, id)| id).peekable();
+    // The lower axes, whose weights stay in a cache, and the others.
+    let mut low = vec![power];
+    while let Some(id) = ids.next_if(|&id| low.len() << parts.get(id).bits() <= BLOCK) {
+        low = outer(&low, &parts.get(id).weights());
+    }
+    let high = ids.fold(vec![Extension::ONE], |high, id| {
+        outer(&high, &parts.get(id).weights())
+    });
     match packed(&places) {
-        Some(_) => {
-            let targets = weights[about.offset..].par_iter_mut().zip(own);
-            targets.for_each(|(sum, weight)| *sum += weight);
+        Some(bits) => {
+            let targets = weights[about.offset..][..1 << bits].par_chunks_exact_mut(low.len());
+            targets.zip(high).for_each(|(sums, high)| {
+                for (sum, &low) in sums.iter_mut().zip(&low) {
+                    *sum += high * low;
+                }
+            });
         }
         None => {
-            for (number, weight) in numbers(about.offset, &places).into_iter().zip(own) {
+            let numbers = numbers(about.offset, &places).into_iter();
+            for (number, weight) in numbers.zip(outer(&low, &high)) {
                 weights[number] += weight;
             }
         }

@@ -1,5 +1,6 @@
 //! The values of sources, and sums of them with weights.
 
+use super::reading::BLOCK;
 use crate::commitment::prove::columns::Column;
 use crate::field::{Extension, Goldilocks};
 use crate::party::Weighted;
@@ -77,10 +78,12 @@ pub fn value(values: Values<'_>, parts: &Parts, about: &Weighted) -> Extension {
     let places = about.parts.iter();
     let places = places.map(|&(shift, id)| (shift, parts.get(id).bits()));
     let places: Vec<_> = places.collect();
-    let values: Vec<i64> = match packed(&places) {
+    let numbers = match packed(&places) {
         Some(bits) => {
-            let numbers = about.offset..about.offset + (1 << bits);
-            numbers.into_par_iter().map(|n| values.get(n)).collect()
+            let mut all = vec![0; 1 << bits];
+            let blocks = all.par_chunks_mut(BLOCK).enumerate();
+            blocks.for_each(|(block, all)| values.add(about.offset + block * BLOCK, 1, all));
+            all
         }
         None => {
             let numbers = numbers(about.offset, &places);
@@ -88,7 +91,7 @@ pub fn value(values: Values<'_>, parts: &Parts, about: &Weighted) -> Extension {
         }
     };
     let ids: Vec<PartId> = about.parts.iter().map(|(_, id)| *id).collect();
-    contract(&values, parts, &ids)[0]
+    contract(&numbers, parts, &ids)[0]
 }
 
 /// The bits of all places together, if the values lie in one piece.

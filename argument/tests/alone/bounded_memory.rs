@@ -73,7 +73,7 @@ fn memory_hardly_grows_with_the_samples() {
     let measured = |samples: u32, in_files: bool| {
         let folder = tempfile::tempdir().unwrap();
         let node = honest(&spec, 2 * samples as usize, samples, 7)
-            .succinct(|spec, sample| committed(Mode::Succinct, spec, sample, &BLIND));
+            .succinct(|spec, sample| committed(Mode::Succinct, spec, sample, &BLIND).digest);
         let size = node.input.openings[0].sample.as_bytes().len();
         let input = InFiles::new(node.input, folder.path());
         let values = in_files.then_some(folder.path());

@@ -3,7 +3,7 @@
 use super::lies::party::Lie;
 use super::lies::{refused, World};
 use crate::models::{Models, BLIND};
-use zk0_argument::expert::sample::prove::digest;
+use zk0_argument::expert::sample::prove::committed;
 use zk0_argument::transcript::Refused;
 use zk0_circuits::EvalSpec;
 
@@ -21,7 +21,7 @@ fn told(lie: Lie) -> Result<(), Refused> {
     let told = tale.verify([&tale.models.base, &tale.models.update], prover.words());
     if let Ok(verified) = &told {
         let (sample, _) = &truth.models.samples[0];
-        assert_eq!(verified.samples, [digest(&spec, sample, &BLIND)]);
+        assert_eq!(verified.samples, [committed(&spec, sample, &BLIND).0]);
     }
     tale.named(&prover, told.map(drop))
 }

@@ -9,7 +9,7 @@ use super::lies::World;
 use crate::models::{Models, BLIND};
 use zk0_argument::claim::Blind;
 use zk0_argument::expert::builder::DATA;
-use zk0_argument::expert::sample::prove::digest;
+use zk0_argument::expert::sample::prove::committed;
 use zk0_circuits::EvalSpec;
 
 /// Whether the argument is accepted, and the first sample has another digest than the one that the sample's node has computed.
@@ -19,7 +19,7 @@ fn has_another_digest(truth: &Known, lie: Lie) -> bool {
     let proof = world.prove(truth, lie);
     let told = world.verify([&world.models.base, &world.models.update], proof.words());
     let (sample, _) = &world.models.samples[0];
-    told.is_ok_and(|verified| verified.samples[0] != digest(&spec, sample, &BLIND))
+    told.is_ok_and(|verified| verified.samples[0] != committed(&spec, sample, &BLIND).0)
 }
 
 /// The values of that argument.
@@ -55,6 +55,6 @@ fn what_lies_behind_a_sample_is_zero() {
 #[ignore = "a commitment determines values, and not its own digest: the cheat succeeds"]
 fn a_sample_that_is_hidden_otherwise_has_the_same_digest() {
     let (sample, spec) = (witness().0.models.samples[0].0.clone(), EvalSpec::micro());
-    let other = digest(&spec, &sample, &Blind::new([6; 32]));
-    assert_eq!(other, digest(&spec, &sample, &BLIND));
+    let other = committed(&spec, &sample, &Blind::new([6; 32])).0;
+    assert_eq!(other, committed(&spec, &sample, &BLIND).0);
 }

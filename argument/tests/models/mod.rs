@@ -58,5 +58,5 @@ impl Models {
 
 /// A node, with commitments as mode `succinct` asks for.
 pub fn committed_to(honest: Honest) -> Honest {
-    honest.succinct(|spec, sample| committed(Mode::Succinct, spec, sample, &BLIND))
+    honest.succinct(|spec, sample| committed(Mode::Succinct, spec, sample, &BLIND).digest)
 }

@@ -221,7 +221,7 @@ impl EvaluationSet {
         tracing::warn!("{damaged}; the node makes the sample again");
         let sample = quantise_sample(&self.spec, all.sample(kept.frame)?.as_ref())?;
         let blind = self.by.secret.blind();
-        match committed(self.by.mode, &self.spec, &sample, &blind) == kept.digest {
+        match committed(self.by.mode, &self.spec, &sample, &blind).digest == kept.digest {
             true => {
                 self.files.put(&kept.key, &sample)?;
                 Ok(())

@@ -45,14 +45,21 @@ impl ClaimSource for OpenedSamples {
             .collect()
     }
 
-    /// Reads the file. A file that has changed since it was checked gives a claim that does not hold.
+    /// Reads the file. A file that holds another sample since it was checked gives a claim that does not hold.
     fn sample(&self, position: usize) -> io::Result<Cow<'_, Sample>> {
+        self.read(position).map(|(sample, _)| Cow::Owned(sample))
+    }
+
+    fn kept(&self, position: usize) -> io::Result<Vec<u8>> {
+        self.read(position).map(|(_, kept)| kept)
+    }
+}
+
+impl OpenedSamples {
+    fn read(&self, position: usize) -> io::Result<(Sample, Vec<u8>)> {
         let opening = self.openings.get(position);
         let OpenedSample { file, .. } = opening.ok_or(io::ErrorKind::NotFound)?;
-        let at = |reason: String| io::Error::other(format!("{}: {reason}", file.display()));
-        let sample = SampleFiles::unchecked(&self.header.spec.dims, file);
-        sample
-            .map(Cow::Owned)
-            .map_err(|error| at(error.to_string()))
+        let at = |error| io::Error::other(format!("{}: {error}", file.display()));
+        SampleFiles::read_file(&self.header.spec.dims, file).map_err(at)
     }
 }

@@ -88,7 +88,7 @@ pub fn recompute(
         let same = match recording.frame(listed.frame) {
             Some(place) => {
                 let sample = quantise_sample(spec, samples.sample(place)?.as_ref())?;
-                leaf(&salt, &committed(mode, spec, &sample, &blind)) == listed.leaf
+                leaf(&salt, &committed(mode, spec, &sample, &blind).digest) == listed.leaf
             }
             None => false,
         };

@@ -1,21 +1,28 @@
 //! The samples of an evaluation set on disk: one file each.
 //!
 //! `FRAME-SAMPLE.sample`, where FRAME is a hash of the node's secret and of the frame's name in prefix caches, and SAMPLE is the digest that the node commits
-//! to. So a node that starts again knows all samples by their names, and reads only those that a claim needs. Whoever reads a file checks its digest. A node
-//! that has another secret commits to other digests, and finds no file.
+//! to. So a node that starts again knows all samples by their names, and reads only those that a claim needs. A node that has another secret commits to other
+//! digests, and finds no file.
+//!
+//! A file holds the sample, what is kept of its commitment so that no claim has to hash the sample again, how many bytes that is (a u64, little-endian), and the
+//! SHA-256 of all of it, which is checked whenever the file is read.
 
 use crate::error::ParticipantError;
 use crate::recording::secret::Secret;
 use crate::state_files::{self, broken};
+use sha2::{Digest as _, Sha256};
 use std::collections::HashMap;
 use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
-use zk0_argument::claim::committed;
+use zk0_argument::claim::{committed, digest_of, Committed};
 use zk0_circuits::model::sample::Sample;
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Digest, EvalSpec, Mode};
 use zk0_smolvla::frames::prefix_cache::Key;
+
+/// Most bytes that are kept of a commitment.
+const MOST_KEPT: u64 = 32 << 20;
 
 /// A folder of samples.
 pub struct SampleFiles {
@@ -67,8 +74,12 @@ impl SampleFiles {
     /// # Errors
     /// It cannot be written.
     pub fn put(&self, key: &Key, sample: &Sample) -> Result<Digest, ParticipantError> {
-        let digest = committed(self.mode, &self.spec, sample, &self.secret.blind());
-        state_files::write(&self.path(key, &digest), sample.as_bytes())?;
+        let Committed { digest, kept } =
+            committed(self.mode, &self.spec, sample, &self.secret.blind());
+        let length = (kept.len() as u64).to_le_bytes();
+        let mut bytes = [sample.as_bytes(), &kept, &length].concat();
+        bytes.extend(Sha256::digest(&bytes));
+        state_files::write(&self.path(key, &digest), &bytes)?;
         Ok(digest)
     }
 
@@ -78,22 +89,33 @@ impl SampleFiles {
     /// The file cannot be read. [`ParticipantError::BrokenFile`]: it is not there, or holds another sample.
     pub fn read(&self, key: &Key, digest: &Digest) -> Result<Sample, ParticipantError> {
         let path = self.path(key, digest);
-        let sample = Self::unchecked(&self.spec.dims, &path)?;
-        match committed(self.mode, &self.spec, &sample, &self.secret.blind()) {
+        let (sample, kept) = Self::read_file(&self.spec.dims, &path)?;
+        match digest_of(self.mode, &self.spec, &sample, &kept) {
             found if found == *digest => Ok(sample),
             found => Err(broken(&path, format!("its digest is {found}"))),
         }
     }
 
-    /// Reads a sample, and does not check its digest.
+    /// Reads a sample, and what is kept of its commitment. Which sample it is is not checked.
     ///
     /// # Errors
-    /// The file cannot be read. [`ParticipantError::BrokenFile`]: it is not there, or holds no sample.
-    pub fn unchecked(dims: &Dims, path: &Path) -> Result<Sample, ParticipantError> {
-        let most = Sample::byte_len(dims, dims.max_prefix as usize) as u64;
+    /// The file cannot be read. [`ParticipantError::BrokenFile`]: it is not there, or is not what was written.
+    pub fn read_file(dims: &Dims, path: &Path) -> Result<(Sample, Vec<u8>), ParticipantError> {
+        let most = Sample::byte_len(dims, dims.max_prefix as usize) as u64 + MOST_KEPT;
         let bytes = state_files::read(path, most)?
             .ok_or_else(|| broken(path, "it is not there any more".into()))?;
-        Sample::from_bytes(dims, &bytes).map_err(|error| broken(path, error.to_string()))
+        let early = || broken(path, "it ends too early".into());
+        let (rest, sha256) = bytes.split_last_chunk::<32>().ok_or_else(early)?;
+        if Sha256::digest(rest)[..] != sha256[..] {
+            return Err(broken(path, "its SHA-256 is not the one at its end".into()));
+        }
+        let (rest, length) = rest.split_last_chunk::<8>().ok_or_else(early)?;
+        let length = usize::try_from(u64::from_le_bytes(*length)).unwrap_or(usize::MAX);
+        let sample = rest.len().checked_sub(length).ok_or_else(early)?;
+        let (sample, kept) = rest.split_at(sample);
+        let sample = Sample::from_bytes(dims, sample);
+        let sample = sample.map_err(|error| broken(path, error.to_string()))?;
+        Ok((sample, kept.to_vec()))
     }
 
     /// The file of a sample.
@@ -167,15 +189,21 @@ mod tests {
         let path = files.path(&KEY, &digest);
         let good = fs::read(&path).unwrap();
         let mut flipped = good.clone();
-        let in_the_cache = flipped.len() - 16;
+        let in_the_cache = flipped.len() - 56;
         flipped[in_the_cache] ^= 1;
-        let longer = [&good[..], &vec![0; 1 << 20]].concat();
-        let other = sample(0.5).as_bytes().to_vec();
+        let longer = vec![0; MOST_KEPT as usize + good.len()];
+        let other = files.put(&Key([8; 32]), &sample(0.5)).unwrap();
+        let other = fs::read(files.path(&Key([8; 32]), &other)).unwrap();
+        // What is not a sample, with a SHA-256 that fits
+        let of = |bytes: &[u8]| [bytes, &Sha256::digest(bytes)[..]].concat();
         for (bytes, why) in [
-            (&flipped, "its digest is"),
+            (&flipped, "SHA-256"),
             (&other, "its digest is"),
-            (&good[..40].to_vec(), "takes"),
-            (&Vec::new(), "prefix tokens"),
+            (&good[..40].to_vec(), "SHA-256"),
+            (&Vec::new(), "too early"),
+            (&of(&[7; 6]), "too early"),
+            (&of(&[255; 8]), "too early"),
+            (&of(&[0; 40]), "takes"),
             (&longer, "more than"),
         ] {
             fs::write(&path, bytes).unwrap();

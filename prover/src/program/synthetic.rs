@@ -9,7 +9,7 @@ use super::guest_input::{GuestInput, Prepared};
 use borsh::to_vec;
 use std::borrow::Cow;
 use std::io;
-use zk0_argument::claim::{committed, Blind, ClaimSource};
+use zk0_argument::claim::{committed, Blind, ClaimSource, Committed};
 use zk0_circuits::claim::challenge::sample_indices;
 use zk0_circuits::claim::dataset::{leaf, salt_commitment};
 use zk0_circuits::claim::private_input::{Header, Opening};
@@ -64,19 +64,23 @@ pub struct MadeAgain {
     header: Header,
     models: [QuantisedWeights; 2],
     places: Vec<(u64, Vec<Digest>)>,
+    kept: Vec<Vec<u8>>,
     seed: u64,
 }
 
 impl MadeAgain {
-    /// The input that [`private_input`] made with this seed.
-    pub fn of(input: PrivateInput, seed: u64) -> Self {
+    /// The input that [`private_input`] makes.
+    pub fn new(spec: &EvalSpec, mode: Mode, samples: u32, seed: u64) -> Result<Self, String> {
+        let (mut input, dataset) = improving(spec, samples, seed)?;
+        let kept = commit(&mut input, mode, &dataset, &blind(seed));
         let openings = input.openings.into_iter();
-        Self {
+        Ok(Self {
             header: input.header,
             models: [input.base, input.update],
             places: openings.map(|of| (of.index, of.path)).collect(),
+            kept,
             seed,
-        }
+        })
     }
 }
 
@@ -101,22 +105,33 @@ impl ClaimSource for MadeAgain {
         let sample = sample(&self.header.spec, &mut random, *index as u32);
         sample.map(Cow::Owned).map_err(io::Error::other)
     }
+
+    fn kept(&self, position: usize) -> io::Result<Vec<u8>> {
+        let kept = self.kept.get(position).cloned();
+        kept.ok_or_else(|| io::ErrorKind::NotFound.into())
+    }
 }
 
 /// Names weights and samples as nodes of a network do whose claims are proven in `mode`.
-fn commit(input: &mut PrivateInput, mode: Mode, dataset: &[Sample], blind: &Blind) {
+/// Returns what is kept of the commitments to the opened samples.
+fn commit(input: &mut PrivateInput, mode: Mode, dataset: &[Sample], blind: &Blind) -> Vec<Vec<u8>> {
     let header = &mut input.header;
-    let committed = |sample| committed(mode, &header.spec, sample, blind);
-    let leaves: Vec<Digest> = dataset
+    let committed = dataset
         .iter()
-        .map(|sample| leaf(&header.salt, &committed(sample)))
-        .collect();
+        .map(|sample| committed(mode, &header.spec, sample, blind));
+    let (leaves, kept): (Vec<Digest>, Vec<Vec<u8>>) = committed
+        .map(|Committed { digest, kept }| (leaf(&header.salt, &digest), kept))
+        .unzip();
     header.terms.dataset.root = merkle::root(&leaves);
     for opening in &mut input.openings {
         opening.path = merkle::path(&leaves, opening.index as usize).unwrap_or_default();
     }
     header.terms.base.quantised = input.base.digest(mode);
     header.terms.update.quantised = input.update.digest(mode);
+    let opened = input.openings.iter();
+    opened
+        .map(|opening| kept[opening.index as usize].clone())
+        .collect()
 }
 
 /// A private input in mode `direct`, whose statement holds, and its dataset.

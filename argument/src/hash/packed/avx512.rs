@@ -2,7 +2,7 @@
 //!
 //! Values are in Montgomery's form: x stands for x/2^32 modulo P.
 
-use super::{Constants, Vectors, INNER_ROUNDS, LANES, WIDTH};
+use super::{inner_layer, Constants, Vectors, INNER_ROUNDS, LANES, WIDTH};
 use core::arch::x86_64::*;
 use std::sync::LazyLock;
 
@@ -21,7 +21,6 @@ pub struct Avx512;
 struct Montgomery {
     outer: [[[u32; WIDTH]; 4]; 2],
     inner: [(u32, u32); INNER_ROUNDS],
-    diagonal: [u32; WIDTH - 4],
     last: u32,
 }
 
@@ -35,7 +34,6 @@ static CONSTANTS: LazyLock<Montgomery> = LazyLock::new(|| {
         inner: constants
             .inner
             .map(|(added, factor)| (form(added), form(factor))),
-        diagonal: constants.diagonal.map(form),
         last: form(constants.last),
     }
 });
@@ -118,6 +116,14 @@ fn times(a: __m512i, factor: u32) -> __m512i {
     mul_halves(a, factor, factor)
 }
 
+/// x/2^J, where UP is 24 − J.
+#[target_feature(enable = "avx512f")]
+fn divided<const J: u32, const UP: u32>(a: __m512i) -> __m512i {
+    let low = _mm512_and_si512(a, broadcast((1 << J) - 1));
+    let low = _mm512_sub_epi32(_mm512_slli_epi32::<7>(low), low);
+    sub(_mm512_srli_epi32::<J>(a), _mm512_slli_epi32::<UP>(low))
+}
+
 #[target_feature(enable = "avx512f")]
 fn cube(a: __m512i) -> __m512i {
     mul(mul(a, a), a)
@@ -166,19 +172,8 @@ fn permute(state: &mut [__m512i; WIDTH], constants: &Montgomery) {
     outer_rounds(state, &constants.outer[0]);
     for &(constant, factor) in &constants.inner {
         let first = times(cube(add(state[0], broadcast(constant))), factor);
-        let mut others = state[1];
-        for &value in &state[2..] {
-            others = add(others, value);
-        }
-        let sum = add(others, first);
-        state[0] = sub(others, first);
-        state[1] = add(state[1], sum);
-        state[2] = add(sum, add(state[2], state[2]));
-        let twice = add(state[3], state[3]);
-        state[3] = add(sum, add(twice, twice));
-        for (value, &factor) in state[4..].iter_mut().zip(&constants.diagonal) {
-            *value = add(sum, times(*value, factor));
-        }
+        state[0] = first;
+        inner_layer!(state, add, sub, divided);
     }
     for value in state.iter_mut() {
         *value = times(*value, constants.last);

@@ -2,7 +2,8 @@
 //!
 //! `p3-koala-bear` has Poseidon2 in vectors, but with other inner layers than SP1. So only the outer layers are taken from there.
 
-use super::{Constants, Vectors, INNER_ROUNDS, LANES, WIDTH};
+use super::{inner_layer, Constants, Vectors, INNER_ROUNDS, LANES, WIDTH};
+use core::ops::{Add, Sub};
 use p3_field::{Field, PackedValue, PrimeCharacteristicRing, PrimeField32};
 use p3_koala_bear::{KoalaBear, Poseidon2ExternalLayerKoalaBear};
 use p3_poseidon2::{ExternalLayer, ExternalLayerConstants, ExternalLayerConstructor};
@@ -18,9 +19,11 @@ static PERMUTATION: LazyLock<Permutation> = LazyLock::new(Permutation::new);
 struct Permutation {
     outer: Poseidon2ExternalLayerKoalaBear<WIDTH>,
     inner: [(Packed, Packed); INNER_ROUNDS],
-    diagonal: [Packed; WIDTH - 4],
     last: Packed,
     two_to_32: Packed,
+    /// 2^−j for each j below 16.
+    #[cfg(not(target_feature = "avx2"))]
+    halves: [Packed; 16],
 }
 
 impl Permutation {
@@ -38,8 +41,9 @@ impl Permutation {
             inner: constants
                 .inner
                 .map(|(added, factor)| (packed(added), packed(factor))),
-            diagonal: constants.diagonal.map(packed),
             last: packed(constants.last),
+            #[cfg(not(target_feature = "avx2"))]
+            halves: core::array::from_fn(|j| Packed::from(KoalaBear::ONE.div_2exp_u64(j as u64))),
             two_to_32: packed(((1u64 << 32) % u64::from(KoalaBear::ORDER_U32)) as u32),
         }
     }
@@ -48,28 +52,36 @@ impl Permutation {
         self.outer.permute_state_initial(state);
         for &(constant, factor) in &self.inner {
             state[0] = (state[0] + constant).cube() * factor;
-            self.inner_layer(state);
+            inner_layer!(state, Packed::add, Packed::sub, divided);
         }
         for value in state.iter_mut() {
             *value *= self.last;
         }
         self.outer.permute_state_terminal(state);
     }
+}
 
-    /// Multiplies by J + D.
-    #[inline(always)]
-    fn inner_layer(&self, state: &mut [Packed; WIDTH]) {
-        let [first, rest @ ..] = state;
-        let others = Packed::sum_array::<15>(rest);
-        let sum = others + *first;
-        *first = others - *first;
-        rest[0] += sum;
-        rest[1] = sum + rest[1].double();
-        rest[2] = sum + rest[2].double().double();
-        for (value, &factor) in rest[3..].iter_mut().zip(&self.diagonal) {
-            *value = sum + *value * factor;
-        }
+/// x/2^J, where UP is 24 − J.
+#[cfg(target_feature = "avx2")]
+#[inline(always)]
+fn divided<const J: i32, const UP: i32>(a: Packed) -> Packed {
+    use core::arch::x86_64::*;
+    // SAFETY: the compiler may use these instructions wherever this is compiled, and both types are eight integers below the modulus: the last line brings
+    // the difference there.
+    unsafe {
+        let a: __m256i = core::mem::transmute(a);
+        let modulus = _mm256_set1_epi32(KoalaBear::ORDER_U32 as i32);
+        let low = _mm256_and_si256(a, _mm256_set1_epi32((1 << J) - 1));
+        let low = _mm256_sub_epi32(_mm256_slli_epi32::<7>(low), low);
+        let result = _mm256_sub_epi32(_mm256_srli_epi32::<J>(a), _mm256_slli_epi32::<UP>(low));
+        core::mem::transmute(_mm256_min_epu32(result, _mm256_add_epi32(result, modulus)))
     }
+}
+
+/// x/2^J.
+#[cfg(not(target_feature = "avx2"))]
+fn divided<const J: i32, const UP: i32>(a: Packed) -> Packed {
+    a * PERMUTATION.halves[J as usize]
 }
 
 /// Those vectors.
