@@ -2,7 +2,7 @@
 //!
 //! Values are in Montgomery's form: x stands for x/2^32 modulo P.
 
-use super::{inner_layer, Constants, Vectors, INNER_ROUNDS, LANES, WIDTH};
+use super::vectors::{inner_layer, Constants, Vectors, INNER_ROUNDS, LANES, WIDTH};
 use core::arch::x86_64::*;
 use std::sync::LazyLock;
 

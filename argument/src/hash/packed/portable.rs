@@ -2,7 +2,7 @@
 //!
 //! `p3-koala-bear` has Poseidon2 in vectors, but with other inner layers than SP1. So only the outer layers are taken from there.
 
-use super::{inner_layer, Constants, Vectors, INNER_ROUNDS, LANES, WIDTH};
+use super::vectors::{inner_layer, Constants, Vectors, INNER_ROUNDS, LANES, WIDTH};
 use core::ops::{Add, Sub};
 use p3_field::{Field, PackedValue, PrimeCharacteristicRing, PrimeField32};
 use p3_koala_bear::{KoalaBear, Poseidon2ExternalLayerKoalaBear};
