@@ -374,7 +374,7 @@ mod tests {
     #[test]
     fn samples_that_are_made_again_are_the_same() {
         let input = private_input(&EvalSpec::micro(), Mode::Direct, 3, 5).unwrap();
-        let again = MadeAgain::of(input.clone(), 5);
+        let again = MadeAgain::new(&EvalSpec::micro(), Mode::Direct, 3, 5).unwrap();
         assert_eq!(*again.whole().unwrap(), input);
     }
 
