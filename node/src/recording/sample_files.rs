@@ -191,7 +191,7 @@ mod tests {
         let mut flipped = good.clone();
         let in_the_cache = flipped.len() - 56;
         flipped[in_the_cache] ^= 1;
-        let longer = vec![0; MOST_KEPT as usize + good.len()];
+        let longer = vec![0; MOST_KEPT as usize + (1 << 20)];
         let other = files.put(&Key([8; 32]), &sample(0.5)).unwrap();
         let other = fs::read(files.path(&Key([8; 32]), &other)).unwrap();
         // What is not a sample, with a SHA-256 that fits
@@ -203,7 +203,7 @@ mod tests {
             (&Vec::new(), "too early"),
             (&of(&[7; 6]), "too early"),
             (&of(&[255; 8]), "too early"),
-            (&of(&[0; 40]), "takes"),
+            (&of(&[0; 40]), "prefix tokens"),
             (&longer, "more than"),
         ] {
             fs::write(&path, bytes).unwrap();
