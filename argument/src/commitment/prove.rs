@@ -6,6 +6,7 @@
 
 pub mod columns;
 mod encode;
+mod matrix;
 mod rows;
 mod stored;
 
@@ -18,11 +19,11 @@ use crate::prove::progress::{Phase, Tell};
 use crate::transcript::work;
 use crate::transcript::{Challenges, Prover};
 use crate::tree::prove::{parents, Tree};
-use columns::{add_combination, evaluate, to_rows, Column};
+use columns::{add_combination, evaluate};
 pub use encode::Encoder;
 use encode::{encode_extension, fold};
+pub use matrix::Matrix;
 use p3_field::PrimeField64;
-use p3_goldilocks::Goldilocks as Theirs;
 use rayon::prelude::*;
 use std::io;
 use std::path::Path;
@@ -38,49 +39,6 @@ pub trait Hiding: Send + Sync {
     fn elements(&self, column: usize, count: usize) -> Vec<Goldilocks>;
     /// The salts of so many leaves from this one on.
     fn salts(&self, first: usize, count: usize) -> Vec<[Goldilocks; SALT]>;
-}
-
-/// Columns that are encoded together, with the random coefficients that follow the values of each.
-pub struct Matrix {
-    columns: Vec<Column>,
-    tails: Vec<Vec<Goldilocks>>,
-}
-
-impl Matrix {
-    /// Columns, and a tail for each.
-    pub fn new(columns: Vec<Column>, tails: Vec<Vec<Goldilocks>>) -> Self {
-        Self { columns, tails }
-    }
-
-    /// Moves the values to files in a folder, if there is one.
-    pub fn into_files(mut self, folder: Option<&Path>) -> io::Result<Self> {
-        if let Some(folder) = folder {
-            let columns = self.columns.into_iter();
-            let moved = columns.map(|column| column.into_file(folder));
-            self.columns = moved.collect::<io::Result<_>>()?;
-        }
-        Ok(self)
-    }
-
-    /// The values.
-    pub fn columns(&self) -> &[Column] {
-        &self.columns
-    }
-
-    fn width(&self) -> usize {
-        self.columns.len()
-    }
-
-    /// Drops values that are in files from the process's memory, until somebody uses them again.
-    fn release(&self) {
-        self.columns.iter().for_each(Column::release);
-    }
-
-    /// The codewords on one coset, by rows.
-    fn coset(&self, encoder: &Encoder, coset: usize) -> Vec<Theirs> {
-        let tails = self.tails.iter().map(Vec::as_slice).collect::<Vec<_>>();
-        encoder.coset(to_rows(&self.columns), &tails, coset)
-    }
 }
 
 /// A segment whose matrices are being committed to, one after the other.

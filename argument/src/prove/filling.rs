@@ -1,9 +1,8 @@
 //! The values of committed tensors, computed step by step from the relations that they have to obey.
 
 use super::looked_up::{count, NotInTable};
-use super::reading::BLOCK;
 use super::tables::{Computed, Tables};
-use super::values::{numbers, packed, Values};
+use super::values::{numbers, packed, Values, BLOCK};
 use crate::relation::along::Along;
 use crate::relation::{Atom, Axis, Committed, Count, Linear, Relations, Term};
 use rayon::prelude::*;

@@ -1,9 +1,9 @@
 //! Look-ups: how often each row of a table is looked up, and the fractions that show it.
 
 use super::counting::{Counting, Index};
-use super::reading::{Reader, BLOCK};
+use super::reading::Reader;
 use super::tables::Tables;
-use super::values::Values;
+use super::values::{Values, BLOCK};
 use crate::commitment::prove::columns::Column;
 use crate::field::{Extension, Goldilocks};
 use crate::fractions::prove::Leaves;

@@ -1,10 +1,7 @@
 //! Values on some axes that are computed where they are read, a block at a time: then nobody has to keep all of them.
 
-use super::values::Values;
+use super::values::{Values, BLOCK};
 use std::sync::Arc;
-
-/// Values that are computed at once, so that they stay in a processor's nearest cache.
-pub const BLOCK: usize = 1 << 11;
 
 /// Stands for the number of a value that is zero wherever it is read.
 pub const NOTHING: usize = usize::MAX;

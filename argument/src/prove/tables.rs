@@ -1,7 +1,7 @@
 //! All values of tensors that nobody commits to.
 
-use super::reading::{Gather, Products, Reader, Term, What, Where, BLOCK, NOTHING};
-use super::values::Values;
+use super::reading::{Gather, Products, Reader, Term, What, Where, NOTHING};
+use super::values::{Values, BLOCK};
 use crate::relation::along::Along;
 use crate::relation::{Atom, Axis, Factor, Index, Linear, Relations, View};
 use rayon::prelude::*;

@@ -1,11 +1,13 @@
 //! The values of sources, and sums of them with weights.
 
-use super::reading::BLOCK;
 use crate::commitment::prove::columns::Column;
 use crate::field::{Extension, Goldilocks};
 use crate::party::Weighted;
 use crate::relation::{PartId, Parts};
 use rayon::prelude::*;
+
+/// Values that are computed at once, so that they stay in a processor's nearest cache.
+pub const BLOCK: usize = 1 << 11;
 
 /// Values of a source.
 #[derive(Clone, Copy)]

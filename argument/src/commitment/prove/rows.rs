@@ -6,7 +6,7 @@
 
 use super::columns::Column;
 use super::encode::Encoder;
-use super::Matrix;
+use super::matrix::Matrix;
 use crate::field::Goldilocks;
 use p3_goldilocks::Goldilocks as Theirs;
 use rayon::prelude::*;
