@@ -4,7 +4,7 @@ use super::looked_up::{count, NotInTable};
 use super::tables::{Computed, Tables};
 use super::values::{numbers, packed, Values, BLOCK};
 use crate::relation::along::Along;
-use crate::relation::{Atom, Axis, Committed, Count, Linear, Relations, Term};
+use crate::relation::{Atom, Axis, Committed, Count, Linear, Relations};
 use rayon::prelude::*;
 
 /// Values of all sources. Those that are committed to are filled in.
@@ -73,19 +73,11 @@ impl Filling<'_> {
     ) -> Vec<i64> {
         let mut values = vec![0; 1 << self.relations.size(axes)];
         self.with(|tables| {
-            let atom = |atom| {
-                let term = Term {
-                    factor: 1,
-                    coefficients: None,
-                    atom,
-                };
-                tables.reader(&vec![term], axes)
-            };
             let value = tables.reader(value, axes);
             let shift = tables.along(shift, axes);
-            let plus = plus.map(|plus| atom(plus.atom()));
+            let plus = plus.map(|plus| tables.atom(plus.atom(), axes));
             let mask = match count {
-                Count::Masked(public) => Some(atom(Atom::Public(public))),
+                Count::Masked(public) => Some(tables.atom(Atom::Public(public), axes)),
                 _ => None,
             };
             let blocks = values.par_chunks_mut(BLOCK).enumerate();

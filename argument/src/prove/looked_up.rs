@@ -1,7 +1,7 @@
 //! Look-ups: how often each row of a table is looked up, and the fractions that show it.
 
 use super::counting::{Counting, Index};
-use super::reading::Reader;
+use super::reading::{all, narrowed, Reader};
 use super::tables::Tables;
 use super::values::{Values, BLOCK};
 use crate::commitment::prove::columns::Column;
@@ -9,10 +9,9 @@ use crate::field::{Extension, Goldilocks};
 use crate::fractions::prove::Leaves;
 use crate::layout::Layout;
 use crate::party::Fold;
-use crate::relation::{Atom, Count, Lookup, Term, COLUMNS};
+use crate::relation::{Atom, Count, Lookup, COLUMNS};
 use core::ops::Range;
 use core::slice;
-use core::sync::atomic::{AtomicBool, Ordering};
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
@@ -81,14 +80,6 @@ pub fn check_equalities(tables: &Tables<'_>) -> Result<(), Violation> {
     Ok(())
 }
 
-fn one(atom: Atom) -> Term {
-    Term {
-        factor: 1,
-        coefficients: None,
-        atom,
-    }
-}
-
 /// The columns of all entries of a look-up.
 fn columns(tables: &Tables<'_>, lookup: &Lookup) -> [Vec<i64>; COLUMNS] {
     core::array::from_fn(|column| tables.linear(&lookup.entry[column], &lookup.axes))
@@ -101,9 +92,7 @@ fn row(columns: &[Vec<i64>; COLUMNS], index: usize) -> [i64; COLUMNS] {
 /// Whether each entry counts, unless all do.
 fn mask<'a>(tables: &Tables<'a>, lookup: &Lookup) -> Option<Reader<'a>> {
     match lookup.count {
-        Count::Masked(public) => {
-            Some(tables.reader(&vec![one(Atom::Public(public))], &lookup.axes))
-        }
+        Count::Masked(public) => Some(tables.atom(Atom::Public(public), &lookup.axes)),
         _ => None,
     }
 }
@@ -242,10 +231,10 @@ impl<'a> Fractions<'a> {
             };
             Piece {
                 leaves: offset..offset + size,
-                first: narrowed(&reader(0), size),
+                first: kept(&reader(0), size),
                 shift,
                 columns,
-                counts: counts.map(|atom| tables.reader(&vec![one(atom)], &lookup.axes)),
+                counts: counts.map(|atom| tables.atom(atom, &lookup.axes)),
                 sign,
             }
         });
@@ -255,31 +244,13 @@ impl<'a> Fractions<'a> {
     }
 }
 
-/// Values as int32, if all are.
-fn narrowed(reader: &Reader<'_>, count: usize) -> Column {
-    let fit = AtomicBool::new(true);
-    let mut narrowed = vec![0i32; count];
-    let blocks = narrowed.par_chunks_mut(BLOCK).enumerate();
-    blocks.for_each(|(block, narrowed)| {
-        let mut values = [0; BLOCK];
-        let values = &mut values[..narrowed.len()];
-        reader.read(block * BLOCK, values);
-        let mut bits = 0;
-        for (narrowed, &value) in narrowed.iter_mut().zip(&*values) {
-            *narrowed = value as i32;
-            bits |= value ^ value >> 63;
-        }
-        if bits > i32::MAX as i64 {
-            fit.store(false, Ordering::Relaxed);
-        }
-    });
-    if fit.into_inner() {
-        return Column::Medium(narrowed.into());
+/// Values in as few bytes as most of them need.
+fn kept(reader: &Reader<'_>, count: usize) -> Column {
+    let read = |first: usize, values: &mut [i64]| reader.read(first, values);
+    match narrowed::<i32>(count, read) {
+        Some(values) => Column::Medium(values.into()),
+        None => Column::Wide(all(count, read).into()),
     }
-    let mut values = vec![0; count];
-    let blocks = values.par_chunks_mut(BLOCK).enumerate();
-    blocks.for_each(|(block, values)| reader.read(block * BLOCK, values));
-    Column::Wide(values.into())
 }
 
 impl Piece<'_> {

@@ -1,6 +1,8 @@
 //! Values on some axes that are computed where they are read, a block at a time: then nobody has to keep all of them.
 
 use super::values::{Values, BLOCK};
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 
 /// Stands for the number of a value that is zero wherever it is read.
@@ -253,4 +255,37 @@ impl Term<'_> {
             }
         }
     }
+}
+
+/// All values, which `read` writes from a number on.
+pub fn all(count: usize, read: impl Fn(usize, &mut [i64]) + Sync) -> Vec<i64> {
+    let mut values = vec![0; count];
+    let blocks = values.par_chunks_mut(BLOCK).enumerate();
+    blocks.for_each(|(block, values)| read(block * BLOCK, values));
+    values
+}
+
+/// All values as smaller integers, if all of them fit.
+pub fn narrowed<T: TryFrom<i64> + Copy + Default + Send>(
+    count: usize,
+    read: impl Fn(usize, &mut [i64]) + Sync,
+) -> Option<Vec<T>> {
+    let fit = AtomicBool::new(true);
+    let mut narrowed = vec![T::default(); count];
+    let blocks = narrowed.par_chunks_mut(BLOCK).enumerate();
+    blocks.for_each(|(block, narrowed)| {
+        let mut values = [0; BLOCK];
+        let values = &mut values[..narrowed.len()];
+        read(block * BLOCK, values);
+        let mut all_fit = true;
+        for (target, &value) in narrowed.iter_mut().zip(&*values) {
+            let value = T::try_from(value);
+            all_fit &= value.is_ok();
+            *target = value.unwrap_or_default();
+        }
+        if !all_fit {
+            fit.store(false, Ordering::Relaxed);
+        }
+    });
+    fit.into_inner().then_some(narrowed)
 }

@@ -1,13 +1,12 @@
 //! All values of tensors that nobody commits to.
 
-use super::reading::{Gather, Products, Reader, Term, What, Where, NOTHING};
+use super::reading::{all, narrowed, Gather, Products, Reader, Term, What, Where, NOTHING};
 use super::values::{Values, BLOCK};
 use crate::relation::along::Along;
-use crate::relation::{Atom, Axis, Factor, Index, Linear, Relations, View};
+use crate::relation::{self, Atom, Axis, Factor, Index, Linear, Relations, View};
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Products and public tensors that were computed before. They take long, and several relations need each. They are right as long as the values
@@ -69,10 +68,8 @@ impl<'a> Tables<'a> {
     }
 
     fn all(&self, axes: &[Axis], reader: &Reader<'_>) -> Vec<i64> {
-        let mut values = vec![0; 1 << self.relations.size(axes)];
-        let blocks = values.par_chunks_mut(BLOCK).enumerate();
-        blocks.for_each(|(block, values)| reader.read(block * BLOCK, values));
-        values
+        let count = 1 << self.relations.size(axes);
+        all(count, |first, values| reader.read(first, values))
     }
 
     /// Reads the values of a sum of terms on these axes.
@@ -117,6 +114,16 @@ impl<'a> Tables<'a> {
             }
         });
         Reader(terms.collect())
+    }
+
+    /// Reads the values of an atom on these axes.
+    pub fn atom(&self, atom: Atom, axes: &[Axis]) -> Reader<'a> {
+        let term = relation::Term {
+            factor: 1,
+            coefficients: None,
+            atom,
+        };
+        self.reader(&vec![term], axes)
     }
 
     /// Reads numbers that may differ along an axis.
@@ -276,7 +283,11 @@ impl<'a> Tables<'a> {
             [&product.summed, &product.left_axes, &product.right_axes].map(|axes| size(axes));
         match (narrow(&left, lefts), narrow(&right, rights)) {
             (Some(left), Some(right)) => products(&left, &right, sizes, dot_narrow),
-            _ => products(&wide(left, lefts), &wide(right, rights), sizes, dot),
+            _ => {
+                let [left, right] =
+                    [(&left, lefts), (&right, rights)].map(|(of, count)| all(count, sums_of(of)));
+                products(&left, &right, sizes, dot)
+            }
         }
     }
 }
@@ -292,42 +303,21 @@ fn once(what: What<'_>) -> Term<'_> {
 
 /// Sums of gathered values as int16, if all are.
 fn narrow<'a>(gathered: &[Gather<'a>], count: usize) -> Option<Cow<'a, [i16]>> {
-    if let [only] = gathered {
-        if let Some(values) = only.as_they_lie(count) {
-            return Some(values.into());
-        }
-    }
-    let fit = AtomicBool::new(true);
-    let mut narrowed = vec![0i16; count];
-    let blocks = narrowed.par_chunks_mut(BLOCK).enumerate();
-    blocks.for_each(|(block, narrowed)| {
-        let mut values = [0; BLOCK];
-        let values = &mut values[..narrowed.len()];
-        gathered
-            .iter()
-            .for_each(|own| own.add(block * BLOCK, 1, values));
-        let mut bits = 0;
-        for (narrowed, &value) in narrowed.iter_mut().zip(&*values) {
-            *narrowed = value as i16;
-            bits |= value ^ value >> 63;
-        }
-        if bits > i16::MAX as i64 {
-            fit.store(false, Ordering::Relaxed);
-        }
-    });
-    fit.into_inner().then(|| narrowed.into())
+    let as_they_lie = match gathered {
+        [only] => only.as_they_lie(count),
+        _ => None,
+    };
+    as_they_lie
+        .map(Cow::from)
+        .or_else(|| narrowed(count, sums_of(gathered)).map(Cow::from))
 }
 
-/// Sums of gathered values.
-fn wide(gathered: Vec<Gather<'_>>, count: usize) -> Vec<i64> {
-    let mut values = vec![0; count];
-    let blocks = values.par_chunks_mut(BLOCK).enumerate();
-    blocks.for_each(|(block, values)| {
-        gathered
-            .iter()
-            .for_each(|own| own.add(block * BLOCK, 1, values));
-    });
-    values
+/// Writes sums of gathered values.
+fn sums_of<'a>(gathered: &'a [Gather<'_>]) -> impl Fn(usize, &mut [i64]) + Sync + 'a {
+    |first, values| {
+        values.fill(0);
+        gathered.iter().for_each(|own| own.add(first, 1, values));
+    }
 }
 
 /// Of each block the products of all rows of the left factor with all rows of the right one. Much is padding, with zeros.
