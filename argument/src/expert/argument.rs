@@ -395,7 +395,7 @@ pub mod prove {
             let committed = commit(parameters, columns, lengths, own.kept, hiding);
             let committed = committed.ok_or_else(|| {
                 io::Error::other(format!(
-                    "what is kept of the tree of sample {sample} is not of such a tree"
+                    "the kept tree of sample {sample} does not have as many digests as this version writes"
                 ))
             })?;
             data.push(committed.into_files(folder)?);
