@@ -5,6 +5,7 @@ use crate::policy::{self, CacheOptions, PolicySource};
 use anyhow::{Context, Result};
 use std::path::PathBuf;
 use std::thread;
+use zk0_lerobot::dataset::{refuse_different, Info};
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_simulate::robots::data::{Dealing, Recorded};
 use zk0_simulate::robots::federation::Training;
@@ -106,12 +107,24 @@ impl FederationOptions {
     pub fn open(&self) -> Result<Opened> {
         let file = self.source(self.seed)?.load()?;
         let cache = self.cache.open()?;
-        let open = |name: &RecordingName| {
-            let recorded = Recorded::open(&name.locate()?, &file, cache.as_ref());
-            recorded.with_context(|| format!("recording {name}"))
+        let located = |names: &[RecordingName]| {
+            let folder = |name: &RecordingName| {
+                let folder = name.locate()?;
+                let info = Info::read(&folder).with_context(|| format!("recording {name}"))?;
+                Ok((folder, info))
+            };
+            names.iter().map(folder).collect::<Result<Vec<_>>>()
         };
-        let all = |names: &[RecordingName]| names.iter().map(open).collect::<Result<Vec<_>>>();
-        let (recordings, unseen) = (all(&self.datasets)?, all(&self.unseen)?);
+        let (recordings, unseen) = (located(&self.datasets)?, located(&self.unseen)?);
+        let together = recordings.iter().chain(&unseen);
+        refuse_different(together.map(|(folder, info)| (folder.as_path(), info)))?;
+        let open = |(folder, _): &(PathBuf, Info)| {
+            let recorded = Recorded::open(folder, &file, cache.as_ref());
+            recorded.with_context(|| format!("recording {}", folder.display()))
+        };
+        let all =
+            |located: &[(PathBuf, Info)]| located.iter().map(open).collect::<Result<Vec<_>>>();
+        let (recordings, unseen) = (all(&recordings)?, all(&unseen)?);
         Ok(Opened {
             file,
             recordings,

@@ -23,23 +23,27 @@
 mod episode_digest;
 mod error;
 mod feature_spec;
+mod joint_unit;
 mod loader;
 mod metadata;
 mod recording;
 mod repair;
 mod tables;
+mod together;
 mod validate;
 mod video;
 mod window;
 
 pub use error::DatasetError;
 pub use feature_spec::FEATURE_SPEC_TAG;
+pub use joint_unit::JointUnit;
 pub use loader::{Frame, Image, Loader};
 pub use metadata::episode::{Episode, VideoSpan};
 pub use metadata::info::{Camera, Format, Info, VectorFeature};
 pub use metadata::normalizer::{Normalizer, Stats};
 pub use recording::Dataset;
 pub use repair::Repair;
+pub use together::refuse_different;
 pub use validate::PictureFault;
 pub use video::color::{rgb_from_yuv420, Yuv420};
 pub use video::mp4::avc_config::AvcConfig;

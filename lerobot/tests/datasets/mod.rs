@@ -3,6 +3,8 @@
 mod delta_timestamps;
 mod frames;
 mod h264;
+mod joint_unit;
 mod metadata;
 mod rows;
+mod together;
 mod videos;
