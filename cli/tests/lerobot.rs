@@ -49,6 +49,7 @@ fn folder(to: &Path) {
     ] {
         fs::copy(fixtures().join("smolvla_tiny").join(from), to.join(name)).unwrap();
     }
+    harness::name_cameras(&to.join("config.json"));
     let write = |name: &str, content: &[u8]| fs::write(to.join(name), content).unwrap();
     let tokenizer = json!({
         "version": "1.0", "truncation": null, "padding": null, "added_tokens": [],
