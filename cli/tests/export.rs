@@ -2,10 +2,11 @@
 
 use crate::harness::network::LocalNetwork;
 use crate::harness::serving::Serving;
-use crate::harness::{ends, fails, logs, printed, prints, words, zk0};
+use crate::harness::{ends, fails, logs, printed, prints, root, words, zk0, RECORDING};
 use serde_json::{json, Value};
 use std::fs;
 use std::path::Path;
+use zk0_lerobot::dataset::Dataset;
 use zk0_lerobot::policy_folder::PolicyFolder;
 
 /// A network of LeRobot's fixture that has closed two rounds, to which nobody contributed.
@@ -114,6 +115,41 @@ fn a_rounds_policy_is_exported_and_a_changed_one_is_not_believed() {
         "export", "lerobot", &ledger, "--round", "7", "--policy", &policy, "--out", "never",
     ];
     assert!(fails(&late).contains("round 7 has not closed"));
+}
+
+/// The statistics of `lerobot/smolvla_base` have the names of recordings, so that LeRobot does not find them.
+#[test]
+fn a_policy_without_statistics_is_exported_with_those_of_a_recording() {
+    let sources = LocalNetwork::new();
+    let policy = sources.lerobot_folder();
+    let made = root().join("tests/fixtures/policy_processors/statistics_by_recording");
+    for file in fs::read_dir(made).unwrap() {
+        let file = file.unwrap();
+        fs::copy(file.path(), Path::new(&policy).join(file.file_name())).unwrap();
+    }
+    let said = logs(&words(&sources.founding(&["--policy", &policy])));
+    assert!(
+        said.contains("so100.buffer.action") && said.contains("--statistics-of"),
+        "{said}"
+    );
+
+    let network = two_rounds(&policy);
+    let (ledger, out) = (network.path("ledger"), network.path("round-1"));
+    let export = [
+        "export", "lerobot", &ledger, "--round", "1", "--policy", &policy, "--out", &out,
+    ];
+    let said = fails(&export);
+    assert!(
+        said.contains("so100.buffer.action") && said.contains("--statistics-of"),
+        "{said}"
+    );
+    assert!(!Path::new(&out).exists());
+    prints(&[&export[..], &["--statistics-of", RECORDING]].concat());
+    let found = PolicyFolder::open(&out).unwrap().stats().unwrap();
+    let recorded = Dataset::open(root().join(RECORDING)).unwrap();
+    assert_eq!(found.as_ref(), Some(recorded.stats()));
+    let said = prints(&["export", "check", &out, &ledger]);
+    assert!(said.contains("VERIFIED"), "{said}");
 }
 
 /// The report of an audit, with rollouts of a policy that has this receipt.

@@ -49,6 +49,7 @@ fn folder(to: &Path) {
     ] {
         fs::copy(fixtures().join("smolvla_tiny").join(from), to.join(name)).unwrap();
     }
+    harness::name_cameras(&to.join("config.json"));
     let write = |name: &str, content: &[u8]| fs::write(to.join(name), content).unwrap();
     let tokenizer = json!({
         "version": "1.0", "truncation": null, "padding": null, "added_tokens": [],
@@ -413,4 +414,67 @@ fn several_recordings_share_one_normaliser() {
     assert_eq!(written.stats().unwrap(), pooled);
     let used = policy_file::inference(&place.at("run/model.safetensors")).unwrap();
     assert_eq!(used.stats, pooled);
+}
+
+#[test]
+fn cameras_of_other_names_are_refused_without_a_map_and_taken_with_one() {
+    let place = Folder::new();
+    let path = place.at("source/config.json");
+    let config = fs::read_to_string(&path).unwrap();
+    let others = config.replace("images.top", "images.camera1");
+    let others = others.replace("images.wrist", "images.camera2");
+    assert_ne!(config, others);
+    fs::write(&path, others).unwrap();
+    let train = || place.train(&[PICKPLACE], &["--policy", "source", "--out", "run"]);
+    let said = train().unwrap_err();
+    assert!(said.contains("--rename_map"), "{said}");
+    assert!(said.contains("observation.images.camera1"), "{said}");
+
+    let path = place.at("source/policy_preprocessor.json");
+    let mut pipeline: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    let map = json!({
+        "observation.images.wrist": "observation.images.camera1",
+        "observation.images.top": "observation.images.camera2",
+    });
+    let step =
+        json!({"registry_name": "rename_observations_processor", "config": {"rename_map": map}});
+    pipeline["steps"].as_array_mut().unwrap().insert(0, step);
+    fs::write(&path, pipeline.to_string()).unwrap();
+    train().unwrap();
+    // The policy file keeps the map, and with it a network that is founded on it.
+    let model = policy_file::load(&place.at("run/model.safetensors")).unwrap();
+    assert_eq!(json!(model.policy.config.rename_map), map);
+}
+
+#[test]
+fn a_tokenizer_that_the_folder_names_comes_from_the_hubs_cache() {
+    let place = Folder::new();
+    fs::remove_file(place.at("source/tokenizer.json")).unwrap();
+    let path = place.at("source/config.json");
+    let config = fs::read_to_string(&path).unwrap();
+    fs::write(&path, config.replace("local-tiny", "zk0/tiny")).unwrap();
+    let train = |hub: &Path| {
+        let mut zk0 = harness::zk0(&["train", "--steps", "1", "--batch-size", "2"]);
+        zk0.args(["--policy", "source", "--out", "run", "--dataset"])
+            .arg(recording(PICKPLACE))
+            .arg("--cache")
+            .arg(place.at("cache"))
+            .env("HF_HUB_CACHE", hub)
+            .current_dir(place.0.path());
+        let output = zk0.output().unwrap();
+        (output.status.success(), logged(&output))
+    };
+    let (fine, said) = train(&place.at("none"));
+    assert!(!fine, "{said}");
+    assert!(
+        said.contains("`hf download zk0/tiny tokenizer.json`"),
+        "{said}"
+    );
+    let hub = fixtures().join("policy_processors/hub");
+    let (fine, said) = train(&hub);
+    assert!(fine, "{said}");
+    let snapshot = "models--zk0--tiny/snapshots/0123456789abcdef0123456789abcdef01234567";
+    let named = fs::read_to_string(hub.join(snapshot).join("tokenizer.json")).unwrap();
+    let model = policy_file::load(&place.at("run/model.safetensors")).unwrap();
+    assert_eq!(model.tokenizer.definition(), Some(&named[..]));
 }

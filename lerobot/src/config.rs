@@ -3,6 +3,8 @@
 //! Field meanings follow LeRobot's `SmolVLAConfig` and transformers' `SmolVLMConfig`
 //! ([`LeRobotConfig`](crate::policy_folder::LeRobotConfig) reads both). What is the same in all SmolVLA models is a constant here, not a field.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 /// Base of the rotary embedding. LeRobot uses 10,000 whatever `rope_theta` says.
@@ -110,6 +112,9 @@ pub struct PolicyConfig {
     /// Names of the camera slots in the order of the prefix (LeRobot's image features), or none: then cameras go by name.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub camera_names: Vec<String>,
+    /// What the policy calls cameras that a recording calls otherwise (LeRobot's `rename_map`): its own whole names, by the recording's.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub rename_map: BTreeMap<String, String>,
     /// Epsilon of the RMSNorms of the text layers and of the expert, whose configuration LeRobot copies from theirs.
     #[serde(default = "published_eps", skip_serializing_if = "is_published_eps")]
     pub rms_norm_eps: f64,

@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use zk0_tensors::TensorError;
 
+use crate::lfs_pointer;
+
 /// Why the files of a policy cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum StoredPolicyError {
@@ -48,11 +50,11 @@ pub enum StoredPolicyError {
 pub type Result<T> = std::result::Result<T, StoredPolicyError>;
 
 impl StoredPolicyError {
-    /// An error about the file or folder `path`.
+    /// An error about the file or folder `path`. A file that Git LFS has not fetched is called that, whatever its reader found wrong.
     pub fn file(path: &Path, cause: impl std::fmt::Display) -> Self {
         Self::AtPath {
             path: path.to_path_buf(),
-            cause: cause.to_string(),
+            cause: lfs_pointer::explain(path).unwrap_or_else(|| cause.to_string()),
         }
     }
 

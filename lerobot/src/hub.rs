@@ -81,8 +81,8 @@ pub struct HubOptions {
 }
 
 impl HubOptions {
-    /// What the environment says: `HF_ENDPOINT`; `HF_TOKEN`, else the token that `hf auth login` left; `HF_HOME`, whose `hub` is
-    /// the cache (`~/.cache/huggingface` without it).
+    /// What the environment says: `HF_ENDPOINT`; `HF_TOKEN`, else the token that `hf auth login` left; `HF_HUB_CACHE`, the cache, else
+    /// `HF_HOME`, whose `hub` is the cache (`~/.cache/huggingface` without it).
     ///
     /// # Errors
     /// [`HubError::NoHome`].
@@ -97,7 +97,7 @@ impl HubOptions {
         Ok(Self {
             endpoint: var("HF_ENDPOINT").unwrap_or_else(|| "https://huggingface.co".into()),
             token: var("HF_TOKEN").or_else(|| cache.token()),
-            cache: cache.path().clone(),
+            cache: var("HF_HUB_CACHE").map_or_else(|| cache.path().clone(), PathBuf::from),
         })
     }
 }

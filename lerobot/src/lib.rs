@@ -16,6 +16,7 @@ pub mod dataset;
 pub mod error;
 pub mod hub;
 pub mod layout;
+mod lfs_pointer;
 mod limits;
 pub mod policy_folder;
 mod stored_tensors;

@@ -105,6 +105,11 @@ impl PolicyConfig {
                 self.camera_names.is_empty() || self.camera_names.len() == self.cameras,
                 "camera_names must name every camera slot, or none",
             ),
+            (
+                self.rename_map.len() <= COUNT_LIMIT
+                    && (self.rename_map.is_empty() || !self.camera_names.is_empty()),
+                "rename_map renames far too many cameras, or cameras of a policy that names none",
+            ),
         ];
         if let Some((_, rule)) = rules.iter().find(|(holds, _)| !holds) {
             return Err(StoredPolicyError::Config((*rule).into()));

@@ -51,7 +51,7 @@ impl TrainedTokenizer {
                 path: Some(path),
                 ..made
             }),
-            Err(cause) => Err(StoredPolicyError::AtPath { path, cause }),
+            Err(cause) => Err(StoredPolicyError::file(&path, cause)),
         }
     }
 

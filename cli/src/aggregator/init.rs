@@ -45,8 +45,8 @@ pub struct Init {
     /// says which.
     #[arg(long)]
     mode: Option<Mode>,
-    /// Begin with this policy: a policy file, or a LeRobot policy folder. The folder's tokenizer.json goes into the network's policy
-    /// file, and all nodes read instructions with it.
+    /// Begin with this policy: a policy file, or a LeRobot policy folder. The folder's tokenizer.json, or that of the repository which it names,
+    /// goes into the network's policy file, and all nodes read instructions with it.
     #[arg(long, value_name = "PATH")]
     policy: Option<PathBuf>,
     /// Begin with random weights of this size: micro, tiny or full (the published dimensions). Such a policy reads instructions as
@@ -97,6 +97,14 @@ pub fn found(options: &Init) -> Result<()> {
     check_free(&options.dir)?;
     let source = options.source();
     let file = source.load()?;
+    if let Some(folder) = source.lerobot()? {
+        if let Err(error) = folder.check_has_statistics() {
+            tracing::warn!(
+                "{error}. The network does not need them, because each node normalises with the statistics of its own recording; whoever exports or \
+                 publishes a policy of this network has to name a recording with --statistics-of"
+            );
+        }
+    }
     let dims = dims(&file.policy.config)?;
     // Every file of these weights has the same size, whatever the ranges are.
     let mut rules = options.rules(Format::new(&EvalSpec::new(dims))?.file_bytes())?;

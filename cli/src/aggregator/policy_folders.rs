@@ -4,6 +4,7 @@
 //! The folders are written beside the rounds, which do not wait for them. If one cannot be written, the log says so, and it is tried again.
 
 use super::checkpoints_folder;
+use crate::dataset::RecordingName;
 use crate::policy::network_folder::NetworkFolder;
 use anyhow::{Context, Result};
 use std::path::{Path, PathBuf};
@@ -34,6 +35,10 @@ pub struct PolicyFolderOptions {
     /// The policy folder that the network was founded with (`zk0 aggregator init --policy FOLDER`). Whatever is not trained is copied from it.
     #[arg(long, value_name = "FOLDER", requires = "checkpoint_interval")]
     checkpoint_policy: Option<PathBuf>,
+    /// Give these policy folders the statistics of this recording, which is one of a robot that is to use them (a LeRobotDataset folder, or
+    /// hub:owner/name[@revision]). Without this option they keep those of the founding folder, and a folder that has none is refused.
+    #[arg(long, value_name = "RECORDING", requires = "checkpoint_interval")]
+    checkpoint_statistics_of: Option<RecordingName>,
 }
 
 /// Writes policy folders.
@@ -71,7 +76,8 @@ impl PolicyFolderOptions {
         };
         let state = aggregator.state();
         let blobs = aggregator.ledger().blobs();
-        let folder = NetworkFolder::open(policy, state.genesis(), blobs)?;
+        let statistics_of = self.checkpoint_statistics_of.as_ref();
+        let folder = NetworkFolder::open(policy, state.genesis(), blobs, statistics_of)?;
         let closed = closed_rounds(aggregator);
         let holds_weights = |round, copy: &Path| {
             let weights = state.results().of(round);

@@ -2,6 +2,7 @@
 
 use super::closing::Closing;
 use super::receipt::Receipt;
+use crate::dataset::RecordingName;
 use crate::ledger::TrustOptions;
 use crate::output::println;
 use crate::policy::network_folder::NetworkFolder;
@@ -24,6 +25,10 @@ pub struct Options {
     /// statistics for normalising included.
     #[arg(long, value_name = "FOLDER")]
     policy: PathBuf,
+    /// Give the policy the statistics of this recording, which is one of the robot that is to use it (a LeRobotDataset folder, or
+    /// hub:owner/name[@revision]). Without this option it keeps those of the founding folder, and a folder that has none is refused.
+    #[arg(long, value_name = "RECORDING")]
+    statistics_of: Option<RecordingName>,
     /// The policy folder to write. It must not exist.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
@@ -49,7 +54,8 @@ pub fn run(options: &Options) -> Result<()> {
     let located = locate(&options.ledger, None, &trust, Wanted::Everything)?;
     let closing = Closing::find(&located.dir, &Trust { ca: None, ..trust }, options.round)?;
     let blobs = Blobs::at(&located.dir);
-    let founding = NetworkFolder::open(&options.policy, &closing.genesis, &blobs)?;
+    let statistics_of = options.statistics_of.as_ref();
+    let founding = NetworkFolder::open(&options.policy, &closing.genesis, &blobs, statistics_of)?;
     fs::create_dir_all(parent).with_context(|| format!("creating {}", parent.display()))?;
     founding.write(parent, name, &closing.weights(), |folder| {
         Receipt::of(&closing, folder)?.write(&closing, folder)

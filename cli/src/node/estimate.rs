@@ -2,7 +2,7 @@
 
 use crate::dataset::RecordingName;
 use crate::output::{eprintln, print, println};
-use anyhow::{bail, Result};
+use anyhow::{bail, Context, Result};
 use std::path::Path;
 use zk0_argument::claim::most_samples;
 use zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES;
@@ -10,6 +10,7 @@ use zk0_circuits::{EvalSpec, Mode};
 use zk0_prover::machine::Resources;
 use zk0_prover::measure;
 use zk0_prover::program::Executor;
+use zk0_smolvla::frames::cameras::camera_slots;
 use zk0_smolvla::measure::fixed_point::dims;
 use zk0_smolvla::policy::policy_file;
 use zk0_smolvla::{PolicyConfig, Profile};
@@ -69,16 +70,12 @@ pub async fn run(options: &Estimate) -> Result<()> {
 /// Checks that claims over `samples` samples can be made of the recording.
 fn check_fit(recording: &RecordingName, config: &PolicyConfig, samples: u32) -> Result<()> {
     let dataset = recording.open()?;
-    let (frames, cameras) = (dataset.len(), dataset.cameras().len());
+    let frames = dataset.len();
     if (frames as u64) < u64::from(samples) {
         bail!("{recording} has {frames} frames, too few for a claim over {samples} samples");
     }
-    if cameras > config.cameras {
-        bail!(
-            "{recording} has {cameras} cameras, and the policy takes at most {}",
-            config.cameras
-        );
-    }
+    let cameras: Vec<&str> = dataset.cameras().iter().map(|c| c.name.as_str()).collect();
+    camera_slots(config, 0, &cameras).with_context(|| recording.to_string())?;
     Ok(())
 }
 

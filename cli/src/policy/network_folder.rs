@@ -1,10 +1,12 @@
 //! The policy folder that a network was founded with, and copies of it with the weights of a round.
 
+use crate::dataset::RecordingName;
 use crate::policy::whole_folder;
 use anyhow::{bail, Context, Result};
 use std::path::{Path, PathBuf};
 use zk0_circuits::{Digest, EvalSpec};
 use zk0_ledger::blobs::Blobs;
+use zk0_lerobot::dataset::Stats;
 use zk0_lerobot::policy_folder::{PolicyFolder, Precision};
 use zk0_node::exchanged_weights::Base;
 use zk0_protocol::Genesis;
@@ -16,16 +18,24 @@ use zk0_weights::Format;
 /// The policy folder that a network was founded with.
 pub struct NetworkFolder {
     source: PolicyFolder,
+    /// Statistics that the copies get instead of the folder's.
+    stats: Option<Stats>,
     format: Format,
     blobs: Blobs,
 }
 
 impl NetworkFolder {
-    /// Opens `policy`, and compares it with the policy of the network.
+    /// Opens `policy`, and compares it with the policy of the network. The copies get the statistics of the recording `statistics_of`.
     ///
     /// # Errors
-    /// The policy folder is not the one that the network was founded with, or cannot be read.
-    pub fn open(policy: &Path, genesis: &Genesis, blobs: &Blobs) -> Result<Self> {
+    /// The policy folder is not the one that the network was founded with, or cannot be read; it has no statistics, and no recording is named;
+    /// or the recording cannot be read or does not fit.
+    pub fn open(
+        policy: &Path,
+        genesis: &Genesis,
+        blobs: &Blobs,
+        statistics_of: Option<&RecordingName>,
+    ) -> Result<Self> {
         let source = PolicyFolder::open(policy)?;
         if founded_with(genesis, blobs)? != Policy::from_folder(&source)? {
             bail!(
@@ -33,8 +43,23 @@ impl NetworkFolder {
                 policy.display()
             );
         }
+        let stats = match statistics_of {
+            Some(recording) => {
+                let stats = recording.open()?.stats().clone();
+                source.check_takes(&stats)?;
+                Some(stats)
+            }
+            None => {
+                source.check_has_statistics().context(
+                    "name the recording of the robot that is to use the policy: its statistics go into the folder (--statistics-of RECORDING, \
+                     or --checkpoint-statistics-of of `zk0 aggregator serve`)",
+                )?;
+                None
+            }
+        };
         Ok(Self {
             source,
+            stats,
             format: Format::new(&EvalSpec::decode(&genesis.evaluation)?)?,
             blobs: blobs.clone(),
         })
@@ -46,7 +71,13 @@ impl NetworkFolder {
     /// The weights cannot be read, or the folder cannot be written.
     pub fn write_to(&self, to: &Path, weights: &Digest) -> Result<()> {
         let tensors = weights_of(&self.format, &self.source, &self.blobs, weights)?;
-        Ok(self.source.write(to, &tensors, Precision::Kept)?)
+        match &self.stats {
+            Some(stats) => self
+                .source
+                .write_trained(to, &tensors, stats, Precision::Kept)?,
+            None => self.source.write(to, &tensors, Precision::Kept)?,
+        }
+        Ok(())
     }
 
     /// Writes the folder `name` in `out`, whole or not at all: a copy of the founding one with the weights of the blob `weights`. `more` may

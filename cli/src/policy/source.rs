@@ -3,6 +3,7 @@
 use anyhow::{bail, Context, Result};
 use std::fs;
 use std::path::{Path, PathBuf};
+use zk0_lerobot::hub::HubOptions;
 use zk0_lerobot::policy_folder::{Inference, LeRobotConfig, PolicyFolder};
 use zk0_lerobot::tokenizer::TrainedTokenizer;
 use zk0_smolvla::policy::init::init_policy;
@@ -71,8 +72,8 @@ impl PolicySource {
 }
 
 /// Reads a policy file or a folder. The folder is one that LeRobot's `save_pretrained` wrote, or a reference with policy_config.json,
-/// vlm_config.json and weights.safetensors. The tokenizer is the file's, or the folder's tokenizer.json. Where there is none, words are
-/// hashed, which suits policies that start at random.
+/// vlm_config.json and weights.safetensors. The tokenizer is the file's, or the folder's tokenizer.json, or that of the repository which the
+/// folder names, from the Hub's cache. Where none is named, words are hashed, which suits policies that start at random.
 pub fn read(path: &Path) -> Result<PolicyFile> {
     if !path.is_dir() {
         return policy_file::load(path)
@@ -92,7 +93,9 @@ fn read_folder(path: &Path) -> Result<Policy> {
     if !is_reference(path) {
         return Ok(Policy::from_folder(&PolicyFolder::open(path)?)?);
     }
-    let config = reference_config(path)?.dims;
+    let mut config = reference_config(path)?.dims;
+    // A reference has no processors that could rename cameras: they go by the recording's names.
+    config.camera_names.clear();
     Policy::from_safetensors(&config, &file(path, "weights.safetensors")?)
         .with_context(|| format!("reading the policy {}", path.display()))
 }
@@ -128,17 +131,26 @@ fn file(folder: &Path, name: &str) -> Result<Vec<u8>> {
 }
 
 fn folder_tokenizer(folder: &Path, config: &PolicyConfig) -> Result<PolicyTokenizer> {
-    let file = folder.join("tokenizer.json");
-    if file.exists() {
-        return Ok(TrainedTokenizer::read(file, config)?.into());
+    let own = folder.join("tokenizer.json");
+    let file = match is_reference(folder) {
+        true => own.exists().then_some(own),
+        false => {
+            // Without a home directory there is no cache.
+            let cache = HubOptions::from_env().ok().map(|options| options.cache);
+            let file = PolicyFolder::open(folder)?.tokenizer_file(cache.as_deref())?;
+            if file.is_none() {
+                tracing::warn!(
+                    "{} does not exist, so instructions are read as hashed words; a pretrained policy does not understand these",
+                    own.display()
+                );
+            }
+            file
+        }
+    };
+    match file {
+        Some(file) => Ok(TrainedTokenizer::read(file, config)?.into()),
+        None => Ok(PolicyTokenizer::word_hash(config)),
     }
-    if folder.join("config.json").exists() {
-        tracing::warn!(
-            "{} does not exist, so instructions are read as hashed words; a pretrained policy does not understand these",
-            file.display()
-        );
-    }
-    Ok(PolicyTokenizer::word_hash(config))
 }
 
 /// The policy that the options name, in one of two ways.

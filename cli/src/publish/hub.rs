@@ -1,5 +1,6 @@
 //! `zk0 publish hub`: the policy of a round, on the Hugging Face Hub.
 
+use crate::dataset::RecordingName;
 use crate::output::println;
 use crate::policy::network_folder::NetworkFolder;
 use crate::publish::model_card::CardOptions;
@@ -26,6 +27,10 @@ pub struct Hub {
     /// The policy folder that the network was founded with. Whatever is not trained is copied from it.
     #[arg(long, value_name = "FOLDER")]
     policy: PathBuf,
+    /// Give the policy the statistics of this recording, which is one of the robot that is to use it (a LeRobotDataset folder, or
+    /// hub:owner/name[@revision]). Without this option it keeps those of the founding folder, and a folder that has none is refused.
+    #[arg(long, value_name = "RECORDING")]
+    statistics_of: Option<RecordingName>,
     /// The model's repository on the Hub. It is created if it is not there.
     #[arg(long, value_name = "OWNER/NAME")]
     repo_id: Repository,
@@ -70,7 +75,9 @@ impl Hub {
     /// Writes what is to be published into a new or empty folder.
     fn write(&self, folder: &Path) -> Result<()> {
         let (genesis, facts) = facts(&self.ledger, self.network.as_ref(), self.round)?;
-        let policy = NetworkFolder::open(&self.policy, &genesis, &Blobs::at(&self.ledger))?;
+        let blobs = Blobs::at(&self.ledger);
+        let statistics_of = self.statistics_of.as_ref();
+        let policy = NetworkFolder::open(&self.policy, &genesis, &blobs, statistics_of)?;
         policy.write_to(folder, &facts.weights)?;
         self.card.write(folder, &self.repo_id, &facts)
     }

@@ -8,6 +8,7 @@ use std::io;
 use std::path::Path;
 use zk0_files::atomic_file;
 use zk0_hub::Repository;
+use zk0_lerobot::policy_folder::PolicyFolder;
 
 /// What the card says besides what the ledger says.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -41,9 +42,16 @@ impl CardOptions {
     /// The weights cannot be read, or the card cannot be written.
     pub fn write(&self, folder: &Path, to: &Repository, facts: &RoundFacts) -> Result<()> {
         let weights = sha256(&folder.join("model.safetensors"))?;
+        let normalisation = match PolicyFolder::open(folder)?.stats()? {
+            Some(_) => "the statistics in this folder; each node trained with those of its own recording, so compare them with your robot's",
+            None => "this folder has no statistics; each node trained with those of its own recording, and you need yours",
+        };
         let card = folder.join("README.md");
-        atomic_file::replace(&card, self.text(to, facts, &weights).as_bytes())
-            .with_context(|| format!("writing {}", card.display()))
+        atomic_file::replace(
+            &card,
+            self.text(to, facts, &weights, normalisation).as_bytes(),
+        )
+        .with_context(|| format!("writing {}", card.display()))
     }
 
     fn header(&self) -> String {
@@ -63,7 +71,13 @@ impl CardOptions {
         header + "tags:\n- robotics\n- lerobot\n- smolvla\n- federated-learning\n- zk0\n---\n"
     }
 
-    fn text(&self, to: &Repository, facts: &RoundFacts, model: &str) -> String {
+    fn text(
+        &self,
+        to: &Repository,
+        facts: &RoundFacts,
+        model: &str,
+        normalisation: &str,
+    ) -> String {
         let (name, round) = (plain(&facts.network), facts.round);
         let taken = match (facts.contributions.len(), facts.is_taken) {
             (0, _) => "Nobody contributed in this round, so the weights are those of the round before.",
@@ -92,6 +106,7 @@ policy = SmolVLAPolicy.from_pretrained(\"{to}\")
 | entry that closed it | {closed_entry} |
 | SHA-256 of the global weights on the ledger | `{weights}` |
 | SHA-256 of `model.safetensors` | `{model}` |
+| states and actions are normalised with | {normalisation} |
 
 ## Who contributed?
 
@@ -187,7 +202,7 @@ mod tests {
             hf_base_model: Some("lerobot/smolvla_base".into()),
             hf_datasets: vec!["a/b".into(), "c/d".into()],
         };
-        let text = options.text(&to, &facts, "abcd");
+        let text = options.text(&to, &facts, "abcd", "its statistics");
         let header = "---\nlibrary_name: lerobot\npipeline_tag: robotics\nlicense: apache-2.0\nbase_model: lerobot/smolvla_base\ndatasets:\n- a/b\n- c/d\ntags:\n";
         assert!(text.starts_with(header), "{text}");
         let row = format!(
@@ -195,7 +210,11 @@ mod tests {
             "03".repeat(32)
         );
         assert!(text.contains(&row), "{text}");
-        let unknown = CardOptions::default().text(&to, &facts, "abcd");
+        assert!(
+            text.contains("normalised with | its statistics |"),
+            "{text}"
+        );
+        let unknown = CardOptions::default().text(&to, &facts, "abcd", "none");
         for key in ["license:", "base_model:", "datasets:"] {
             assert!(!unknown.contains(key), "{unknown}");
         }

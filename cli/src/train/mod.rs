@@ -24,6 +24,7 @@ use zk0_lerobot::layout::expert_layout;
 use zk0_lerobot::policy_folder::Inference;
 use zk0_node::progress::Progress;
 use zk0_node::samples::{self, SampleKind};
+use zk0_smolvla::frames::cameras::camera_slots;
 use zk0_smolvla::frames::prefix_cache::{
     digest_of, FrameMaker, FrameNames, FrameRef, KeySpace, PreparedFrames,
 };
@@ -358,11 +359,18 @@ fn normalise(
 
 /// Refuses a recording that does not fit the policy, before minutes are spent on it.
 fn fits(config: &PolicyConfig, dataset: &Dataset) -> Result<()> {
-    let (name, cameras) = (dataset.root().display(), dataset.cameras().len());
-    if cameras == 0 || cameras > config.cameras {
-        bail!(
-            "{name} has {cameras} cameras, and the policy takes 1 to {}",
-            config.cameras
+    let name = dataset.root().display();
+    let cameras: Vec<&str> = dataset.cameras().iter().map(|c| c.name.as_str()).collect();
+    let slots = camera_slots(config, 0, &cameras).with_context(|| name.to_string())?;
+    let left_out = |i: &usize| !slots.contains(&Some(*i));
+    let left_out: Vec<&str> = (0..cameras.len())
+        .filter(left_out)
+        .map(|i| cameras[i])
+        .collect();
+    if !left_out.is_empty() {
+        tracing::warn!(
+            "{name}: the policy does not take the cameras {}, so nothing is learnt from them",
+            left_out.join(", ")
         );
     }
     let (state, action) = (dataset.stats().state.dim(), dataset.stats().action.dim());

@@ -22,6 +22,16 @@ pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
+/// Gives the cameras of LeRobot's fixture, in its configuration `file`, the names of the recordings' cameras.
+pub fn name_cameras(file: &Path) {
+    let mut config = fs::read_to_string(file).unwrap();
+    for (fixture, recording) in [("camera1", "top"), ("camera2", "wrist")] {
+        assert!(config.contains(fixture));
+        config = config.replace(fixture, recording);
+    }
+    fs::write(file, config).unwrap();
+}
+
 /// The binary with these arguments, in the repository's folder.
 pub fn zk0(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_zk0"));

@@ -1,7 +1,7 @@
 //! A network on this machine. The binary founds and joins it; an aggregator and a prover run in the test. The prover makes no real proofs,
 //! so no contribution is accepted, and each round starts from the same weights.
 
-use super::{logged, logs, prints, root, words, zk0, RECORDING};
+use super::{logged, logs, name_cameras, prints, root, words, zk0, RECORDING};
 use serde_json::{json, Value};
 use std::fs;
 use std::path::Path;
@@ -60,6 +60,7 @@ impl LocalNetwork {
         ] {
             fs::copy(fixture.join(from), Path::new(&folder).join(to)).unwrap();
         }
+        name_cameras(&Path::new(&folder).join("config.json"));
         let tokenizer = json!({
             "version": "1.0", "truncation": null, "padding": null, "added_tokens": [],
             "normalizer": {"type": "Lowercase"}, "pre_tokenizer": {"type": "Whitespace"},

@@ -1,6 +1,8 @@
 //! What can be wrong with a recording, in words for the person who repairs it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+use crate::lfs_pointer;
 
 /// Why a recording could not be read: which file, what is wrong in it, what to do.
 #[derive(Debug, thiserror::Error)]
@@ -113,23 +115,25 @@ impl DatasetError {
     }
 
     pub(crate) fn meta(path: impl Into<PathBuf>, cause: impl Into<String>) -> Self {
-        Self::Meta {
-            path: path.into(),
-            cause: cause.into(),
-        }
+        let path = path.into();
+        let cause = cause_at(&path, cause);
+        Self::Meta { path, cause }
     }
 
     pub(crate) fn parquet(path: impl Into<PathBuf>, cause: impl Into<String>) -> Self {
-        Self::Parquet {
-            path: path.into(),
-            cause: cause.into(),
-        }
+        let path = path.into();
+        let cause = cause_at(&path, cause);
+        Self::Parquet { path, cause }
     }
 
     pub(crate) fn video(path: impl Into<PathBuf>, cause: impl Into<String>) -> Self {
-        Self::Video {
-            path: path.into(),
-            cause: cause.into(),
-        }
+        let path = path.into();
+        let cause = cause_at(&path, cause);
+        Self::Video { path, cause }
     }
+}
+
+/// A file that Git LFS has not fetched is called that, whatever its reader found wrong.
+fn cause_at(path: &Path, cause: impl Into<String>) -> String {
+    lfs_pointer::explain(path).unwrap_or_else(|| cause.into())
 }

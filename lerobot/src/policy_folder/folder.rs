@@ -1,11 +1,14 @@
 //! A policy folder, opened and checked.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::error::{Result, StoredPolicyError};
 use crate::layout::{policy_layout, state_dict_layout, LM_HEAD};
+use crate::policy_folder::adapter::Adapter;
+use crate::policy_folder::json_file::read_json;
 use crate::policy_folder::lerobot_config::LeRobotConfig;
+use crate::policy_folder::other_folder;
+use crate::policy_folder::processors::{Processors, PREPROCESSOR};
 use crate::stored_tensors::StoredTensors;
 use zk0_tensors::{check_readable, TensorData, TensorError, TensorSet};
 
@@ -22,14 +25,17 @@ const STATISTICS: [&str; 3] = [
     "normalize_targets.",
     "unnormalize_outputs.",
 ];
-/// The largest JSON file that is read. LeRobot's are far smaller.
-const JSON_LIMIT: u64 = 16 << 20;
+/// What `torch.compile` puts into the names of the weights of what it compiled.
+const COMPILED: &str = "_orig_mod.";
 
 /// A policy folder, opened and checked.
 #[derive(Debug)]
 pub struct PolicyFolder {
     pub(super) folder: PathBuf,
     pub(super) config: LeRobotConfig,
+    pub(super) processors: Processors,
+    /// What is added to the weights, where the folder is an adapter's.
+    pub(super) adapter: Option<Adapter>,
     pub(super) weights: StoredTensors,
 }
 
@@ -46,16 +52,34 @@ impl PolicyFolder {
                 "is not a folder; a policy folder holds config.json and model.safetensors",
             ));
         }
+        other_folder::refuse(&folder)?;
         let policy_json = read_json(&folder.join(CONFIG))?;
-        let vlm_path = folder.join(VLM_CONFIG);
+        let adapter = Adapter::open(&folder, WEIGHTS)?;
+        let base = adapter.as_ref().map(|adapter| adapter.base.clone());
+        let weights = base.unwrap_or_else(|| folder.join(WEIGHTS));
+        let vlm_path = match folder.join(VLM_CONFIG) {
+            own if own.exists() => own,
+            _ => weights.with_file_name(VLM_CONFIG),
+        };
         let vlm_json = match vlm_path.exists() {
             true => Some(read_json(&vlm_path)?),
             false => None,
         };
-        let config = LeRobotConfig::parse(&policy_json, vlm_json.as_deref())
+        let mut config = LeRobotConfig::parse(&policy_json, vlm_json.as_deref())
             .map_err(|e| e.within(&folder.join(CONFIG)))?;
+        let processors = Processors::read(&folder)?;
+        if let Some(steps) = &processors.before {
+            config.dims.rename_map.clone_from(&steps.renames);
+            if let Some(tokenizer) = &steps.tokenizer {
+                config.dims.max_language_tokens = tokenizer.max_length;
+            }
+            let checked = config.dims.validate();
+            checked.map_err(|e| e.within(&folder.join(PREPROCESSOR)))?;
+        }
         let opened = Self {
-            weights: StoredTensors::open(folder.join(WEIGHTS))?,
+            processors,
+            adapter,
+            weights: StoredTensors::open(weights)?,
             folder,
             config,
         };
@@ -63,7 +87,7 @@ impl PolicyFolder {
         Ok(opened)
     }
 
-    /// What `config.json` says.
+    /// What `config.json` says, and of cameras' names and of instructions what the processors say.
     pub fn config(&self) -> &LeRobotConfig {
         &self.config
     }
@@ -73,7 +97,7 @@ impl PolicyFolder {
         &self.folder
     }
 
-    /// The file of the weights, as it is.
+    /// The file of the weights, as it is. Those of an adapter's folder are in its base's.
     pub fn weights(&self) -> &StoredTensors {
         &self.weights
     }
@@ -83,7 +107,11 @@ impl PolicyFolder {
     /// # Errors
     /// When it is not there, holds a number that is not finite, or reading fails.
     pub fn tensor(&self, name: &str) -> Result<TensorData> {
-        self.weights.read(self.stored_name(name))
+        let mut tensor = self.weights.read(self.stored_name(name))?;
+        if let Some(adapter) = &self.adapter {
+            adapter.apply(name, &mut tensor)?;
+        }
+        Ok(tensor)
     }
 
     /// All tensors of the policy as plain `f32`, without the language model's head.
@@ -110,6 +138,23 @@ impl PolicyFolder {
             .map_or(name, String::as_str)
     }
 
+    /// Names the prefix of the weights of a compiled module.
+    fn refuse_compiled(&self) -> Result<()> {
+        let mut names = self.weights.names().into_iter();
+        match names.find(|name| name.contains(COMPILED)) {
+            None => Ok(()),
+            Some(name) => Err(StoredPolicyError::file(
+                self.weights.path(),
+                format!(
+                    "the weights were saved from a module that torch.compile made, so `{COMPILED}` is in their names (`{name}`). LeRobot \
+                     0.6.1 finds none of its own names, and goes on with random weights. Take `{COMPILED}` out of the names: \
+                     python -c \"from safetensors.torch import load_file as l, save_file as s; p='{WEIGHTS}'; \
+                     s({{k.replace('{COMPILED}', ''): v for k, v in l(p).items()}}, p, {{'format': 'pt'}})\""
+                ),
+            )),
+        }
+    }
+
     fn check_layout(&self) -> Result<()> {
         let path = self.weights.path();
         let layout = state_dict_layout(&self.config.dims);
@@ -118,6 +163,7 @@ impl PolicyFolder {
                 if name == LM_HEAD {
                     continue;
                 }
+                self.refuse_compiled()?;
                 return Err(
                     StoredPolicyError::from(TensorError::Missing(name.clone())).within(path)
                 );
@@ -133,6 +179,11 @@ impl PolicyFolder {
             check_readable(name, info.dtype)
                 .map_err(|e| StoredPolicyError::from(e).within(path))?;
         }
+        let mut adapted = self.adapter.iter().flat_map(Adapter::names);
+        if let Some(name) = adapted.find(|name| layout.get(*name).is_none_or(|s| s.len() != 2)) {
+            let error = StoredPolicyError::from(TensorError::Unexpected(name.clone()));
+            return Err(error.within(&self.folder));
+        }
         let known = |name: &String| {
             layout.contains_key(name) || STATISTICS.iter().any(|start| name.starts_with(start))
         };
@@ -141,17 +192,4 @@ impl PolicyFolder {
             None => Ok(()),
         }
     }
-}
-
-/// Reads a JSON file of a policy folder.
-pub(super) fn read_json(path: &Path) -> Result<String> {
-    let failed = |e: std::io::Error| StoredPolicyError::file(path, e);
-    let length = fs::metadata(path).map_err(failed)?.len();
-    if length > JSON_LIMIT {
-        return Err(StoredPolicyError::file(
-            path,
-            format!("has {length} bytes; no such JSON file has more than {JSON_LIMIT}"),
-        ));
-    }
-    fs::read_to_string(path).map_err(failed)
 }

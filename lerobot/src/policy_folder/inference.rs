@@ -97,6 +97,14 @@ impl Normalisation {
         }
     }
 
+    /// LeRobot's name.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::MeanStd => "MEAN_STD",
+            Self::Identity => "IDENTITY",
+        }
+    }
+
     fn of(self, recording: &Normalizer) -> Normalizer {
         match self {
             Self::MeanStd => recording.clone(),

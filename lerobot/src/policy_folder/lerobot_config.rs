@@ -216,6 +216,7 @@ impl LeRobotConfig {
             max_period: policy.max_period,
             prefix_length: usize::try_from(policy.prefix_length).unwrap_or(0),
             camera_names,
+            rename_map: BTreeMap::new(),
             rms_norm_eps,
         };
         dims.validate()?;
@@ -234,10 +235,16 @@ impl LeRobotConfig {
     /// # Errors
     /// [`StoredPolicyError::Config`] for a mode that is not implemented here.
     pub fn modes(&self) -> Result<(Normalisation, Normalisation)> {
-        Ok((
-            Normalisation::named(&self.state_normalisation, STATE)?,
-            Normalisation::named(&self.action_normalisation, ACTION)?,
-        ))
+        Ok((self.mode("STATE", STATE)?, self.mode("ACTION", ACTION)?))
+    }
+
+    /// How a feature of this kind is normalised.
+    pub(super) fn mode(&self, kind: &str, feature: &str) -> Result<Normalisation> {
+        let mode = match kind {
+            "STATE" => &self.state_normalisation,
+            _ => &self.action_normalisation,
+        };
+        Normalisation::named(mode, feature)
     }
 }
 

@@ -3,8 +3,9 @@
 //! ```text
 //! config.json                                    dimensions, features (LeRobotConfig)
 //! model.safetensors                              the state dict; F32, F16 and BF16 are read
-//! policy_preprocessor.json  + .safetensors       from LeRobot 0.4 on: normalisation of states, with its statistics
-//! policy_postprocessor.json + .safetensors       and of actions. LeRobot 0.3 kept them in the state dict.
+//! policy_preprocessor.json  + .safetensors       from LeRobot 0.4 on: names of cameras, the tokenizer's name, and normalisation of
+//! policy_postprocessor.json + .safetensors       states and actions, with its statistics. LeRobot 0.3 kept these in the state dict.
+//! adapter_config.json       + adapter_model      instead of the weights, from PEFT: a LoRA adapter of another policy, its base
 //! vlm_config.json                                not LeRobot's: the VLM's config.json, where its name is not a known one
 //! ```
 //!
@@ -12,11 +13,16 @@
 //! a single weight. [`PolicyFolder::write`] leaves a folder that LeRobot loads, in which only the given weights differ.
 //! [`PolicyFolder::write_trained`] also puts a recording's statistics into it. [`Inference`] says how the policy is used.
 
+mod adapter;
 mod folder;
 mod inference;
+mod json_file;
 mod lerobot_config;
+mod other_folder;
 mod other_statistics;
+mod processors;
 mod statistics;
+mod tokenizer_file;
 mod vlm_config;
 mod write;
 

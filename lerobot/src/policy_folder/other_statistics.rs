@@ -8,8 +8,9 @@ use serde_json::Value;
 
 use crate::dataset::{Normalizer, Stats};
 use crate::error::{Result, StoredPolicyError};
-use crate::policy_folder::folder::{read_json, PolicyFolder, WEIGHTS};
+use crate::policy_folder::folder::{PolicyFolder, WEIGHTS};
 use crate::policy_folder::inference::Normalisation;
+use crate::policy_folder::json_file::read_json;
 use crate::policy_folder::statistics::{plain_name, Normalised, ACTION, STATE};
 use crate::stored_tensors::StoredTensors;
 use zk0_tensors::{Dtype, TensorData, TensorError, TensorSet};
@@ -59,7 +60,7 @@ impl PolicyFolder {
             return Ok(other);
         }
         for (feature, used) in [&STATE, &ACTION].into_iter().zip(used) {
-            if self.folder.join(feature.pipeline).exists() {
+            if self.steps(feature).is_some() {
                 // Both pipelines have the statistics of both features, because the first one also normalises the actions that
                 // LeRobot trains on.
                 self.put_into_pipeline(feature, &moments, used.is_some(), &mut other.files)?;

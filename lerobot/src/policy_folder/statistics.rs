@@ -2,25 +2,14 @@
 
 use std::path::{Component, Path};
 
-use serde::Deserialize;
-
 use crate::dataset::{Normalizer, Stats};
 use crate::error::{Result, StoredPolicyError};
-use crate::policy_folder::folder::{read_json, PolicyFolder, CONFIG};
+use crate::policy_folder::folder::{PolicyFolder, CONFIG};
 use crate::policy_folder::inference::{Inference, Normalisation};
+use crate::policy_folder::processors::{
+    Steps, NORMALIZER, POSTPROCESSOR, PREPROCESSOR, UNNORMALIZER,
+};
 use crate::stored_tensors::StoredTensors;
-
-/// A pipeline of LeRobot's processors, as far as needed.
-#[derive(Deserialize)]
-struct Pipeline {
-    steps: Vec<Step>,
-}
-
-#[derive(Deserialize)]
-struct Step {
-    registry_name: Option<String>,
-    state_file: Option<String>,
-}
 
 /// A feature that is normalised.
 pub(super) struct Normalised {
@@ -28,6 +17,8 @@ pub(super) struct Normalised {
     pub name: &'static str,
     /// LeRobot 0.3 kept the same under these names among the weights; the first is the one that is read.
     pub buffers: &'static [&'static str],
+    /// LeRobot's name for its kind.
+    pub kind: &'static str,
     /// The file of a pipeline.
     pub pipeline: &'static str,
     /// The processor in it.
@@ -37,8 +28,9 @@ pub(super) struct Normalised {
 pub(super) const STATE: Normalised = Normalised {
     name: "observation.state",
     buffers: &["normalize_inputs.buffer_observation_state"],
-    pipeline: "policy_preprocessor.json",
-    processor: "normalizer_processor",
+    kind: "STATE",
+    pipeline: PREPROCESSOR,
+    processor: NORMALIZER,
 };
 pub(super) const ACTION: Normalised = Normalised {
     name: "action",
@@ -46,8 +38,9 @@ pub(super) const ACTION: Normalised = Normalised {
         "unnormalize_outputs.buffer_action",
         "normalize_targets.buffer_action",
     ],
-    pipeline: "policy_postprocessor.json",
-    processor: "unnormalizer_processor",
+    kind: "ACTION",
+    pipeline: POSTPROCESSOR,
+    processor: UNNORMALIZER,
 };
 
 impl PolicyFolder {
@@ -65,11 +58,49 @@ impl PolicyFolder {
         })
     }
 
-    /// How states and actions are normalised.
+    /// How states and actions are normalised: as the processors say, and where they do not say it, as `config.json` does.
     pub(super) fn modes(&self) -> Result<(Normalisation, Normalisation)> {
-        self.config
-            .modes()
-            .map_err(|e| e.within(&self.folder.join(CONFIG)))
+        let (before, behind) = (&self.processors.before, &self.processors.behind);
+        let state = self.mode(before.as_ref(), &STATE, PREPROCESSOR)?;
+        let trained = self.mode(before.as_ref(), &ACTION, PREPROCESSOR)?;
+        let action = self.mode(behind.as_ref(), &ACTION, POSTPROCESSOR)?;
+        if before.is_some() && behind.is_some() && trained != action {
+            return Err(StoredPolicyError::file(
+                &self.folder,
+                format!(
+                    "{PREPROCESSOR} normalises `{}` by `{}`, and {POSTPROCESSOR} brings it back by `{}`: LeRobot trains on other actions \
+                     than it gives to the robot; make both files say the same",
+                    ACTION.name,
+                    trained.name(),
+                    action.name()
+                ),
+            ));
+        }
+        Ok((state, action))
+    }
+
+    /// How the pipeline `steps`, in the file `pipeline`, normalises a feature.
+    fn mode(
+        &self,
+        steps: Option<&Steps>,
+        feature: &Normalised,
+        pipeline: &str,
+    ) -> Result<Normalisation> {
+        let said = match steps.map(|steps| &steps.normalizer) {
+            None => None,
+            // LeRobot does what the steps say, and there is none that normalises.
+            Some(None) => Some(Normalisation::Identity),
+            Some(Some(step)) => step
+                .mode(feature.name, feature.kind)
+                .map_err(|e| e.within(&self.folder.join(pipeline)))?,
+        };
+        match said {
+            Some(mode) => Ok(mode),
+            None => self
+                .config
+                .mode(feature.kind, feature.name)
+                .map_err(|e| e.within(&self.folder.join(CONFIG))),
+        }
     }
 
     /// The statistics of states and actions, `None` where the policy folder has none: then those of the recording count.
@@ -88,6 +119,55 @@ impl PolicyFolder {
         })
     }
 
+    /// Refuses a folder whose processors normalise, and have statistics of neither states nor actions: LeRobot then leaves both as they are,
+    /// without a word, and a robot takes numbers around 1 for degrees. Training gives a policy statistics; a copy with other weights does not.
+    ///
+    /// # Errors
+    /// [`StoredPolicyError::AtPath`], which names the statistics that are there; and those of [`Self::stats`].
+    pub fn check_has_statistics(&self) -> Result<()> {
+        let Some(step) = self.steps(&ACTION) else {
+            // LeRobot 0.4 and later do not load such a folder, and 0.3 says that the statistics are missing.
+            return Ok(());
+        };
+        if self.stats()?.is_some() {
+            return Ok(());
+        }
+        let state_file = step
+            .normalizer
+            .as_ref()
+            .and_then(|step| step.state_file.as_ref());
+        let found = match state_file {
+            None => Vec::new(),
+            Some(name) => StoredTensors::open(self.folder.join(name))?.names(),
+        };
+        let mut found: Vec<_> = found
+            .iter()
+            .filter_map(|name| name.strip_suffix(".mean"))
+            .collect();
+        found.truncate(8);
+        Err(StoredPolicyError::file(
+            &self.folder,
+            format!(
+                "the processors normalise `{}` and `{}`, and have no statistics of them{}. LeRobot would leave states and actions as they are, \
+                 without a word, and a robot would take numbers around 1 for degrees",
+                STATE.name,
+                ACTION.name,
+                match found.is_empty() {
+                    true => String::new(),
+                    false => format!(" (only of `{}`)", found.join("`, `")),
+                }
+            ),
+        ))
+    }
+
+    /// The pipeline that normalises a feature when the policy acts.
+    pub(super) fn steps(&self, feature: &Normalised) -> Option<&Steps> {
+        match feature.pipeline {
+            PREPROCESSOR => self.processors.before.as_ref(),
+            _ => self.processors.behind.as_ref(),
+        }
+    }
+
     fn normalizer(
         &self,
         mode: Normalisation,
@@ -98,17 +178,14 @@ impl PolicyFolder {
         if mode == Normalisation::Identity {
             return Ok(Normalizer::identity(dim));
         }
-        let path = self.folder.join(feature.pipeline);
-        if path.exists() {
-            let parsed: Pipeline = serde_json::from_str(&read_json(&path)?)
-                .map_err(|e| StoredPolicyError::file(&path, e))?;
-            let mut steps = parsed.steps.into_iter();
-            let step = steps.find(|step| step.registry_name.as_deref() == Some(feature.processor));
+        if let Some(steps) = self.steps(feature) {
             // A processor without state was saved before it saw a recording.
-            let Some(state_file) = step.and_then(|step| step.state_file) else {
+            let step = steps.normalizer.as_ref();
+            let Some(state_file) = step.and_then(|step| step.state_file.as_ref()) else {
                 return Ok(None);
             };
-            let file = StoredTensors::open(self.folder.join(plain_name(&path, &state_file)?))?;
+            let path = self.folder.join(feature.pipeline);
+            let file = StoredTensors::open(self.folder.join(plain_name(&path, state_file)?))?;
             return match file.info(&format!("{name}.mean")) {
                 Some(_) => read(&file, name, dim).map(Some),
                 None => Ok(None),

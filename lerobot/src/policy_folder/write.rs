@@ -1,7 +1,8 @@
 //! Writing a policy folder: a copy of the one that was opened, with other weights.
 
+use std::borrow::Cow;
 use std::cmp::Reverse;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::Path;
@@ -9,7 +10,9 @@ use std::path::Path;
 use crate::dataset::Stats;
 use crate::error::{Result, StoredPolicyError};
 use crate::layout::policy_layout;
-use crate::policy_folder::folder::{PolicyFolder, WEIGHTS};
+use crate::policy_folder::adapter::ADAPTER_FILES;
+use crate::policy_folder::folder::{PolicyFolder, CONFIG, VLM_CONFIG, WEIGHTS};
+use crate::policy_folder::json_file::read_json;
 use crate::policy_folder::other_statistics::OtherStats;
 use zk0_files::atomic_file::{self, Durability};
 use zk0_tensors::{
@@ -89,7 +92,7 @@ impl PolicyFolder {
             })
             .map_err(failed(&target))?;
         }
-        for (name, content) in &stats.files {
+        for (name, content) in stats.files.iter().chain(&self.whole()?) {
             let target = to.join(name);
             atomic_file::replace(&target, content).map_err(failed(&target))?;
         }
@@ -102,6 +105,22 @@ impl PolicyFolder {
         weights.write(&to.join(WEIGHTS))
     }
 
+    /// The files that make a whole policy's folder of an adapter's.
+    fn whole(&self) -> Result<BTreeMap<String, Vec<u8>>> {
+        let mut files = BTreeMap::new();
+        if self.adapter.is_some() {
+            // The order of the features counts, so that the text is changed and nothing else of it.
+            let config = read_json(&self.folder.join(CONFIG))?;
+            let config = config.replace("\"use_peft\": true", "\"use_peft\": false");
+            files.insert(CONFIG.into(), config.into_bytes());
+            let vlm = self.weights.path().with_file_name(VLM_CONFIG);
+            if vlm.exists() && !self.folder.join(VLM_CONFIG).exists() {
+                files.insert(VLM_CONFIG.into(), read_json(&vlm)?.into_bytes());
+            }
+        }
+        Ok(files)
+    }
+
     /// Names of the files beside the weights.
     fn other_files(&self) -> Result<BTreeSet<std::ffi::OsString>> {
         let failed = |e: io::Error| StoredPolicyError::file(&self.folder, e);
@@ -110,8 +129,10 @@ impl PolicyFolder {
             let entry = entry.map_err(failed)?;
             // This follows links, because a snapshot in the Hub's cache consists of links.
             let is_file = fs::metadata(entry.path()).is_ok_and(|about| about.is_file());
-            if is_file && entry.file_name() != WEIGHTS {
-                names.insert(entry.file_name());
+            let name = entry.file_name();
+            let is_weights = name == WEIGHTS || ADAPTER_FILES.iter().any(|file| name == *file);
+            if is_file && !is_weights {
+                names.insert(name);
             }
         }
         Ok(names)
@@ -206,6 +227,7 @@ impl NewWeights<'_> {
             let info = source.info(&name);
             match self.replacement(&name) {
                 Some(tensor) => {
+                    let tensor = tensor?;
                     let dtype = dtype.or(info.map(|i| i.dtype)).unwrap_or(Dtype::F32);
                     for block in tensor.data.chunks(BLOCK / 4) {
                         let bytes =
@@ -226,8 +248,14 @@ impl NewWeights<'_> {
         Ok(())
     }
 
-    fn replacement(&self, name: &str) -> Option<&TensorData> {
-        self.stats.get(name).or_else(|| self.changed.get(name))
+    /// What stands in the copy for the tensor of this name, unless it is the source's.
+    fn replacement(&self, name: &str) -> Option<Result<Cow<'_, TensorData>>> {
+        if let Some(tensor) = self.stats.get(name).or_else(|| self.changed.get(name)) {
+            return Some(Ok(Cow::Borrowed(tensor)));
+        }
+        let adapter = self.source.adapter.as_ref();
+        let is_adapted = adapter.is_some_and(|adapter| adapter.adapts(name));
+        is_adapted.then(|| self.source.tensor(name).map(Cow::Owned))
     }
 
     /// A new header, for when types change. `None` when there are the tensors that there were, each of the type and shape it had.

@@ -73,10 +73,18 @@ fn faults_are_named_with_their_file() {
             refusal(|f| fs::write(f.join("vlm_config.json"), [0xff; 8]).unwrap()),
             "vlm_config.json",
         ),
+        (
+            refusal(|f| fs::write(f.join("policy_preprocessor.json"), "{").unwrap()),
+            "policy_preprocessor.json",
+        ),
+        (
+            refusal(|f| fs::write(f.join("policy_postprocessor.json"), "{}").unwrap()),
+            "missing field `steps`",
+        ),
     ];
     for (said, expected) in cases {
         assert!(said.contains(expected), "{said}: lacks {expected}");
-        let named = ["model.safetensors", "config.json"]
+        let named = ["model.safetensors", "config.json", "processor.json"]
             .iter()
             .any(|file| said.contains(file));
         assert!(named, "{said}: names no file");

@@ -1,5 +1,6 @@
 //! Which camera of a recording fills which slot of the policy's prefix, as LeRobot's `prepare_images`.
 
+use zk0_lerobot::config::PolicyConfig;
 use zk0_lerobot::policy_folder::IMAGES;
 
 use crate::error::{PolicyError, Result};
@@ -7,93 +8,156 @@ use crate::error::{PolicyError, Result};
 /// The prefix's cameras in order, each as an index into `found` (names of the cameras of a recording or a batch), or `None`
 /// for a blank one.
 ///
-/// Cameras that the policy knows by name come first, in the policy's order `names`. Then come blank ones for those that are
-/// missing, `empty_cameras` at most. A policy without names, and a recording none of whose cameras the policy knows, go by the
-/// order of the recording's names. The common start `observation.images.` may be left out.
+/// Cameras have the names that the policy's `rename_map` gives them. They come in the policy's order, and others than the policy's are left
+/// out. Then come blank ones for those that are missing, `empty_cameras` at most. As in `lerobot-train`, a policy without a map takes a
+/// recording that lacks cameras, or one that has more, but not one that does both. A policy that names no cameras goes by the order of the
+/// recording's names. The common start `observation.images.` may be left out.
 ///
 /// # Errors
-/// [`PolicyError::Sample`] when no camera is found, more than there are slots, or one that the policy does not know beside
-/// others that it does.
+/// [`PolicyError::Sample`] when none of the policy's cameras is found, or two for one slot; when cameras are missing and others are there;
+/// and for a policy without names, when there are more cameras than slots.
 pub fn camera_slots(
-    names: &[String],
-    slots: usize,
+    config: &PolicyConfig,
     empty_cameras: usize,
     found: &[&str],
 ) -> Result<Vec<Option<usize>>> {
+    let order = match config.camera_names.is_empty() {
+        true => by_name(config.cameras, found)?,
+        false => by_policy(config, found)?,
+    };
+    let blank = empty_cameras.min(config.cameras - order.len());
+    let blank = std::iter::repeat_n(None, blank);
+    Ok(order.into_iter().map(Some).chain(blank).collect())
+}
+
+fn by_name(slots: usize, found: &[&str]) -> Result<Vec<usize>> {
     if found.is_empty() || found.len() > slots {
         return Err(PolicyError::Sample(format!(
             "the recording has {} cameras, the policy takes 1 to {slots}",
             found.len()
         )));
     }
-    let short = |name: &str| name.strip_prefix(IMAGES).unwrap_or(name).to_string();
-    let known = |name: &str| names.iter().position(|n| short(n) == short(name));
     let mut order: Vec<usize> = (0..found.len()).collect();
-    if let Some(stranger) = found.iter().find(|name| known(name).is_none()) {
-        if let Some(friend) = found.iter().find(|name| known(name).is_some()) {
+    order.sort_by_key(|i| found[*i]);
+    Ok(order)
+}
+
+fn by_policy(config: &PolicyConfig, found: &[&str]) -> Result<Vec<usize>> {
+    let named: Vec<&str> = found.iter().map(|name| renamed(config, name)).collect();
+    let mut order = Vec::new();
+    for wanted in &config.camera_names {
+        let mut same = (0..found.len()).filter(|i| short(named[*i]) == short(wanted));
+        order.extend(same.next());
+        if let (Some(&first), Some(second)) = (order.last(), same.next()) {
             return Err(PolicyError::Sample(format!(
-                "the policy has a camera `{friend}` but none called `{stranger}`; it has {}",
-                names.join(", ")
+                "the recording's cameras {} and {} are both `{wanted}` to the policy: change its rename_map",
+                found[first], found[second]
             )));
         }
-        order.sort_by_key(|i| found[*i]);
-    } else {
-        order.sort_by_key(|i| known(found[*i]));
     }
-    let blank = empty_cameras.min(slots - found.len());
-    Ok(order
-        .into_iter()
-        .map(Some)
-        .chain(std::iter::repeat_n(None, blank))
-        .collect())
+    let no_map = config.rename_map.is_empty();
+    let differs = order.len() < config.camera_names.len() && order.len() < found.len();
+    if order.is_empty() || (no_map && differs) {
+        return Err(PolicyError::Sample(format!(
+            "the policy's cameras are {}, and the recording's are {}{}. Name the policy's camera for each of the recording's in the policy \
+             folder, as LeRobot's --rename_map does: in policy_preprocessor.json, step `rename_observations_processor`, write \
+             \"rename_map\": {{\"observation.images.RECORDING\": \"observation.images.POLICY\"}}",
+            config.camera_names.join(", "),
+            found.join(", "),
+            match no_map {
+                true => "",
+                false => ", and the policy's rename_map does not lead from these to those",
+            }
+        )));
+    }
+    Ok(order)
+}
+
+/// What the policy calls a camera of the recording.
+fn renamed<'a>(config: &'a PolicyConfig, name: &'a str) -> &'a str {
+    let mut pairs = config.rename_map.iter();
+    let pair = pairs.find(|(old, _)| short(old) == short(name));
+    pair.map_or(name, |(_, new)| new)
+}
+
+fn short(name: &str) -> &str {
+    name.strip_prefix(IMAGES).unwrap_or(name)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::policy::profile::Profile;
 
-    fn names(names: &[&str]) -> Vec<String> {
-        names.iter().map(|n| n.to_string()).collect()
+    fn policy(names: &[&str], renames: &[(&str, &str)]) -> PolicyConfig {
+        let whole = |name: &str| format!("{IMAGES}{name}");
+        let renames = renames.iter().map(|(old, new)| (whole(old), whole(new)));
+        PolicyConfig {
+            cameras: names.len(),
+            camera_names: names.iter().map(|name| whole(name)).collect(),
+            rename_map: renames.collect(),
+            ..Profile::Tiny.config()
+        }
+    }
+
+    fn slots(config: &PolicyConfig, empty: usize, found: &[&str]) -> Vec<Option<usize>> {
+        camera_slots(config, empty, found).unwrap()
+    }
+
+    fn refused(config: &PolicyConfig, found: &[&str]) -> String {
+        camera_slots(config, 0, found).unwrap_err().to_string()
     }
 
     #[test]
     fn the_policys_order_counts_then_blank_cameras_follow() {
-        let policy = names(&[
-            "observation.images.wrist",
-            "observation.images.top",
-            "observation.images.empty_camera_0",
-        ]);
+        let three = policy(&["wrist", "top", "empty_camera_0"], &[]);
         let found = ["observation.images.top", "observation.images.wrist"];
-        let slots = camera_slots(&policy, 3, 1, &found).unwrap();
-        assert_eq!(slots, [Some(1), Some(0), None]);
-        assert_eq!(
-            camera_slots(&policy, 3, 0, &["top", "wrist"]).unwrap(),
-            [Some(1), Some(0)]
-        );
+        assert_eq!(slots(&three, 1, &found), [Some(1), Some(0), None]);
+        assert_eq!(slots(&three, 0, &["top", "wrist"]), [Some(1), Some(0)]);
         // Two cameras are missing, and one of them may be blank.
-        assert_eq!(
-            camera_slots(&policy, 3, 1, &["top"]).unwrap(),
-            [Some(0), None]
-        );
+        assert_eq!(slots(&three, 1, &["top"]), [Some(0), None]);
     }
 
     #[test]
-    fn without_known_names_the_recordings_names_are_sorted() {
-        let found = ["up", "side"];
-        assert_eq!(camera_slots(&[], 2, 0, &found).unwrap(), [Some(1), Some(0)]);
-        let policy = names(&["observation.images.camera1", "observation.images.camera2"]);
-        assert_eq!(
-            camera_slots(&policy, 2, 0, &found).unwrap(),
-            [Some(1), Some(0)]
-        );
+    fn cameras_that_the_policy_does_not_take_are_left_out() {
+        let one = policy(&["wrist"], &[]);
+        assert_eq!(slots(&one, 0, &["side", "wrist", "top"]), [Some(1)]);
     }
 
     #[test]
-    fn none_too_many_and_strangers_are_refused() {
-        let policy = names(&["observation.images.top", "observation.images.wrist"]);
-        for found in [&[][..], &["a", "b", "c"], &["top", "side"]] {
-            let error = camera_slots(&policy, 2, 0, found).unwrap_err();
-            assert!(matches!(error, PolicyError::Sample(_)), "{error}");
+    fn a_map_renames_all_at_once_and_may_leave_cameras_out() {
+        let crossed = [("wrist", "camera1"), ("top", "camera2")];
+        let crossed = policy(&["camera1", "camera2"], &crossed);
+        assert_eq!(slots(&crossed, 0, &["top", "wrist"]), [Some(1), Some(0)]);
+        let swapped = policy(&["top", "wrist"], &[("top", "wrist"), ("wrist", "top")]);
+        assert_eq!(slots(&swapped, 0, &["top", "wrist"]), [Some(1), Some(0)]);
+        let one = policy(&["camera1", "camera2"], &[("wrist", "camera2")]);
+        assert_eq!(slots(&one, 0, &["top", "wrist"]), [Some(1)]);
+        // A recording that has the policy's names needs no map.
+        assert_eq!(slots(&one, 0, &["camera2", "camera1"]), [Some(1), Some(0)]);
+        let said = refused(&one, &["camera2", "wrist"]);
+        assert!(said.contains("camera2 and wrist are both"), "{said}");
+        let said = refused(&one, &["top", "side"]);
+        assert!(said.contains("does not lead from these"), "{said}");
+    }
+
+    #[test]
+    fn other_names_without_a_map_are_refused_with_the_option_for_it() {
+        let two = policy(&["top", "wrist"], &[]);
+        for found in [&["up", "side"][..], &["top", "side"], &[]] {
+            let said = refused(&two, found);
+            assert!(said.contains("--rename_map"), "{said}");
+            assert!(said.contains(&found.join(", ")), "{said}");
+        }
+    }
+
+    #[test]
+    fn a_policy_without_names_goes_by_the_recordings() {
+        let mut nameless = policy(&["a", "b"], &[]);
+        nameless.camera_names.clear();
+        assert_eq!(slots(&nameless, 0, &["up", "side"]), [Some(1), Some(0)]);
+        for found in [&[][..], &["a", "b", "c"]] {
+            assert!(refused(&nameless, found).contains("takes 1 to 2"));
         }
     }
 }

@@ -164,7 +164,7 @@ impl Pixels<'_> {
 
 /// One frame of a recording, with state and actions already normalised.
 pub struct Observation<'a> {
-    /// At least one, at most as many as the policy has slots.
+    /// All that the recording has. [`camera_slots`] takes those of the policy.
     pub cameras: Vec<CameraImage<'a>>,
     /// (state_dim), normalised.
     pub state: &'a [f32],
@@ -302,7 +302,7 @@ impl<'a> Preparer<'a> {
         let size = c.vision.image_size;
         let names: Vec<&str> = cameras.iter().map(|camera| camera.name).collect();
         // No token attends to blank cameras, so leaving them out changes no token that counts.
-        let slots = camera_slots(&c.camera_names, c.cameras, 0, &names)?;
+        let slots = camera_slots(c, 0, &names)?;
         let cameras = slots.into_iter().flatten().map(|i| {
             let camera = &cameras[i];
             let shape = (camera.height, camera.width);

@@ -1,5 +1,7 @@
 //! Policies of known dimensions, by name.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 use zk0_lerobot::config::{ExpertConfig, PolicyConfig, TextConfig, VisionConfig};
 use zk0_lerobot::policy_folder::VlmDims;
@@ -118,6 +120,7 @@ impl Profile {
                     max_period: 4.0,
                     prefix_length: 0,
                     camera_names: Vec::new(),
+                    rename_map: BTreeMap::new(),
                     rms_norm_eps: vlm.rms_norm_eps,
                 }
             }

@@ -26,7 +26,7 @@ fn images_are_prepared_in_the_policys_order() {
         .filter(|name| config.camera_names.iter().any(|camera| camera == name))
         .collect();
     let empty = case.lerobot.empty_cameras;
-    let slots = camera_slots(&config.camera_names, config.cameras, empty, &names).unwrap();
+    let slots = camera_slots(config, empty, &names).unwrap();
     assert_eq!(slots.len(), case.cameras());
     let size = config.vision.image_size;
     for (slot, source) in slots.into_iter().enumerate() {

@@ -2,6 +2,7 @@
 
 mod acting;
 mod folder;
+mod processors;
 mod profiles;
 mod trainable;
 mod weights;

@@ -80,7 +80,7 @@ fn unquoted(message: &str) -> String {
     message[..ends.min().unwrap_or(message.len())].to_owned()
 }
 
-/// Reads the processors of a folder as far as they lead to the statistics of states.
+/// Reads all steps of a folder's processors, and the statistics that they lead to.
 pub fn processor_json() -> Target {
     let dir = tempfile::tempdir().unwrap();
     let to = |name: &str| dir.path().join(name);
@@ -109,12 +109,18 @@ pub fn processor_json() -> Target {
     };
     let post = seed("unnormalizer_processor");
     fs::write(to("policy_postprocessor.json"), post).unwrap();
-    let opened = PolicyFolder::open(dir.path()).unwrap();
+    // All steps that LeRobot 0.6.1 writes.
+    let made = fixtures().join("policy_processors/map_in_order/policy_preprocessor.json");
+    let made = fs::read_to_string(made).unwrap();
+    let made = made.replace(
+        "policy_preprocessor_step_5_normalizer_processor.safetensors",
+        "state.safetensors",
+    );
     Target {
-        seeds: vec![seed("normalizer_processor").into_bytes()],
+        seeds: vec![seed("normalizer_processor").into_bytes(), made.into_bytes()],
         run: Box::new(move |bytes| {
             fs::write(dir.path().join("policy_preprocessor.json"), bytes).unwrap();
-            match opened.stats() {
+            match PolicyFolder::open(dir.path()).and_then(|folder| folder.stats()) {
                 Ok(Some(_)) => Ok(()),
                 Ok(None) => Err("no statistics".into()),
                 Err(e) => {
