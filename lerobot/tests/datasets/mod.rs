@@ -5,4 +5,5 @@ mod frames;
 mod h264;
 mod metadata;
 mod rows;
+mod video_fit;
 mod videos;
