@@ -75,6 +75,22 @@ pub enum DatasetError {
         camera: String,
         source: Box<DatasetError>,
     },
+    /// Two episodes have the same pictures, and nothing tells whose they are.
+    #[error(
+        "{}: meta/episodes gives episodes {first} and {second} the same pictures of camera {camera}, as merges by LeRobot 0.4.0 to \
+         0.4.2 do, and the episodes in order do not fill the camera's files exactly, so this cannot be repaired; LeRobot reads wrong \
+         pictures here; merge the recordings again with LeRobot 0.4.3 or later",
+        path.display()
+    )]
+    SharedPictures {
+        path: PathBuf,
+        camera: String,
+        first: usize,
+        second: usize,
+    },
+    /// No episode has a picture for every row.
+    #[error("{}: no episode has a picture for every row. {first}", path.display())]
+    NoWholeEpisode { path: PathBuf, first: String },
     /// The statistics to normalise with have other dimensions of states and actions than the recording.
     #[error(
         "{}: has {} state and {} action dimensions, the statistics to normalise it with have {} and {}",

@@ -201,7 +201,7 @@ impl<'a> Loader<'a> {
             video.rgb(number)
         };
         let pixels = picture().map_err(|source| DatasetError::Picture {
-            episode: episode.index,
+            episode: episode.recorded,
             frame,
             camera: size.name.clone(),
             source: Box::new(source),

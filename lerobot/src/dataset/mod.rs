@@ -6,6 +6,7 @@
 //! meta/tasks.parquet              metadata::tasks     task strings
 //! meta/episodes/*/*.parquet       metadata::episodes  which rows and which stretch of video each episode has
 //! data/*/*.parquet                tables::motion      states, actions, timestamps
+//! videos/*/*/*.mp4                video_fit           whether every row has its picture
 //! videos/*/*/*.mp4                video               one camera's frames: mp4 finds them, av1 or h264 decodes, color makes RGB
 //! ```
 //!
@@ -13,7 +14,7 @@
 //! (`episode_stats`). There every episode has a parquet file and videos of its own.
 //!
 //! [`Dataset::open`] reads everything but the pixels and checks it. What it returns is consistent; the faults that it corrected are
-//! in [`Dataset::repairs`]. [`Dataset::loader`] then gives [`Frame`]s. Each is what LeRobot's `LeRobotDataset.__getitem__` gives under
+//! in [`Dataset::repairs`], and the episodes that it had to leave out in [`Dataset::left_out`]. [`Dataset::loader`] then gives [`Frame`]s. Each is what LeRobot's `LeRobotDataset.__getitem__` gives under
 //! SmolVLA's `delta_timestamps` (observations of this frame, and a chunk of actions from this frame on).
 //! [`Loader::new`] takes any other [`Window`]. `feature_spec` makes a digest of what kind of recording it is.
 //!
@@ -32,6 +33,7 @@ mod tables;
 mod together;
 mod validate;
 mod video;
+mod video_fit;
 mod window;
 
 pub use error::DatasetError;
@@ -50,4 +52,5 @@ pub use video::mp4::avc_config::AvcConfig;
 pub use video::mp4::sample::{Mp4Codec, Mp4Sample};
 pub use video::mp4::track::Mp4Track;
 pub use video::reader::VideoReader;
+pub use video_fit::short_episodes::LeftOut;
 pub use window::Window;

@@ -9,6 +9,8 @@ use crate::dataset::metadata::normalizer::Stats;
 use crate::dataset::metadata::{episodes, stats, tasks};
 use crate::dataset::repair::Repair;
 use crate::dataset::tables::motion::Motion;
+use crate::dataset::video_fit::merged_videos;
+use crate::dataset::video_fit::short_episodes::{self, LeftOut};
 
 /// A recording, opened and checked; pixels are decoded on demand by a [`Loader`](crate::dataset::Loader).
 ///
@@ -23,10 +25,12 @@ pub struct Dataset {
     episodes: Vec<Episode>,
     pub(crate) motion: Motion,
     repairs: Vec<Repair>,
+    left_out: Vec<LeftOut>,
 }
 
 impl Dataset {
-    /// Opens the LeRobotDataset folder `root`. What is put right on reading is warned of and kept in [`Dataset::repairs`].
+    /// Opens the LeRobotDataset folder `root`. What is put right on reading is warned of and kept in [`Dataset::repairs`]. Episodes with
+    /// fewer pictures than rows are warned of, too: they are in [`Dataset::left_out`], and nowhere else.
     ///
     /// # Errors
     /// Anything missing, unreadable or inconsistent outside the videos' content, each with its path: see [`DatasetError`].
@@ -35,12 +39,24 @@ impl Dataset {
         let root = root.as_ref().to_path_buf();
         let mut repairs = Vec::new();
         let info = Info::read(&root)?;
-        let stats = stats::read(&root, &info)?;
         let tasks = tasks::read_tasks(&root, &info)?;
-        let episodes = episodes::read_episodes(&root, &info, &mut repairs)?;
-        let motion = Motion::read(&root, &info, &episodes, tasks.len(), &mut repairs)?;
+        let mut episodes = episodes::read_episodes(&root, &info, &mut repairs)?;
+        let stats = stats::read(&root, &info, &episodes)?;
+        let mut motion = Motion::read(&root, &info, &episodes, tasks.len(), &mut repairs)?;
+        merged_videos::repair(&root, &info, &mut episodes, &mut repairs)?;
+        let left_out = short_episodes::find(&info, &episodes, &mut repairs);
+        short_episodes::remove(&left_out, &mut episodes, &mut motion);
         for repair in &repairs {
             tracing::warn!("{repair}");
+        }
+        for episode in &left_out {
+            tracing::warn!("{episode}");
+        }
+        if let (true, Some(first)) = (episodes.is_empty(), left_out.first()) {
+            return Err(DatasetError::NoWholeEpisode {
+                path: root,
+                first: first.to_string(),
+            });
         }
         Ok(Self {
             root,
@@ -51,6 +67,7 @@ impl Dataset {
             episodes,
             motion,
             repairs,
+            left_out,
         })
     }
 
@@ -116,7 +133,7 @@ impl Dataset {
         &self.tasks
     }
 
-    /// Episodes in order; they tile the frames `0..len()`.
+    /// Episodes in order, without those that were left out; they tile the frames `0..len()`.
     pub fn episodes(&self) -> &[Episode] {
         &self.episodes
     }
@@ -124,6 +141,12 @@ impl Dataset {
     /// Faults of the files that were put right on reading; mostly none.
     pub fn repairs(&self) -> &[Repair] {
         &self.repairs
+    }
+
+    /// Episodes that have fewer pictures than rows, camera after camera; mostly none. They are no part of [`Dataset::episodes`] and of the
+    /// frames. The recording's own statistics are those of its files, with them.
+    pub fn left_out(&self) -> &[LeftOut] {
+        &self.left_out
     }
 
     /// `observation.state` of frame `index`, not normalised; `None` if there is no such frame.

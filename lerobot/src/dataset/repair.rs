@@ -22,6 +22,26 @@ pub enum Repair {
         /// Descriptions left out.
         rows: usize,
     },
+    /// A merge by LeRobot 0.4.0 to 0.4.2 gave episodes the wrong video file or times; they fill the files in order exactly.
+    MergedVideos {
+        /// The camera.
+        camera: String,
+        /// Episodes whose place was wrong.
+        episodes: usize,
+    },
+    /// A camera has more pictures of some episodes than these have rows; those after the last row are not read.
+    SurplusPictures {
+        /// The camera.
+        camera: String,
+        /// Number of such episodes.
+        episodes: usize,
+        /// The first of them, as the files number it.
+        first: usize,
+        /// Its pictures.
+        pictures: usize,
+        /// Its rows.
+        rows: usize,
+    },
 }
 
 impl fmt::Display for Repair {
@@ -37,6 +57,22 @@ impl fmt::Display for Repair {
                 f,
                 "{}: {rows} rows describe episodes that are there already; the copies are alike and were left out",
                 path.display()
+            ),
+            Self::MergedVideos { camera, episodes } => write!(
+                f,
+                "camera {camera}: meta/episodes gives the wrong video file or time for {episodes} episodes, as merges by LeRobot 0.4.0 \
+                 to 0.4.2 do; in order, the episodes fill the files exactly, so they are read in order"
+            ),
+            Self::SurplusPictures {
+                camera,
+                episodes,
+                first,
+                pictures,
+                rows,
+            } => write!(
+                f,
+                "camera {camera}: more pictures than rows in {episodes} episodes (the first is episode {first}, {pictures} pictures for \
+                 {rows} rows); those after the last row are not used"
             ),
         }
     }

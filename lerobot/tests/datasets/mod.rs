@@ -7,4 +7,5 @@ mod joint_unit;
 mod metadata;
 mod rows;
 mod together;
+mod video_fit;
 mod videos;

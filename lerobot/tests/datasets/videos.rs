@@ -131,15 +131,3 @@ fn a_video_that_does_not_decode_names_the_frame() {
         "{error}"
     );
 }
-
-#[test]
-fn a_video_with_too_few_frames_names_the_first_that_is_missing() {
-    let copy = Copy::default();
-    let short =
-        recording("so100_sorting").join("videos/observation.images.top/chunk-000/file-001.mp4");
-    copy.edit(TOP, |_| fs::read(short).unwrap());
-    copy.fails(TOP, "its 75 frames end at 2.466667 s");
-    let error = copy.error().to_string();
-    // This is frame 75 of the video, as episode 0 has 41 frames.
-    assert!(error.starts_with("episode 1 frame 34, "), "{error}");
-}

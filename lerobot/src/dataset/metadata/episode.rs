@@ -6,13 +6,15 @@ use std::path::PathBuf;
 /// One demonstration: consecutive frames, and where each camera filmed them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Episode {
-    /// Number of the episode, from 0.
+    /// Number of the episode among [`Dataset::episodes`](crate::dataset::Dataset::episodes), from 0.
     pub index: usize,
+    /// Its number in the recording's files: higher where episodes before it were left out.
+    pub recorded: usize,
     /// Its frames in the dataset's numbering; never empty.
     pub frames: Range<usize>,
     /// Its stretch of video per camera, in the order of [`Dataset::cameras`](crate::dataset::Dataset::cameras).
     pub videos: Vec<VideoSpan>,
-    /// The parquet file that holds its rows.
+    /// The parquet file that holds its rows, as the metadata says. In v3.0 it is no more than a hint, because rows have their numbers.
     pub(crate) data_file: PathBuf,
 }
 
@@ -23,4 +25,6 @@ pub struct VideoSpan {
     pub path: PathBuf,
     /// Second of the file at which the episode's first frame is shown.
     pub from_timestamp: f64,
+    /// Second of the file at which it ends, where the metadata says so.
+    pub to_timestamp: Option<f64>,
 }

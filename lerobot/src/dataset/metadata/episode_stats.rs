@@ -9,7 +9,7 @@ use serde::Deserialize;
 use crate::dataset::metadata::info::{ACTION, STATE};
 use crate::dataset::metadata::json;
 use crate::dataset::metadata::normalizer::{pool, Moments, Normalizer};
-use crate::dataset::{DatasetError, Info, Stats};
+use crate::dataset::{DatasetError, Episode, Info, Stats};
 
 #[derive(Deserialize)]
 struct Line {
@@ -29,12 +29,20 @@ struct EpisodeStats {
 struct FeatureStats {
     #[serde(flatten)]
     moments: Moments,
-    /// Frames, as a list of one number.
-    count: Vec<f64>,
+    /// Frames: those of the episode, where it is not there.
+    count: Option<Count>,
+}
+
+/// LeRobot writes a list of one number.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Count {
+    List(Vec<f64>),
+    Number(f64),
 }
 
 /// Reads all episodes' statistics; every episode has to be there.
-pub(crate) fn read(root: &Path, info: &Info) -> Result<Stats, DatasetError> {
+pub(crate) fn read(root: &Path, info: &Info, episodes: &[Episode]) -> Result<Stats, DatasetError> {
     let path = root.join("meta/episodes_stats.jsonl");
     // LeRobot adds up in the order of the episodes, and takes the last line where an episode has several.
     let mut lines: BTreeMap<usize, EpisodeStats> = BTreeMap::new();
@@ -68,9 +76,14 @@ pub(crate) fn read(root: &Path, info: &Info) -> Result<Stats, DatasetError> {
         ));
     }
     let pooled = |name: &str, dim: usize, of: fn(&EpisodeStats) -> &FeatureStats| {
+        // Every episode has a line, and both are in order.
         let all: Vec<_> = lines
             .values()
-            .map(|line| (&of(line).moments, of(line).count[0]))
+            .zip(episodes)
+            .map(|(line, episode)| {
+                let count = of(line).frames().unwrap_or(episode.frames.len() as f64);
+                (&of(line).moments, count)
+            })
             .collect();
         Normalizer::of(&pool(&all, dim), dim)
             .map_err(|cause| DatasetError::meta(&path, format!("{name}: {cause}")))
@@ -84,14 +97,25 @@ pub(crate) fn read(root: &Path, info: &Info) -> Result<Stats, DatasetError> {
 impl FeatureStats {
     fn check(&self, dim: usize) -> Result<(), String> {
         let expected = "expected a list of one number of frames";
-        match self.count[..] {
-            [count] if count >= 1.0 && count.is_finite() => {}
-            [count] => return Err(format!("count is [{count:?}], {expected}")),
-            _ => {
-                let found = self.count.len();
+        if let Some(Count::List(list)) = &self.count {
+            if list.len() != 1 {
+                let found = list.len();
                 return Err(format!("count is a list of {found} numbers, {expected}"));
             }
         }
+        match self.frames() {
+            Some(count) if !(count >= 1.0 && count.is_finite()) => {
+                return Err(format!("count is [{count:?}], {expected}"))
+            }
+            _ => {}
+        }
         Normalizer::of(&self.moments, dim).map(|_| ())
+    }
+
+    fn frames(&self) -> Option<f64> {
+        match self.count.as_ref()? {
+            Count::List(list) => list.first().copied(),
+            Count::Number(count) => Some(*count),
+        }
     }
 }

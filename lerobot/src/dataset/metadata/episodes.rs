@@ -8,6 +8,7 @@ use crate::dataset::metadata::episodes_v2;
 use crate::dataset::metadata::info::Format;
 use crate::dataset::metadata::paths::Place;
 use crate::dataset::tables::columns::{self, Columns};
+use crate::dataset::tables::parquet_files::parquet_files;
 use crate::dataset::{DatasetError, Info, Repair};
 
 /// Episodes in order, checked to tile the frames that `meta/info.json` declares.
@@ -42,10 +43,10 @@ fn read_parquet(
     info: &Info,
     repairs: &mut Vec<Repair>,
 ) -> Result<(PathBuf, Vec<Episode>), DatasetError> {
-    let layout = EpisodeColumns::new(info);
     let folder = root.join("meta/episodes");
     let mut episodes: Vec<Episode> = Vec::new();
     for path in parquet_files(&folder)? {
+        let layout = EpisodeColumns::of(&path, info)?;
         let mut repeated = 0;
         columns::read(&path, &layout.all(), 1, |batch| {
             for row in 0..batch.rows() {
@@ -118,8 +119,16 @@ impl EpisodeRow {
 
 /// Names of the columns, those of the cameras among them.
 struct EpisodeColumns {
-    /// Per camera: chunk, file, start.
-    spans: Vec<[String; 3]>,
+    /// Per camera.
+    spans: Vec<SpanColumns>,
+}
+
+struct SpanColumns {
+    chunk: String,
+    file: String,
+    from: String,
+    /// Not every writer has it.
+    to: Option<String>,
 }
 
 impl EpisodeColumns {
@@ -132,19 +141,29 @@ impl EpisodeColumns {
         "data/file_index",
     ];
 
-    fn new(info: &Info) -> Self {
-        let of_camera = ["chunk_index", "file_index", "from_timestamp"];
-        Self {
-            spans: info
-                .cameras
-                .iter()
-                .map(|c| of_camera.map(|f| format!("videos/{}/{f}", c.name)))
-                .collect(),
-        }
+    fn of(path: &Path, info: &Info) -> Result<Self, DatasetError> {
+        let spans = info.cameras.iter().map(|camera| {
+            let column = |name: &str| format!("videos/{}/{name}", camera.name);
+            let to = column("to_timestamp");
+            Ok(SpanColumns {
+                chunk: column("chunk_index"),
+                file: column("file_index"),
+                from: column("from_timestamp"),
+                to: (!columns::present(path, &[&to])?.is_empty()).then_some(to),
+            })
+        });
+        Ok(Self {
+            spans: spans.collect::<Result<_, DatasetError>>()?,
+        })
     }
 
     fn all(&self) -> Vec<&str> {
-        let spans = self.spans.iter().flatten().map(String::as_str);
+        let spans = self.spans.iter().flat_map(|span| {
+            let to = span.to.as_deref();
+            [&span.chunk[..], &span.file, &span.from]
+                .into_iter()
+                .chain(to)
+        });
         Self::FIXED.into_iter().chain(spans).collect()
     }
 
@@ -180,11 +199,16 @@ impl EpisodeColumns {
         };
         let data_file = info.data_file(root, place)?;
         let mut videos = Vec::with_capacity(info.cameras.len());
-        for (camera, [chunk, file, from]) in info.cameras.iter().zip(&self.spans) {
+        let sound = |seconds: &f64| (0.0..1e9).contains(seconds);
+        for (camera, span) in info.cameras.iter().zip(&self.spans) {
+            let SpanColumns {
+                chunk, file, from, ..
+            } = span;
             let from_timestamp = batch.doubles(from)?[row];
-            if !(0.0..1e9).contains(&from_timestamp) {
+            if !sound(&from_timestamp) {
                 return Err(broken(format!("{from} is {from_timestamp}")));
             }
+            let to = span.to.as_ref().map(|to| batch.doubles(to)).transpose()?;
             let place = Place::Shared {
                 chunk: number(chunk)?,
                 file: number(file)?,
@@ -192,34 +216,16 @@ impl EpisodeColumns {
             videos.push(VideoSpan {
                 path: info.video_file(root, camera, place)?,
                 from_timestamp,
+                // LeRobot does not read it, so what no end can be is not one.
+                to_timestamp: to.map(|to| to[row]).filter(sound),
             });
         }
         Ok(Episode {
             index: found.index as usize,
+            recorded: found.index as usize,
             frames: found.from as usize..found.to as usize,
             videos,
             data_file,
         })
     }
-}
-
-/// `chunk-*/file-*.parquet` under `folder`, in name order as LeRobot reads them.
-fn parquet_files(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
-    let list = |dir: &Path| -> Result<Vec<PathBuf>, DatasetError> {
-        let mut found = Vec::new();
-        for entry in std::fs::read_dir(dir).map_err(|e| DatasetError::io(dir, e))? {
-            found.push(entry.map_err(|e| DatasetError::io(dir, e))?.path());
-        }
-        found.sort();
-        Ok(found)
-    };
-    let mut files = Vec::new();
-    for chunk in list(folder)?.into_iter().filter(|p| p.is_dir()) {
-        files.extend(
-            list(&chunk)?
-                .into_iter()
-                .filter(|p| p.extension().is_some_and(|e| e == "parquet")),
-        );
-    }
-    Ok(files)
 }

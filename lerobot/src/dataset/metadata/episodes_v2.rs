@@ -79,10 +79,12 @@ pub(crate) fn read_episodes(
             Ok(VideoSpan {
                 path: info.video_file(root, camera, place)?,
                 from_timestamp: 0.0,
+                to_timestamp: None,
             })
         });
         episodes.push(Episode {
             index,
+            recorded: index,
             frames: start..start.saturating_add(length),
             videos: videos.collect::<Result<_, DatasetError>>()?,
             data_file: info.data_file(root, place)?,

@@ -7,6 +7,6 @@ mod episodes_v2;
 pub(crate) mod info;
 mod json;
 pub(crate) mod normalizer;
-mod paths;
+pub(crate) mod paths;
 pub(crate) mod stats;
 pub(crate) mod tasks;

@@ -7,13 +7,13 @@ use crate::dataset::metadata::episode_stats;
 use crate::dataset::metadata::info::{Format, ACTION, STATE};
 use crate::dataset::metadata::json::read_text;
 use crate::dataset::metadata::normalizer::{Moments, Normalizer, Stats};
-use crate::dataset::{DatasetError, Info};
+use crate::dataset::{DatasetError, Episode, Info};
 
 /// Reads and checks the statistics under `root`: those of the whole in `meta/stats.json`, or in v2.1 those of the episodes,
 /// pooled.
-pub(crate) fn read(root: &Path, info: &Info) -> Result<Stats, DatasetError> {
+pub(crate) fn read(root: &Path, info: &Info, episodes: &[Episode]) -> Result<Stats, DatasetError> {
     if info.format == Format::V21 {
-        episode_stats::read(root, info)
+        episode_stats::read(root, info, episodes)
     } else {
         read_whole(root, info)
     }

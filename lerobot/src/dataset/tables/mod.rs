@@ -2,4 +2,5 @@
 
 pub(crate) mod columns;
 pub(crate) mod motion;
+pub(crate) mod parquet_files;
 mod parquet_pages;

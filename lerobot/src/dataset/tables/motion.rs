@@ -1,9 +1,12 @@
 //! `data/*/*.parquet`: states, actions and timestamps of every frame, checked row by row.
 
-use std::path::Path;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
 
+use crate::dataset::metadata::info::Format;
 use crate::dataset::metadata::info::{ACTION, STATE};
 use crate::dataset::tables::columns::{self, Columns};
+use crate::dataset::tables::parquet_files::parquet_files;
 use crate::dataset::{DatasetError, Episode, Info, Repair};
 
 /// LeRobot's tolerance on timestamps, in seconds.
@@ -21,7 +24,7 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    /// Reads all data files in the order of the episodes. Rows that repeat a frame are left out where all copies are alike.
+    /// Reads all data files: in v3.0 those of `data/` in name order, as LeRobot does, and before those of the episodes in order. Rows that repeat a frame are left out where all copies are alike.
     pub fn read(
         root: &Path,
         info: &Info,
@@ -37,8 +40,7 @@ impl Motion {
             timestamps: Vec::new(),
             tasks: Vec::new(),
         };
-        let mut files: Vec<&Path> = episodes.iter().map(|e| e.data_file.as_path()).collect();
-        files.dedup();
+        let files = data_files(root, info, episodes)?;
         for path in &files {
             let mut file = DataFile {
                 path,
@@ -61,6 +63,7 @@ impl Motion {
             }
         }
         if motion.len() < info.total_frames {
+            missing_file(episodes, motion.len())?;
             return Err(DatasetError::FewerFrames {
                 path: files.last().map_or(root, |f| f).to_path_buf(),
                 found: motion.len(),
@@ -125,6 +128,21 @@ impl Motion {
             && self.action(frame) == rows.action(i)
     }
 
+    /// Keeps these frames alone, which are ascending.
+    pub fn keep(&mut self, kept: impl Iterator<Item = Range<usize>>) {
+        let frames: Vec<usize> = kept.flatten().collect();
+        let vectors = |values: &[f32], dim: usize| -> Vec<f32> {
+            let rows = frames
+                .iter()
+                .flat_map(|frame| &values[frame * dim..][..dim]);
+            rows.copied().collect()
+        };
+        self.states = vectors(&self.states, self.state_dim);
+        self.actions = vectors(&self.actions, self.action_dim);
+        self.timestamps = vectors(&self.timestamps, 1);
+        self.tasks = frames.iter().map(|frame| self.tasks[*frame]).collect();
+    }
+
     /// Number of frames.
     pub fn len(&self) -> usize {
         self.timestamps.len()
@@ -145,6 +163,33 @@ impl Motion {
 
     pub fn task(&self, frame: usize) -> usize {
         self.tasks[frame] as usize
+    }
+}
+
+/// The files that hold the rows.
+fn data_files(
+    root: &Path,
+    info: &Info,
+    episodes: &[Episode],
+) -> Result<Vec<PathBuf>, DatasetError> {
+    if info.format == Format::V30 {
+        let files = parquet_files(&root.join("data"))?;
+        if files.is_empty() {
+            missing_file(episodes, 0)?;
+        }
+        return Ok(files);
+    }
+    let mut files: Vec<PathBuf> = episodes.iter().map(|e| e.data_file.clone()).collect();
+    files.dedup();
+    Ok(files)
+}
+
+/// Names the file that frame `due` should be in, if it is not there.
+fn missing_file(episodes: &[Episode], due: usize) -> Result<(), DatasetError> {
+    let at = episodes.partition_point(|e| e.frames.end <= due);
+    match episodes.get(at).map(|e| &e.data_file) {
+        Some(path) if !path.is_file() => Err(DatasetError::MissingFile { path: path.clone() }),
+        _ => Ok(()),
     }
 }
 
@@ -230,13 +275,11 @@ impl DataFile<'_> {
         if rows.index[i] != due as i64
             || rows.episode[i] != expected.index as i64
             || rows.frame[i] != number as i64
-            || self.path != expected.data_file
         {
+            missing_file(self.episodes, due)?;
             return Err(wrong(format!(
-                "index {} found where the episodes' metadata expects index {due}, episode {} frame {number} in {}",
-                rows.index[i],
-                expected.index,
-                expected.data_file.display()
+                "index {} found where the episodes' metadata expects index {due}, episode {} frame {number}; rows have to be in order",
+                rows.index[i], expected.index,
             )));
         }
         // A float32 that holds many seconds is coarser than the tolerance.

@@ -1,0 +1,140 @@
+//! Merges by LeRobot 0.4.0 to 0.4.2. Their metadata names the last video file of a source for all of its episodes, and counts the
+//! seconds of earlier files, too. The files themselves are right: the episodes in order fill them in order.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use crate::dataset::metadata::episode::{Episode, VideoSpan};
+use crate::dataset::metadata::info::Camera;
+use crate::dataset::metadata::paths::Place;
+use crate::dataset::video_fit::picture_times::PictureTimes;
+use crate::dataset::{DatasetError, Info, Repair};
+
+/// Places the episodes anew where the metadata cannot be right and the files can be filled in one way only.
+///
+/// # Errors
+/// Two episodes have the same pictures, and the files are not filled exactly.
+pub(crate) fn repair(
+    root: &Path,
+    info: &Info,
+    episodes: &mut [Episode],
+    repairs: &mut Vec<Repair>,
+) -> Result<(), DatasetError> {
+    for (number, camera) in info.cameras.iter().enumerate() {
+        let Some(fault) = fault(info, episodes, number) else {
+            continue;
+        };
+        match (filled(root, info, camera, episodes, number), fault) {
+            (Some(spans), _) => {
+                let mut moved = 0;
+                for (episode, span) in episodes.iter_mut().zip(spans) {
+                    let is = &mut episode.videos[number];
+                    let off = (is.from_timestamp - span.from_timestamp) * f64::from(info.fps);
+                    if is.path != span.path || off.abs() > 0.5 {
+                        *is = span;
+                        moved += 1;
+                    }
+                }
+                if moved > 0 {
+                    repairs.push(Repair::MergedVideos {
+                        camera: camera.name.clone(),
+                        episodes: moved,
+                    });
+                }
+            }
+            (None, Fault::Shared { first, second }) => {
+                return Err(DatasetError::SharedPictures {
+                    path: episodes[second].videos[number].path.clone(),
+                    camera: camera.name.clone(),
+                    first,
+                    second,
+                })
+            }
+            // Some pictures are not there: their episodes are found one by one.
+            (None, Fault::BeyondTheEnd) => {}
+        }
+    }
+    Ok(())
+}
+
+/// What shows that the metadata of a camera is wrong.
+enum Fault {
+    /// Two episodes have the same pictures.
+    Shared { first: usize, second: usize },
+    /// A file ends before an episode does.
+    BeyondTheEnd,
+}
+
+fn fault(info: &Info, episodes: &[Episode], camera: usize) -> Option<Fault> {
+    let half = 0.5 / f64::from(info.fps);
+    let mut by_file: BTreeMap<&Path, Vec<(f64, f64, usize)>> = BTreeMap::new();
+    for (number, episode) in episodes.iter().enumerate() {
+        let span = &episode.videos[camera];
+        let stretch = (span.from_timestamp, span.to_timestamp?, number);
+        by_file.entry(&span.path).or_default().push(stretch);
+    }
+    let mut beyond = None;
+    for (path, mut stretches) in by_file {
+        stretches.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.2.cmp(&b.2)));
+        let shared = |pair: &&[(f64, f64, usize)]| pair[1].0 < pair[0].1 - half;
+        if let Some(pair) = stretches.windows(2).find(shared) {
+            return Some(Fault::Shared {
+                first: pair[0].2,
+                second: pair[1].2,
+            });
+        }
+        let Some(times) = PictureTimes::read(path) else {
+            continue;
+        };
+        let ends = |&(from, to, _): &(f64, f64, usize)| {
+            times.between(from, to, info.fps) < pictures(from, to, info.fps)
+        };
+        if stretches.iter().any(ends) {
+            beyond = Some(Fault::BeyondTheEnd);
+        }
+    }
+    beyond
+}
+
+/// Pictures that the metadata gives an episode.
+fn pictures(from: f64, to: f64, fps: u32) -> usize {
+    ((to - from) * f64::from(fps)).round() as usize
+}
+
+/// Where the episodes are if they fill the camera's files in order; `None` where they do not fill them exactly.
+fn filled(
+    root: &Path,
+    info: &Info,
+    camera: &Camera,
+    episodes: &[Episode],
+    number: usize,
+) -> Option<Vec<VideoSpan>> {
+    let open = |(chunk, file)| {
+        let path = info.video_file(root, camera, Place::Shared { chunk, file });
+        let path = path.ok()?;
+        let pictures = PictureTimes::read(&path)?.len();
+        Some(((chunk, file), path, pictures))
+    };
+    let following = |(chunk, file)| open((chunk, file + 1)).or_else(|| open((chunk + 1, 0)));
+    let seconds = |pictures: usize| pictures as f64 / f64::from(info.fps);
+    let (mut place, mut path, mut there) = open((0, 0))?;
+    let mut used = 0;
+    let mut spans = Vec::with_capacity(episodes.len());
+    for episode in episodes {
+        let span = &episode.videos[number];
+        let pictures = pictures(span.from_timestamp, span.to_timestamp?, info.fps);
+        if used == there {
+            ((place, path, there), used) = (following(place)?, 0);
+        }
+        if pictures == 0 || pictures > there - used {
+            return None;
+        }
+        spans.push(VideoSpan {
+            path: path.clone(),
+            from_timestamp: seconds(used),
+            to_timestamp: Some(seconds(used + pictures)),
+        });
+        used += pictures;
+    }
+    (used == there && following(place).is_none()).then_some(spans)
+}

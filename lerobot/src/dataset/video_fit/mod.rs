@@ -1,0 +1,5 @@
+//! Whether the videos have a picture for every row: what is wrong is repaired in memory, or the episode is left out.
+
+pub(crate) mod merged_videos;
+mod picture_times;
+pub(crate) mod short_episodes;

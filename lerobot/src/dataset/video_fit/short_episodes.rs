@@ -1,0 +1,141 @@
+//! Episodes with fewer pictures than rows: a recorder dropped some (LeRobot's streaming encoding does so when it is too slow), or the
+//! file ends early. The pictures that are there do not tell which are missing.
+
+use std::collections::{BTreeMap, HashSet};
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use crate::dataset::metadata::episode::Episode;
+use crate::dataset::metadata::info::Format;
+use crate::dataset::tables::motion::Motion;
+use crate::dataset::video_fit::picture_times::PictureTimes;
+use crate::dataset::{Info, Repair};
+
+/// An episode of the files that is no episode of the [`Dataset`](crate::dataset::Dataset), because a camera's pictures are too few.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LeftOut {
+    /// Number of the episode in the files.
+    pub episode: usize,
+    /// The camera.
+    pub camera: String,
+    /// Its video.
+    pub path: PathBuf,
+    /// Pictures of the episode.
+    pub pictures: usize,
+    /// Rows of the episode.
+    pub rows: usize,
+}
+
+impl fmt::Display for LeftOut {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(
+            f,
+            "{}: episode {} is left out: camera {} has {} pictures for its {} rows, and nothing tells which are missing, so that every \
+             row from frame 0 on may have the picture of another moment. LeRobot trains on it without a word. To remove it for good: \
+             lerobot-edit-dataset --operation.type delete_episodes --operation.episode_indices \"[{}]\"",
+            self.path.display(),
+            self.episode,
+            self.camera,
+            self.pictures,
+            self.rows,
+            self.episode
+        )
+    }
+}
+
+/// Episodes with a camera whose pictures are too few, camera after camera. Cameras with too many are added to `repairs`.
+pub(crate) fn find(info: &Info, episodes: &[Episode], repairs: &mut Vec<Repair>) -> Vec<LeftOut> {
+    let mut short = Vec::new();
+    for (number, camera) in info.cameras.iter().enumerate() {
+        let (mut surplus, mut first) = (0, None);
+        for (episode, pictures) in pictures(info, episodes, number) {
+            let rows = episode.frames.len();
+            if pictures < rows {
+                short.push(LeftOut {
+                    episode: episode.recorded,
+                    camera: camera.name.clone(),
+                    path: episode.videos[number].path.clone(),
+                    pictures,
+                    rows,
+                });
+            } else if pictures > rows {
+                surplus += 1;
+                first.get_or_insert((episode.recorded, pictures, rows));
+            }
+        }
+        if let Some((episode, pictures, rows)) = first {
+            repairs.push(Repair::SurplusPictures {
+                camera: camera.name.clone(),
+                episodes: surplus,
+                first: episode,
+                pictures,
+                rows,
+            });
+        }
+    }
+    short
+}
+
+/// How many pictures a camera has of each episode, in order.
+fn pictures<'a>(
+    info: &Info,
+    episodes: &'a [Episode],
+    camera: usize,
+) -> impl Iterator<Item = (&'a Episode, usize)> {
+    let mut by_file: BTreeMap<&Path, Vec<usize>> = BTreeMap::new();
+    for (number, episode) in episodes.iter().enumerate() {
+        let numbers = by_file.entry(&episode.videos[camera].path).or_default();
+        numbers.push(number);
+    }
+    let half = 0.5 / f64::from(info.fps);
+    let mut counts = vec![0; episodes.len()];
+    for (path, mut numbers) in by_file {
+        let span = |number: usize| &episodes[number].videos[camera];
+        numbers.sort_by(|a, b| {
+            let from = |number: &usize| span(*number).from_timestamp;
+            from(a).total_cmp(&from(b))
+        });
+        let times = PictureTimes::read(path);
+        let (mut begin, mut next) = (f64::INFINITY, f64::INFINITY);
+        for &number in numbers.iter().rev() {
+            let (from, to) = (span(number).from_timestamp, span(number).to_timestamp);
+            let rows = episodes[number].frames.len();
+            // Without ends, episodes that begin at the same picture share it.
+            if from < begin - half {
+                next = begin;
+            }
+            begin = from;
+            counts[number] = match (&times, to) {
+                (Some(times), to) => match times.between(from, next, info.fps) {
+                    // They are all of this episode, also where somebody wrote the time of the last picture as the end.
+                    pictures if pictures == rows => rows,
+                    pictures => match to {
+                        Some(to) => times.between(from, to, info.fps),
+                        // What is between two episodes need not be of the first.
+                        None if info.format == Format::V30 => pictures.min(rows),
+                        None => pictures,
+                    },
+                },
+                (None, Some(to)) => ((to - from) * f64::from(info.fps)).round() as usize,
+                (None, None) => rows,
+            };
+        }
+    }
+    episodes.iter().zip(counts)
+}
+
+/// Removes episodes and their rows. The others are numbered anew, so that they tile the frames as before.
+pub(crate) fn remove(short: &[LeftOut], episodes: &mut Vec<Episode>, motion: &mut Motion) {
+    if short.is_empty() {
+        return;
+    }
+    let short: HashSet<usize> = short.iter().map(|left_out| left_out.episode).collect();
+    episodes.retain(|episode| !short.contains(&episode.recorded));
+    motion.keep(episodes.iter().map(|episode| episode.frames.clone()));
+    let mut start = 0;
+    for (index, episode) in episodes.iter_mut().enumerate() {
+        episode.index = index;
+        episode.frames = start..start + episode.frames.len();
+        start = episode.frames.end;
+    }
+}
