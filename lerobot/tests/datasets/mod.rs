@@ -4,5 +4,7 @@ mod delta_timestamps;
 mod frames;
 mod h264;
 mod metadata;
+mod pictures;
 mod rows;
+mod tables;
 mod videos;

@@ -10,8 +10,9 @@ pub struct Episode {
     pub index: usize,
     /// Its frames in the dataset's numbering; never empty.
     pub frames: Range<usize>,
-    /// Its stretch of video per camera, in the order of [`Dataset::cameras`](crate::dataset::Dataset::cameras).
-    pub videos: Vec<VideoSpan>,
+    /// Its stretch of video per camera, in the order of [`Dataset::cameras`](crate::dataset::Dataset::cameras); `None` where the
+    /// camera's pictures are stored one by one.
+    pub videos: Vec<Option<VideoSpan>>,
     /// The parquet file that holds its rows.
     pub(crate) data_file: PathBuf,
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::dataset::metadata::episode::{Episode, VideoSpan};
 use crate::dataset::metadata::episodes_v2;
-use crate::dataset::metadata::info::Format;
+use crate::dataset::metadata::info::{CameraStorage, Format};
 use crate::dataset::metadata::paths::Place;
 use crate::dataset::tables::columns::{self, Columns};
 use crate::dataset::{DatasetError, Info, Repair};
@@ -118,8 +118,8 @@ impl EpisodeRow {
 
 /// Names of the columns, those of the cameras among them.
 struct EpisodeColumns {
-    /// Per camera: chunk, file, start.
-    spans: Vec<[String; 3]>,
+    /// Per camera: chunk, file, start. There is nothing of a camera whose pictures are stored one by one.
+    spans: Vec<Option<[String; 3]>>,
 }
 
 impl EpisodeColumns {
@@ -138,13 +138,18 @@ impl EpisodeColumns {
             spans: info
                 .cameras
                 .iter()
-                .map(|c| of_camera.map(|f| format!("videos/{}/{f}", c.name)))
+                .map(|c| match c.storage {
+                    CameraStorage::Video => {
+                        Some(of_camera.map(|f| format!("videos/{}/{f}", c.name)))
+                    }
+                    CameraStorage::Pictures => None,
+                })
                 .collect(),
         }
     }
 
     fn all(&self) -> Vec<&str> {
-        let spans = self.spans.iter().flatten().map(String::as_str);
+        let spans = self.spans.iter().flatten().flatten().map(String::as_str);
         Self::FIXED.into_iter().chain(spans).collect()
     }
 
@@ -180,7 +185,11 @@ impl EpisodeColumns {
         };
         let data_file = info.data_file(root, place)?;
         let mut videos = Vec::with_capacity(info.cameras.len());
-        for (camera, [chunk, file, from]) in info.cameras.iter().zip(&self.spans) {
+        for (camera, span) in info.cameras.iter().zip(&self.spans) {
+            let Some([chunk, file, from]) = span else {
+                videos.push(None);
+                continue;
+            };
             let from_timestamp = batch.doubles(from)?[row];
             if !(0.0..1e9).contains(&from_timestamp) {
                 return Err(broken(format!("{from} is {from_timestamp}")));
@@ -189,10 +198,10 @@ impl EpisodeColumns {
                 chunk: number(chunk)?,
                 file: number(file)?,
             };
-            videos.push(VideoSpan {
+            videos.push(Some(VideoSpan {
                 path: info.video_file(root, camera, place)?,
                 from_timestamp,
-            });
+            }));
         }
         Ok(Episode {
             index: found.index as usize,

@@ -1,6 +1,7 @@
 //! `data/*/*.parquet`: states, actions and timestamps of every frame, checked row by row.
 
-use std::path::Path;
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
 
 use crate::dataset::metadata::info::{ACTION, STATE};
 use crate::dataset::tables::columns::{self, Columns};
@@ -18,6 +19,15 @@ pub(crate) struct Motion {
     actions: Vec<f32>,
     timestamps: Vec<f32>,
     tasks: Vec<u32>,
+    stretches: Vec<Stretch>,
+}
+
+/// Consecutive frames in consecutive rows of a file.
+#[derive(Debug)]
+struct Stretch {
+    first: usize,
+    path: PathBuf,
+    row: usize,
 }
 
 impl Motion {
@@ -36,6 +46,7 @@ impl Motion {
             actions: Vec::new(),
             timestamps: Vec::new(),
             tasks: Vec::new(),
+            stretches: Vec::new(),
         };
         let mut files: Vec<&Path> = episodes.iter().map(|e| e.data_file.as_path()).collect();
         files.dedup();
@@ -93,6 +104,7 @@ impl Motion {
                 continue;
             }
             let task = file.check(self.len(), row, &rows, i)?;
+            self.note_row(file.path, row);
             self.tasks.push(task);
             self.timestamps.push(rows.timestamp[i]);
             for (name, values, into) in [
@@ -123,6 +135,26 @@ impl Motion {
             && self.timestamps[frame] == rows.timestamp[i]
             && self.state(frame) == rows.state(i)
             && self.action(frame) == rows.action(i)
+    }
+
+    /// Notes where the next frame is.
+    fn note_row(&mut self, path: &Path, row: usize) {
+        let frame = self.len();
+        let goes_on = |s: &Stretch| s.path == path && s.row + (frame - s.first) == row;
+        if !self.stretches.last().is_some_and(goes_on) {
+            self.stretches.push(Stretch {
+                first: frame,
+                path: path.into(),
+                row,
+            });
+        }
+    }
+
+    /// The file of a frame that exists, and its row there.
+    pub fn row(&self, frame: usize) -> (&Path, usize) {
+        let after = self.stretches.partition_point(|s| s.first <= frame);
+        let stretch = &self.stretches[after - 1];
+        (&stretch.path, stretch.row + (frame - stretch.first))
     }
 
     /// Number of frames.
@@ -160,11 +192,11 @@ const COLUMNS: [&str; 7] = [
 
 /// The columns of some rows.
 struct Rows<'a> {
-    index: &'a [i64],
-    episode: &'a [i64],
-    frame: &'a [i64],
-    task: &'a [i64],
-    timestamp: &'a [f32],
+    index: Cow<'a, [i64]>,
+    episode: Cow<'a, [i64]>,
+    frame: Cow<'a, [i64]>,
+    task: Cow<'a, [i64]>,
+    timestamp: Cow<'a, [f32]>,
     state_dim: usize,
     states: Vec<f32>,
     action_dim: usize,
