@@ -43,11 +43,15 @@ struct Summary {
     sample: Sample,
 }
 
+/// In place of a codec, where pictures are stored one by one, as PNG or JPEG.
+const PICTURES: &str = "pictures";
+
 #[derive(Serialize)]
 struct Camera {
     name: String,
     height: usize,
     width: usize,
+    /// Or [`PICTURES`].
     codec: &'static str,
     /// The average distance of the first video's key frames, in frames.
     frames_per_key: f64,
@@ -156,9 +160,13 @@ impl Summary {
         line("frames", &frames);
         let widest = longest_name(self.cameras.iter().map(|c| &c.name));
         for (i, c) in self.cameras.iter().enumerate() {
+            let stored = match c.codec {
+                PICTURES => "pictures in place of a video".into(),
+                codec => format!("{codec}, a key frame every {:.1} frames", c.frames_per_key),
+            };
             let value = format!(
-                "{:<widest$}  {} x {} (height x width), {}, a key frame every {:.1} frames",
-                c.name, c.height, c.width, c.codec, c.frames_per_key
+                "{:<widest$}  {} x {} (height x width), {stored}",
+                c.name, c.height, c.width
             );
             line(if i == 0 { "cameras" } else { "" }, &value);
         }
@@ -226,13 +234,20 @@ fn cameras(dataset: &Dataset) -> Result<Vec<Camera>> {
                 .with_context(|| {
                     format!("{}: no video of {}", dataset.root().display(), camera.name)
                 })?;
-            let video = VideoReader::open(&span.path, camera.height, camera.width)?;
+            let (codec, frames_per_key) = match span {
+                Some(span) => {
+                    let video = VideoReader::open(&span.path, camera.height, camera.width)?;
+                    let distance = video.len() as f64 / video.key_frames() as f64;
+                    (video.codec().name(), distance)
+                }
+                None => (PICTURES, 1.0),
+            };
             Ok(Camera {
                 name: camera.name.clone(),
                 height: camera.height,
                 width: camera.width,
-                codec: video.codec().name(),
-                frames_per_key: video.len() as f64 / video.key_frames() as f64,
+                codec,
+                frames_per_key,
             })
         })
         .collect()

@@ -67,6 +67,9 @@ pub enum DatasetError {
     /// A video's container or one of its frames is unusable.
     #[error("{}: {cause}", path.display())]
     Video { path: PathBuf, cause: String },
+    /// A stored picture, PNG or JPEG, cannot be used.
+    #[error("{}: {cause}", path.display())]
+    StoredPicture { path: PathBuf, cause: String },
     /// A frame's picture cannot be read: which frame, and why.
     #[error("episode {episode} frame {frame}, camera {camera}: {source}")]
     Picture {

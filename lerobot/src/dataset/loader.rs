@@ -3,7 +3,11 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use crate::dataset::metadata::episode::VideoSpan;
+use crate::dataset::metadata::info::Camera;
+use crate::dataset::picture::decode::decode;
 use crate::dataset::tables::motion::TOLERANCE;
+use crate::dataset::tables::pictures::{PictureColumn, StoredPicture};
 use crate::dataset::video::reader::VideoReader;
 use crate::dataset::window::Window;
 use crate::dataset::{Dataset, DatasetError};
@@ -51,19 +55,21 @@ pub struct Image {
     pub pixels: Vec<u8>,
 }
 
-/// Gives frames with their pictures, keeping one open video per camera and the pictures of the last frame given.
+/// Gives frames with their pictures, keeping one open video or data file per camera and the pictures of the last frame given.
 ///
-/// Ascending order decodes every video once; going back starts from the nearest key frame.
+/// Ascending order decodes every video once; going back starts from the nearest key frame. Where pictures are stored one by one, going
+/// anywhere else than ahead decompresses their page anew.
 pub struct Loader<'a> {
     dataset: &'a Dataset,
     window: Window,
     cameras: Vec<OpenCamera>,
 }
 
-/// One camera's open video, and the pictures that the last sample took from it, by frame of the dataset.
+/// One camera's open video or data file, and the pictures that the last sample took from it, by frame of the dataset.
 #[derive(Default)]
 struct OpenCamera {
     video: Option<VideoReader>,
+    pictures: Option<PictureColumn>,
     shown: BTreeMap<usize, Image>,
 }
 
@@ -185,22 +191,23 @@ impl<'a> Loader<'a> {
         let episode = &self.dataset.episodes()[at];
         let frame = index - episode.frames.start;
         let size = &self.dataset.cameras()[camera];
-        let slot = &mut self.cameras[camera].video;
-        let mut picture = || {
-            let span = &episode.videos[camera];
-            if slot.as_ref().is_some_and(|open| open.path() != span.path) {
-                *slot = None;
-            }
-            let video = match slot {
-                Some(video) => video,
-                None => slot.insert(VideoReader::open(&span.path, size.height, size.width)?),
-            };
-            // The timestamp was checked to be `frame / fps`. In float32 it would be less exact.
-            let seconds = span.from_timestamp + frame as f64 / f64::from(self.dataset.fps());
-            let number = video.frame_at(seconds, TOLERANCE)?;
-            video.rgb(number)
+        let pixels = match &episode.videos[camera] {
+            Some(span) => self.cameras[camera].shown_at(
+                span,
+                size,
+                // The timestamp was checked to be `frame / fps`. In float32 it would be less exact.
+                frame as f64 / f64::from(self.dataset.fps()),
+            ),
+            None => self.stored(camera, index).and_then(|stored| {
+                decode(&stored.bytes, size.height, size.width).map_err(|cause| {
+                    DatasetError::StoredPicture {
+                        path: stored.file,
+                        cause,
+                    }
+                })
+            }),
         };
-        let pixels = picture().map_err(|source| DatasetError::Picture {
+        let pixels = pixels.map_err(|source| DatasetError::Picture {
             episode: episode.recorded,
             frame,
             camera: size.name.clone(),
@@ -211,6 +218,53 @@ impl<'a> Loader<'a> {
             width: size.width,
             pixels,
         })
+    }
+
+    /// The PNG or JPEG picture of frame `index`, which exists, as the recording stores it. The camera is one with
+    /// [`CameraStorage::Pictures`](crate::dataset::CameraStorage::Pictures).
+    ///
+    /// # Errors
+    /// It cannot be read: the file and the cause.
+    pub fn stored_picture(&mut self, camera: usize, index: usize) -> Result<Vec<u8>, DatasetError> {
+        Ok(self.stored(camera, index)?.bytes)
+    }
+
+    fn stored(&mut self, camera: usize, index: usize) -> Result<StoredPicture, DatasetError> {
+        let dataset = self.dataset;
+        let (path, row) = dataset.motion.row(index);
+        let slot = &mut self.cameras[camera].pictures;
+        if slot.as_ref().is_some_and(|open| open.path() != path) {
+            *slot = None;
+        }
+        let pictures = match slot {
+            Some(pictures) => pictures,
+            None => {
+                let name = &dataset.cameras()[camera].name;
+                slot.insert(PictureColumn::open(dataset.root(), path, name)?)
+            }
+        };
+        pictures.stored(row)
+    }
+}
+
+impl OpenCamera {
+    /// What a stretch of video shows `seconds` after it began.
+    fn shown_at(
+        &mut self,
+        span: &VideoSpan,
+        size: &Camera,
+        seconds: f64,
+    ) -> Result<Vec<u8>, DatasetError> {
+        let slot = &mut self.video;
+        if slot.as_ref().is_some_and(|open| open.path() != span.path) {
+            *slot = None;
+        }
+        let video = match slot {
+            Some(video) => video,
+            None => slot.insert(VideoReader::open(&span.path, size.height, size.width)?),
+        };
+        let number = video.frame_at(span.from_timestamp + seconds, TOLERANCE)?;
+        video.rgb(number)
     }
 }
 

@@ -8,6 +8,7 @@
 //! data/*/*.parquet                tables::motion      states, actions, timestamps
 //! videos/*/*/*.mp4                video_fit           whether every row has its picture
 //! videos/*/*/*.mp4                video               one camera's frames: mp4 finds them, av1 or h264 decodes, color makes RGB
+//! data/*/*.parquet, images/       picture             or its frames one by one, PNG or JPEG: tables::pictures finds them
 //! ```
 //!
 //! In v2.x `meta` holds `tasks.jsonl` and `episodes.jsonl` (`episodes_v2`), and in v2.1 also `episodes_stats.jsonl`
@@ -27,6 +28,7 @@ mod feature_spec;
 mod joint_unit;
 mod loader;
 mod metadata;
+mod picture;
 mod recording;
 mod repair;
 mod tables;
@@ -41,7 +43,7 @@ pub use feature_spec::FEATURE_SPEC_TAG;
 pub use joint_unit::JointUnit;
 pub use loader::{Frame, Image, Loader};
 pub use metadata::episode::{Episode, VideoSpan};
-pub use metadata::info::{Camera, Format, Info, VectorFeature};
+pub use metadata::info::{Camera, CameraStorage, Format, Info, VectorFeature};
 pub use metadata::normalizer::{Normalizer, Stats};
 pub use recording::Dataset;
 pub use repair::Repair;

@@ -5,9 +5,10 @@ use std::fs;
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use zk0_lerobot::dataset::DatasetError;
 use zk0_lerobot::dataset::VideoReader;
-use zk0_testkit::allocations::{alone, largest};
-use zk0_testkit::recordings::{recording, Copy, DATA};
+use zk0_testkit::allocations::{alone, largest, peak};
+use zk0_testkit::recordings::{fixtures, recording, with_column, Copy, DATA};
 
 #[test]
 fn parquet_files_cut_anywhere() {
@@ -131,4 +132,134 @@ fn open_damaged_tables() {
         }
         assert!(refused > 100, "{file}: {refused}");
     }
+}
+
+/// Every codec and both versions of pages: what they claim is checked before it is decompressed.
+#[test]
+fn random_damage_to_a_table_of_another_writer_never_panics() {
+    let _alone = alone();
+    let ((), largest) = largest(open_damaged_tables_of_others);
+    assert!(largest < ENOUGH, "{largest}");
+}
+
+fn open_damaged_tables_of_others() {
+    let mut rng = ChaCha8Rng::seed_from_u64(4);
+    for writer in [
+        "pyarrow_gzip_pages2",
+        "pyarrow_brotli_pages1",
+        "pyarrow_lz4_pages1",
+        "pyarrow_zstd_pages2",
+        "pyarrow_delta_byte_array",
+        "duckdb_v2_zstd",
+        "polars",
+    ] {
+        let copy = Copy::of("so100_sorting_two");
+        copy.add(&fixtures().join("tables").join(writer));
+        for file in [DATA, "meta/tasks.parquet"] {
+            let whole = fs::read(copy.path(file)).unwrap();
+            let mut refused = 0;
+            for _ in 0..300 {
+                copy.edit(file, |_| damaged(&whole, &mut rng));
+                refused += usize::from(copy.open().is_err());
+            }
+            assert!(refused > 60, "{writer} {file}: {refused}");
+            copy.edit(file, |_| whole);
+        }
+    }
+}
+
+/// The first picture of a camera in a recording whose pictures are in files beside the tables.
+const PICTURE: &str = "images/observation.images.top/episode-000000/frame-000000.png";
+
+fn recording_with_pictures() -> Copy {
+    let copy = Copy::empty();
+    for name in ["lerobot", "beside"] {
+        copy.add(&fixtures().join("pictures").join(name));
+    }
+    copy
+}
+
+#[test]
+fn random_damage_to_a_picture_never_panics() {
+    let _alone = alone();
+    let ((), largest) = largest(read_damaged_pictures);
+    assert!(largest < ENOUGH, "{largest}");
+}
+
+fn read_damaged_pictures() {
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let copy = recording_with_pictures();
+    let png = fs::read(copy.path(PICTURE)).unwrap();
+    let jpeg = fs::read(fixtures().join("pictures/odd/upright.jpg")).unwrap();
+    let progressive = fs::read(fixtures().join("pictures/odd/progressive.jpg")).unwrap();
+    for (name, whole) in [("png", png), ("jpeg", jpeg), ("progressive", progressive)] {
+        copy.edit(PICTURE, |_| whole.clone());
+        let dataset = copy.open().unwrap();
+        dataset.frame(0, 10).unwrap();
+        let mut refused = 0;
+        for _ in 0..1000 {
+            copy.edit(PICTURE, |_| damaged(&whole, &mut rng));
+            let error = dataset.frame(0, 10).err();
+            assert!(
+                matches!(error, None | Some(DatasetError::Picture { .. })),
+                "{error:?}"
+            );
+            refused += usize::from(error.is_some());
+        }
+        println!("{name}: {refused} of 1000 refused");
+        assert!(refused > 200, "{name}: {refused}");
+    }
+}
+
+/// A page with its pictures is held, and not those of a whole file.
+#[test]
+fn pictures_are_read_page_by_page() {
+    use arrow_array::cast::AsArray;
+    use arrow_array::{ArrayRef, BinaryArray, StructArray};
+    use parquet::arrow::ArrowWriter;
+    use parquet::file::properties::WriterProperties;
+    use std::sync::Arc;
+
+    let _alone = alone();
+    let copy = Copy::empty();
+    copy.add(&fixtures().join("pictures/lerobot"));
+    let mut rng = ChaCha8Rng::seed_from_u64(6);
+    // Bytes after the end of a picture are not read, and no codec makes random ones fewer.
+    let mut junk = vec![0; 2 << 20];
+    rng.fill(&mut junk[..]);
+    let mut table = None;
+    copy.edit_table(DATA, |rows| {
+        table = Some(rows.clone());
+        vec![rows]
+    });
+    let mut rows = table.unwrap();
+    for camera in ["observation.images.wrist", "observation.images.top"] {
+        let pictures = rows.column_by_name(camera).unwrap().as_struct().clone();
+        let (fields, mut parts, nulls) = pictures.into_parts();
+        let bytes = fields.iter().position(|f| f.name() == "bytes").unwrap();
+        let long: BinaryArray = parts[bytes]
+            .as_binary::<i32>()
+            .iter()
+            .map(|picture| Some([picture.unwrap(), &junk].concat()))
+            .collect();
+        parts[bytes] = Arc::new(long) as ArrayRef;
+        let pictures = StructArray::new(fields, parts, nulls);
+        rows = with_column(rows, camera, Arc::new(pictures));
+    }
+    let groups_of_one = WriterProperties::builder().set_max_row_group_row_count(Some(1));
+    let file = fs::File::create(copy.path(DATA)).unwrap();
+    let mut writer =
+        ArrowWriter::try_new(file, rows.schema(), Some(groups_of_one.build())).unwrap();
+    writer.write(&rows).unwrap();
+    writer.close().unwrap();
+    assert!(fs::metadata(copy.path(DATA)).unwrap().len() > 32 << 20);
+    let dataset = copy.open().unwrap();
+    let (pixels, most) = peak(|| {
+        let mut loader = dataset.loader(10).unwrap();
+        let mut picture = |at| loader.frame(at).unwrap().images[1].pixels.clone();
+        [5, 6, 0, 7].map(&mut picture)
+    });
+    assert!(pixels.iter().all(|p| p.len() == 3 * 24 * 40));
+    // Two cameras, each with a page of one picture: compressed, decompressed, as a dictionary, and cut out of it.
+    assert!(most < 20 << 20, "{most}");
 }

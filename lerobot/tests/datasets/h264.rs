@@ -160,7 +160,8 @@ fn a_recording_in_h264_gives_the_same_frames() {
                 .map(|f| f.images[camera].pixels.clone())
                 .collect();
             let stream = encode(&pictures, HEIGHT, WIDTH, Profile::High, 12);
-            let file = span.path.strip_prefix(like.root()).unwrap();
+            let path = &span.as_ref().unwrap().path;
+            let file = path.strip_prefix(like.root()).unwrap();
             fs::write(copy.root().join(file), stream.mp4(HEIGHT, WIDTH)).unwrap();
         }
     }

@@ -22,21 +22,12 @@ fn rows_that_do_not_fit() {
 
     let copy = Copy::default();
     copy.edit_rows(|rows| {
-        let times = rows.column_by_name("timestamp").unwrap();
-        let times = arrow_array::cast::as_primitive_array::<arrow_array::types::Float32Type>(times);
-        let doubles: Float64Array = times.iter().map(|t| t.map(f64::from)).collect();
-        with_column(rows, "timestamp", Arc::new(doubles))
-    });
-    copy.fails(DATA, "column timestamp holds Float64, expected Float32");
-
-    let copy = Copy::default();
-    copy.edit_rows(|rows| {
         let ones = Float32Array::from(vec![1.0; rows.num_rows()]);
         with_column(rows, "action", Arc::new(ones))
     });
     copy.fails(
         DATA,
-        "column action holds Float32, expected lists of float32",
+        "column action holds Float32, expected lists of numbers",
     );
 
     let copy = Copy::default();

@@ -291,9 +291,9 @@ fn a_key_is_a_function_of_all_that_makes_the_sample() {
     };
     assert_eq!(change("meta/stats.json", &stats), of_recording.len());
     let dataset = Dataset::open(recording()).unwrap();
-    let video = &dataset.episodes()[0].videos[0].path;
+    let video = &dataset.episodes()[0].videos[0].as_ref().unwrap().path;
     let in_it = dataset.episodes().iter();
-    let in_it = in_it.filter(|episode| &episode.videos[0].path == video);
+    let in_it = in_it.filter(|episode| &episode.videos[0].as_ref().unwrap().path == video);
     let in_it: usize = in_it.map(|episode| episode.frames.len()).sum();
     let video = video.strip_prefix(recording()).unwrap();
     let last = |bytes: &mut Vec<u8>| *bytes.last_mut().unwrap() ^= 1;

@@ -59,8 +59,20 @@ impl Default for Copy {
 }
 
 impl Copy {
+    /// A folder without files.
+    pub fn empty() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
     /// Copies the recording of this name.
     pub fn of(name: &str) -> Self {
+        let copy = Self::empty();
+        copy.add(&recording(name));
+        copy
+    }
+
+    /// Adds the files of a folder; those that the copy has already are replaced.
+    pub fn add(&self, folder: &Path) {
         fn copy(from: &Path, to: &Path) {
             fs::create_dir_all(to).unwrap();
             for entry in fs::read_dir(from).unwrap() {
@@ -73,9 +85,7 @@ impl Copy {
                 }
             }
         }
-        let dir = tempfile::tempdir().unwrap();
-        copy(&recording(name), dir.path());
-        Self(dir)
+        copy(folder, self.root());
     }
 
     /// Its folder.

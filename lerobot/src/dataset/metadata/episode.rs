@@ -12,8 +12,9 @@ pub struct Episode {
     pub recorded: usize,
     /// Its frames in the dataset's numbering; never empty.
     pub frames: Range<usize>,
-    /// Its stretch of video per camera, in the order of [`Dataset::cameras`](crate::dataset::Dataset::cameras).
-    pub videos: Vec<VideoSpan>,
+    /// Its stretch of video per camera, in the order of [`Dataset::cameras`](crate::dataset::Dataset::cameras); `None` where the
+    /// camera's pictures are stored one by one.
+    pub videos: Vec<Option<VideoSpan>>,
     /// The parquet file that holds its rows, as the metadata says. In v3.0 it is no more than a hint, because rows have their numbers.
     pub(crate) data_file: PathBuf,
 }

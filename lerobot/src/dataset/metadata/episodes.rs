@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::dataset::metadata::episode::{Episode, VideoSpan};
 use crate::dataset::metadata::episodes_v2;
-use crate::dataset::metadata::info::Format;
+use crate::dataset::metadata::info::{CameraStorage, Format};
 use crate::dataset::metadata::paths::Place;
 use crate::dataset::tables::columns::{self, Columns};
 use crate::dataset::tables::parquet_files::parquet_files;
@@ -119,8 +119,8 @@ impl EpisodeRow {
 
 /// Names of the columns, those of the cameras among them.
 struct EpisodeColumns {
-    /// Per camera.
-    spans: Vec<SpanColumns>,
+    /// Per camera; `None` where its pictures are stored one by one.
+    spans: Vec<Option<SpanColumns>>,
 }
 
 struct SpanColumns {
@@ -143,14 +143,17 @@ impl EpisodeColumns {
 
     fn of(path: &Path, info: &Info) -> Result<Self, DatasetError> {
         let spans = info.cameras.iter().map(|camera| {
+            if camera.storage == CameraStorage::Pictures {
+                return Ok(None);
+            }
             let column = |name: &str| format!("videos/{}/{name}", camera.name);
             let to = column("to_timestamp");
-            Ok(SpanColumns {
+            Ok(Some(SpanColumns {
                 chunk: column("chunk_index"),
                 file: column("file_index"),
                 from: column("from_timestamp"),
                 to: (!columns::present(path, &[&to])?.is_empty()).then_some(to),
-            })
+            }))
         });
         Ok(Self {
             spans: spans.collect::<Result<_, DatasetError>>()?,
@@ -158,7 +161,7 @@ impl EpisodeColumns {
     }
 
     fn all(&self) -> Vec<&str> {
-        let spans = self.spans.iter().flat_map(|span| {
+        let spans = self.spans.iter().flatten().flat_map(|span| {
             let to = span.to.as_deref();
             [&span.chunk[..], &span.file, &span.from]
                 .into_iter()
@@ -201,6 +204,10 @@ impl EpisodeColumns {
         let mut videos = Vec::with_capacity(info.cameras.len());
         let sound = |seconds: &f64| (0.0..1e9).contains(seconds);
         for (camera, span) in info.cameras.iter().zip(&self.spans) {
+            let Some(span) = span else {
+                videos.push(None);
+                continue;
+            };
             let SpanColumns {
                 chunk, file, from, ..
             } = span;
@@ -213,12 +220,12 @@ impl EpisodeColumns {
                 chunk: number(chunk)?,
                 file: number(file)?,
             };
-            videos.push(VideoSpan {
+            videos.push(Some(VideoSpan {
                 path: info.video_file(root, camera, place)?,
                 from_timestamp,
                 // LeRobot does not read it, so what no end can be is not one.
                 to_timestamp: to.map(|to| to[row]).filter(sound),
-            });
+            }));
         }
         Ok(Episode {
             index: found.index as usize,

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 use crate::dataset::metadata::episode::{Episode, VideoSpan};
+use crate::dataset::metadata::info::CameraStorage;
 use crate::dataset::metadata::json;
 use crate::dataset::{DatasetError, Info, Repair};
 
@@ -75,12 +76,13 @@ pub(crate) fn read_episodes(
             ));
         }
         let place = info.place_of_episode(index as u64);
-        let videos = info.cameras.iter().map(|camera| {
-            Ok(VideoSpan {
+        let videos = info.cameras.iter().map(|camera| match camera.storage {
+            CameraStorage::Pictures => Ok(None),
+            CameraStorage::Video => Ok(Some(VideoSpan {
                 path: info.video_file(root, camera, place)?,
                 from_timestamp: 0.0,
                 to_timestamp: None,
-            })
+            })),
         });
         episodes.push(Episode {
             index,

@@ -7,7 +7,7 @@ use serde::de::{Deserializer, MapAccess, Visitor};
 use serde::Deserialize;
 use serde_json::Value;
 
-use crate::dataset::metadata::json::read_text;
+use crate::dataset::metadata::json::{self, read_text};
 use crate::dataset::metadata::paths::{fill, Place};
 use crate::dataset::DatasetError;
 
@@ -68,7 +68,7 @@ pub struct Info {
     pub state: VectorFeature,
     /// `action`.
     pub action: VectorFeature,
-    /// Video features in the file's order.
+    /// Features of videos and of pictures, in the file's order.
     pub cameras: Vec<Camera>,
     /// Names of the features that hold distances (LeRobot 0.6 records depth cameras). SmolVLA takes colours, so they are not read.
     pub depth_maps: Vec<String>,
@@ -87,7 +87,16 @@ pub struct VectorFeature {
     pub names: Vec<String>,
 }
 
-/// A camera: a video feature, 8-bit RGB once decoded.
+/// How a camera's pictures are stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CameraStorage {
+    /// As frames of mp4 files.
+    Video,
+    /// One by one, as PNG or JPEG: within the data files, or in files that the data files name (`use_videos=False`).
+    Pictures,
+}
+
+/// A camera: a feature of videos or pictures, 8-bit RGB once decoded.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Camera {
     /// Feature name, for example `observation.images.top`.
@@ -96,14 +105,20 @@ pub struct Camera {
     pub height: usize,
     /// Pixels from left to right.
     pub width: usize,
+    /// How its pictures are stored.
+    pub storage: CameraStorage,
 }
 
 #[derive(Deserialize)]
 struct RawInfo {
+    #[serde(deserialize_with = "json::whole_number")]
     fps: u32,
     robot_type: Option<String>,
+    #[serde(deserialize_with = "json::whole_number")]
     total_frames: usize,
+    #[serde(deserialize_with = "json::whole_number")]
     total_episodes: usize,
+    #[serde(deserialize_with = "json::whole_number")]
     total_tasks: usize,
     chunks_size: Option<u64>,
     data_path: String,
@@ -168,8 +183,8 @@ impl Info {
         let broken = |cause: String| DatasetError::meta(&path, cause);
 
         // The version is read first, because a file of another version may lack the fields that are read next.
-        let any: Value = serde_json::from_str(&text)
-            .map_err(|e| broken(format!("is not the JSON it should be: {e}")))?;
+        let any: Value =
+            json::parse(&text).map_err(|e| broken(format!("is not the JSON it should be: {e}")))?;
         let Some(version) = any.get("codebase_version").and_then(Value::as_str) else {
             return Err(broken(
                 "has no codebase_version; is this a LeRobotDataset?".into(),
@@ -181,7 +196,7 @@ impl Info {
                 found: version.chars().take(40).collect(),
             });
         };
-        let raw: RawInfo = serde_json::from_str(&text).map_err(|e| broken(e.to_string()))?;
+        let raw: RawInfo = json::parse(&text).map_err(|e| broken(e.to_string()))?;
         Self::check(format, raw).map_err(broken)
     }
 
@@ -211,23 +226,22 @@ impl Info {
                 (STATE, _) => state = Some(vector(&name, &feature)?),
                 (ACTION, _) => action = Some(vector(&name, &feature)?),
                 (_, "video" | "image") if feature.is_depth_map() => depth_maps.push(name),
-                (_, "video") => {
+                (_, kind @ ("video" | "image")) => {
                     if cameras.iter().any(|c| c.name == name) {
                         return Err(format!("feature {} is there twice", quoted(&name)));
                     }
-                    cameras.push(camera(name, &feature)?);
-                }
-                (_, "image") => {
-                    return Err(format!(
-                    "feature {} stores single images; only videos are read, record with use_videos",
-                    quoted(&name)
-                ))
+                    let storage = match kind {
+                        "video" => CameraStorage::Video,
+                        _ => CameraStorage::Pictures,
+                    };
+                    cameras.push(camera(name, &feature, storage)?);
                 }
                 _ => {}
             }
         }
-        if !cameras.is_empty() && raw.video_path.is_none() {
-            return Err("has cameras but no video_path".into());
+        let mut storages = cameras.iter().map(|camera| camera.storage);
+        if raw.video_path.is_none() && storages.any(|s| s == CameraStorage::Video) {
+            return Err("has videos but no video_path".into());
         }
         Ok(Self {
             format,
@@ -322,7 +336,7 @@ fn names(value: Option<&Value>) -> Vec<String> {
     }
 }
 
-fn camera(name: String, feature: &RawFeature) -> Result<Camera, String> {
+fn camera(name: String, feature: &RawFeature, storage: CameraStorage) -> Result<Camera, String> {
     // Older recordings say that the channels come first. Their videos are the same.
     let names = names(feature.names.as_ref());
     let channels_first = names.first().is_some_and(|n| n.starts_with("channel"));
@@ -337,6 +351,7 @@ fn camera(name: String, feature: &RawFeature) -> Result<Camera, String> {
             name,
             height,
             width,
+            storage,
         }),
         None => Err(format!(
             "{} has shape {}, expected [height, width, 3] with sides of 1 to {MAX_SIDE}",

@@ -4,7 +4,8 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Error, ErrorKind, Read};
 use std::path::Path;
 
-use serde::de::DeserializeOwned;
+use serde::de::{DeserializeOwned, Error as _};
+use serde::{Deserialize, Deserializer};
 use zk0_files::bounded_file;
 
 use crate::dataset::DatasetError;
@@ -25,6 +26,65 @@ pub(crate) fn read_text(path: &Path) -> Result<String, DatasetError> {
     String::from_utf8(bytes)
         .map_err(|e| DatasetError::io(path, Error::new(ErrorKind::InvalidData, e)))
 }
+
+/// Parses JSON as Python writes it: `NaN`, `Infinity` and `-Infinity` are numbers there. They become `null`.
+pub(crate) fn parse<T: DeserializeOwned>(text: &str) -> serde_json::Result<T> {
+    let strict = serde_json::from_str(text);
+    match strict {
+        Err(_) if text.contains("NaN") || text.contains("Infinity") => {
+            serde_json::from_str(&without_python_numbers(text))
+        }
+        parsed => parsed,
+    }
+}
+
+/// The text with Python's names of numbers that are not finite replaced, unless they are within a string.
+fn without_python_numbers(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    let mut rest = text;
+    let (mut in_string, mut escaped) = (false, false);
+    while let Some(c) = rest.chars().next() {
+        let number = ["NaN", "Infinity", "-Infinity"]
+            .into_iter()
+            .find(|name| !in_string && rest.starts_with(name));
+        if let Some(name) = number {
+            out.push_str("null");
+            rest = &rest[name.len()..];
+            continue;
+        }
+        if c == '"' && !escaped {
+            in_string = !in_string;
+        }
+        escaped = in_string && c == '\\' && !escaped;
+        out.push(c);
+        rest = &rest[c.len_utf8()..];
+    }
+    out
+}
+
+/// A whole number, also where Python wrote it as a float: `30.0`.
+pub(crate) fn whole_number<'de, D: Deserializer<'de>, T: TryFrom<u64>>(
+    deserializer: D,
+) -> Result<T, D::Error> {
+    let value = serde_json::Number::deserialize(deserializer)?;
+    let float = value
+        .as_f64()
+        .filter(|v| v.fract() == 0.0 && (0.0..=EXACT).contains(v));
+    value
+        .as_u64()
+        .or(float.map(|v| v as u64))
+        .and_then(|v| T::try_from(v).ok())
+        .ok_or_else(|| D::Error::custom(format!("{value} where a whole number is expected")))
+}
+
+/// Numbers, of which Python's `NaN` and infinities have become `null`.
+pub(crate) fn numbers<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f64>, D::Error> {
+    let values = Vec::<Option<f64>>::deserialize(deserializer)?;
+    Ok(values.into_iter().map(|v| v.unwrap_or(f64::NAN)).collect())
+}
+
+/// Whole numbers from here on have gaps between them as floats.
+const EXACT: f64 = (1u64 << 53) as f64;
 
 /// Hands the object on every line of a `.jsonl` file to `each`, with the line's number from 1; empty lines are passed over.
 ///
@@ -52,8 +112,8 @@ pub(crate) fn read_lines<T: DeserializeOwned>(
         if line.iter().all(u8::is_ascii_whitespace) {
             continue;
         }
-        let value = serde_json::from_slice(&line)
-            .map_err(|e| wrong(format!("is not the JSON it should be: {e}")))?;
+        let text = std::str::from_utf8(&line).map_err(|e| wrong(format!("is not UTF-8: {e}")))?;
+        let value = parse(text).map_err(|e| wrong(format!("is not the JSON it should be: {e}")))?;
         each(number, value)?;
     }
     Ok(())

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::dataset::metadata::json;
+
 /// Normalisers of the recording's states and actions.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -23,7 +25,9 @@ pub struct Normalizer {
 /// Mean and standard deviation per dimension, as they are written.
 #[derive(Clone, Serialize, Deserialize)]
 pub(crate) struct Moments {
+    #[serde(deserialize_with = "json::numbers")]
     pub mean: Vec<f64>,
+    #[serde(deserialize_with = "json::numbers")]
     pub std: Vec<f64>,
 }
 

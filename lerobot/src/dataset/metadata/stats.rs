@@ -5,7 +5,7 @@ use std::path::Path;
 
 use crate::dataset::metadata::episode_stats;
 use crate::dataset::metadata::info::{Format, ACTION, STATE};
-use crate::dataset::metadata::json::read_text;
+use crate::dataset::metadata::json::{self, read_text};
 use crate::dataset::metadata::normalizer::{Moments, Normalizer, Stats};
 use crate::dataset::{DatasetError, Episode, Info};
 
@@ -24,8 +24,8 @@ fn read_whole(root: &Path, info: &Info) -> Result<Stats, DatasetError> {
     let text = read_text(&path)?;
     let broken = |cause: String| DatasetError::meta(&path, cause);
     // The statistics of images are nested differently. They are not used, so only the others are read.
-    let mut all: HashMap<String, serde_json::Value> = serde_json::from_str(&text)
-        .map_err(|e| broken(format!("is not the JSON it should be: {e}")))?;
+    let mut all: HashMap<String, serde_json::Value> =
+        json::parse(&text).map_err(|e| broken(format!("is not the JSON it should be: {e}")))?;
     let mut normalizer = |name: &str, dim: usize| {
         let value = all
             .remove(name)

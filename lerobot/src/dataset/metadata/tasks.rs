@@ -18,8 +18,9 @@ pub(crate) fn read_tasks(root: &Path, info: &Info) -> Result<Vec<String>, Datase
     } else {
         let path = root.join("meta/tasks.parquet");
         let column = task_column(&path)?;
-        columns::read(&path, &["task_index", column], 1, |batch| {
-            for (&index, task) in batch.ints("task_index")?.iter().zip(batch.strings(column)?) {
+        columns::read(&path, &["task_index", &column], 1, |batch| {
+            let indices = batch.ints("task_index")?;
+            for (&index, task) in indices.iter().zip(batch.strings(&column)?) {
                 tasks.add(&path, index, task)?;
             }
             Ok(())
@@ -30,16 +31,19 @@ pub(crate) fn read_tasks(root: &Path, info: &Info) -> Result<Vec<String>, Datase
 }
 
 /// The column of the task strings. They are the index of the table that LeRobot writes by pandas. LeRobot gives it a name from 0.5 on, and
-/// pandas gave it one before.
-fn task_column(path: &Path) -> Result<&'static str, DatasetError> {
+/// pandas gave it one before. Another writer may have named it, which pandas' notes in the file tell.
+fn task_column(path: &Path) -> Result<String, DatasetError> {
     const SINCE_0_5: &str = "task";
     const BEFORE: &str = "__index_level_0__";
     let found = columns::present(path, &[SINCE_0_5, BEFORE])?;
     let cause = match found[..] {
-        [column] => return Ok(column),
-        [] => format!(
-            "has no column of task strings: LeRobot 0.5 and later write {SINCE_0_5:?}, LeRobot 0.4 wrote {BEFORE:?}"
-        ),
+        [column] => return Ok(column.into()),
+        [] => match columns::pandas_index(path)? {
+            Some(index) => return Ok(index),
+            None => format!(
+                "has no column of task strings: LeRobot 0.5 and later write {SINCE_0_5:?}, LeRobot 0.4 wrote {BEFORE:?}"
+            ),
+        },
         _ => format!(
             "has two columns of task strings, {SINCE_0_5:?} and {BEFORE:?}; LeRobot 0.5 and later write the first alone, LeRobot 0.4 \
              wrote the second alone; remove the wrong one"

@@ -1,17 +1,16 @@
 //! Typed columns of parquet files. What is not as expected is an error that names the file and the column.
 
-use std::fs::File;
-use std::panic::{catch_unwind, AssertUnwindSafe};
+use std::borrow::Cow;
 use std::path::Path;
 
 use arrow_array::cast::AsArray;
-use arrow_array::types::{ArrowPrimitiveType, Float32Type, Float64Type, Int64Type};
-use arrow_array::{Array, ArrayRef, PrimitiveArray, RecordBatch};
+use arrow_array::{Array, ArrayRef, RecordBatch};
 use arrow_schema::DataType;
-use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
-use parquet::arrow::ProjectionMask;
 use parquet::basic::Type;
+use serde_json::Value;
 
+use crate::dataset::tables::numbers::{self, Misfit};
+use crate::dataset::tables::parquet_file::{self, guarded};
 use crate::dataset::tables::parquet_pages;
 use crate::dataset::DatasetError;
 
@@ -30,28 +29,17 @@ pub(crate) fn read(
     per_row: usize,
     mut each: impl FnMut(&Columns) -> Result<(), DatasetError>,
 ) -> Result<(), DatasetError> {
-    let file = File::open(path).map_err(|e| DatasetError::io(path, e))?;
-    let pages = file.try_clone().map_err(|e| DatasetError::io(path, e))?;
-    let builder = guarded(path, || ParquetRecordBatchReaderBuilder::try_new(file))?;
-    let schema = builder.parquet_schema();
-    let fields = schema.root_schema().get_fields();
-    let roots = columns
-        .iter()
-        .map(|name| {
-            fields
-                .iter()
-                .position(|f| f.name() == *name)
-                .ok_or_else(|| DatasetError::parquet(path, format!("has no column {name:?}")))
-        })
-        .collect::<Result<Vec<_>, _>>()?;
-    let mask = ProjectionMask::roots(schema, roots);
+    let (file, metadata) = parquet_file::open(path)?;
+    let mask = parquet_file::projection(path, &metadata, columns)?;
+    let schema = metadata.parquet_schema();
     let has_text = (0..schema.num_columns()).any(|leaf| {
         mask.leaf_included(leaf) && schema.column(leaf).physical_type() == Type::BYTE_ARRAY
     });
     guarded(path, || {
-        parquet_pages::check(&pages, builder.metadata(), &mask, per_row)
+        parquet_pages::check(&file, metadata.metadata(), &mask, per_row)
     })?;
     let batch = if has_text { TEXT_BATCH } else { BATCH };
+    let builder = parquet_file::reader(path, &file, metadata)?;
     let mut reader = guarded(path, || {
         builder.with_projection(mask).with_batch_size(batch).build()
     })?;
@@ -66,29 +54,32 @@ pub(crate) fn read(
 /// # Errors
 /// The file is missing or damaged.
 pub(crate) fn present<'a>(path: &Path, names: &[&'a str]) -> Result<Vec<&'a str>, DatasetError> {
-    let file = File::open(path).map_err(|e| DatasetError::io(path, e))?;
-    let builder = guarded(path, || ParquetRecordBatchReaderBuilder::try_new(file))?;
-    let fields = builder.parquet_schema().root_schema().get_fields();
+    let (_, metadata) = parquet_file::open(path)?;
+    let fields = metadata.parquet_schema().root_schema().get_fields();
     let names = names.iter().copied();
     Ok(names
         .filter(|name| fields.iter().any(|f| f.name() == *name))
         .collect())
 }
 
-/// Runs a step of the parquet crate, which panics on some damaged files instead of giving an error.
-fn guarded<T, E: std::fmt::Display>(
-    path: &Path,
-    step: impl FnOnce() -> Result<T, E>,
-) -> Result<T, DatasetError> {
-    let cause = match catch_unwind(AssertUnwindSafe(step)) {
-        Ok(Ok(value)) => return Ok(value),
-        Ok(Err(e)) => e.to_string(),
-        Err(_) => "its pages contradict each other".into(),
-    };
-    Err(DatasetError::parquet(
-        path,
-        format!("damaged parquet file: {cause}"),
-    ))
+/// The column that pandas takes for the index of the table, where the file names one.
+///
+/// # Errors
+/// The file is missing or damaged.
+pub(crate) fn pandas_index(path: &Path) -> Result<Option<String>, DatasetError> {
+    let (_, metadata) = parquet_file::open(path)?;
+    let notes = metadata.metadata().file_metadata().key_value_metadata();
+    let notes = notes.into_iter().flatten().find(|n| n.key == "pandas");
+    let notes: Option<Value> = notes
+        .and_then(|n| n.value.as_deref())
+        .and_then(|text| serde_json::from_str(text).ok());
+    let index = notes
+        .as_ref()
+        .and_then(|n| n.get("index_columns")?.get(0)?.as_str());
+    let fields = metadata.parquet_schema().root_schema().get_fields();
+    Ok(index
+        .filter(|index| fields.iter().any(|f| f.name() == *index))
+        .map(Into::into))
 }
 
 /// Some rows of the columns asked for.
@@ -102,20 +93,24 @@ impl Columns<'_> {
         self.batch.num_rows()
     }
 
-    pub fn ints(&self, name: &str) -> Result<&[i64], DatasetError> {
-        self.numbers::<Int64Type>(name)
+    pub fn ints(&self, name: &str) -> Result<Cow<'_, [i64]>, DatasetError> {
+        let column = self.column(name)?;
+        numbers::ints(column).map_err(|e| self.misfit(name, "whole numbers", e))
     }
 
-    pub fn floats(&self, name: &str) -> Result<&[f32], DatasetError> {
-        self.numbers::<Float32Type>(name)
+    pub fn floats(&self, name: &str) -> Result<Cow<'_, [f32]>, DatasetError> {
+        let column = self.column(name)?;
+        numbers::floats(column).map_err(|e| self.misfit(name, "numbers", e))
     }
 
-    pub fn doubles(&self, name: &str) -> Result<&[f64], DatasetError> {
-        self.numbers::<Float64Type>(name)
+    pub fn doubles(&self, name: &str) -> Result<Cow<'_, [f64]>, DatasetError> {
+        let column = self.column(name)?;
+        numbers::doubles(column).map_err(|e| self.misfit(name, "numbers", e))
     }
 
     pub fn strings(&self, name: &str) -> Result<Vec<String>, DatasetError> {
         let column = self.column(name)?;
+        let expected = || self.misfit(name, "strings", Misfit::Type);
         match column.data_type() {
             DataType::Utf8 => Ok(column
                 .as_string::<i32>()
@@ -123,51 +118,46 @@ impl Columns<'_> {
                 .flatten()
                 .map(Into::into)
                 .collect()),
-            DataType::LargeUtf8 => Ok(column
-                .as_string::<i64>()
+            // Some writers do not record that the bytes are text.
+            DataType::Binary => column
+                .as_binary::<i32>()
                 .iter()
                 .flatten()
-                .map(Into::into)
-                .collect()),
-            _ => Err(self.mistyped(name, "strings")),
+                .map(|bytes| String::from_utf8(bytes.to_vec()).map_err(|_| expected()))
+                .collect(),
+            _ => Err(expected()),
         }
     }
 
     /// Vectors of `dim` float32 values, row after row.
     pub fn vectors(&self, name: &str, dim: usize) -> Result<Vec<f32>, DatasetError> {
         let column = self.column(name)?;
-        let rows: Vec<ArrayRef> = match column.data_type() {
-            DataType::FixedSizeList(..) => column.as_fixed_size_list().iter().flatten().collect(),
-            DataType::List(_) => column.as_list::<i32>().iter().flatten().collect(),
-            DataType::LargeList(_) => column.as_list::<i64>().iter().flatten().collect(),
+        let expected = "lists of numbers";
+        let Some(lists) = column.as_list_opt::<i32>() else {
             // LeRobot stores a vector of one value as the value.
-            DataType::Float32 if dim == 1 => return Ok(self.floats(name)?.to_vec()),
-            _ => return Err(self.mistyped(name, "lists of float32")),
+            return match numbers::floats(column) {
+                Ok(values) if dim == 1 => Ok(values.into_owned()),
+                _ => Err(self.misfit(name, expected, Misfit::Type)),
+            };
         };
-        let mut values = Vec::with_capacity(rows.len() * dim);
-        for row in rows {
-            let row = row
-                .as_primitive_opt::<Float32Type>()
-                .ok_or_else(|| self.mistyped(name, "lists of float32"))?;
-            if row.len() != dim || row.null_count() > 0 {
+        for row in 0..lists.len() {
+            let found = lists.value(row);
+            let found = found.len() - found.null_count();
+            if found != dim || lists.value_length(row) as usize != dim {
                 return Err(DatasetError::parquet(
                     self.path,
-                    format!(
-                        "column {name} has a row of {} values, meta/info.json says {dim}",
-                        row.len() - row.null_count()
-                    ),
+                    format!("column {name} has a row of {found} values, meta/info.json says {dim}"),
                 ));
             }
-            values.extend_from_slice(row.values());
         }
-        Ok(values)
-    }
-
-    fn numbers<T: ArrowPrimitiveType>(&self, name: &str) -> Result<&[T::Native], DatasetError> {
-        let column: Option<&PrimitiveArray<T>> = self.column(name)?.as_primitive_opt::<T>();
-        column
-            .map(|c| &c.values()[..])
-            .ok_or_else(|| self.mistyped(name, &T::DATA_TYPE.to_string()))
+        // No row is empty, so that the values of all rows follow each other.
+        let (first, last) = (lists.value_offsets()[0], lists.value_offsets()[lists.len()]);
+        let values = lists
+            .values()
+            .slice(first as usize, (last - first) as usize);
+        numbers::floats(&values)
+            .map(Cow::into_owned)
+            .map_err(|e| self.misfit(name, expected, e))
     }
 
     fn column(&self, name: &str) -> Result<&ArrayRef, DatasetError> {
@@ -184,11 +174,14 @@ impl Columns<'_> {
         Ok(column)
     }
 
-    fn mistyped(&self, name: &str, expected: &str) -> DatasetError {
-        let found = self
-            .batch
-            .column_by_name(name)
-            .map_or("nothing".into(), |c| c.data_type().to_string());
+    fn misfit(&self, name: &str, expected: &str, misfit: Misfit) -> DatasetError {
+        let found = match misfit {
+            Misfit::Value(value) => value,
+            Misfit::Type => self
+                .batch
+                .column_by_name(name)
+                .map_or("nothing".into(), |c| c.data_type().to_string()),
+        };
         DatasetError::parquet(
             self.path,
             format!("column {name} holds {found}, expected {expected}"),

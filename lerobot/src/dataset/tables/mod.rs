@@ -1,6 +1,12 @@
-//! The parquet files: their columns, and the states and actions in them.
+//! The parquet files: their columns, the states and actions in them, and the pictures.
 
 pub(crate) mod columns;
+mod fault;
 pub(crate) mod motion;
+mod numbers;
+mod page_codecs;
+mod parquet_file;
 pub(crate) mod parquet_files;
 mod parquet_pages;
+pub(crate) mod pictures;
+mod thrift;

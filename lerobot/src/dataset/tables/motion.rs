@@ -1,5 +1,6 @@
 //! `data/*/*.parquet`: states, actions and timestamps of every frame, checked row by row.
 
+use std::borrow::Cow;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -21,6 +22,15 @@ pub(crate) struct Motion {
     actions: Vec<f32>,
     timestamps: Vec<f32>,
     tasks: Vec<u32>,
+    stretches: Vec<Stretch>,
+}
+
+/// Consecutive frames in consecutive rows of a file.
+#[derive(Debug)]
+struct Stretch {
+    first: usize,
+    path: PathBuf,
+    row: usize,
 }
 
 impl Motion {
@@ -39,6 +49,7 @@ impl Motion {
             actions: Vec::new(),
             timestamps: Vec::new(),
             tasks: Vec::new(),
+            stretches: Vec::new(),
         };
         let files = data_files(root, info, episodes)?;
         for path in &files {
@@ -96,6 +107,7 @@ impl Motion {
                 continue;
             }
             let task = file.check(self.len(), row, &rows, i)?;
+            note_row(&mut self.stretches, self.timestamps.len(), file.path, row);
             self.tasks.push(task);
             self.timestamps.push(rows.timestamp[i]);
             for (name, values, into) in [
@@ -141,6 +153,19 @@ impl Motion {
         self.actions = vectors(&self.actions, self.action_dim);
         self.timestamps = vectors(&self.timestamps, 1);
         self.tasks = frames.iter().map(|frame| self.tasks[*frame]).collect();
+        let mut stretches = Vec::new();
+        for (frame, kept) in frames.iter().enumerate() {
+            let (path, row) = self.row(*kept);
+            note_row(&mut stretches, frame, path, row);
+        }
+        self.stretches = stretches;
+    }
+
+    /// The file of a frame that exists, and its row there.
+    pub fn row(&self, frame: usize) -> (&Path, usize) {
+        let after = self.stretches.partition_point(|s| s.first <= frame);
+        let stretch = &self.stretches[after - 1];
+        (&stretch.path, stretch.row + (frame - stretch.first))
     }
 
     /// Number of frames.
@@ -193,6 +218,18 @@ fn missing_file(episodes: &[Episode], due: usize) -> Result<(), DatasetError> {
     }
 }
 
+/// Notes where a frame is, which comes after all that are noted.
+fn note_row(stretches: &mut Vec<Stretch>, frame: usize, path: &Path, row: usize) {
+    let goes_on = |s: &Stretch| s.path == path && s.row + (frame - s.first) == row;
+    if !stretches.last().is_some_and(goes_on) {
+        stretches.push(Stretch {
+            first: frame,
+            path: path.into(),
+            row,
+        });
+    }
+}
+
 const COLUMNS: [&str; 7] = [
     STATE,
     ACTION,
@@ -205,11 +242,11 @@ const COLUMNS: [&str; 7] = [
 
 /// The columns of some rows.
 struct Rows<'a> {
-    index: &'a [i64],
-    episode: &'a [i64],
-    frame: &'a [i64],
-    task: &'a [i64],
-    timestamp: &'a [f32],
+    index: Cow<'a, [i64]>,
+    episode: Cow<'a, [i64]>,
+    frame: Cow<'a, [i64]>,
+    task: Cow<'a, [i64]>,
+    timestamp: Cow<'a, [f32]>,
     state_dim: usize,
     states: Vec<f32>,
     action_dim: usize,

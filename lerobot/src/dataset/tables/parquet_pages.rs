@@ -7,47 +7,107 @@ use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 
 use parquet::arrow::ProjectionMask;
-use parquet::basic::Type;
-use parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaData};
+use parquet::basic::{Compression, Type};
+use parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaData, RowGroupMetaData};
 
-/// Largest page once decompressed, in bytes; LeRobot's are 1 MiB at most.
+use crate::dataset::tables::fault::Fault;
+use crate::dataset::tables::page_codecs;
+use crate::dataset::tables::thrift::{Thrift, FALSE, I32, STRUCT, TRUE};
+
+/// Largest page of numbers or pictures once decompressed, in bytes, whatever the file's size. LeRobot's pages of numbers have 1 MiB at
+/// most.
 const MAX_PAGE: u64 = 8 << 20;
-/// The same where it holds strings, of which a batch of rows may repeat one.
+/// The largest one in a file that is large enough: duckdb makes one page of 122880 rows.
+const MAX_LARGE_PAGE: u64 = 256 << 20;
+/// Most bytes of a page above [`MAX_PAGE`] for each byte of the file. Positions of an arm that rests take little room.
+const PAGE_PER_BYTE: u64 = 64;
+/// Most bytes of a page of pictures above [`MAX_PAGE`] for each of its bytes in the file. No codec makes PNG or JPEG much smaller. LeRobot
+/// writes all pictures of an episode into one page, up to 1024 of them.
+const PICTURES_PER_BYTE: u64 = 8;
+/// The largest page of strings, of which a batch of rows may repeat one.
 const MAX_TEXT_PAGE: u64 = 1 << 20;
+/// An encoding of a page, as its header names it.
+const DELTA_BYTE_ARRAY: i64 = 7;
 /// Most rows for each byte of the file. Every row has a number of its own, so real files have fewer than one.
 const ROWS_PER_BYTE: u64 = 4;
 
-/// Checks the pages of the columns in `mask`, whose rows hold at most `per_row` values each.
+/// Checks the pages of the columns of numbers and strings in `mask`, whose rows hold at most `per_row` values each.
 ///
 /// # Errors
 /// What is claimed, in words.
-pub(crate) fn check(
+pub(super) fn check(
     file: &File,
     metadata: &ParquetMetaData,
     mask: &ProjectionMask,
     per_row: usize,
-) -> Result<(), String> {
-    let failed = |e: std::io::Error| e.to_string();
-    let file_len = file.metadata().map_err(failed)?.len();
-    let mut reader = BufReader::new(file);
+) -> Result<(), Fault> {
+    let mut pages = Pages::of(file)?;
     let mut rows = 0u64;
     for group in metadata.row_groups() {
-        let group_rows =
-            u64::try_from(group.num_rows()).map_err(|_| "a negative number of rows")?;
-        rows = rows.saturating_add(group_rows);
-        if rows > file_len.saturating_mul(ROWS_PER_BYTE) {
-            return Err(format!("claims {rows} rows in {file_len} bytes"));
+        rows = rows.saturating_add(row_count(group)?);
+        if rows > pages.file_len.saturating_mul(ROWS_PER_BYTE) {
+            return Err(format!("claims {rows} rows in {} bytes", pages.file_len).into());
         }
-        for (leaf, chunk) in group.columns().iter().enumerate() {
-            if mask.leaf_included(leaf) {
-                let name = chunk.column_path().string();
-                let most = group_rows.saturating_mul(per_row as u64);
-                check_chunk(&mut reader, file_len, chunk, most)
-                    .map_err(|cause| format!("column {name}: {cause}"))?;
-            }
-        }
+        pages.check_group(group, mask, per_row, Content::Values)?;
     }
     Ok(())
+}
+
+/// Checks the pages of a column of pictures, all of whose leaves are in `mask`, in one group of rows.
+///
+/// # Errors
+/// What is claimed, in words.
+pub(super) fn check_pictures(
+    file: &File,
+    group: &RowGroupMetaData,
+    mask: &ProjectionMask,
+) -> Result<(), Fault> {
+    Pages::of(file)?.check_group(group, mask, 1, Content::Pictures)
+}
+
+fn row_count(group: &RowGroupMetaData) -> Result<u64, Fault> {
+    u64::try_from(group.num_rows()).map_err(|_| "a negative number of rows".into())
+}
+
+/// What bytes in a column are.
+#[derive(Clone, Copy, PartialEq)]
+enum Content {
+    /// Numbers and strings: rows are decoded many at once.
+    Values,
+    /// Pictures: rows are decoded one by one.
+    Pictures,
+}
+
+/// A file whose pages are walked.
+struct Pages<'a> {
+    reader: BufReader<&'a File>,
+    file_len: u64,
+}
+
+impl<'a> Pages<'a> {
+    fn of(file: &'a File) -> Result<Self, Fault> {
+        Ok(Self {
+            file_len: file.metadata()?.len(),
+            reader: BufReader::new(file),
+        })
+    }
+
+    fn check_group(
+        &mut self,
+        group: &RowGroupMetaData,
+        mask: &ProjectionMask,
+        per_row: usize,
+        content: Content,
+    ) -> Result<(), Fault> {
+        let most = row_count(group)?.saturating_mul(per_row as u64);
+        for (leaf, chunk) in group.columns().iter().enumerate() {
+            if mask.leaf_included(leaf) {
+                check_chunk(&mut self.reader, self.file_len, chunk, most, content)
+                    .map_err(|fault| fault.in_column(&chunk.column_path().string()))?;
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Checks the pages of one column in one group of rows, which may hold `most` values.
@@ -56,11 +116,11 @@ fn check_chunk(
     file_len: u64,
     chunk: &ColumnChunkMetaData,
     most: u64,
-) -> Result<(), String> {
-    let max_page = match chunk.column_type() {
-        Type::BYTE_ARRAY => MAX_TEXT_PAGE,
-        _ => MAX_PAGE,
-    };
+    content: Content,
+) -> Result<(), Fault> {
+    if chunk.compression() == Compression::LZO {
+        return Err(Fault::NotSupported("LZO compression".into()));
+    }
     let start = chunk
         .dictionary_page_offset()
         .unwrap_or(chunk.data_page_offset());
@@ -75,28 +135,50 @@ fn check_chunk(
     };
     let (mut at, mut values) = (start, 0u64);
     while at < end && values < chunk.num_values().max(0) as u64 {
-        reader
-            .seek(SeekFrom::Start(at))
-            .map_err(|e| e.to_string())?;
+        reader.seek(SeekFrom::Start(at))?;
         let mut fields = Thrift {
             bytes: reader.by_ref().take(end - at),
             read: 0,
         };
         let page = PageHeader::read(&mut fields).ok_or("a page header that makes no sense")?;
         let header_len = fields.read;
+        let max_page = match (chunk.column_type(), content) {
+            (_, Content::Pictures) => {
+                let compressed = page.compressed.min(end - at);
+                MAX_PAGE.max(compressed.saturating_mul(PICTURES_PER_BYTE))
+            }
+            (Type::BYTE_ARRAY, Content::Values) => MAX_TEXT_PAGE,
+            (_, Content::Values) => {
+                MAX_PAGE.max(MAX_LARGE_PAGE.min(file_len.saturating_mul(PAGE_PER_BYTE)))
+            }
+        };
         if page.uncompressed > max_page {
-            return Err(format!(
-                "a page claims {} bytes, at most {max_page} are read",
+            return Err(Fault::NotSupported(format!(
+                "a page claims {} bytes, at most {max_page} are read of a page or file of this size",
                 page.uncompressed
-            ));
+            )));
         }
         values = values.saturating_add(page.values);
         if values > most {
-            return Err(format!("pages claim {values} values, its rows hold {most}"));
+            return Err(format!("pages claim {values} values, its rows hold {most}").into());
         }
-        at = at
-            .saturating_add(header_len)
-            .saturating_add(page.compressed);
+        // Each value of this encoding may repeat the one before, and passing over many large ones would take hours.
+        if content == Content::Pictures && page.encoding == Some(DELTA_BYTE_ARRAY) {
+            let cause = "the encoding DELTA_BYTE_ARRAY for pictures";
+            return Err(Fault::NotSupported(cause.into()));
+        }
+        let start = at.saturating_add(header_len);
+        at = start.saturating_add(page.compressed);
+        if page.is_compressed {
+            // The levels of a page of version 2 come first, and are not compressed.
+            let start = start.saturating_add(page.levels);
+            reader.seek(SeekFrom::Start(start))?;
+            let claimed = page.uncompressed.saturating_sub(page.levels);
+            let bytes = reader.by_ref().take(at.min(end).saturating_sub(start));
+            if claimed > 0 {
+                page_codecs::check(chunk.compression(), bytes, claimed)?;
+            }
+        }
     }
     Ok(())
 }
@@ -108,12 +190,19 @@ struct PageHeader {
     compressed: u64,
     /// Values of a data page; a dictionary's do not count.
     values: u64,
+    /// How they are encoded.
+    encoding: Option<i64>,
+    /// Bytes before the values that are not compressed: the levels of a page of version 2.
+    levels: u64,
+    /// Whether the rest is compressed, where the column is.
+    is_compressed: bool,
 }
 
 impl PageHeader {
     /// `None` where it is none, or ends too early.
     fn read(fields: &mut Thrift<impl Read>) -> Option<Self> {
         let (mut uncompressed, mut compressed, mut values) = (None, None, 0);
+        let (mut encoding, mut levels, mut is_compressed) = (None, 0u64, true);
         let mut last = 0;
         while let Some((id, kind)) = fields.field(&mut last)? {
             match (id, kind) {
@@ -122,9 +211,17 @@ impl PageHeader {
                 // These are data pages of version 1 and 2. Their first field is the number of values.
                 (5 | 8, STRUCT) => {
                     let mut last = 0;
+                    let version_2 = id == 8;
                     while let Some((id, kind)) = fields.field(&mut last)? {
                         match (id, kind) {
                             (1, I32) => values = u64::try_from(fields.integer()?).ok()?,
+                            (2, I32) if !version_2 => encoding = Some(fields.integer()?),
+                            (4, I32) if version_2 => encoding = Some(fields.integer()?),
+                            (5 | 6, I32) if version_2 => {
+                                let len = u64::try_from(fields.integer()?).ok()?;
+                                levels = levels.checked_add(len)?;
+                            }
+                            (7, TRUE | FALSE) if version_2 => is_compressed = kind == TRUE,
                             _ => fields.skip(kind, 0)?,
                         }
                     }
@@ -136,128 +233,10 @@ impl PageHeader {
             uncompressed: uncompressed?,
             compressed: compressed?,
             values,
+            encoding,
+            levels,
+            is_compressed,
         })
-    }
-}
-
-const TRUE: u8 = 1;
-const FALSE: u8 = 2;
-const BYTE: u8 = 3;
-const I16: u8 = 4;
-const I32: u8 = 5;
-const I64: u8 = 6;
-const DOUBLE: u8 = 7;
-const BINARY: u8 = 8;
-const LIST: u8 = 9;
-const SET: u8 = 10;
-const MAP: u8 = 11;
-const STRUCT: u8 = 12;
-/// Structures within structures that are followed.
-const MAX_DEPTH: usize = 8;
-
-/// Thrift's compact protocol, read and counted byte by byte.
-struct Thrift<R> {
-    bytes: R,
-    read: u64,
-}
-
-impl<R: Read> Thrift<R> {
-    fn byte(&mut self) -> Option<u8> {
-        let mut byte = [0];
-        self.bytes.read_exact(&mut byte).ok()?;
-        self.read += 1;
-        Some(byte[0])
-    }
-
-    fn varint(&mut self) -> Option<u64> {
-        let mut value = 0u64;
-        for shift in (0..64).step_by(7) {
-            let byte = self.byte()?;
-            value |= u64::from(byte & 0x7f) << shift;
-            if byte & 0x80 == 0 {
-                return Some(value);
-            }
-        }
-        None
-    }
-
-    /// A zigzag number.
-    fn integer(&mut self) -> Option<i64> {
-        let value = self.varint()?;
-        Some((value >> 1) as i64 ^ -((value & 1) as i64))
-    }
-
-    /// Number and type of the next field of a structure, `Some(None)` at its end.
-    fn field(&mut self, last: &mut i64) -> Option<Option<(i64, u8)>> {
-        let byte = self.byte()?;
-        if byte == 0 {
-            return Some(None);
-        }
-        *last = match byte >> 4 {
-            0 => self.integer()?,
-            delta => last.checked_add(i64::from(delta))?,
-        };
-        Some(Some((*last, byte & 0x0f)))
-    }
-
-    fn skip_bytes(&mut self, n: u64) -> Option<()> {
-        // There are never more than that, because the loop ends where the bytes end.
-        for _ in 0..n {
-            self.byte()?;
-        }
-        Some(())
-    }
-
-    fn skip(&mut self, kind: u8, depth: usize) -> Option<()> {
-        if depth > MAX_DEPTH {
-            return None;
-        }
-        match kind {
-            TRUE | FALSE => Some(()),
-            BYTE => self.skip_bytes(1),
-            I16 | I32 | I64 => self.varint().map(drop),
-            DOUBLE => self.skip_bytes(8),
-            BINARY => {
-                let len = self.varint()?;
-                self.skip_bytes(len)
-            }
-            LIST | SET => {
-                let head = self.byte()?;
-                let len = match head >> 4 {
-                    15 => self.varint()?,
-                    len => len.into(),
-                };
-                self.skip_items(len, &[head & 0x0f], depth)
-            }
-            MAP => match self.varint()? {
-                0 => Some(()),
-                len => {
-                    let kinds = self.byte()?;
-                    self.skip_items(len, &[kinds >> 4, kinds & 0x0f], depth)
-                }
-            },
-            STRUCT => {
-                let mut last = 0;
-                while let Some((_, kind)) = self.field(&mut last)? {
-                    self.skip(kind, depth + 1)?;
-                }
-                Some(())
-            }
-            _ => None,
-        }
-    }
-
-    fn skip_items(&mut self, len: u64, kinds: &[u8], depth: usize) -> Option<()> {
-        for _ in 0..len {
-            for &kind in kinds {
-                match kind {
-                    // Within a collection, a truth value takes one byte.
-                    TRUE | FALSE => self.skip_bytes(1)?,
-                    _ => self.skip(kind, depth + 1)?,
-                }
-            }
-        }
-        Some(())
     }
 }
 
@@ -283,6 +262,9 @@ mod tests {
             uncompressed: 300,
             compressed: 200,
             values: 100,
+            encoding: Some(0),
+            levels: 0,
+            is_compressed: true,
         };
         assert_eq!(read(&header), (Some(page), header.len() as u64));
         for len in 0..header.len() {

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, HashSet};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use crate::dataset::metadata::episode::Episode;
+use crate::dataset::metadata::episode::{Episode, VideoSpan};
 use crate::dataset::metadata::info::Format;
 use crate::dataset::tables::motion::Motion;
 use crate::dataset::video_fit::picture_times::PictureTimes;
@@ -50,11 +50,14 @@ pub(crate) fn find(info: &Info, episodes: &[Episode], repairs: &mut Vec<Repair>)
         let (mut surplus, mut first) = (0, None);
         for (episode, pictures) in pictures(info, episodes, number) {
             let rows = episode.frames.len();
+            let Some(span) = &episode.videos[number] else {
+                continue;
+            };
             if pictures < rows {
                 short.push(LeftOut {
                     episode: episode.recorded,
                     camera: camera.name.clone(),
-                    path: episode.videos[number].path.clone(),
+                    path: span.path.clone(),
                     pictures,
                     rows,
                 });
@@ -76,29 +79,26 @@ pub(crate) fn find(info: &Info, episodes: &[Episode], repairs: &mut Vec<Repair>)
     short
 }
 
-/// How many pictures a camera has of each episode, in order.
+/// How many pictures a camera's videos have of each episode, in order.
 fn pictures<'a>(
     info: &Info,
     episodes: &'a [Episode],
     camera: usize,
 ) -> impl Iterator<Item = (&'a Episode, usize)> {
-    let mut by_file: BTreeMap<&Path, Vec<usize>> = BTreeMap::new();
+    let mut by_file: BTreeMap<&Path, Vec<(usize, &VideoSpan)>> = BTreeMap::new();
     for (number, episode) in episodes.iter().enumerate() {
-        let numbers = by_file.entry(&episode.videos[camera].path).or_default();
-        numbers.push(number);
+        if let Some(span) = &episode.videos[camera] {
+            by_file.entry(&span.path).or_default().push((number, span));
+        }
     }
     let half = 0.5 / f64::from(info.fps);
     let mut counts = vec![0; episodes.len()];
-    for (path, mut numbers) in by_file {
-        let span = |number: usize| &episodes[number].videos[camera];
-        numbers.sort_by(|a, b| {
-            let from = |number: &usize| span(*number).from_timestamp;
-            from(a).total_cmp(&from(b))
-        });
+    for (path, mut spans) in by_file {
+        spans.sort_by(|(_, a), (_, b)| a.from_timestamp.total_cmp(&b.from_timestamp));
         let times = PictureTimes::read(path);
         let (mut begin, mut next) = (f64::INFINITY, f64::INFINITY);
-        for &number in numbers.iter().rev() {
-            let (from, to) = (span(number).from_timestamp, span(number).to_timestamp);
+        for &(number, span) in spans.iter().rev() {
+            let (from, to) = (span.from_timestamp, span.to_timestamp);
             let rows = episodes[number].frames.len();
             // Without ends, episodes that begin at the same picture share it.
             if from < begin - half {

@@ -51,7 +51,7 @@ impl KeySpace {
         Self(hash.finish())
     }
 
-    /// Keys of some frames of a recording. Touches no video but for its digest.
+    /// Keys of some frames of a recording. Touches no video but for its digest, and decodes no picture.
     ///
     /// # Errors
     /// There is no such frame, a video cannot be read, or the tokenizer fails.
@@ -65,7 +65,7 @@ impl KeySpace {
     ) -> Result<Vec<Key>, CacheError> {
         let dataset_error = |error| CacheError::Prepare(PrepareError::Dataset(error));
         let policy_error = |error: PolicyError| CacheError::Prepare(PrepareError::Policy(error));
-        let loader = dataset.loader(config.chunk_size).map_err(dataset_error)?;
+        let mut loader = dataset.loader(config.chunk_size).map_err(dataset_error)?;
         let mut tokens: Vec<Option<Vec<u32>>> = vec![None; dataset.tasks().len()];
         let mut keys = Vec::with_capacity(frames.len());
         for index in frames {
@@ -75,13 +75,22 @@ impl KeySpace {
             hash.bytes(&self.0);
             let videos = &dataset.episodes()[frame.episode].videos;
             hash.number(videos.len() as u64);
-            for (camera, span) in dataset.cameras().iter().zip(videos) {
+            for (place, (camera, span)) in dataset.cameras().iter().zip(videos).enumerate() {
                 let seconds = frame.frame as f64 / f64::from(dataset.fps());
                 hash.text(&camera.name);
                 hash.number(camera.height as u64);
                 hash.number(camera.width as u64);
-                hash.bytes(&files.of(&span.path)?);
-                hash.number((span.from_timestamp + seconds).to_bits());
+                match span {
+                    Some(span) => {
+                        hash.bytes(&files.of(&span.path)?);
+                        hash.number((span.from_timestamp + seconds).to_bits());
+                    }
+                    None => hash.bytes(
+                        &loader
+                            .stored_picture(place, *index)
+                            .map_err(dataset_error)?,
+                    ),
+                }
             }
             let ids = match &tokens[frame.task_index] {
                 Some(ids) => ids,

@@ -1,0 +1,46 @@
+//! JPEG pictures. The format leaves open how pixels are rounded: the decoder's differ from those of libjpeg-turbo, which LeRobot uses, by 4
+//! levels of 255 at most. They are the same on every processor.
+
+use std::panic::{catch_unwind, AssertUnwindSafe};
+
+use jpeg_decoder::{Decoder, PixelFormat};
+
+use crate::dataset::picture::size::check_size;
+
+/// Most scans of a progressive picture; encoders write ten. Each of them is decoded for all of the picture, however short it is.
+const MAX_SCANS: usize = 100;
+
+/// RGB of a JPEG picture, `[height, width, 3]`.
+pub(super) fn rgb(encoded: &[u8], height: usize, width: usize) -> Result<Vec<u8>, String> {
+    // Within the pixels, no byte 0xff has this byte after it.
+    let scans = encoded.windows(2).filter(|w| *w == [0xff, 0xda]).count();
+    if scans > MAX_SCANS {
+        return Err(format!(
+            "the JPEG picture has {scans} scans, at most {MAX_SCANS} are decoded"
+        ));
+    }
+    // The decoder ends in a panic where it meets what it takes for impossible.
+    catch_unwind(AssertUnwindSafe(|| decoded(encoded, height, width)))
+        .unwrap_or_else(|_| Err("the JPEG picture is damaged".into()))
+}
+
+fn decoded(encoded: &[u8], height: usize, width: usize) -> Result<Vec<u8>, String> {
+    let damaged = |e: jpeg_decoder::Error| match e {
+        jpeg_decoder::Error::Unsupported(what) => {
+            format!("the JPEG picture uses {what:?}, which is not supported")
+        }
+        e => format!("the JPEG picture is damaged: {e}"),
+    };
+    let mut decoder = Decoder::new(encoded);
+    decoder.set_max_decoding_buffer_size(height * width * 3);
+    decoder.read_info().map_err(damaged)?;
+    let info = decoder.info().ok_or("the JPEG picture has no size")?;
+    check_size((info.height.into(), info.width.into()), (height, width))?;
+    if info.pixel_format != PixelFormat::RGB24 {
+        return Err(format!(
+            "the JPEG picture is {:?}, not of three colours; LeRobot gives another number of channels for it: save it as RGB",
+            info.pixel_format
+        ));
+    }
+    decoder.decode().map_err(damaged)
+}

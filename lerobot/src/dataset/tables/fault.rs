@@ -1,0 +1,69 @@
+//! What is wrong with a parquet file: it is damaged, or it uses something that is not supported. One of them must not be called the
+//! other, because another file helps against the first alone.
+
+use parquet::errors::ParquetError;
+
+/// Why a parquet file is not read.
+#[derive(Debug, PartialEq)]
+pub(super) enum Fault {
+    /// It contradicts itself or the format.
+    Damaged(String),
+    /// It may be sound.
+    NotSupported(String),
+}
+
+impl std::fmt::Display for Fault {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match self {
+            Self::Damaged(cause) => write!(f, "damaged parquet file: {cause}"),
+            Self::NotSupported(cause) => write!(
+                f,
+                "{cause}; this is not supported: write the file anew, for example with pandas"
+            ),
+        }
+    }
+}
+
+impl Fault {
+    /// The same about a column.
+    pub fn in_column(self, name: &str) -> Self {
+        let within = |cause: String| format!("column {name}: {cause}");
+        match self {
+            Self::Damaged(cause) => Self::Damaged(within(cause)),
+            Self::NotSupported(cause) => Self::NotSupported(within(cause)),
+        }
+    }
+}
+
+impl From<String> for Fault {
+    fn from(cause: String) -> Self {
+        Self::Damaged(cause)
+    }
+}
+
+impl From<&str> for Fault {
+    fn from(cause: &str) -> Self {
+        Self::Damaged(cause.into())
+    }
+}
+
+impl From<std::io::Error> for Fault {
+    fn from(error: std::io::Error) -> Self {
+        Self::Damaged(error.to_string())
+    }
+}
+
+impl From<ParquetError> for Fault {
+    fn from(error: ParquetError) -> Self {
+        match error {
+            ParquetError::NYI(cause) => Self::NotSupported(cause),
+            error => Self::Damaged(error.to_string()),
+        }
+    }
+}
+
+impl From<arrow_schema::ArrowError> for Fault {
+    fn from(error: arrow_schema::ArrowError) -> Self {
+        Self::Damaged(error.to_string())
+    }
+}

@@ -1,0 +1,129 @@
+//! Compressed pages whose codec does not stop at the size that the page's header claims.
+//!
+//! The parquet crate decompresses gzip, Brotli and LZ4 frames to their end, however long the result becomes. So these are decompressed
+//! here first, piece by piece, and counted. Snappy, zstd and blocks of LZ4 fill a buffer of the claimed size and stop there.
+
+use std::io::{BufReader, Read};
+
+use parquet::basic::Compression;
+
+use crate::dataset::tables::fault::Fault;
+
+/// Size of the pieces that are counted and thrown away.
+const PIECE: usize = 16 << 10;
+/// First byte of a Brotli stream with a window beyond 16 MiB, up to 1 GiB, without its highest bit.
+const BROTLI_LARGE_WINDOW: u8 = 0x11;
+/// How an LZ4 frame begins. Parquet files have blocks of LZ4. Only some old writers in Rust made frames.
+const LZ4_FRAMES: [[u8; 4]; 2] = [[0x04, 0x22, 0x4d, 0x18], [0x02, 0x21, 0x4c, 0x18]];
+
+/// Checks that `page` does not become more than `claimed` bytes once decompressed.
+///
+/// # Errors
+/// It does, or it cannot be decompressed.
+pub(super) fn check(codec: Compression, page: impl Read, claimed: u64) -> Result<(), Fault> {
+    let mut page = BufReader::with_capacity(PIECE, page);
+    match codec {
+        Compression::GZIP(_) => count(flate2::read::MultiGzDecoder::new(page), claimed),
+        Compression::BROTLI(_) => {
+            let mut first = [0];
+            page.read_exact(&mut first)?;
+            if first[0] & 0x7f == BROTLI_LARGE_WINDOW {
+                let cause = "Brotli with a window beyond 16 MiB";
+                return Err(Fault::NotSupported(cause.into()));
+            }
+            let all = first.chain(page);
+            count(brotli::Decompressor::new(all, PIECE), claimed)
+        }
+        Compression::LZ4 => {
+            let mut first = Vec::new();
+            page.take(4).read_to_end(&mut first)?;
+            match LZ4_FRAMES.iter().any(|magic| *magic == first[..]) {
+                true => Err(Fault::NotSupported("LZ4 frames in place of blocks".into())),
+                false => Ok(()),
+            }
+        }
+        _ => Ok(()),
+    }
+}
+
+fn count(mut content: impl Read, claimed: u64) -> Result<(), Fault> {
+    let mut piece = vec![0; PIECE];
+    let mut found = 0u64;
+    loop {
+        match content.read(&mut piece)? {
+            0 => return Ok(()),
+            n => found += n as u64,
+        }
+        if found > claimed {
+            return Err(format!("a page claims {claimed} bytes and holds more").into());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use super::*;
+
+    const MIB: usize = 1 << 20;
+
+    fn gzip(len: usize) -> Vec<u8> {
+        let mut out = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+        (0..len / MIB).for_each(|_| out.write_all(&vec![0; MIB]).unwrap());
+        out.finish().unwrap()
+    }
+
+    fn brotli(len: usize) -> Vec<u8> {
+        let mut out = brotli::CompressorWriter::new(Vec::new(), 4096, 1, 22);
+        (0..len / MIB).for_each(|_| out.write_all(&vec![0; MIB]).unwrap());
+        out.into_inner()
+    }
+
+    #[test]
+    fn what_becomes_more_than_it_claims_is_refused() {
+        let more = |claimed: usize| {
+            Err(Fault::Damaged(format!(
+                "a page claims {claimed} bytes and holds more"
+            )))
+        };
+        for (codec, page) in [
+            (Compression::GZIP(Default::default()), gzip(40 * MIB)),
+            (Compression::BROTLI(Default::default()), brotli(40 * MIB)),
+        ] {
+            assert!(page.len() < MIB);
+            assert_eq!(check(codec, &page[..], 40 * MIB as u64), Ok(()));
+            for claimed in [40 * MIB - 1, MIB, 1] {
+                assert_eq!(check(codec, &page[..], claimed as u64), more(claimed));
+            }
+        }
+        // Several streams in a row are one.
+        let twice = [gzip(MIB), gzip(MIB)].concat();
+        let codec = Compression::GZIP(Default::default());
+        assert_eq!(check(codec, &twice[..], 2 * MIB as u64), Ok(()));
+        assert_eq!(check(codec, &twice[..], MIB as u64), more(MIB));
+    }
+
+    #[test]
+    fn a_window_of_brotli_beyond_16_mib_is_refused() {
+        let params = brotli::enc::BrotliEncoderParams {
+            large_window: true,
+            lgwin: 30,
+            ..Default::default()
+        };
+        let mut page = Vec::new();
+        brotli::BrotliCompress(&mut &[7; 1000][..], &mut page, &params).unwrap();
+        let found = check(Compression::BROTLI(Default::default()), &page[..], 1000);
+        assert!(matches!(found, Err(Fault::NotSupported(_))), "{found:?}");
+    }
+
+    #[test]
+    fn lz4_frames_are_refused() {
+        for first in LZ4_FRAMES {
+            let found = check(Compression::LZ4, &[&first[..], &[0; 9]].concat()[..], 9);
+            assert!(matches!(found, Err(Fault::NotSupported(_))), "{found:?}");
+        }
+        assert_eq!(check(Compression::LZ4, &[0xf1, 0x1f, 2][..], 9), Ok(()));
+        assert_eq!(check(Compression::LZ4, &[][..], 9), Ok(()));
+    }
+}

@@ -1,0 +1,187 @@
+//! Pictures that the rows of a data file hold or name (`use_videos=False`). They are read when they are asked for: no more than a page of
+//! them is held.
+
+use std::fs::File;
+use std::path::{Component, Path, PathBuf};
+
+use arrow_array::cast::AsArray;
+use arrow_array::{Array, ArrayRef, RecordBatch};
+use arrow_schema::DataType;
+use parquet::arrow::arrow_reader::{ArrowReaderMetadata, ParquetRecordBatchReader};
+use parquet::arrow::ProjectionMask;
+use zk0_files::bounded_file;
+
+use crate::dataset::tables::parquet_file::{self, guarded};
+use crate::dataset::tables::parquet_pages;
+use crate::dataset::DatasetError;
+
+/// Largest file of one picture, in bytes.
+const MAX_FILE: u64 = 64 << 20;
+
+/// A camera's column of an open data file.
+pub(crate) struct PictureColumn {
+    root: PathBuf,
+    path: PathBuf,
+    column: String,
+    file: File,
+    metadata: ArrowReaderMetadata,
+    mask: ProjectionMask,
+    /// The group of rows whose pages were checked last.
+    checked: Option<usize>,
+    reading: Option<Reading>,
+}
+
+/// A picture as it is stored.
+pub(crate) struct StoredPicture {
+    /// PNG or JPEG.
+    pub bytes: Vec<u8>,
+    /// The file that holds it: the data file or one of its own.
+    pub file: PathBuf,
+}
+
+/// A reader within a group of rows, and where it is.
+struct Reading {
+    reader: ParquetRecordBatchReader,
+    next: usize,
+    end: usize,
+}
+
+impl PictureColumn {
+    /// Opens the data file `path` of the recording in `root`.
+    ///
+    /// # Errors
+    /// The file is missing, damaged or lacks the column.
+    pub fn open(root: &Path, path: &Path, column: &str) -> Result<Self, DatasetError> {
+        let (file, metadata) = parquet_file::open(path)?;
+        let mask = parquet_file::projection(path, &metadata, &[column])?;
+        Ok(Self {
+            root: root.into(),
+            path: path.into(),
+            column: column.into(),
+            file,
+            metadata,
+            mask,
+            checked: None,
+            reading: None,
+        })
+    }
+
+    /// The data file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The picture of a row. Asking in ascending order decompresses every page once.
+    ///
+    /// # Errors
+    /// The row has none, or it cannot be read: the file and the cause.
+    pub fn stored(&mut self, row: usize) -> Result<StoredPicture, DatasetError> {
+        // The reader is taken out, so that one that failed is not used again.
+        let mut reading = match self.reading.take() {
+            Some(reading) if reading.next == row && row < reading.end => reading,
+            _ => self.read_from(row)?,
+        };
+        let batch = guarded(&self.path, || reading.reader.next().transpose())?;
+        let batch = batch.ok_or_else(|| self.fault(row, "is not there"))?;
+        reading.next += 1;
+        self.reading = Some(reading);
+        self.picture(row, &batch)
+    }
+
+    fn read_from(&mut self, row: usize) -> Result<Reading, DatasetError> {
+        let mut end = 0;
+        let groups = self.metadata.metadata().row_groups();
+        let group = groups.iter().position(|group| {
+            end += usize::try_from(group.num_rows()).unwrap_or(0);
+            row < end
+        });
+        let group = group.ok_or_else(|| self.fault(row, "is not there"))?;
+        let start = end - groups[group].num_rows() as usize;
+        if self.checked != Some(group) {
+            guarded(&self.path, || {
+                parquet_pages::check_pictures(&self.file, &groups[group], &self.mask)
+            })?;
+            self.checked = Some(group);
+        }
+        let builder = parquet_file::reader(&self.path, &self.file, self.metadata.clone())?;
+        let reader = guarded(&self.path, || {
+            builder
+                .with_projection(self.mask.clone())
+                .with_row_groups(vec![group])
+                .with_offset(row - start)
+                .with_batch_size(1)
+                .build()
+        })?;
+        Ok(Reading {
+            reader,
+            next: row,
+            end,
+        })
+    }
+
+    /// The picture of a row: `{bytes, path}`, of which the path counts where there are no bytes, or bytes alone.
+    fn picture(&self, row: usize, batch: &RecordBatch) -> Result<StoredPicture, DatasetError> {
+        let column = batch.column(0);
+        let (bytes, path) = match column.data_type() {
+            DataType::Struct(_) => {
+                let column = column.as_struct();
+                let of = |name: &str| column.column_by_name(name).and_then(first);
+                (of("bytes"), of("path"))
+            }
+            DataType::Binary => (first(column), None),
+            other => {
+                let fault = format!("holds {other}, expected pictures: {{bytes, path}}");
+                return Err(self.fault(row, &fault));
+            }
+        };
+        match (bytes, path) {
+            (Some(bytes), _) => Ok(StoredPicture {
+                bytes: bytes.to_vec(),
+                file: self.path.clone(),
+            }),
+            (None, Some(path)) => self.beside(row, path),
+            (None, None) => Err(self.fault(row, "has no picture")),
+        }
+    }
+
+    /// A picture in a file of its own. A stranger's recording must not name files outside of its folder.
+    fn beside(&self, row: usize, name: &[u8]) -> Result<StoredPicture, DatasetError> {
+        let name = std::str::from_utf8(name).map_err(|_| self.fault(row, "names no file"))?;
+        let inside = Path::new(name).strip_prefix(&self.root);
+        let inside = inside.unwrap_or(Path::new(name));
+        let mut parts = inside.components();
+        if !parts.all(|part| matches!(part, Component::Normal(_))) {
+            let name: String = name.chars().take(200).collect();
+            return Err(self.fault(
+                row,
+                &format!(
+                    "names the picture {name:?}, which is not in the recording's folder: copy the pictures into it and name them \
+                     from there, or write them into the data file (datasets.table.embed_table_storage)"
+                ),
+            ));
+        }
+        let file = self.root.join(inside);
+        match bounded_file::read(&file, MAX_FILE) {
+            Ok(bytes) => Ok(StoredPicture { bytes, file }),
+            Err(e) => Err(DatasetError::io(file, e)),
+        }
+    }
+
+    fn fault(&self, row: usize, cause: &str) -> DatasetError {
+        let cause = format!("row {row}: {} {cause}", self.column);
+        DatasetError::parquet(&self.path, cause)
+    }
+}
+
+/// The bytes or the text in the first row, where there are any.
+fn first(column: &ArrayRef) -> Option<&[u8]> {
+    if column.is_empty() || column.is_null(0) {
+        return None;
+    }
+    let bytes = match column.data_type() {
+        DataType::Binary => column.as_binary::<i32>().value(0),
+        DataType::Utf8 => column.as_string::<i32>().value(0).as_bytes(),
+        _ => return None,
+    };
+    (!bytes.is_empty()).then_some(bytes)
+}
