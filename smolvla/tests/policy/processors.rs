@@ -31,7 +31,9 @@ fn recording() -> Dataset {
 /// A folder of LeRobot's, with the tiny policy's weights.
 fn case(name: &str) -> (tempfile::TempDir, PolicyFolder) {
     let folder = tempfile::tempdir().unwrap();
-    let put = |from: PathBuf, name: &str| drop(fs::copy(from, folder.path().join(name)).unwrap());
+    let put = |from: PathBuf, name: &str| {
+        fs::copy(from, folder.path().join(name)).unwrap();
+    };
     for file in fs::read_dir(made().join(name)).unwrap() {
         let file = file.unwrap();
         put(file.path(), file.file_name().to_str().unwrap());

@@ -155,3 +155,20 @@ impl Fields {
         self.0.finalize().into()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::policy::profile::Profile;
+
+    #[test]
+    fn a_map_of_cameras_makes_other_entries_and_none_keeps_those_from_before_there_were_maps() {
+        let mut config = Profile::Micro.config();
+        config.camera_names = vec!["a".into(), "b".into()];
+        let before = r#"camera_names: ["a", "b"], rms_norm_eps: 1e-5"#;
+        assert!(described(&config).contains(before));
+        let without = described(&config);
+        config.rename_map = [("c".to_owned(), "a".to_owned())].into();
+        assert_ne!(described(&config), without);
+    }
+}
