@@ -4,7 +4,11 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::sync::Arc;
 
-use arrow_array::{Array, ArrayRef, StringArray, StructArray};
+use arrow_array::{Array, ArrayRef, BinaryArray, StringArray, StructArray};
+use parquet::arrow::ArrowWriter;
+use parquet::basic::{Compression, Encoding};
+use parquet::file::properties::WriterProperties;
+use parquet::schema::types::ColumnPath;
 use rand::seq::SliceRandom;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -270,4 +274,66 @@ fn a_jpeg_picture_of_many_scans_is_refused() {
     let many = [&upright[..at], &scan.repeat(101), &[0xff, 0xd9]].concat();
     fs::write(copy.path(FIRST), many).unwrap();
     copy.fails(FIRST, "has 101 scans, at most 100 are decoded");
+}
+
+/// The recording with its pictures written in another way, each with `end` zeros after its end.
+fn rewritten(properties: WriterProperties, end: usize) -> Copy {
+    let copy = recorded("lerobot");
+    let mut table = None;
+    copy.edit_table(DATA, |rows| {
+        table = Some(rows.clone());
+        vec![rows]
+    });
+    let rows = table.unwrap();
+    let pictures = rows.column_by_name(WRIST).unwrap();
+    let pictures = pictures.as_any().downcast_ref::<StructArray>().unwrap();
+    let (fields, mut parts, nulls) = pictures.clone().into_parts();
+    let at = fields.iter().position(|f| f.name() == "bytes").unwrap();
+    let bytes = parts[at].as_any().downcast_ref::<BinaryArray>().unwrap();
+    let long: BinaryArray = bytes
+        .iter()
+        .map(|picture| Some([picture.unwrap(), &vec![0; end]].concat()))
+        .collect();
+    parts[at] = Arc::new(long) as ArrayRef;
+    let rows = with_column(
+        rows,
+        WRIST,
+        Arc::new(StructArray::new(fields, parts, nulls)),
+    );
+    let file = fs::File::create(copy.path(DATA)).unwrap();
+    let mut writer = ArrowWriter::try_new(file, rows.schema(), Some(properties)).unwrap();
+    writer.write(&rows).unwrap();
+    writer.close().unwrap();
+    copy
+}
+
+#[test]
+fn a_page_of_pictures_that_claims_far_more_than_its_bytes_is_refused() {
+    let zstd = || {
+        WriterProperties::builder()
+            .set_dictionary_enabled(false)
+            .set_data_page_size_limit(1 << 30)
+            .set_compression(Compression::ZSTD(Default::default()))
+            .build()
+    };
+    // Eight pictures are in one page.
+    rewritten(zstd(), 2 << 20).fails(DATA, "are read of a page or file of this size");
+    let copy = rewritten(zstd(), 100_000);
+    let dataset = copy.open().unwrap();
+    let wanted = read_by_lerobot("lerobot");
+    assert_eq!(difference(&dataset, &wanted, &in_order()), (0, 0));
+}
+
+#[test]
+fn pictures_of_which_each_may_repeat_the_one_before_are_refused() {
+    // Going to the last picture of a page would build all others first.
+    let bytes = ColumnPath::new(vec![WRIST.into(), "bytes".into()]);
+    let properties = WriterProperties::builder()
+        .set_dictionary_enabled(false)
+        .set_column_encoding(bytes, Encoding::DELTA_BYTE_ARRAY)
+        .build();
+    rewritten(properties, 0).fails(
+        DATA,
+        "the encoding DELTA_BYTE_ARRAY for pictures; this is not supported",
+    );
 }

@@ -241,7 +241,7 @@ fn a_page_of_ten_megabytes_is_read() {
         .set_dictionary_enabled(false)
         .set_data_page_size_limit(1 << 30)
         .set_data_page_row_count_limit(usize::MAX)
-        .set_write_batch_size(1 << 30)
+        .set_write_batch_size(1 << 22)
         .build();
     let file = fs::File::create(copy.path(DATA)).unwrap();
     let mut writer = ArrowWriter::try_new(file, rows.schema(), Some(properties)).unwrap();
