@@ -2,7 +2,7 @@
 //! seconds of earlier files, too. The files themselves are right: the episodes in order fill them in order.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::dataset::metadata::episode::{Episode, VideoSpan};
 use crate::dataset::metadata::info::Camera;
@@ -28,10 +28,12 @@ pub(crate) fn repair(
             (Some(spans), _) => {
                 let mut moved = 0;
                 for (episode, span) in episodes.iter_mut().zip(spans) {
-                    let is = &mut episode.videos[number];
-                    let off = (is.from_timestamp - span.from_timestamp) * f64::from(info.fps);
-                    if is.path != span.path || off.abs() > 0.5 {
-                        *is = span;
+                    let is_there = |is: &VideoSpan| {
+                        let off = (is.from_timestamp - span.from_timestamp) * f64::from(info.fps);
+                        is.path == span.path && off.abs() <= 0.5
+                    };
+                    if !episode.video(number).is_some_and(is_there) {
+                        episode.videos[number] = span;
                         moved += 1;
                     }
                 }
@@ -42,9 +44,16 @@ pub(crate) fn repair(
                     });
                 }
             }
-            (None, Fault::Shared { first, second }) => {
+            (
+                None,
+                Fault::Shared {
+                    path,
+                    first,
+                    second,
+                },
+            ) => {
                 return Err(DatasetError::SharedPictures {
-                    path: episodes[second].videos[number].path.clone(),
+                    path,
                     camera: camera.name.clone(),
                     first,
                     second,
@@ -60,7 +69,11 @@ pub(crate) fn repair(
 /// What shows that the metadata of a camera is wrong.
 enum Fault {
     /// Two episodes have the same pictures.
-    Shared { first: usize, second: usize },
+    Shared {
+        path: PathBuf,
+        first: usize,
+        second: usize,
+    },
     /// A file ends before an episode does.
     BeyondTheEnd,
 }
@@ -69,7 +82,7 @@ fn fault(info: &Info, episodes: &[Episode], camera: usize) -> Option<Fault> {
     let half = 0.5 / f64::from(info.fps);
     let mut by_file: BTreeMap<&Path, Vec<(f64, f64, usize)>> = BTreeMap::new();
     for (number, episode) in episodes.iter().enumerate() {
-        let span = &episode.videos[camera];
+        let span = episode.video(camera)?;
         let stretch = (span.from_timestamp, span.to_timestamp?, number);
         by_file.entry(&span.path).or_default().push(stretch);
     }
@@ -79,6 +92,7 @@ fn fault(info: &Info, episodes: &[Episode], camera: usize) -> Option<Fault> {
         let shared = |pair: &&[(f64, f64, usize)]| pair[1].0 < pair[0].1 - half;
         if let Some(pair) = stretches.windows(2).find(shared) {
             return Some(Fault::Shared {
+                path: path.into(),
                 first: pair[0].2,
                 second: pair[1].2,
             });
@@ -121,7 +135,7 @@ fn filled(
     let mut used = 0;
     let mut spans = Vec::with_capacity(episodes.len());
     for episode in episodes {
-        let span = &episode.videos[number];
+        let span = episode.video(number)?;
         let pictures = pictures(span.from_timestamp, span.to_timestamp?, info.fps);
         if used == there {
             ((place, path, there), used) = (following(place)?, 0);
