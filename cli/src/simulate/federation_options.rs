@@ -106,12 +106,14 @@ impl FederationOptions {
     pub fn open(&self) -> Result<Opened> {
         let file = self.source(self.seed)?.load()?;
         let cache = self.cache.open()?;
-        let open = |name: &RecordingName| {
-            let recorded = Recorded::open(&name.locate()?, &file, cache.as_ref());
+        let names = || self.datasets.iter().chain(&self.unseen);
+        let datasets = RecordingName::open_together(names())?;
+        let recorded = datasets.iter().zip(names()).map(|(dataset, name)| {
+            let recorded = Recorded::of(dataset, &file, cache.as_ref());
             recorded.with_context(|| format!("recording {name}"))
-        };
-        let all = |names: &[RecordingName]| names.iter().map(open).collect::<Result<Vec<_>>>();
-        let (recordings, unseen) = (all(&self.datasets)?, all(&self.unseen)?);
+        });
+        let mut recordings = recorded.collect::<Result<Vec<_>>>()?;
+        let unseen = recordings.split_off(self.datasets.len());
         Ok(Opened {
             file,
             recordings,

@@ -19,7 +19,7 @@ use std::fs::{self, File, TryLockError};
 use std::mem;
 use std::path::Path;
 use std::time::Instant;
-use zk0_lerobot::dataset::{Dataset, Stats};
+use zk0_lerobot::dataset::{Dataset, Episode, Stats};
 use zk0_lerobot::layout::expert_layout;
 use zk0_lerobot::policy_folder::Inference;
 use zk0_node::progress::Progress;
@@ -59,8 +59,13 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
     let events = options.event_file()?;
 
     let inference = source.inference()?;
-    let datasets = options.datasets.iter().map(RecordingName::open);
-    let mut datasets = datasets.collect::<Result<Vec<_>>>()?;
+    let mut datasets = RecordingName::open_together(&options.datasets)?;
+    let left_out = datasets
+        .iter()
+        .find_map(|dataset| dataset.left_out().first());
+    if let (true, Some(left_out)) = (options.whole_recordings, left_out) {
+        bail!("{left_out}. Without --whole-recordings, training goes on without it");
+    }
     let PolicyFile {
         mut policy,
         tokenizer,
@@ -234,12 +239,21 @@ impl Chosen {
                 path: dataset.root().display().to_string(),
                 train_frames: train.len(),
                 eval_frames: eval.len(),
-                episodes: split,
+                episodes: recorded(split, episodes),
             });
             chosen.train.extend(train);
             chosen.held_out.extend(eval);
         }
         Ok(chosen)
+    }
+}
+
+/// The split with the numbers that the recording's files give the episodes.
+fn recorded(split: Split, episodes: &[Episode]) -> Split {
+    let numbers = |some: Vec<usize>| some.into_iter().map(|one| episodes[one].recorded).collect();
+    Split {
+        train: numbers(split.train),
+        eval: numbers(split.eval),
     }
 }
 
