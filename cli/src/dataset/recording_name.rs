@@ -1,6 +1,6 @@
 //! A recording, as the command line names it.
 
-use anyhow::{Context, Result};
+use anyhow::{bail, Context, Result};
 use std::convert::Infallible;
 use std::fmt;
 use std::path::PathBuf;
@@ -58,5 +58,15 @@ impl RecordingName {
             tracing::warn!("{copied}");
         }
         Ok(opened)
+    }
+}
+
+/// Refuses a recording with episodes that were left out: `--whole-recordings`.
+pub fn refuse_left_out(dataset: &Dataset) -> Result<()> {
+    match dataset.left_out().first() {
+        Some(left_out) => {
+            bail!("{left_out}. Without --whole-recordings, the other episodes are used")
+        }
+        None => Ok(()),
     }
 }

@@ -9,7 +9,7 @@ mod report;
 pub use options::Options;
 
 use crate::chart;
-use crate::dataset::RecordingName;
+use crate::dataset::{refuse_left_out, RecordingName};
 use crate::output::println;
 use crate::policy::cache_failed;
 use anyhow::{bail, Context, Result};
@@ -60,11 +60,8 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
 
     let inference = source.inference()?;
     let mut datasets = RecordingName::open_together(&options.datasets)?;
-    let left_out = datasets
-        .iter()
-        .find_map(|dataset| dataset.left_out().first());
-    if let (true, Some(left_out)) = (options.whole_recordings, left_out) {
-        bail!("{left_out}. Without --whole-recordings, training goes on without it");
+    if options.whole_recordings {
+        datasets.iter().try_for_each(refuse_left_out)?;
     }
     let PolicyFile {
         mut policy,
