@@ -118,8 +118,7 @@ pub fn run(options: &Options) -> Result<()> {
             .profile
             .map(|profile| PolicySource::Random(profile, options.seed)),
     );
-    let datasets = options.datasets.iter().map(RecordingName::open);
-    let mut datasets = datasets.collect::<Result<Vec<_>>>()?;
+    let mut datasets = RecordingName::open_together(&options.datasets)?;
     let chosen: Vec<Vec<usize>> = datasets
         .iter()
         .map(|dataset| chosen(options, dataset))
@@ -151,8 +150,13 @@ fn chosen(options: &Options, dataset: &Dataset) -> Result<Vec<usize>> {
         all.extend(0..dataset.len());
     }
     for number in &options.episodes {
-        match episodes.get(*number) {
+        let left_out = dataset.left_out();
+        match episodes.iter().find(|episode| episode.recorded == *number) {
             Some(episode) => all.extend(episode.frames.clone()),
+            None if left_out.iter().any(|one| one.episode == *number) => bail!(
+                "{}: episode {number} was left out, because it has fewer pictures than rows",
+                dataset.root().display()
+            ),
             None => bail!(
                 "{} has {} episodes, counted from 0, so there is no episode {number}",
                 dataset.root().display(),

@@ -1,6 +1,6 @@
 //! The options that say which network is meant, and who connects to it.
 
-use crate::dataset::RecordingName;
+use crate::dataset::{refuse_left_out, RecordingName};
 use crate::keys;
 use crate::policy::CacheOptions;
 use anyhow::{Context, Result};
@@ -10,6 +10,7 @@ use std::io;
 use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
+use zk0_lerobot::dataset::Dataset;
 use zk0_node::client::Node;
 use zk0_node::participant::Participant;
 use zk0_node::state_files::lock::StateLock;
@@ -47,6 +48,10 @@ pub struct Membership {
     /// The recording: a LeRobotDataset folder, or hub:owner/name[@revision] on the Hugging Face Hub.
     #[arg(long, value_name = "RECORDING")]
     dataset: RecordingName,
+    /// Refuse a recording with episodes that have fewer pictures than rows. Without this option, these episodes are left out: the node
+    /// neither trains on them nor registers them.
+    #[arg(long)]
+    whole_recordings: bool,
     /// Keep the policy, the node's secret, the evaluation set, updates, training histories and receipts in this folder. Keep the folder secret.
     #[arg(long, value_name = "DIR")]
     state: PathBuf,
@@ -83,8 +88,12 @@ impl Membership {
         make_state(state).with_context(|| format!("creating {}", state.display()))?;
         // Everything that follows reads and removes files there.
         let lock = StateLock::take(state)?;
+        let dataset = self.dataset.locate()?;
+        if self.whole_recordings {
+            refuse_left_out(&Dataset::open(&dataset)?)?;
+        }
         let participant = Participant {
-            dataset: self.dataset.locate()?,
+            dataset,
             state: state.clone(),
             cache: self.cache.open_in(state)?,
             eval_samples: self.eval_samples,

@@ -130,7 +130,7 @@ fn validate_finds_every_video_that_does_not_decode() {
     };
     let whole = fs::read(video("top", 1)).unwrap();
     fs::write(video("top", 1), &whole[..whole.len() / 2]).unwrap();
-    // The file has 38 frames where the recording has 41.
+    // The file has 38 pictures where the episode has more rows.
     fs::copy(video("wrist", 1), video("wrist", 4)).unwrap();
     let root = dir.path().to_str().unwrap();
     let bad = zk0(&["dataset", "validate", root]).output().unwrap();
@@ -142,10 +142,11 @@ fn validate_finds_every_video_that_does_not_decode() {
         "{text}"
     );
     assert!(
-        text.contains("fault    episode 4 frame 38, camera observation.images.wrist: "),
+        text.contains(
+            "episode 4 is left out: camera observation.images.wrist has 38 pictures for its "
+        ),
         "{text}"
     );
-    assert!(text.contains("shows no frame at 1.266667 s"), "{text}");
 }
 
 #[test]
@@ -165,4 +166,53 @@ fn a_hub_that_cannot_be_reached_is_said_so() {
     let failed = zk0(&["dataset", "validate", "hub:so100"]).output().unwrap();
     assert!(said(&failed).contains("write owner/name or owner/name@revision"));
     assert_eq!(failed.status.code(), Some(1));
+}
+
+#[test]
+fn episodes_that_are_not_whole_or_there_twice_are_named() {
+    let dropped = "../videos_and_rows/dropped_pictures";
+    let left_out =
+        "episode 1 is left out: camera observation.images.top has 17 pictures for its 20 rows";
+    let twice = "../videos_and_rows/merged_with_itself";
+    let bad = zk0(&["dataset", "validate", dropped, twice])
+        .output()
+        .unwrap();
+    let text = printed(&bad);
+    assert_eq!(bad.status.code(), Some(1), "{text}");
+    for line in [
+        &format!("FAULTY   {dropped}: 2 episodes, 18 frames, 36 pictures\n")[..],
+        left_out,
+        &format!("FAULTY   {twice}: 4 episodes"),
+        "2 of its episodes are copies: episode 2 has the states and actions of episode 0.",
+    ] {
+        assert!(text.contains(line), "{line:?} is not in\n{text}");
+    }
+    // What two recordings share is a fault of neither.
+    let good = zk0(&["dataset", "validate", "so100_sorting", "so100_sorting_two"])
+        .output()
+        .unwrap();
+    let text = printed(&good);
+    assert_eq!(good.status.code(), Some(0), "{text}");
+    let shared = "copies   so100_sorting_two: 2 of its episodes are copies: episode 0 has the states and actions of episode 4 of \
+                  so100_sorting.";
+    assert!(text.contains(shared), "{text}");
+
+    let inspected = printed(&zk0(&["dataset", "inspect", dropped]).output().unwrap());
+    assert!(
+        inspected.contains("LEFT OUT   ") && inspected.contains(left_out),
+        "{inspected}"
+    );
+
+    let out = tempfile::tempdir().unwrap();
+    let out = out.path().to_str().unwrap();
+    let refused = zk0(&["train", "--profile", "micro", "--steps", "1", "--out", out])
+        .args(["--dataset", dropped, "--whole-recordings"])
+        .output()
+        .unwrap();
+    let text = said(&refused);
+    assert!(!refused.status.success(), "{text}");
+    assert!(
+        text.contains(left_out) && text.contains("--whole-recordings"),
+        "{text}"
+    );
 }

@@ -40,6 +40,8 @@ struct Summary {
     action: Vec<Joint>,
     tasks: Vec<Task>,
     repairs: Vec<String>,
+    /// Episodes that are no part of the frames, because they have fewer pictures than rows.
+    left_out: Vec<String>,
     sample: Sample,
 }
 
@@ -127,6 +129,7 @@ impl Summary {
                 })
                 .collect(),
             repairs: dataset.repairs().iter().map(ToString::to_string).collect(),
+            left_out: dataset.left_out().iter().map(ToString::to_string).collect(),
             sample: sample(dataset, first),
         })
     }
@@ -184,6 +187,7 @@ impl Summary {
             [] => line("repairs", "none needed"),
             repairs => repairs.iter().for_each(|repair| line("REPAIRED", repair)),
         }
+        self.left_out.iter().for_each(|one| line("LEFT OUT", one));
         let names = self.state.iter().chain(&self.action).map(|j| &j.name);
         let widest = longest_name(names).max(18);
         for (title, joints) in [("observation.state", &self.state), ("action", &self.action)] {

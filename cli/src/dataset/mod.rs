@@ -6,7 +6,7 @@ mod validate;
 
 use anyhow::Result;
 
-pub use recording_name::RecordingName;
+pub use recording_name::{refuse_left_out, RecordingName};
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]

@@ -1,11 +1,11 @@
 //! A recording, as the command line names it.
 
-use anyhow::{Context, Result};
+use anyhow::{bail, Context, Result};
 use std::convert::Infallible;
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
-use zk0_lerobot::dataset::Dataset;
+use zk0_lerobot::dataset::{CopiedEpisodes, Dataset};
 use zk0_lerobot::hub::{fetch, HubOptions, HubRecording};
 use zk0_node::progress::Progress;
 
@@ -55,5 +55,25 @@ impl RecordingName {
     pub fn open(&self) -> Result<Dataset> {
         let opened = self.locate().and_then(|folder| Ok(Dataset::open(folder)?));
         opened.with_context(|| format!("recording {self}"))
+    }
+
+    /// Opens recordings that are used together. Episodes that are there twice are warned of.
+    pub fn open_together<'a>(names: impl IntoIterator<Item = &'a Self>) -> Result<Vec<Dataset>> {
+        let opened = names.into_iter().map(Self::open);
+        let opened = opened.collect::<Result<Vec<_>>>()?;
+        for copied in CopiedEpisodes::among(&opened) {
+            tracing::warn!("{copied}");
+        }
+        Ok(opened)
+    }
+}
+
+/// Refuses a recording with episodes that were left out: `--whole-recordings`.
+pub fn refuse_left_out(dataset: &Dataset) -> Result<()> {
+    match dataset.left_out().first() {
+        Some(left_out) => {
+            bail!("{left_out}. Without --whole-recordings, the other episodes are used")
+        }
+        None => Ok(()),
     }
 }

@@ -1,19 +1,27 @@
 //! `zk0 dataset validate`: lists all faults of recordings.
 
 use super::RecordingName;
-use crate::output::print;
+use crate::output::{print, println};
 use anyhow::Result;
-use zk0_lerobot::dataset::Dataset;
+use zk0_lerobot::dataset::{CopiedEpisodes, Dataset};
 use zk0_node::progress::Progress;
 use zk0_protocol::counted::counted;
 
-/// Checks one recording after another. Returns `false` if any has a fault.
+/// Checks one recording after another, and then whether they have the same episodes. Returns `false` if any has a fault. A recording with
+/// copies of its own episodes has one. Copies of another recording's are named; they are no fault of either.
 pub fn run(recordings: &[RecordingName]) -> Result<bool> {
     let mut sound = true;
+    let mut opened = Vec::new();
     for recording in recordings {
-        let report = check(recording);
+        let (report, dataset) = check(recording);
         print!("{}", report.text(recording));
         sound &= report.faults.is_empty();
+        opened.extend(dataset);
+    }
+    for copied in CopiedEpisodes::among(&opened) {
+        if !copied.within_one {
+            println!("copies   {copied}");
+        }
     }
     Ok(sound)
 }
@@ -28,7 +36,7 @@ struct Report {
     faults: Vec<String>,
 }
 
-fn check(recording: &RecordingName) -> Report {
+fn check(recording: &RecordingName) -> (Report, Option<Dataset>) {
     let mut report = Report::default();
     let opened = recording
         .locate()
@@ -37,7 +45,7 @@ fn check(recording: &RecordingName) -> Report {
         Ok(dataset) => dataset,
         Err(error) => {
             report.faults.push(format!("{error:#}"));
-            return report;
+            return (report, None);
         }
     };
     report.size = Some(format!(
@@ -57,14 +65,15 @@ fn check(recording: &RecordingName) -> Report {
             .get_or_insert_with(|| Progress::start("decoding", of as u64))
             .reached(done as u64);
     });
-    report.faults = faults
-        .into_iter()
-        .map(|fault| match fault.more_episodes {
-            0 => fault.error.to_string(),
-            more => format!("{} ({more} more episodes have the same fault)", fault.error),
-        })
-        .collect();
-    report
+    let left_out = dataset.left_out().iter().map(ToString::to_string);
+    let copied = CopiedEpisodes::among([&dataset]).into_iter();
+    let undecoded = faults.into_iter().map(|fault| match fault.more_episodes {
+        0 => fault.error.to_string(),
+        more => format!("{} ({more} more episodes have the same fault)", fault.error),
+    });
+    let copied = copied.map(|copied| copied.to_string());
+    report.faults = left_out.chain(copied).chain(undecoded).collect();
+    (report, Some(dataset))
 }
 
 impl Report {

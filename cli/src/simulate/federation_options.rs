@@ -5,7 +5,7 @@ use crate::policy::{self, CacheOptions, PolicySource};
 use anyhow::{Context, Result};
 use std::path::PathBuf;
 use std::thread;
-use zk0_lerobot::dataset::{refuse_different, Info};
+use zk0_lerobot::dataset::refuse_different;
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_simulate::robots::data::{Dealing, Recorded};
 use zk0_simulate::robots::federation::Training;
@@ -107,24 +107,15 @@ impl FederationOptions {
     pub fn open(&self) -> Result<Opened> {
         let file = self.source(self.seed)?.load()?;
         let cache = self.cache.open()?;
-        let located = |names: &[RecordingName]| {
-            let folder = |name: &RecordingName| {
-                let folder = name.locate()?;
-                let info = Info::read(&folder).with_context(|| format!("recording {name}"))?;
-                Ok((folder, info))
-            };
-            names.iter().map(folder).collect::<Result<Vec<_>>>()
-        };
-        let (recordings, unseen) = (located(&self.datasets)?, located(&self.unseen)?);
-        let together = recordings.iter().chain(&unseen);
-        refuse_different(together.map(|(folder, info)| (folder.as_path(), info)))?;
-        let open = |(folder, _): &(PathBuf, Info)| {
-            let recorded = Recorded::open(folder, &file, cache.as_ref());
-            recorded.with_context(|| format!("recording {}", folder.display()))
-        };
-        let all =
-            |located: &[(PathBuf, Info)]| located.iter().map(open).collect::<Result<Vec<_>>>();
-        let (recordings, unseen) = (all(&recordings)?, all(&unseen)?);
+        let names = || self.datasets.iter().chain(&self.unseen);
+        let datasets = RecordingName::open_together(names())?;
+        refuse_different(datasets.iter().map(|d| (d.root(), d.info())))?;
+        let recorded = datasets.iter().zip(names()).map(|(dataset, name)| {
+            let recorded = Recorded::of(dataset, &file, cache.as_ref());
+            recorded.with_context(|| format!("recording {name}"))
+        });
+        let mut recordings = recorded.collect::<Result<Vec<_>>>()?;
+        let unseen = recordings.split_off(self.datasets.len());
         Ok(Opened {
             file,
             recordings,

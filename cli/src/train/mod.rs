@@ -9,7 +9,7 @@ mod report;
 pub use options::Options;
 
 use crate::chart;
-use crate::dataset::RecordingName;
+use crate::dataset::{refuse_left_out, RecordingName};
 use crate::output::println;
 use crate::policy::cache_failed;
 use anyhow::{bail, Context, Result};
@@ -19,7 +19,7 @@ use std::fs::{self, File, TryLockError};
 use std::mem;
 use std::path::Path;
 use std::time::Instant;
-use zk0_lerobot::dataset::{refuse_different, Dataset, Stats};
+use zk0_lerobot::dataset::{refuse_different, Dataset, Episode, Stats};
 use zk0_lerobot::layout::expert_layout;
 use zk0_lerobot::policy_folder::Inference;
 use zk0_node::progress::Progress;
@@ -60,8 +60,10 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
     let events = options.event_file()?;
 
     let inference = source.inference()?;
-    let datasets = options.datasets.iter().map(RecordingName::open);
-    let mut datasets = datasets.collect::<Result<Vec<_>>>()?;
+    let mut datasets = RecordingName::open_together(&options.datasets)?;
+    if options.whole_recordings {
+        datasets.iter().try_for_each(refuse_left_out)?;
+    }
     let PolicyFile {
         mut policy,
         tokenizer,
@@ -235,12 +237,21 @@ impl Chosen {
                 path: dataset.root().display().to_string(),
                 train_frames: train.len(),
                 eval_frames: eval.len(),
-                episodes: split,
+                episodes: recorded(split, episodes),
             });
             chosen.train.extend(train);
             chosen.held_out.extend(eval);
         }
         Ok(chosen)
+    }
+}
+
+/// The split with the numbers that the recording's files give the episodes.
+fn recorded(split: Split, episodes: &[Episode]) -> Split {
+    let numbers = |some: Vec<usize>| some.into_iter().map(|one| episodes[one].recorded).collect();
+    Split {
+        train: numbers(split.train),
+        eval: numbers(split.eval),
     }
 }
 

@@ -21,6 +21,9 @@ pub struct Options {
     /// together. They are normalised with the mean and the standard deviation over all their frames.
     #[arg(long = "dataset", value_name = "RECORDING", required = true)]
     pub datasets: Vec<RecordingName>,
+    /// Refuse a recording with episodes that have fewer pictures than rows. Without this option, these episodes are left out.
+    #[arg(long)]
+    pub whole_recordings: bool,
     /// Start from this policy: a policy file, or a LeRobot policy folder.
     #[arg(long, value_name = "PATH", required_unless_present = "profile")]
     policy: Option<PathBuf>,

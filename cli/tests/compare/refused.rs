@@ -59,11 +59,11 @@ fn recordings_that_cannot_be_compared_are_named() {
         &["--dataset", &sorting[0], "--unseen", &sorting[1]],
         "of so100_sorting_two is the same as episode",
     );
-    let slow = Copy::default();
-    slow.edit_text(INFO, "\"fps\": 30", "\"fps\": 15");
+    let other = Copy::default();
+    other.edit_text(INFO, "\"main_gripper\"", "\"gripper.pos\"");
     refused(
-        &["--unseen", text(slow.root())],
-        "has 15 frames per second, not 30",
+        &["--unseen", text(other.root())],
+        "\"gripper.pos\"], not [\"main_",
     );
     // Two episodes for each of six nodes: one to train on, one to measure on, and none for a search.
     refused(

@@ -22,6 +22,7 @@
 //! The formats are those of LeRobot 0.4 to 0.6 (`codebase_version` v3.0, <https://huggingface.co/docs/lerobot/lerobot-dataset-v3>) and of
 //! LeRobot 0.3 (v2.1).
 
+mod copied_episodes;
 mod episode_digest;
 mod error;
 mod feature_spec;
@@ -38,6 +39,7 @@ mod video;
 mod video_fit;
 mod window;
 
+pub use copied_episodes::CopiedEpisodes;
 pub use error::DatasetError;
 pub use feature_spec::FEATURE_SPEC_TAG;
 pub use joint_unit::JointUnit;

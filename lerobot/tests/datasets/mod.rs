@@ -1,5 +1,6 @@
 //! Recordings: reading them, what is wrong with them, and their videos.
 
+mod copied_episodes;
 mod delta_timestamps;
 mod frames;
 mod h264;

@@ -172,6 +172,12 @@ fn ends_that_other_writers_give_leave_no_episode_out() {
         assert!(copy.open().unwrap().left_out().is_empty());
     }
     let copy = Copy::default();
+    copy.edit_table(EPISODES, |rows| {
+        let ends: Float64Array = (0..rows.num_rows()).map(|_| None).collect();
+        vec![with_column(rows, TOP_TO, Arc::new(ends))]
+    });
+    assert!(copy.open().unwrap().left_out().is_empty());
+    let copy = Copy::default();
     copy.edit_table(EPISODES, without_ends);
     assert!(copy.open().unwrap().left_out().is_empty());
     // Recordings that are made for tests show the same pictures again and again.
@@ -262,6 +268,16 @@ fn rows_are_found_whatever_their_files_are_called() {
     for frame in 0..whole.len() {
         assert_eq!(dataset.state(frame), whole.state(frame));
     }
+    // LeRobot 0.6.1 has names for the files where the metadata has none.
+    copy.edit(INFO, |bytes| {
+        let mut info: serde_json::Value = serde_json::from_slice(&bytes).unwrap();
+        for name in ["data_path", "video_path"] {
+            info.as_object_mut().unwrap().remove(name).unwrap();
+        }
+        serde_json::to_vec(&info).unwrap()
+    });
+    let unnamed = copy.open().unwrap();
+    assert!(unnamed.frame(240, 1).unwrap() == whole.frame(240, 1).unwrap());
     // What is not there at all is named.
     fs::remove_file(file("file-007")).unwrap();
     let missing = copy.error();

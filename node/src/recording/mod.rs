@@ -20,7 +20,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::slice;
 use zk0_circuits::Digest;
-use zk0_lerobot::dataset::Dataset;
+use zk0_lerobot::dataset::{CopiedEpisodes, Dataset};
 use zk0_protocol::entries::signed::Episode;
 use zk0_smolvla::frames::image_transforms::Variants;
 use zk0_smolvla::frames::prefix_cache::{
@@ -64,6 +64,9 @@ impl<'c> Recording<'c> {
         cache: Option<&'c DiskCache>,
     ) -> Result<Self, ParticipantError> {
         let dataset = Dataset::open(path)?;
+        for copied in CopiedEpisodes::among([&dataset]) {
+            tracing::warn!("{copied}");
+        }
         let file = policy_file::load(policy)?;
         let frames = named_frames(&dataset, &file, cache)?;
         let episodes = placed(&dataset)?;

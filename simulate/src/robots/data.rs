@@ -3,7 +3,6 @@
 use crate::robots::error::SimulationError;
 use sha2::{Digest as _, Sha256};
 use std::ops::Range;
-use std::path::Path;
 use zk0_lerobot::dataset::Dataset;
 use zk0_node::recording::prepare_samples;
 use zk0_protocol::counted::counted;
@@ -58,17 +57,17 @@ pub struct Recorded {
 }
 
 impl Recorded {
-    /// Opens the recording in `path`, and makes samples of its frames with the policy of `file`, as a node does.
+    /// Makes samples of the recording's frames with the policy of `file`, as a node does.
     ///
     /// # Errors
-    /// The recording cannot be read.
-    pub fn open(
-        path: &Path,
+    /// A frame cannot be read.
+    pub fn of(
+        dataset: &Dataset,
         file: &PolicyFile,
         cache: Option<&DiskCache>,
     ) -> Result<Self, SimulationError> {
-        let dataset = Dataset::open(path).map_err(zk0_node::error::ParticipantError::from)?;
-        let name = path.file_name().unwrap_or(path.as_os_str());
+        let root = dataset.root();
+        let name = root.file_name().unwrap_or(root.as_os_str());
         let episode_digests: Vec<_> = dataset.episode_digests().collect();
         let episodes = dataset.episodes().iter();
         Ok(Self {
@@ -76,7 +75,7 @@ impl Recorded {
             episode_digests,
             name: name.to_string_lossy().into_owned(),
             episodes: episodes.map(|episode| episode.frames.clone()).collect(),
-            samples: prepare_samples(&dataset, file, cache)?,
+            samples: prepare_samples(dataset, file, cache)?,
         })
     }
 }

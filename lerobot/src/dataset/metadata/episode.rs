@@ -19,6 +19,13 @@ pub struct Episode {
     pub(crate) data_file: PathBuf,
 }
 
+impl Episode {
+    /// Its stretch of a camera's video; `None` where the camera has none.
+    pub(crate) fn video(&self, camera: usize) -> Option<&VideoSpan> {
+        self.videos.get(camera)?.as_ref()
+    }
+}
+
 /// Where an episode lies in a camera's video file; in v3.0 several episodes share one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VideoSpan {

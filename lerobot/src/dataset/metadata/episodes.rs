@@ -215,7 +215,8 @@ impl EpisodeColumns {
             if !sound(&from_timestamp) {
                 return Err(broken(format!("{from} is {from_timestamp}")));
             }
-            let to = span.to.as_ref().map(|to| batch.doubles(to)).transpose()?;
+            // LeRobot does not read the end, so one that cannot be read is not there.
+            let to = span.to.as_ref().and_then(|to| batch.doubles(to).ok());
             let place = Place::Shared {
                 chunk: number(chunk)?,
                 file: number(file)?,
@@ -223,7 +224,6 @@ impl EpisodeColumns {
             videos.push(Some(VideoSpan {
                 path: info.video_file(root, camera, place)?,
                 from_timestamp,
-                // LeRobot does not read it, so what no end can be is not one.
                 to_timestamp: to.map(|to| to[row]).filter(sound),
             }));
         }

@@ -16,6 +16,9 @@ pub(crate) const MAX_FRAMES: usize = 10_000_000;
 const MAX_SIDE: usize = 8192;
 const MAX_DIM: usize = 4096;
 
+const DATA_PATH: &str = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet";
+const VIDEO_PATH: &str = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4";
+
 pub(crate) const STATE: &str = "observation.state";
 pub(crate) const ACTION: &str = "action";
 
@@ -121,7 +124,7 @@ struct RawInfo {
     #[serde(deserialize_with = "json::whole_number")]
     total_tasks: usize,
     chunks_size: Option<u64>,
-    data_path: String,
+    data_path: Option<String>,
     video_path: Option<String>,
     features: OrderedFeatures,
 }
@@ -239,8 +242,12 @@ impl Info {
                 _ => {}
             }
         }
+        // LeRobot uses these paths where the file of v3.0 does not name one.
+        let path_of_v30 = |path: &str| (format == Format::V30).then(|| path.to_owned());
+        let data_path = raw.data_path.or_else(|| path_of_v30(DATA_PATH));
+        let video_path = raw.video_path.or_else(|| path_of_v30(VIDEO_PATH));
         let mut storages = cameras.iter().map(|camera| camera.storage);
-        if raw.video_path.is_none() && storages.any(|s| s == CameraStorage::Video) {
+        if video_path.is_none() && storages.any(|s| s == CameraStorage::Video) {
             return Err("has videos but no video_path".into());
         }
         Ok(Self {
@@ -255,8 +262,8 @@ impl Info {
             cameras,
             depth_maps,
             chunks_size,
-            data_path: raw.data_path,
-            video_path: raw.video_path.unwrap_or_default(),
+            data_path: data_path.ok_or("has no data_path")?,
+            video_path: video_path.unwrap_or_default(),
         })
     }
 

@@ -28,13 +28,12 @@ pub(crate) fn repair(
             (Some(spans), _) => {
                 let mut moved = 0;
                 for (episode, span) in episodes.iter_mut().zip(spans) {
-                    let is = &mut episode.videos[number];
-                    let same = is.as_ref().is_some_and(|is| {
+                    let is_there = |is: &VideoSpan| {
                         let off = (is.from_timestamp - span.from_timestamp) * f64::from(info.fps);
                         is.path == span.path && off.abs() <= 0.5
-                    });
-                    if !same {
-                        *is = Some(span);
+                    };
+                    if !episode.video(number).is_some_and(is_there) {
+                        episode.videos[number] = Some(span);
                         moved += 1;
                     }
                 }
@@ -83,7 +82,7 @@ fn fault(info: &Info, episodes: &[Episode], camera: usize) -> Option<Fault> {
     let half = 0.5 / f64::from(info.fps);
     let mut by_file: BTreeMap<&Path, Vec<(f64, f64, usize)>> = BTreeMap::new();
     for (number, episode) in episodes.iter().enumerate() {
-        let span = episode.videos[camera].as_ref()?;
+        let span = episode.video(camera)?;
         let stretch = (span.from_timestamp, span.to_timestamp?, number);
         by_file.entry(&span.path).or_default().push(stretch);
     }
@@ -136,7 +135,7 @@ fn filled(
     let mut used = 0;
     let mut spans = Vec::with_capacity(episodes.len());
     for episode in episodes {
-        let span = episode.videos[number].as_ref()?;
+        let span = episode.video(number)?;
         let pictures = pictures(span.from_timestamp, span.to_timestamp?, info.fps);
         if used == there {
             ((place, path, there), used) = (following(place)?, 0);

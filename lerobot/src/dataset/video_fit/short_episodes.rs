@@ -31,14 +31,12 @@ impl fmt::Display for LeftOut {
         write!(
             f,
             "{}: episode {} is left out: camera {} has {} pictures for its {} rows, and nothing tells which are missing, so that every \
-             row from frame 0 on may have the picture of another moment. LeRobot trains on it without a word. To remove it for good: \
-             lerobot-edit-dataset --operation.type delete_episodes --operation.episode_indices \"[{}]\"",
+             row from frame 0 on may have the picture of another moment. LeRobot trains on it without a word. Record it again",
             self.path.display(),
             self.episode,
             self.camera,
             self.pictures,
-            self.rows,
-            self.episode
+            self.rows
         )
     }
 }
@@ -48,11 +46,8 @@ pub(crate) fn find(info: &Info, episodes: &[Episode], repairs: &mut Vec<Repair>)
     let mut short = Vec::new();
     for (number, camera) in info.cameras.iter().enumerate() {
         let (mut surplus, mut first) = (0, None);
-        for (episode, pictures) in pictures(info, episodes, number) {
+        for (episode, span, pictures) in pictures(info, episodes, number) {
             let rows = episode.frames.len();
-            let Some(span) = &episode.videos[number] else {
-                continue;
-            };
             if pictures < rows {
                 short.push(LeftOut {
                     episode: episode.recorded,
@@ -84,28 +79,28 @@ fn pictures<'a>(
     info: &Info,
     episodes: &'a [Episode],
     camera: usize,
-) -> impl Iterator<Item = (&'a Episode, usize)> {
-    let mut by_file: BTreeMap<&Path, Vec<(usize, &VideoSpan)>> = BTreeMap::new();
-    for (number, episode) in episodes.iter().enumerate() {
-        if let Some(span) = &episode.videos[camera] {
-            by_file.entry(&span.path).or_default().push((number, span));
+) -> Vec<(&'a Episode, &'a VideoSpan, usize)> {
+    let mut by_file: BTreeMap<&Path, Vec<(&Episode, &VideoSpan)>> = BTreeMap::new();
+    for episode in episodes {
+        if let Some(span) = episode.video(camera) {
+            by_file.entry(&span.path).or_default().push((episode, span));
         }
     }
     let half = 0.5 / f64::from(info.fps);
-    let mut counts = vec![0; episodes.len()];
+    let mut counts = Vec::with_capacity(episodes.len());
     for (path, mut spans) in by_file {
-        spans.sort_by(|(_, a), (_, b)| a.from_timestamp.total_cmp(&b.from_timestamp));
+        spans.sort_by(|a, b| a.1.from_timestamp.total_cmp(&b.1.from_timestamp));
         let times = PictureTimes::read(path);
         let (mut begin, mut next) = (f64::INFINITY, f64::INFINITY);
-        for &(number, span) in spans.iter().rev() {
+        for (episode, span) in spans.into_iter().rev() {
             let (from, to) = (span.from_timestamp, span.to_timestamp);
-            let rows = episodes[number].frames.len();
+            let rows = episode.frames.len();
             // Without ends, episodes that begin at the same picture share it.
             if from < begin - half {
                 next = begin;
             }
             begin = from;
-            counts[number] = match (&times, to) {
+            let pictures = match (&times, to) {
                 (Some(times), to) => match times.between(from, next, info.fps) {
                     // They are all of this episode, also where somebody wrote the time of the last picture as the end.
                     pictures if pictures == rows => rows,
@@ -119,9 +114,11 @@ fn pictures<'a>(
                 (None, Some(to)) => ((to - from) * f64::from(info.fps)).round() as usize,
                 (None, None) => rows,
             };
+            counts.push((episode, span, pictures));
         }
     }
-    episodes.iter().zip(counts)
+    counts.sort_by_key(|(episode, ..)| episode.index);
+    counts
 }
 
 /// Removes episodes and their rows. The others are numbered anew, so that they tile the frames as before.

@@ -1,0 +1,72 @@
+//! Episodes that are there twice, in one recording or in several: merges of copies do that. They are found by content.
+
+use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, HashMap};
+use std::fmt;
+use std::path::PathBuf;
+
+use crate::dataset::Dataset;
+
+/// Episodes of a recording that an earlier recording, or the same one, has already.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CopiedEpisodes {
+    /// The recording with the copies.
+    pub recording: PathBuf,
+    /// The recording that has them already.
+    pub of: PathBuf,
+    /// Whether these are one recording, and not two.
+    pub within_one: bool,
+    /// Number of copies.
+    pub episodes: usize,
+    /// The first copy, and the episode that it is a copy of, as the files number them.
+    pub first: (usize, usize),
+}
+
+impl CopiedEpisodes {
+    /// Those of these recordings, which are used together. An episode is a copy when frames per second, states and actions are the same
+    /// to the last bit ([`Dataset::episode_digests`]). Its pictures may be encoded anew.
+    pub fn among<'a>(recordings: impl IntoIterator<Item = &'a Dataset>) -> Vec<Self> {
+        let mut known = HashMap::new();
+        let mut copied: BTreeMap<(usize, usize), Self> = BTreeMap::new();
+        for (number, recording) in recordings.into_iter().enumerate() {
+            for (digest, episode) in recording.episode_digests().zip(recording.episodes()) {
+                let this = (number, recording, episode.recorded);
+                let (of, original, first) = *known.entry(digest).or_insert(this);
+                if (of, first) == (number, episode.recorded) {
+                    continue;
+                }
+                match copied.entry((number, of)) {
+                    Entry::Occupied(mut found) => found.get_mut().episodes += 1,
+                    Entry::Vacant(place) => {
+                        place.insert(Self {
+                            recording: recording.root().into(),
+                            of: original.root().into(),
+                            within_one: of == number,
+                            episodes: 1,
+                            first: (episode.recorded, first),
+                        });
+                    }
+                }
+            }
+        }
+        copied.into_values().collect()
+    }
+}
+
+impl fmt::Display for CopiedEpisodes {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let (copy, original) = self.first;
+        let of = match self.within_one {
+            true => String::new(),
+            false => format!(" of {}", self.of.display()),
+        };
+        write!(
+            f,
+            "{}: {} of its episodes are copies: episode {copy} has the states and actions of episode {original}{of}. Training counts them \
+             twice, and a copy of a held-out episode may be trained on; remove them with lerobot-edit-dataset --operation.type \
+             delete_episodes",
+            self.recording.display(),
+            self.episodes
+        )
+    }
+}
