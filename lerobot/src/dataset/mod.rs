@@ -17,6 +17,8 @@
 //! SmolVLA's `delta_timestamps` (observations of this frame, and a chunk of actions from this frame on).
 //! [`Loader::new`] takes any other [`Window`]. `feature_spec` makes a digest of what kind of recording it is.
 //!
+//! [`recover()`] saves a recording that ended too early.
+//!
 //! The formats are those of LeRobot 0.4 to 0.6 (`codebase_version` v3.0, <https://huggingface.co/docs/lerobot/lerobot-dataset-v3>) and of
 //! LeRobot 0.3 (v2.1).
 
@@ -26,6 +28,7 @@ mod feature_spec;
 mod loader;
 mod metadata;
 mod recording;
+mod recover;
 mod repair;
 mod tables;
 mod validate;
@@ -39,6 +42,7 @@ pub use metadata::episode::{Episode, VideoSpan};
 pub use metadata::info::{Camera, Format, Info, VectorFeature};
 pub use metadata::normalizer::{Normalizer, Stats};
 pub use recording::Dataset;
+pub use recover::{recover, Lost, Recovered, Saved};
 pub use repair::Repair;
 pub use validate::PictureFault;
 pub use video::color::{rgb_from_yuv420, Yuv420};

@@ -7,6 +7,7 @@ use crate::dataset::metadata::episode::Episode;
 use crate::dataset::metadata::info::{Camera, Info};
 use crate::dataset::metadata::normalizer::Stats;
 use crate::dataset::metadata::{episodes, stats, tasks};
+use crate::dataset::recover;
 use crate::dataset::repair::Repair;
 use crate::dataset::tables::motion::Motion;
 
@@ -40,7 +41,8 @@ impl Dataset {
         let info = Info::read(&root)?;
         let stats = stats::read(&root, &info)?;
         let tasks = tasks::read_tasks(&root, &info)?;
-        let episodes = episodes::read_episodes(&root, &info, &mut repairs)?;
+        let episodes = episodes::read_episodes(&root, &info, &mut repairs)
+            .map_err(|error| recover::explained(&root, &info, error))?;
         let motion = Motion::read(&root, &info, &episodes, tasks.len(), &mut repairs)?;
         for repair in &repairs {
             tracing::warn!("{repair}");

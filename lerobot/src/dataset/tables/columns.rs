@@ -76,7 +76,7 @@ pub(crate) fn present<'a>(path: &Path, names: &[&'a str]) -> Result<Vec<&'a str>
 }
 
 /// Runs a step of the parquet crate, which panics on some damaged files instead of giving an error.
-fn guarded<T, E: std::fmt::Display>(
+pub(super) fn guarded<T, E: std::fmt::Display>(
     path: &Path,
     step: impl FnOnce() -> Result<T, E>,
 ) -> Result<T, DatasetError> {

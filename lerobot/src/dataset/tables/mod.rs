@@ -3,3 +3,6 @@
 pub(crate) mod columns;
 pub(crate) mod motion;
 mod parquet_pages;
+mod thrift;
+pub(crate) mod unfinished;
+pub(crate) mod whole_rows;
