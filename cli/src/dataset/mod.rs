@@ -1,10 +1,12 @@
-//! `zk0 dataset`: look at recordings, and check them, before training on them.
+//! `zk0 dataset`: look at recordings, check them, and save those that ended too early, before training on them.
 
 mod inspect;
 mod recording_name;
+mod recover;
 mod validate;
 
 use anyhow::Result;
+use std::path::PathBuf;
 
 pub use recording_name::{refuse_left_out, RecordingName};
 
@@ -29,6 +31,15 @@ pub enum Command {
         #[arg(required = true)]
         recordings: Vec<RecordingName>,
     },
+    /// Save the whole episodes of a recording whose process was ended: write a new folder that LeRobot loads, and list what was saved and
+    /// what was lost. The recording itself is left as it is.
+    Recover {
+        /// The recording: a LeRobotDataset folder (v3.0).
+        folder: PathBuf,
+        /// The new folder. It must not be there yet.
+        #[arg(long, value_name = "NEW")]
+        out: PathBuf,
+    },
 }
 
 /// Runs the command. Returns `false` if a recording has a fault.
@@ -40,5 +51,6 @@ pub fn run(command: &Command) -> Result<bool> {
             json,
         } => inspect::run(recording, *chunk, *json).map(|()| true),
         Command::Validate { recordings } => validate::run(recordings),
+        Command::Recover { folder, out } => recover::run(folder, out).map(|()| true),
     }
 }

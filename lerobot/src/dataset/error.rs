@@ -13,9 +13,25 @@ pub enum DatasetError {
     /// A file that the metadata promises is not there.
     #[error("{}: missing; the recording is incomplete, copy it again", path.display())]
     MissingFile { path: PathBuf },
+    /// The process that recorded was ended before it wrote `meta/episodes`.
+    #[error(
+        "{}: the recording ended too early ({sign}); save its whole episodes with: zk0 dataset recover {} --out NEW_FOLDER",
+        path.display(), path.display()
+    )]
+    Unfinished {
+        path: PathBuf,
+        /// How the files show it.
+        sign: String,
+    },
     /// The operating system could not read a file.
     #[error("{}: cannot be read: {source}", path.display())]
     Io {
+        path: PathBuf,
+        source: std::io::Error,
+    },
+    /// A file or folder could not be written.
+    #[error("{}: cannot be written: {source}", path.display())]
+    Write {
         path: PathBuf,
         source: std::io::Error,
     },
@@ -130,6 +146,13 @@ impl DatasetError {
             Self::MissingFile { path }
         } else {
             Self::Io { path, source }
+        }
+    }
+
+    pub(crate) fn write(path: impl Into<PathBuf>, source: std::io::Error) -> Self {
+        Self::Write {
+            path: path.into(),
+            source,
         }
     }
 

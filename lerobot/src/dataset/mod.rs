@@ -19,6 +19,8 @@
 //! SmolVLA's `delta_timestamps` (observations of this frame, and a chunk of actions from this frame on).
 //! [`Loader::new`] takes any other [`Window`]. `feature_spec` makes a digest of what kind of recording it is.
 //!
+//! [`recover()`] saves a recording that ended too early.
+//!
 //! The formats are those of LeRobot 0.4 to 0.6 (`codebase_version` v3.0, <https://huggingface.co/docs/lerobot/lerobot-dataset-v3>) and of
 //! LeRobot 0.3 (v2.1).
 
@@ -31,6 +33,7 @@ mod loader;
 mod metadata;
 mod picture;
 mod recording;
+mod recover;
 mod repair;
 mod tables;
 mod together;
@@ -48,6 +51,7 @@ pub use metadata::episode::{Episode, VideoSpan};
 pub use metadata::info::{Camera, CameraStorage, Format, Info, VectorFeature};
 pub use metadata::normalizer::{Normalizer, Stats};
 pub use recording::Dataset;
+pub use recover::{recover, Lost, Recovered, Saved};
 pub use repair::Repair;
 pub use together::refuse_different;
 pub use validate::PictureFault;

@@ -182,12 +182,16 @@ impl Info {
             return Err(DatasetError::NoFolder { path: root.into() });
         }
         let path = root.join("meta/info.json");
-        let text = read_text(&path)?;
-        let broken = |cause: String| DatasetError::meta(&path, cause);
+        Self::parse(&path, &read_text(&path)?)
+    }
+
+    /// Checks `text`, which is that of the file `path`.
+    pub(crate) fn parse(path: &Path, text: &str) -> Result<Self, DatasetError> {
+        let broken = |cause: String| DatasetError::meta(path, cause);
 
         // The version is read first, because a file of another version may lack the fields that are read next.
         let any: Value =
-            json::parse(&text).map_err(|e| broken(format!("is not the JSON it should be: {e}")))?;
+            json::parse(text).map_err(|e| broken(format!("is not the JSON it should be: {e}")))?;
         let Some(version) = any.get("codebase_version").and_then(Value::as_str) else {
             return Err(broken(
                 "has no codebase_version; is this a LeRobotDataset?".into(),
@@ -195,11 +199,11 @@ impl Info {
         };
         let Some(format) = Format::ALL.into_iter().find(|f| f.name() == version) else {
             return Err(DatasetError::Version {
-                path,
+                path: path.into(),
                 found: version.chars().take(40).collect(),
             });
         };
-        let raw: RawInfo = json::parse(&text).map_err(|e| broken(e.to_string()))?;
+        let raw: RawInfo = json::parse(text).map_err(|e| broken(e.to_string()))?;
         Self::check(format, raw).map_err(broken)
     }
 

@@ -5,7 +5,7 @@ mod episode_stats;
 pub(crate) mod episodes;
 mod episodes_v2;
 pub(crate) mod info;
-mod json;
+pub(crate) mod json;
 pub(crate) mod normalizer;
 pub(crate) mod paths;
 pub(crate) mod stats;

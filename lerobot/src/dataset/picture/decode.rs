@@ -11,6 +11,17 @@ const PIXELS_PER_BYTE: usize = 1100;
 /// # Errors
 /// What is wrong with it, in words: another size or kind of picture, or damage.
 pub(crate) fn decode(encoded: &[u8], height: usize, width: usize) -> Result<Vec<u8>, String> {
+    let pixels = interleaved(encoded, height, width)?;
+    Ok((0..3)
+        .flat_map(|channel| pixels.iter().skip(channel).step_by(3).copied())
+        .collect())
+}
+
+/// The same as `[height, width, 3]`.
+///
+/// # Errors
+/// As [`decode`].
+pub(crate) fn interleaved(encoded: &[u8], height: usize, width: usize) -> Result<Vec<u8>, String> {
     let decoder = match encoded {
         [0x89, b'P', b'N', b'G', ..] => png::rgb,
         [0xff, 0xd8, 0xff, ..] => jpeg::rgb,
@@ -32,8 +43,5 @@ pub(crate) fn decode(encoded: &[u8], height: usize, width: usize) -> Result<Vec<
             "the picture is to be turned or mirrored (EXIF orientation {turn}), which is not supported; save it upright"
         ));
     }
-    let pixels = decoder(encoded, height, width)?;
-    Ok((0..3)
-        .flat_map(|channel| pixels.iter().skip(channel).step_by(3).copied())
-        .collect())
+    decoder(encoded, height, width)
 }

@@ -10,3 +10,5 @@ pub(crate) mod parquet_files;
 mod parquet_pages;
 pub(crate) mod pictures;
 mod thrift;
+pub(crate) mod unfinished;
+pub(crate) mod whole_rows;

@@ -4,11 +4,11 @@ use std::fs;
 use std::io::Cursor;
 
 use openh264::encoder::Profile;
-use zk0_lerobot::dataset::{Mp4Track, VideoReader};
+use zk0_lerobot::dataset::{recover, Mp4Track, VideoReader};
 use zk0_lerobot::tokenizer::{Tokenizer, TrainedTokenizer};
 use zk0_testkit::fuzzing::{Target, Targets};
 use zk0_testkit::recordings::mp4_writer::encode;
-use zk0_testkit::recordings::{recording, Copy};
+use zk0_testkit::recordings::{recording, Copy, DATA};
 
 use super::hub_target::hub_listing;
 use super::policy_targets;
@@ -20,7 +20,7 @@ pub const TARGETS: Targets = Targets {
     slack: 24 << 20,
 };
 
-const NAMES: [&str; 18] = [
+const NAMES: [&str; 19] = [
     "mp4",
     "h264",
     "av1",
@@ -33,6 +33,7 @@ const NAMES: [&str; 18] = [
     "tasks_parquet",
     "episodes_parquet",
     "data_parquet",
+    "data_without_footer",
     "tokenizer",
     "tensor_file",
     "policy_json",
@@ -66,6 +67,7 @@ fn target(name: &str) -> Target {
         "tasks_parquet" => in_folder(new, "meta/tasks.parquet"),
         "episodes_parquet" => in_folder(new, "meta/episodes/chunk-000/file-000.parquet"),
         "data_parquet" => in_folder(old, "data/chunk-000/episode_000000.parquet"),
+        "data_without_footer" => recovered(),
         "tokenizer" => tokenizer(),
         "tensor_file" => policy_targets::tensor_file(),
         "policy_json" => policy_targets::policy_json(),
@@ -120,6 +122,23 @@ fn in_folder(name: &str, file: &'static str) -> Target {
             copy.open()
                 .map(drop)
                 .map_err(|e| e.to_string().replace(root, ""))
+        }),
+    }
+}
+
+/// Recovers a recording that was ended by `kill -9`, in which only the data file is damaged.
+fn recovered() -> Target {
+    let copy = Copy::of("../unfinished_recordings/killed_between_episodes");
+    let out = tempfile::tempdir().unwrap();
+    Target {
+        seeds: vec![fs::read(copy.path(DATA)).unwrap()],
+        run: Box::new(move |bytes| {
+            fs::write(copy.path(DATA), bytes).unwrap();
+            let saved = out.path().join("saved");
+            let result = recover(copy.root(), &saved).map(drop);
+            let _ = fs::remove_dir_all(&saved);
+            let [root, out] = [copy.root(), out.path()].map(|path| path.to_str().unwrap());
+            result.map_err(|e| e.to_string().replace(root, "").replace(out, ""))
         }),
     }
 }

@@ -1,0 +1,147 @@
+//! Which stretch of a camera's videos belongs to which episode.
+//!
+//! LeRobot appends the video of one whole episode after another, and begins a new file where one would become too large. So episodes
+//! in order fill the files in order, and their numbers of frames say where each begins.
+
+/// The frames of a video in order of presentation: the second at which each is shown, and whether decoding can start there.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(crate) struct VideoFrames {
+    pub times: Vec<f64>,
+    pub keys: Vec<bool>,
+}
+
+/// A stretch of a video.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Stretch {
+    /// Which of the camera's videos.
+    pub video: usize,
+    /// Seconds at which it begins and ends.
+    pub from: f64,
+    pub to: f64,
+}
+
+/// Where the pictures of the episodes are.
+#[derive(Debug, Default, PartialEq)]
+pub(crate) struct Placing {
+    /// For the first episodes, in order. The others have no pictures in these videos.
+    pub stretches: Vec<Stretch>,
+    /// Pictures at the end of the last video that belong to none of the episodes.
+    pub surplus: usize,
+    /// Why none of the other episodes can be placed, where the videos do not fit the rows.
+    pub fault: Option<Misfit>,
+}
+
+/// A video whose pictures do not fit the rows of its episodes.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Misfit {
+    /// Which of the camera's videos.
+    pub video: usize,
+    /// How many pictures it has.
+    pub pictures: usize,
+}
+
+impl VideoFrames {
+    /// Frames `first..first + count` as a stretch of the video number `video`.
+    pub fn stretch(&self, video: usize, first: usize, count: usize, fps: u32) -> Stretch {
+        let second = 1.0 / f64::from(fps);
+        let from = self.times.get(first).copied().unwrap_or(0.0);
+        let last = self.times.get(first + count - 1).copied();
+        let next = self.times.get(first + count).copied();
+        let to = next.or(last.map(|last| last + second)).unwrap_or(from);
+        Stretch { video, from, to }
+    }
+
+    /// Whether frames `first..first + count` are `1 / fps` apart and begin with a key frame, as those of one episode are.
+    fn are_an_episode(&self, first: usize, count: usize, fps: u32) -> bool {
+        let times = &self.times[first..first + count];
+        self.keys[first]
+            && times.iter().enumerate().all(|(i, time)| {
+                let due = times[0] + i as f64 / f64::from(fps);
+                (time - due).abs() < 0.5 / f64::from(fps)
+            })
+    }
+}
+
+/// Places episodes of `lengths` frames in the videos of one camera.
+pub(crate) fn place(lengths: &[usize], videos: &[VideoFrames], fps: u32) -> Placing {
+    let mut placing = Placing::default();
+    let mut lengths = lengths.iter().copied().peekable();
+    for (video, frames) in videos.iter().enumerate() {
+        let (start, pictures) = (placing.stretches.len(), frames.times.len());
+        let (mut at, mut fits) = (0, true);
+        while let Some(length) = lengths.next_if(|&length| length <= pictures - at) {
+            fits &= frames.are_an_episode(at, length, fps);
+            let stretch = frames.stretch(video, at, length, fps);
+            placing.stretches.push(stretch);
+            at += length;
+        }
+        let is_last = lengths.peek().is_none();
+        // A video holds whole episodes. Where it does not, pictures are missing, and nothing says in which of its episodes.
+        if !fits || (at < pictures && !is_last) {
+            placing.stretches.truncate(start);
+            placing.fault = Some(Misfit { video, pictures });
+            return placing;
+        }
+        placing.surplus += pictures - at;
+    }
+    placing
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn video(frames: usize) -> VideoFrames {
+        VideoFrames {
+            times: (0..frames).map(|i| i as f64 / 10.0).collect(),
+            keys: (0..frames).map(|i| i % 2 == 0).collect(),
+        }
+    }
+
+    fn placed(lengths: &[usize], videos: &[usize]) -> Placing {
+        let videos: Vec<_> = videos.iter().map(|&frames| video(frames)).collect();
+        place(lengths, &videos, 10)
+    }
+
+    #[test]
+    fn episodes_fill_the_videos_in_order() {
+        let placing = placed(&[4, 2, 6, 5], &[6, 6]);
+        let found: Vec<_> = placing
+            .stretches
+            .iter()
+            .map(|s| (s.video, (s.from * 10.0).round(), (s.to * 10.0).round()))
+            .collect();
+        // The pictures of the last episode were not encoded.
+        assert_eq!(found, [(0, 0.0, 4.0), (0, 4.0, 6.0), (1, 0.0, 6.0)]);
+        assert_eq!((placing.surplus, placing.fault), (0, None));
+        assert_eq!(placed(&[4], &[7]).surplus, 3);
+    }
+
+    #[test]
+    fn a_video_with_too_few_pictures_places_none_of_its_episodes() {
+        let placing = placed(&[4, 2, 6, 2], &[6, 5, 2]);
+        assert_eq!(placing.stretches.len(), 2);
+        let fault = Misfit {
+            video: 1,
+            pictures: 5,
+        };
+        assert_eq!(placing.fault, Some(fault));
+        // The numbers fit, but the second episode would begin with a picture that needs the one before.
+        let fault = Misfit {
+            video: 0,
+            pictures: 5,
+        };
+        assert_eq!(placed(&[3, 2], &[5]).fault, Some(fault));
+    }
+
+    #[test]
+    fn pictures_that_are_not_one_frame_apart_are_no_episode() {
+        let mut gap = video(4);
+        gap.times[3] += 0.1;
+        let fault = Misfit {
+            video: 0,
+            pictures: 4,
+        };
+        assert_eq!(place(&[4], &[gap], 10).fault, Some(fault));
+    }
+}

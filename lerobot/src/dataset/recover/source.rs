@@ -1,0 +1,229 @@
+//! The files of a recording that ended too early, without its pictures.
+
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use arrow_array::cast::AsArray;
+use arrow_array::types::{Float32Type, Int64Type};
+use arrow_array::RecordBatch;
+use arrow_schema::{DataType, Field, Schema, SchemaRef};
+use parquet::file::reader::{FileReader, SerializedFileReader};
+use serde_json::{Map, Value};
+
+use crate::dataset::metadata::info::{Format, Info};
+use crate::dataset::metadata::json::read_text;
+use crate::dataset::metadata::tasks;
+use crate::dataset::recover::folder::{DATA_PATH, VIDEO_PATH};
+use crate::dataset::recover::json_in_order::JsonInOrder;
+use crate::dataset::recover::leftovers::numbered_files;
+use crate::dataset::recover::rows::RowPlace;
+use crate::dataset::recover::statistics::numbers;
+use crate::dataset::tables::whole_rows;
+use crate::dataset::DatasetError;
+
+/// What was read.
+pub(crate) struct Source {
+    /// `meta/info.json` as it is.
+    pub json: JsonInOrder,
+    /// The same, checked. Its totals are not those of the files: LeRobot writes them after an episode is saved.
+    pub info: Info,
+    pub tasks: Vec<String>,
+    /// The columns of the rows.
+    pub schema: SchemaRef,
+    /// All rows that can be read, in the order of the files.
+    pub batches: Vec<RecordBatch>,
+    pub places: Vec<RowPlace>,
+    /// `meta/stats.json`; nothing where it cannot be read.
+    pub stats: Map<String, Value>,
+    /// What could not be read and is not needed.
+    pub notes: Vec<String>,
+}
+
+impl Source {
+    pub fn read(root: &Path) -> Result<Self, DatasetError> {
+        let (json, mut info) = read_info(root)?;
+        let tasks_path = root.join("meta/tasks.parquet");
+        info.total_tasks = rows_of(&tasks_path)?;
+        let tasks = tasks::read_tasks(root, &info)?;
+        let schema = schema(root, &json)?;
+        let mut source = Self {
+            json,
+            info,
+            tasks,
+            schema,
+            batches: Vec::new(),
+            places: Vec::new(),
+            stats: Map::new(),
+            notes: Vec::new(),
+        };
+        let mut most = whole_rows::MAX_VALUES;
+        for path in data_files(root)? {
+            let rows = whole_rows::read(&path, &source.schema, most)?;
+            most -= rows.values;
+            for batch in &rows.batches {
+                source.places.extend(places(&path, batch)?);
+            }
+            source.batches.extend(rows.batches);
+            source.notes.extend(rows.lost);
+        }
+        match read_text(&root.join("meta/stats.json"))
+            .map(|text: String| serde_json::from_str(&text))
+        {
+            Ok(Ok(stats)) => source.stats = stats,
+            _ => source.notes.push(
+                "meta/stats.json cannot be read; the new one has no statistics of pictures".into(),
+            ),
+        }
+        Ok(source)
+    }
+}
+
+/// The data files of a recording, in order.
+pub(crate) fn data_files(root: &Path) -> Result<Vec<PathBuf>, DatasetError> {
+    numbered_files(&root.join("data"), "parquet")
+}
+
+fn read_info(root: &Path) -> Result<(JsonInOrder, Info), DatasetError> {
+    let path = root.join("meta/info.json");
+    let broken = |cause: String| DatasetError::meta(&path, cause);
+    let text = read_text(&path)?;
+    let json: JsonInOrder = serde_json::from_str(&text).map_err(|e| {
+        broken(format!(
+            "is not the JSON it should be: {e}; nothing can be recovered without it"
+        ))
+    })?;
+    let mut counted = json.clone();
+    for total in ["total_frames", "total_episodes", "total_tasks"] {
+        counted.set(total, 1.into());
+    }
+    let text = serde_json::to_string(&counted).map_err(|e| broken(e.to_string()))?;
+    let info = Info::parse(&path, &text)?;
+    if info.format < Format::V30 {
+        return Err(broken(format!(
+            "the format is {}; only v3.0 is recovered, because in older ones every episode has files of its own",
+            info.format
+        )));
+    }
+    if let Some(name) = info.depth_maps.first() {
+        return Err(broken(format!(
+            "feature {name:?} is a depth map; these are not recovered"
+        )));
+    }
+    for (key, expected) in [("data_path", DATA_PATH), ("video_path", VIDEO_PATH)] {
+        let found = json.get(key).and_then(JsonInOrder::as_value);
+        if found.is_some_and(|found| found != expected && !found.is_null()) {
+            return Err(broken(format!(
+                "{key} is not {expected:?}, as LeRobot writes it"
+            )));
+        }
+    }
+    Ok((json, info))
+}
+
+/// Number of rows of a parquet file that is whole.
+fn rows_of(path: &Path) -> Result<usize, DatasetError> {
+    let file = File::open(path).map_err(|e| DatasetError::io(path, e))?;
+    let damaged = |cause: String| {
+        DatasetError::parquet(
+            path,
+            format!("damaged parquet file: {cause}; nothing can be recovered without the tasks"),
+        )
+    };
+    let reader = std::panic::catch_unwind(|| SerializedFileReader::new(file))
+        .map_err(|_| damaged("its footer contradicts itself".into()))?
+        .map_err(|e| damaged(e.to_string()))?;
+    let rows = reader.metadata().file_metadata().num_rows();
+    usize::try_from(rows).map_err(|_| damaged(format!("it claims {rows} rows")))
+}
+
+/// The columns of the rows: LeRobot writes those of all features but the videos, in their order.
+fn schema(root: &Path, json: &JsonInOrder) -> Result<SchemaRef, DatasetError> {
+    let features = json.get("features").map_or(&[][..], JsonInOrder::entries);
+    let mut fields = Vec::new();
+    for (name, feature) in features {
+        let dtype = feature
+            .get("dtype")
+            .and_then(JsonInOrder::as_value)
+            .and_then(Value::as_str);
+        let shape: Option<Vec<u64>> = feature
+            .get("shape")
+            .and_then(JsonInOrder::as_value)
+            .and_then(Value::as_array)
+            .and_then(|shape| shape.iter().map(Value::as_u64).collect());
+        if dtype == Some("video") {
+            continue;
+        }
+        let column =
+            dtype
+                .and_then(number)
+                .zip(shape)
+                .and_then(|(number, shape)| match shape[..] {
+                    [1] => Some(number),
+                    [dim] if (2..=1 << 16).contains(&dim) => {
+                        let element = Field::new("element", number, true);
+                        Some(DataType::FixedSizeList(Arc::new(element), dim as i32))
+                    }
+                    _ => None,
+                });
+        let Some(column) = column else {
+            return Err(DatasetError::meta(
+                root.join("meta/info.json"),
+                format!(
+                    "feature {:?} is {:?}; only numbers, truth values and vectors of them are recovered, and videos",
+                    name.chars().take(60).collect::<String>(),
+                    dtype.unwrap_or("nothing").chars().take(60).collect::<String>()
+                ),
+            ));
+        };
+        fields.push(Field::new(name, column, true));
+    }
+    Ok(Arc::new(Schema::new(fields)))
+}
+
+fn number(dtype: &str) -> Option<DataType> {
+    Some(match dtype {
+        "bool" => DataType::Boolean,
+        "float32" => DataType::Float32,
+        "float64" => DataType::Float64,
+        "int8" => DataType::Int8,
+        "int16" => DataType::Int16,
+        "int32" => DataType::Int32,
+        "int64" => DataType::Int64,
+        "uint8" => DataType::UInt8,
+        "uint16" => DataType::UInt16,
+        "uint32" => DataType::UInt32,
+        "uint64" => DataType::UInt64,
+        _ => return None,
+    })
+}
+
+fn places(path: &Path, batch: &RecordBatch) -> Result<Vec<RowPlace>, DatasetError> {
+    let wrong = |name: &str, what: &str| {
+        DatasetError::parquet(path, format!("column {name} is not of type {what}"))
+    };
+    let column = |name: &str| batch.column_by_name(name);
+    let ints = |name: &str| {
+        let ints = column(name).and_then(|c| c.as_primitive_opt::<Int64Type>());
+        ints.map(|c| c.values()).ok_or_else(|| wrong(name, "int64"))
+    };
+    let (episodes, frames) = (ints("episode_index")?, ints("frame_index")?);
+    let (tasks, _) = (ints("task_index")?, ints("index")?);
+    let times = column("timestamp").and_then(|c| c.as_primitive_opt::<Float32Type>());
+    let times = times.ok_or_else(|| wrong("timestamp", "float32"))?.values();
+    let mut finite = vec![true; batch.num_rows()];
+    for (values, dim) in batch.columns().iter().filter_map(|c| numbers(c)) {
+        for (row, finite) in values.chunks(dim).zip(&mut finite) {
+            *finite &= row.iter().all(|value| value.is_finite());
+        }
+    }
+    Ok((0..batch.num_rows())
+        .map(|i| RowPlace {
+            episode: episodes[i],
+            frame: frames[i],
+            task: tasks[i],
+            timestamp: times[i],
+            is_finite: finite[i],
+        })
+        .collect())
+}

@@ -1,0 +1,237 @@
+//! Parquet files whose writer was killed: the row groups are there, the footer that says where they lie is not.
+//!
+//! The headers of the pages say how long each page is and how many values it holds. Walking them from the first byte on finds the
+//! row groups that are whole ([`row_groups`]). A footer made of these lets the parquet crate read them as any other file.
+
+use std::io::{BufReader, Read, Seek, SeekFrom};
+
+use parquet::basic::Compression;
+use parquet::errors::ParquetError;
+use parquet::file::metadata::{
+    ColumnChunkMetaData, FileMetaData, ParquetMetaData, RowGroupMetaData,
+};
+use parquet::schema::types::SchemaDescPtr;
+
+use crate::dataset::tables::thrift::{Thrift, I32, STRUCT};
+
+/// What a parquet file begins and ends with.
+pub(crate) const MAGIC: [u8; 4] = *b"PAR1";
+/// Most row groups of a file. LeRobot writes one for each episode.
+const MAX_GROUPS: usize = 1_000_000;
+/// Longest header of a page that is looked for, in bytes. Statistics of strings make a header long.
+const MAX_HEADER: u64 = 64 << 10;
+
+/// A row group that is whole.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct RowGroup {
+    pub rows: u64,
+    /// One for each leaf column, in the schema's order.
+    pub chunks: Vec<Chunk>,
+}
+
+/// Where the values of one column of a row group lie.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(crate) struct Chunk {
+    /// The dictionary's page; LeRobot's writer leaves it out for truth values alone.
+    pub dictionary: Option<u64>,
+    /// The first page of data.
+    pub data: u64,
+    /// Bytes of all pages with their headers.
+    pub len: u64,
+    /// The same before compression.
+    pub uncompressed: u64,
+    pub values: u64,
+}
+
+/// The row groups at the beginning of a file that are whole. `per_row` says how many values a row has in each leaf column.
+///
+/// # Errors
+/// The file cannot be read.
+pub(crate) fn row_groups(
+    file: impl Read + Seek,
+    per_row: &[u64],
+) -> std::io::Result<Vec<RowGroup>> {
+    let mut pages = Pages::new(file)?;
+    let mut groups = Vec::new();
+    while groups.len() < MAX_GROUPS {
+        let Some(group) = pages.row_group(per_row)? else {
+            break;
+        };
+        groups.push(group);
+    }
+    Ok(groups)
+}
+
+/// A footer for the row groups.
+pub(crate) fn footer(
+    schema: &SchemaDescPtr,
+    groups: &[RowGroup],
+) -> Result<ParquetMetaData, ParquetError> {
+    let total: u64 = groups.iter().map(|group| group.rows).sum();
+    let file = FileMetaData::new(2, total as i64, None, None, schema.clone(), None);
+    let groups = groups.iter().map(|group| {
+        let chunks = group.chunks.iter().enumerate().map(|(leaf, chunk)| {
+            ColumnChunkMetaData::builder(schema.column(leaf))
+                // LeRobot's writer takes no other, and the pages do not say.
+                .set_compression(Compression::SNAPPY)
+                .set_num_values(chunk.values as i64)
+                .set_total_compressed_size(chunk.len as i64)
+                .set_total_uncompressed_size(chunk.uncompressed as i64)
+                .set_dictionary_page_offset(chunk.dictionary.map(|at| at as i64))
+                .set_data_page_offset(chunk.data as i64)
+                .build()
+        });
+        RowGroupMetaData::builder(schema.clone())
+            .set_num_rows(group.rows as i64)
+            .set_total_byte_size(group.chunks.iter().map(|c| c.uncompressed as i64).sum())
+            .set_column_metadata(chunks.collect::<Result<_, _>>()?)
+            .build()
+    });
+    Ok(ParquetMetaData::new(
+        file,
+        groups.collect::<Result<_, _>>()?,
+    ))
+}
+
+/// The pages of a file, one after another.
+struct Pages<F> {
+    file: BufReader<F>,
+    len: u64,
+    at: u64,
+}
+
+impl<F: Read + Seek> Pages<F> {
+    fn new(file: F) -> std::io::Result<Self> {
+        let mut file = BufReader::new(file);
+        let len = file.seek(SeekFrom::End(0))?;
+        file.rewind()?;
+        let mut start = [0; 4];
+        let is_parquet = len >= 4 && file.read_exact(&mut start).is_ok() && start == MAGIC;
+        Ok(Self {
+            file,
+            // There are no pages in another kind of file.
+            len: if is_parquet { len } else { 0 },
+            at: 4,
+        })
+    }
+
+    /// The next row group, `None` where it is not whole.
+    fn row_group(&mut self, per_row: &[u64]) -> std::io::Result<Option<RowGroup>> {
+        let mut chunks = Vec::with_capacity(per_row.len());
+        let mut rows = None;
+        for &per_row in per_row {
+            let expected = rows.map(|rows: u64| rows.saturating_mul(per_row));
+            let Some(chunk) = self.chunk(expected)? else {
+                return Ok(None);
+            };
+            let found = chunk.values / per_row.max(1);
+            if found == 0 || chunk.values != found.saturating_mul(per_row) {
+                return Ok(None);
+            }
+            rows.get_or_insert(found);
+            chunks.push(chunk);
+        }
+        Ok(rows.map(|rows| RowGroup { rows, chunks }))
+    }
+
+    /// The next column chunk: a dictionary and pages of data, up to `expected` values or, where their number is not known yet, up to
+    /// the next dictionary.
+    fn chunk(&mut self, expected: Option<u64>) -> std::io::Result<Option<Chunk>> {
+        let mut chunk = Chunk::default();
+        let start = self.at;
+        while expected.is_none_or(|expected| chunk.values < expected) {
+            let Some(page) = self.page()? else {
+                break;
+            };
+            match page.kind {
+                PageKind::Dictionary if self.at == start => chunk.dictionary = Some(self.at),
+                PageKind::Dictionary => break,
+                PageKind::Data if chunk.values == 0 => chunk.data = self.at,
+                PageKind::Data => {}
+            }
+            if page.kind == PageKind::Data && page.values == 0 {
+                return Ok(None);
+            }
+            self.at += page.len;
+            chunk.uncompressed = chunk.uncompressed.saturating_add(page.uncompressed);
+            chunk.values = chunk.values.saturating_add(page.values);
+            if expected.is_none() && chunk.dictionary.is_none() {
+                // Nothing says where a column without a dictionary ends, so that it is taken to have one page.
+                break;
+            }
+        }
+        chunk.len = self.at - start;
+        let whole = chunk.values > 0 && expected.is_none_or(|expected| chunk.values == expected);
+        Ok(whole.then_some(chunk))
+    }
+
+    /// The page that begins here, `None` where there is no whole one.
+    fn page(&mut self) -> std::io::Result<Option<Page>> {
+        let left = self.len.saturating_sub(self.at);
+        if left == 0 {
+            return Ok(None);
+        }
+        self.file.seek(SeekFrom::Start(self.at))?;
+        let mut header = Thrift {
+            bytes: self.file.by_ref().take(left.min(MAX_HEADER)),
+            read: 0,
+        };
+        let page = Page::read(&mut header);
+        Ok(page.filter(|page| page.len <= left))
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum PageKind {
+    Data,
+    Dictionary,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Page {
+    kind: PageKind,
+    /// Bytes with the header.
+    len: u64,
+    /// The same before compression.
+    uncompressed: u64,
+    /// Values of a page of data; a dictionary's do not count.
+    values: u64,
+}
+
+impl Page {
+    fn read(header: &mut Thrift<impl Read>) -> Option<Self> {
+        let (mut kind, mut uncompressed, mut compressed, mut values) = (None, None, None, 0);
+        let mut last = 0;
+        while let Some((id, field)) = header.field(&mut last)? {
+            match (id, field) {
+                (1, I32) => {
+                    kind = match header.integer()? {
+                        0 | 3 => Some(PageKind::Data),
+                        2 => Some(PageKind::Dictionary),
+                        _ => return None,
+                    }
+                }
+                (2, I32) => uncompressed = u64::try_from(header.integer()?).ok(),
+                (3, I32) => compressed = u64::try_from(header.integer()?).ok(),
+                // These are data pages of version 1 and 2. Their first field is the number of values.
+                (5 | 8, STRUCT) => {
+                    let mut last = 0;
+                    while let Some((id, field)) = header.field(&mut last)? {
+                        match (id, field) {
+                            (1, I32) => values = u64::try_from(header.integer()?).ok()?,
+                            _ => header.skip(field, 0)?,
+                        }
+                    }
+                }
+                _ => header.skip(field, 0)?,
+            }
+        }
+        let len = |content: u64| header.read.checked_add(content);
+        Some(Self {
+            kind: kind?,
+            len: len(compressed?)?,
+            uncompressed: len(uncompressed?)?,
+            values,
+        })
+    }
+}
