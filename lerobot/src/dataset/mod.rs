@@ -6,7 +6,7 @@
 //! meta/tasks.parquet              metadata::tasks     task strings
 //! meta/episodes/*/*.parquet       metadata::episodes  which rows and which stretch of video each episode has
 //! data/*/*.parquet                tables::motion      states, actions, timestamps
-//! videos/*/*/*.mp4                video               one camera's frames: mp4 finds them, av1 or h264 decodes, color makes RGB
+//! videos/*/*/*.mp4                video               one camera's frames: mp4 finds them, av1, h264 or ffmpeg decodes, color makes RGB
 //! ```
 //!
 //! In v2.x `meta` holds `tasks.jsonl` and `episodes.jsonl` (`episodes_v2`), and in v2.1 also `episodes_stats.jsonl`
@@ -41,9 +41,10 @@ pub use metadata::normalizer::{Normalizer, Stats};
 pub use recording::Dataset;
 pub use repair::Repair;
 pub use validate::PictureFault;
-pub use video::color::{rgb_from_yuv420, Yuv420};
-pub use video::mp4::avc_config::AvcConfig;
-pub use video::mp4::sample::{Mp4Codec, Mp4Sample};
+pub use video::color::{rgb_from_yuv, Colors, Matrix, Sampling, Yuv, YuvFormat};
+pub use video::mp4::nal_config::NalConfig;
+pub use video::mp4::sample::{ContainerColors, Mp4Codec, Mp4Sample};
 pub use video::mp4::track::Mp4Track;
+pub use video::mp4::turn::Turn;
 pub use video::reader::VideoReader;
 pub use window::Window;

@@ -7,7 +7,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use zk0_lerobot::dataset::VideoReader;
 use zk0_testkit::allocations::{alone, largest};
-use zk0_testkit::recordings::{recording, Copy, DATA};
+use zk0_testkit::recordings::{fixtures, recording, Copy, DATA};
 
 #[test]
 fn parquet_files_cut_anywhere() {
@@ -106,6 +106,32 @@ fn read_damaged_videos() {
         "of 2000 damaged videos {refused} refused, {undecodable} not decodable, {decoded} decoded"
     );
     assert!(refused > 100 && undecodable > 20 && decoded > 100);
+}
+
+/// FFmpeg decodes these videos, as far as it gets them.
+#[test]
+fn random_damage_to_a_hevc_video_never_panics() {
+    let _alone = alone();
+    let ((), largest) = largest(|| {
+        let source = fixtures().join("videos_other/hevc_hvc1.mp4");
+        let whole = fs::read(source).unwrap();
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("damaged.mp4");
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let (mut refused, mut decoded) = (0, 0);
+        for _ in 0..100 {
+            fs::write(&path, damaged(&whole, &mut rng)).unwrap();
+            let read = VideoReader::open(&path, 48, 64)
+                .and_then(|mut video| (0..video.len()).try_for_each(|n| video.rgb(n).map(drop)));
+            match read {
+                Ok(()) => decoded += 1,
+                Err(_) => refused += 1,
+            }
+        }
+        println!("of 100 damaged videos {refused} refused, {decoded} decoded");
+        assert!(refused > 20 && decoded > 5);
+    });
+    assert!(largest < ENOUGH, "{largest}");
 }
 
 #[test]

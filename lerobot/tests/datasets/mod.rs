@@ -4,5 +4,6 @@ mod delta_timestamps;
 mod frames;
 mod h264;
 mod metadata;
+mod other_videos;
 mod rows;
 mod videos;
