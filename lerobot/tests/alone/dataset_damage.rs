@@ -129,7 +129,7 @@ fn random_damage_to_a_hevc_video_never_panics() {
             }
         }
         println!("of 100 damaged videos {refused} refused, {decoded} decoded");
-        assert!(refused > 20 && decoded > 5);
+        assert!(refused > 10 && decoded > 10);
     });
     assert!(largest < ENOUGH, "{largest}");
 }
