@@ -87,7 +87,7 @@ mutants:
 
 # Checks what a person wants to know between two edits: formatting, warnings, and the tests that need neither a proof nor a network.
 quick:
-	@scripts/setup.sh lint
+	@scripts/setup.sh lint video
 	scripts/lint fmt clippy
 	$(RUST) cargo test --release --workspace --locked --lib
 	$(RUST) cargo test --release --workspace --locked --test tree structure::

@@ -3,7 +3,8 @@
 # It knows Debian and Ubuntu, and uses sudo when it does not run as root. Arguments change that:
 #
 #   light      only what an auditor's program needs
-#   guest      what rebuilds the guest programs, and what some tests want: Go, strace, iproute2, qemu-user and an S3 server
+#   guest      what rebuilds the guest programs, and what some tests want: Go, strace, iproute2, qemu-user, an S3 server and FFmpeg
+#   video      what the tests of videos need: FFmpeg
 #   lint       what scripts/lint runs: rustfmt, clippy and cargo-deny
 #   coverage   what scripts/coverage runs: cargo-llvm-cov and LLVM's tools
 #   mutants    what `make mutants` runs: cargo-mutants
@@ -113,6 +114,11 @@ if wanted guest; then
     # A real S3 server, which keeps objects as files. Without it the tests of buckets say that they did not run.
     install_cargo s3s-fs --version 0.13.0 --features binary ||
         echo "setup: s3s-fs cannot be installed here, so no blobs are kept in a bucket of S3 by the tests" >&2
+fi
+
+if wanted guest || wanted video; then
+    # FFmpeg decodes the videos that zk0 does not decode itself. Without it the tests of these videos fail.
+    install ffmpeg
 fi
 
 if wanted lint; then

@@ -7,7 +7,7 @@
 //! meta/episodes/*/*.parquet       metadata::episodes  which rows and which stretch of video each episode has
 //! data/*/*.parquet                tables::motion      states, actions, timestamps
 //! videos/*/*/*.mp4                video_fit           whether every row has its picture
-//! videos/*/*/*.mp4                video               one camera's frames: mp4 finds them, av1 or h264 decodes, color makes RGB
+//! videos/*/*/*.mp4                video               one camera's frames: mp4 finds them, av1, h264 or ffmpeg decodes, color makes RGB
 //! data/*/*.parquet, images/       picture             or its frames one by one, PNG or JPEG: tables::pictures finds them
 //! ```
 //!
@@ -55,10 +55,11 @@ pub use recover::{recover, Lost, Recovered, Saved};
 pub use repair::Repair;
 pub use together::refuse_different;
 pub use validate::PictureFault;
-pub use video::color::{rgb_from_yuv420, Yuv420};
-pub use video::mp4::avc_config::AvcConfig;
-pub use video::mp4::sample::{Mp4Codec, Mp4Sample};
+pub use video::color::{rgb_from_yuv, Colors, Matrix, Sampling, Yuv, YuvFormat};
+pub use video::mp4::nal_config::NalConfig;
+pub use video::mp4::sample::{ContainerColors, Mp4Codec, Mp4Sample};
 pub use video::mp4::track::Mp4Track;
+pub use video::mp4::turn::Turn;
 pub use video::reader::VideoReader;
 pub use video_fit::short_episodes::LeftOut;
 pub use window::Window;

@@ -109,6 +109,32 @@ fn read_damaged_videos() {
     assert!(refused > 100 && undecodable > 20 && decoded > 100);
 }
 
+/// FFmpeg decodes these videos, as far as it gets them.
+#[test]
+fn random_damage_to_a_hevc_video_never_panics() {
+    let _alone = alone();
+    let ((), largest) = largest(|| {
+        let source = fixtures().join("videos_other/hevc_hvc1.mp4");
+        let whole = fs::read(source).unwrap();
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("damaged.mp4");
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let (mut refused, mut decoded) = (0, 0);
+        for _ in 0..100 {
+            fs::write(&path, damaged(&whole, &mut rng)).unwrap();
+            let read = VideoReader::open(&path, 48, 64)
+                .and_then(|mut video| (0..video.len()).try_for_each(|n| video.rgb(n).map(drop)));
+            match read {
+                Ok(()) => decoded += 1,
+                Err(_) => refused += 1,
+            }
+        }
+        println!("of 100 damaged videos {refused} refused, {decoded} decoded");
+        assert!(refused > 10 && decoded > 10);
+    });
+    assert!(largest < ENOUGH, "{largest}");
+}
+
 #[test]
 fn random_damage_to_a_parquet_file_never_panics() {
     let _alone = alone();

@@ -4,9 +4,19 @@ use std::collections::BTreeMap;
 
 use safetensors::{Dtype, SafeTensors};
 use zk0_lerobot::dataset::{
-    rgb_from_yuv420, Dataset, Format, Frame, Normalizer, VideoReader, Yuv420,
+    rgb_from_yuv, Colors, Dataset, Format, Frame, Matrix, Normalizer, Sampling, VideoReader, Yuv,
+    YuvFormat,
 };
 use zk0_testkit::recordings::{fixtures, frames, open, Copy, STATS};
+
+const YUV420P: YuvFormat = YuvFormat {
+    sampling: Sampling::Yuv420,
+    bits: 8,
+    colors: Colors {
+        matrix: Matrix::Bt601,
+        full_range: false,
+    },
+};
 
 const RECORDINGS: [&str; 5] = [
     "so100_pickplace",
@@ -154,7 +164,8 @@ fn planes_become_rgb_bit_for_bit() {
         let &[height, width] = y.shape() else {
             panic!()
         };
-        let ours = rgb_from_yuv420(&Yuv420 {
+        let ours = rgb_from_yuv(&Yuv {
+            format: YUV420P,
             y: y.data(),
             u: u.data(),
             v: v.data(),
@@ -188,7 +199,8 @@ fn planes_become_rgb_bit_for_bit() {
 
 #[test]
 fn odd_sizes_repeat_the_last_chroma_sample() {
-    let picture = Yuv420 {
+    let picture = Yuv {
+        format: YUV420P,
         y: &[126; 9],
         u: &[128; 4],
         v: &[128; 4],
@@ -197,12 +209,12 @@ fn odd_sizes_repeat_the_last_chroma_sample() {
         height: 3,
         width: 3,
     };
-    assert_eq!(rgb_from_yuv420(&picture), Some(vec![128; 27]));
-    let short = Yuv420 {
+    assert_eq!(rgb_from_yuv(&picture), Some(vec![128; 27]));
+    let short = Yuv {
         u: &[128; 3],
         ..picture
     };
-    assert_eq!(rgb_from_yuv420(&short), None);
+    assert_eq!(rgb_from_yuv(&short), None);
 }
 
 #[test]

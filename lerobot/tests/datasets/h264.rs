@@ -6,7 +6,7 @@ use std::path::Path;
 use openh264::decoder::Decoder;
 use openh264::encoder::Profile;
 use openh264::formats::YUVSource;
-use zk0_lerobot::dataset::{rgb_from_yuv420, VideoReader, Yuv420};
+use zk0_lerobot::dataset::{rgb_from_yuv, Colors, Matrix, Sampling, VideoReader, Yuv, YuvFormat};
 use zk0_testkit::recordings::mp4_writer::{encode, Stream};
 use zk0_testkit::recordings::{fixtures, frames, open, patch, Copy};
 
@@ -51,7 +51,15 @@ fn decoded_directly(stream: &Stream) -> Vec<Vec<u8>> {
     for bytes in &stream.annex_b {
         let yuv = decoder.decode(bytes).unwrap().unwrap();
         let (y_stride, uv_stride, _) = yuv.strides();
-        let picture = Yuv420 {
+        let picture = Yuv {
+            format: YuvFormat {
+                sampling: Sampling::Yuv420,
+                bits: 8,
+                colors: Colors {
+                    matrix: Matrix::Bt601,
+                    full_range: false,
+                },
+            },
             y: yuv.y(),
             u: yuv.u(),
             v: yuv.v(),
@@ -60,7 +68,7 @@ fn decoded_directly(stream: &Stream) -> Vec<Vec<u8>> {
             height: HEIGHT,
             width: WIDTH,
         };
-        pictures.push(rgb_from_yuv420(&picture).unwrap());
+        pictures.push(rgb_from_yuv(&picture).unwrap());
     }
     pictures
 }

@@ -6,6 +6,7 @@ mod frames;
 mod h264;
 mod joint_unit;
 mod metadata;
+mod other_videos;
 mod pictures;
 mod recover;
 mod rows;

@@ -33,7 +33,10 @@ fn videos_that_are_cut_or_no_videos() {
         bytes[at..at + 4].copy_from_slice(b"vp09");
         bytes
     });
-    copy.fails(TOP, "codec \"vp09\", only AV1 (av01) and H.264 (avc1)");
+    copy.fails(
+        TOP,
+        "codec \"vp09\", only AV1 (av01), H.264 (avc1) and HEVC (hvc1, hev1)",
+    );
 
     let copy = Copy::default();
     copy.edit_text(INFO, "                96", "                97");

@@ -1,9 +1,9 @@
 //! One AV1 decoder (`re_rav1d`, a Rust port of dav1d) that takes encoded frames in order and gives RGB.
 
-use re_rav1d::dav1d::pixel::{MatrixCoefficients, YUVRange};
+use re_rav1d::dav1d::pixel::MatrixCoefficients;
 use re_rav1d::dav1d::{Decoder, Picture, PixelLayout, PlanarImageComponent, Settings};
 
-use crate::dataset::video::color::{rgb_from_yuv420, Yuv420};
+use crate::dataset::video::color::{rgb_from_yuv, Colors, Matrix, Sampling, Yuv, YuvFormat};
 
 /// Decodes one frame after another; after an error it has to be replaced by a new one.
 pub(crate) struct Av1 {
@@ -76,32 +76,44 @@ impl Decoded {
                 self.width
             ));
         }
-        if p.pixel_layout() != PixelLayout::I420 || p.bit_depth() != 8 {
-            return Err(format!(
-                "is {:?} with {} bits, only 8-bit 4:2:0 (yuv420p) is read",
-                p.pixel_layout(),
-                p.bit_depth()
-            ));
-        }
-        let matrix = p.matrix_coefficients();
-        let bt601 = matches!(
-            matrix,
+        let sampling = match p.pixel_layout() {
+            PixelLayout::I420 => Sampling::Yuv420,
+            PixelLayout::I422 => Sampling::Yuv422,
+            PixelLayout::I444 => Sampling::Yuv444,
+            PixelLayout::I400 => return Err("has no colours, which is not read".into()),
+        };
+        let bits = p
+            .bits_per_component()
+            .ok_or("has samples of unknown size")?
+            .0;
+        let matrix = match p.matrix_coefficients() {
             MatrixCoefficients::Unspecified
-                | MatrixCoefficients::BT470BG
-                | MatrixCoefficients::ST170M
-        );
-        if p.color_range() != YUVRange::Limited || !bt601 {
-            return Err(format!(
-                "has colours of {:?} range and {matrix:?} matrix, only limited-range BT.601 is read",
-                p.color_range()
-            ));
-        }
+            | MatrixCoefficients::BT470BG
+            | MatrixCoefficients::ST170M => Matrix::Bt601,
+            MatrixCoefficients::BT709 => Matrix::Bt709,
+            MatrixCoefficients::BT2020NonConstantLuminance => Matrix::Bt2020,
+            other => {
+                return Err(format!(
+                    "has colours of {other:?} matrix; BT.601, BT.709 and BT.2020 are read; re-encode the video"
+                ))
+            }
+        };
+        let format = YuvFormat {
+            sampling,
+            bits: bits as u32,
+            // LeRobot reads AV1 of full range as limited: FFmpeg has no format of full range for it.
+            colors: Colors {
+                matrix,
+                full_range: false,
+            },
+        };
         let (y, u, v) = (
             p.plane(PlanarImageComponent::Y),
             p.plane(PlanarImageComponent::U),
             p.plane(PlanarImageComponent::V),
         );
-        rgb_from_yuv420(&Yuv420 {
+        rgb_from_yuv(&Yuv {
+            format,
             y: &y,
             u: &u,
             v: &v,

@@ -1,7 +1,16 @@
 //! The mp4 files: where their frames are, and how they are decoded.
 
 mod av1;
+mod bits;
+mod by_ffmpeg;
 pub(crate) mod color;
+mod ffmpeg;
 mod h264;
+mod hevc;
+mod in_process;
+mod kind;
 pub(crate) mod mp4;
+mod nal;
 pub(crate) mod reader;
+mod restart;
+mod source;

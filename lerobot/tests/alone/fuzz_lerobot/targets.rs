@@ -8,7 +8,7 @@ use zk0_lerobot::dataset::{recover, Mp4Track, VideoReader};
 use zk0_lerobot::tokenizer::{Tokenizer, TrainedTokenizer};
 use zk0_testkit::fuzzing::{Target, Targets};
 use zk0_testkit::recordings::mp4_writer::encode;
-use zk0_testkit::recordings::{recording, Copy, DATA};
+use zk0_testkit::recordings::{fixtures, recording, Copy, DATA};
 
 use super::hub_target::hub_listing;
 use super::policy_targets;
@@ -50,7 +50,12 @@ fn target(name: &str) -> Target {
     let new = "so100_pickplace";
     match name {
         "mp4" => Target {
-            seeds: vec![video(Profile::High), av1()],
+            seeds: vec![
+                video(Profile::High),
+                av1(),
+                other("hevc_hvc1"),
+                other("h264_container_colors"),
+            ],
             run: Box::new(|bytes| Mp4Track::read(&mut Cursor::new(bytes)).map(drop)),
         },
         "h264" => {
@@ -93,6 +98,10 @@ fn video(profile: Profile) -> Vec<u8> {
 fn av1() -> Vec<u8> {
     let file = "videos/chunk-000/observation.images.wrist/episode_000001.mp4";
     fs::read(recording("so100_pickplace_v21").join(file)).unwrap()
+}
+
+fn other(name: &str) -> Vec<u8> {
+    fs::read(fixtures().join(format!("videos_other/{name}.mp4"))).unwrap()
 }
 
 /// Reads the first pictures of a video of this size.

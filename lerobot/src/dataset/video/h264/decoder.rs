@@ -1,33 +1,46 @@
 //! One H.264 decoder (`openh264`, Cisco's library) that takes an mp4's samples in decoding order and gives RGB.
 //!
-//! What is read: Baseline, Main and High profile, progressive, 8-bit 4:2:0, limited-range BT.601, B-frames included. Parameter
-//! sets are checked here (`sps`) before the library sees them, so that it allocates for pictures of the declared size and no
-//! others; what it does not support is refused by name.
+//! What it decodes: Baseline, Main and High profile, progressive, 8-bit 4:2:0, with loss, B-frames included. Parameter sets are
+//! checked here (`sps`) before the library sees them, so that it allocates for pictures of the declared size and no others. The
+//! library does not notice all that it does not support: it decodes blocks without a transform as if they had one.
 
 use openh264::decoder::{DecodeOptions, Decoder, DecoderConfig, Flush};
 use openh264::formats::YUVSource;
 use openh264::OpenH264API;
 
-use super::{annex_b, sps};
-use crate::dataset::video::color::{rgb_from_yuv420, Yuv420};
-use crate::dataset::video::mp4::avc_config::AvcConfig;
+use super::{sps, units};
+use crate::dataset::video::color::{rgb_from_yuv, Yuv};
+use crate::dataset::video::kind::Kind;
+use crate::dataset::video::mp4::nal_config::NalConfig;
+use crate::dataset::video::mp4::sample::ContainerColors;
+use crate::dataset::video::nal;
 
 /// Decodes one sample after another; after an error it has to be replaced by a new one.
 pub(crate) struct H264 {
     decoder: Decoder,
-    config: AvcConfig,
+    config: NalConfig,
+    colors: ContainerColors,
+    kind: Kind,
     height: usize,
     width: usize,
 }
 
 impl H264 {
-    /// A decoder of `height x width` pictures that has seen no frame yet.
-    pub fn new(config: &AvcConfig, height: usize, width: usize) -> Result<Self, String> {
+    /// A decoder of `height x width` pictures of a kind that has seen no frame yet.
+    pub fn new(
+        config: &NalConfig,
+        colors: ContainerColors,
+        kind: Kind,
+        height: usize,
+        width: usize,
+    ) -> Result<Self, String> {
         let decoder = Decoder::with_api_config(OpenH264API::from_source(), DecoderConfig::new())
             .map_err(|e| format!("no H.264 decoder could be made: {}", why(&e)))?;
         Ok(Self {
             decoder,
             config: config.clone(),
+            colors,
+            kind,
             height,
             width,
         })
@@ -43,11 +56,15 @@ impl H264 {
         key: bool,
         shown: bool,
     ) -> Result<Option<Vec<u8>>, String> {
-        let sps = |unit: &[u8]| {
-            sps::check(unit, self.height, self.width)?;
-            sps::unordered(unit).ok_or_else(|| "has a parameter set that ends too early".into())
-        };
-        let stream = annex_b::stream(&self.config, sample, key, sps)?;
+        let stream = nal::stream(&self.config, sample, key, |unit| {
+            if !units::is_sequence_parameters(unit) {
+                return Ok(unit.into());
+            }
+            let kind = sps::kind(unit, self.height, self.width, self.colors)?;
+            kind.same_as(self.kind)?;
+            let unit = sps::unordered(unit).ok_or("has a parameter set that ends too early")?;
+            Ok(unit.into())
+        })?;
         let options = DecodeOptions::new().flush_after_decode(Flush::Flush);
         let picture = match self.decoder.decode_with_options(&stream, options) {
             Ok(Some(picture)) => picture,
@@ -72,7 +89,8 @@ impl H264 {
             return Ok(None);
         }
         let (y_stride, uv_stride, _) = picture.strides();
-        rgb_from_yuv420(&Yuv420 {
+        rgb_from_yuv(&Yuv {
+            format: self.kind.format,
             y: picture.y(),
             u: picture.u(),
             v: picture.v(),

@@ -1,5 +1,5 @@
-//! H.264 video: the decoder, the byte stream that it reads, and the parameter sets in it.
+//! H.264 video: the decoder, the units of the byte stream that it reads, and the parameter sets in it.
 
-pub(crate) mod annex_b;
 pub(crate) mod decoder;
-mod sps;
+pub(crate) mod sps;
+pub(crate) mod units;

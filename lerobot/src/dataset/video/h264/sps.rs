@@ -1,49 +1,53 @@
-//! The sequence parameter set (ITU-T H.264, 7.3.2.1 and annex E): size, sampling and colours, checked before a decoder
-//! allocates for them.
+//! The sequence parameter set (ITU-T H.264, 7.3.2.1): size, sampling and colours, checked before a decoder allocates for them.
+
+use crate::dataset::video::bits::{
+    stated_colors, with_emulation_prevention, without_emulation_prevention, Bits,
+};
+use crate::dataset::video::color::{Sampling, YuvFormat};
+use crate::dataset::video::kind::{colors, Declared, Kind};
+use crate::dataset::video::mp4::sample::ContainerColors;
 
 /// Profiles whose parameter sets say how chroma is sampled.
 const HIGH_PROFILES: [u32; 13] = [100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134, 135];
 
-/// Checks that a parameter set (a whole NAL unit) declares `height x width` pictures of the kind that is read.
+/// Profiles that OpenH264 decodes: Baseline, Main and High.
+const OPENH264_PROFILES: [u32; 3] = [66, 77, 100];
+
+/// Checks that a parameter set (a whole NAL unit) declares `height x width` pictures of a kind that is read. What it leaves open of
+/// the colours, the container states.
 ///
 /// # Errors
 /// What it declares instead.
-pub(crate) fn check(unit: &[u8], height: usize, width: usize) -> Result<(), String> {
+pub(crate) fn kind(
+    unit: &[u8],
+    height: usize,
+    width: usize,
+    container: ContainerColors,
+) -> Result<Kind, String> {
     let sps = Sps::parse(unit).ok_or("has a parameter set that ends too early")?;
-    if (sps.height, sps.width) != (height as u64, width as u64) {
-        return Err(format!(
-            "is {} x {} (height x width), expected {height} x {width}",
-            sps.height, sps.width
-        ));
-    }
-    if sps.chroma_format != 1 || sps.bit_depths != [8, 8] {
-        return Err(format!(
-            "has chroma format {} with {} and {} bits, only 8-bit 4:2:0 (yuv420p) is read; re-encode the video",
-            sps.chroma_format, sps.bit_depths[0], sps.bit_depths[1]
-        ));
-    }
-    if !sps.progressive {
-        return Err("is interlaced, which is not read; re-encode the video".into());
-    }
-    // The value 2 means unspecified. The values 5 and 6 mean BT.601.
-    if sps.full_range || !matches!(sps.matrix, 2 | 5 | 6) {
-        return Err(format!(
-            "has colours of {} range and matrix {}, only limited-range BT.601 is read; re-encode the video",
-            if sps.full_range { "full" } else { "limited" },
-            sps.matrix
-        ));
-    }
-    Ok(())
+    let (sampling, bits) = sps.declared.layout(height, width)?;
+    let full_range = sps.declared.full_range.or(container.full_range);
+    let matrix = sps.declared.matrix.or(container.matrix);
+    Ok(Kind {
+        format: YuvFormat {
+            sampling,
+            bits,
+            // FFmpeg has formats of full range for 8 bits alone, and LeRobot reads all others as limited.
+            colors: colors(matrix.unwrap_or(2), full_range == Some(true) && bits == 8)?,
+        },
+        openh264: OPENH264_PROFILES.contains(&sps.profile)
+            && !sps.bypass
+            && sps.progressive
+            && (sampling, bits) == (Sampling::Yuv420, 8),
+    })
 }
 
 struct Sps {
-    chroma_format: u64,
-    bit_depths: [u64; 2],
-    height: u64,
-    width: u64,
+    profile: u32,
+    declared: Declared,
+    /// Blocks may be coded without a transform, and so without loss.
+    bypass: bool,
     progressive: bool,
-    full_range: bool,
-    matrix: u32,
 }
 
 impl Sps {
@@ -58,15 +62,16 @@ impl Sps {
         bits.fixed(16)?; // constraints, level
         bits.unsigned()?; // id
         let (mut chroma_format, mut bit_depths) = (1, [8, 8]);
+        let (mut separate_planes, mut bypass) = (false, false);
         if HIGH_PROFILES.contains(&profile) {
             chroma_format = bits.unsigned()?;
             if chroma_format == 3 {
-                bits.flag()?; // separate planes
+                separate_planes = bits.flag()?;
             }
             for depth in &mut bit_depths {
                 *depth = bits.unsigned()?.saturating_add(8);
             }
-            bits.flag()?; // bypass
+            bypass = bits.flag()?;
             if bits.flag()? {
                 for list in 0..if chroma_format == 3 { 12 } else { 8 } {
                     if bits.flag()? {
@@ -110,9 +115,9 @@ impl Sps {
                 *side = bits.unsigned()?;
             }
         }
-        let (mut full_range, mut matrix) = (false, 2);
+        let (mut full_range, mut matrix) = (None, None);
         if bits.flag()? {
-            (full_range, matrix) = colours(&mut bits)?;
+            (full_range, matrix) = stated_colors(&mut bits)?;
         }
         // Cropping is counted in chroma samples, and in pairs of lines where the video has fields.
         let unit_x = if matches!(chroma_format, 1 | 2) { 2 } else { 1 };
@@ -123,36 +128,20 @@ impl Sps {
             blocks.checked_mul(16)?.checked_sub(cut)
         };
         Some(Self {
-            chroma_format,
-            bit_depths,
-            height: cropped(rows, crop[2], crop[3], unit_y)?,
-            width: cropped(columns, crop[0], crop[1], unit_x)?,
+            profile,
+            declared: Declared {
+                height: cropped(rows, crop[2], crop[3], unit_y)?,
+                width: cropped(columns, crop[0], crop[1], unit_x)?,
+                chroma_format,
+                separate_planes,
+                bit_depths,
+                full_range,
+                matrix,
+            },
+            bypass,
             progressive,
-            full_range,
-            matrix,
         })
     }
-}
-
-/// Range and matrix of the VUI parameters (annex E.1.1), as far as they are there.
-fn colours(bits: &mut Bits) -> Option<(bool, u32)> {
-    // This is the aspect ratio. After 255, its numbers follow.
-    if bits.flag()? && bits.fixed(8)? == 255 {
-        bits.fixed(32)?;
-    }
-    if bits.flag()? {
-        bits.flag()?; // overscan
-    }
-    let (mut full_range, mut matrix) = (false, 2);
-    if bits.flag()? {
-        bits.fixed(3)?;
-        full_range = bits.flag()?;
-        if bits.flag()? {
-            bits.fixed(16)?; // primaries, transfer
-            matrix = bits.fixed(8)?;
-        }
-    }
-    Some((full_range, matrix))
 }
 
 fn skip_scaling_list(bits: &mut Bits, size: usize) -> Option<()> {
@@ -211,89 +200,10 @@ pub(crate) fn unordered(unit: &[u8]) -> Option<Vec<u8>> {
     Some(with_emulation_prevention(unit[0], &payload))
 }
 
-/// A NAL unit: no two zeros are followed by a byte below 4.
-fn with_emulation_prevention(head: u8, payload: &[u8]) -> Vec<u8> {
-    let end = payload.iter().rposition(|&b| b != 0).map_or(0, |at| at + 1);
-    let mut unit = vec![head];
-    let mut zeros = 0;
-    for &byte in &payload[..end] {
-        if zeros >= 2 && byte < 4 {
-            unit.push(3);
-            zeros = 0;
-        }
-        zeros = if byte == 0 { zeros + 1 } else { 0 };
-        unit.push(byte);
-    }
-    unit
-}
-
-/// Takes out the third byte of 0, 0, 3.
-fn without_emulation_prevention(unit: &[u8]) -> Vec<u8> {
-    let mut payload = Vec::with_capacity(unit.len());
-    let mut zeros = 0;
-    for &byte in unit {
-        if zeros >= 2 && byte == 3 {
-            zeros = 0;
-            continue;
-        }
-        zeros = if byte == 0 { zeros + 1 } else { 0 };
-        payload.push(byte);
-    }
-    payload
-}
-
-struct Bits<'a> {
-    bytes: &'a [u8],
-    /// The next bit.
-    at: usize,
-}
-
-impl Bits<'_> {
-    fn flag(&mut self) -> Option<bool> {
-        let byte = self.bytes.get(self.at / 8)?;
-        let bit = byte >> (7 - self.at % 8) & 1;
-        self.at += 1;
-        Some(bit == 1)
-    }
-
-    /// `n` bits, at most 32.
-    fn fixed(&mut self, n: usize) -> Option<u32> {
-        let mut value = 0;
-        for _ in 0..n {
-            value = value << 1 | u32::from(self.flag()?);
-        }
-        Some(value)
-    }
-
-    /// An Exp-Golomb number.
-    fn unsigned(&mut self) -> Option<u64> {
-        let mut zeros = 0;
-        while !self.flag()? {
-            zeros += 1;
-            if zeros > 32 {
-                return None;
-            }
-        }
-        let mut value = 1u64;
-        for _ in 0..zeros {
-            value = value << 1 | u64::from(self.flag()?);
-        }
-        Some(value - 1)
-    }
-
-    fn signed(&mut self) -> Option<i64> {
-        let number = self.unsigned()? as i64;
-        Some(if number % 2 == 1 {
-            number / 2 + 1
-        } else {
-            -(number / 2)
-        })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::video::color::Matrix;
 
     /// Writes fields as a parameter set has them.
     #[derive(Default)]
@@ -323,6 +233,7 @@ mod tests {
     struct Case {
         chroma: u32,
         depth: u32,
+        bypass: u32,
         progressive: u32,
         full_range: u32,
         matrix: u32,
@@ -331,6 +242,7 @@ mod tests {
     const GOOD: Case = Case {
         chroma: 1,
         depth: 8,
+        bypass: 0,
         progressive: 1,
         full_range: 0,
         matrix: 6,
@@ -346,7 +258,7 @@ mod tests {
             .golomb(case.chroma)
             .golomb(case.depth - 8)
             .golomb(case.depth - 8)
-            .fixed(1, 0)
+            .fixed(1, case.bypass)
             .fixed(1, 1) // The first scaling list is given
             .fixed(1, 1)
             .golomb(1) // 8 + 1
@@ -382,34 +294,74 @@ mod tests {
             .unit()
     }
 
+    fn kind_of(unit: &[u8], height: usize, width: usize) -> Result<Kind, String> {
+        kind(unit, height, width, ContainerColors::default())
+    }
+
     #[test]
-    fn what_is_read_passes_and_all_else_is_named() {
-        assert_eq!(check(&unit(&GOOD), 90, 128), Ok(()));
-        let refused = |case: Case| check(&unit(&case), 90, 128).unwrap_err();
-        assert_eq!(
-            check(&unit(&GOOD), 96, 128).unwrap_err(),
-            "is 90 x 128 (height x width), expected 96 x 128"
-        );
-        assert!(refused(Case { depth: 10, ..GOOD }).contains("10 bits, only 8-bit"));
-        assert!(refused(Case {
-            full_range: 1,
-            ..GOOD
-        })
-        .contains("full range"));
-        assert!(refused(Case { matrix: 1, ..GOOD }).contains("matrix 1,"));
-        // The set crops by 3 units of two field lines each.
-        let interlaced = unit(&Case {
+    fn what_openh264_decodes_and_what_it_does_not() {
+        let read = |case: Case, height| kind_of(&unit(&case), height, 128).unwrap();
+        let good = read(GOOD, 90);
+        assert!(good.openh264);
+        assert_eq!(good.format.colors.matrix, Matrix::Bt601);
+        assert!(!read(Case { bypass: 1, ..GOOD }, 90).openh264);
+        assert!(!read(Case { depth: 10, ..GOOD }, 90).openh264);
+        // The set crops by 3 units of two field lines each. With 4:2:2, cropping counts single lines.
+        let interlaced = Case {
             progressive: 0,
             ..GOOD
-        });
-        assert!(check(&interlaced, 84, 128)
+        };
+        assert!(!read(interlaced, 84).openh264);
+        let dense = read(Case { chroma: 2, ..GOOD }, 93);
+        assert!(!dense.openh264);
+        assert_eq!(dense.format.sampling, Sampling::Yuv422);
+        for profile in [88, 110, 122, 244] {
+            let mut other = unit(&GOOD);
+            other[1] = profile;
+            assert!(!kind_of(&other, 90, 128).is_ok_and(|kind| kind.openh264));
+        }
+        let full = Case {
+            full_range: 1,
+            matrix: 1,
+            ..GOOD
+        };
+        let full = read(full, 90);
+        assert!(full.openh264 && full.format.colors.full_range);
+        assert_eq!(full.format.colors.matrix, Matrix::Bt709);
+        // LeRobot takes the range of more than 8 bits for limited.
+        let deep = Case {
+            depth: 10,
+            full_range: 1,
+            ..GOOD
+        };
+        assert!(!read(deep, 90).format.colors.full_range);
+    }
+
+    #[test]
+    fn what_is_not_read_is_named() {
+        let refused = |case: Case| kind_of(&unit(&case), 90, 128).unwrap_err();
+        assert_eq!(
+            kind_of(&unit(&GOOD), 96, 128).unwrap_err(),
+            "is 90 x 128 (height x width), expected 96 x 128"
+        );
+        assert!(refused(Case { depth: 9, ..GOOD }).contains("with 9 and 9 bits"));
+        assert!(refused(Case { matrix: 8, ..GOOD }).contains("matrix 8;"));
+        let gray = Case { chroma: 0, ..GOOD };
+        // Without chroma, cropping counts single lines and columns.
+        assert!(kind_of(&unit(&gray), 93, 128)
             .unwrap_err()
-            .contains("interlaced"));
-        // With 4:2:2, cropping counts single lines.
-        let dense = unit(&Case { chroma: 2, ..GOOD });
-        assert!(check(&dense, 93, 128)
-            .unwrap_err()
-            .contains("chroma format 2"));
+            .contains("chroma format 0"));
+    }
+
+    #[test]
+    fn the_container_states_what_the_stream_leaves_open() {
+        let container = ContainerColors {
+            matrix: Some(1),
+            full_range: Some(true),
+        };
+        let stated = kind(&unit(&GOOD), 90, 128, container).unwrap();
+        assert_eq!(stated.format.colors.matrix, Matrix::Bt601);
+        assert!(!stated.format.colors.full_range);
     }
 
     #[test]
@@ -433,10 +385,10 @@ mod tests {
             .fixed(30, 0)
             .unit();
         for (unit, height) in [(main, 96), (unit(&GOOD), 90)] {
-            assert_eq!(check(&unit, height, 128), Ok(()));
+            assert_eq!(kind_of(&unit, height, 128).map(drop), Ok(()));
             let other = unordered(&unit).unwrap();
             assert_eq!(other[1], SCALABLE_BASELINE);
-            assert_eq!(check(&other, height, 128), Ok(()));
+            assert_eq!(kind_of(&other, height, 128).map(drop), Ok(()));
             assert!(!other.windows(3).any(|w| w[..2] == [0, 0] && w[2] < 3));
         }
         let baseline = [0x67, 66, 0, 30, 0xff];
@@ -449,9 +401,9 @@ mod tests {
         let whole = unit(&GOOD);
         // The last byte holds only the end of the matrix coefficients.
         for len in 0..whole.len() - 2 {
-            assert!(check(&whole[..len], 90, 128).is_err(), "{len}");
+            assert!(kind_of(&whole[..len], 90, 128).is_err(), "{len}");
         }
-        assert!(check(&[0x67; 3], 90, 128).is_err());
-        assert!(check(&[0; 100], 90, 128).is_err());
+        assert!(kind_of(&[0x67; 3], 90, 128).is_err());
+        assert!(kind_of(&[0; 100], 90, 128).is_err());
     }
 }

@@ -1,6 +1,6 @@
 //! One encoded frame, and how it is encoded.
 
-use super::avc_config::AvcConfig;
+use super::nal_config::NalConfig;
 
 /// Video codecs that are read.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -8,17 +8,29 @@ pub enum Mp4Codec {
     /// AV1 (`av01`).
     Av1,
     /// H.264 (`avc1`, `avc3`).
-    H264(AvcConfig),
+    H264(NalConfig),
+    /// HEVC (`hvc1`, `hev1`).
+    Hevc(NalConfig),
 }
 
 impl Mp4Codec {
-    /// `AV1` or `H.264`.
+    /// `AV1`, `H.264` or `HEVC`.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Av1 => "AV1",
             Self::H264(_) => "H.264",
+            Self::Hevc(_) => "HEVC",
         }
     }
+}
+
+/// The colours that the container states (`colr`), by their numbers in ITU-T H.273.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct ContainerColors {
+    /// The matrix.
+    pub matrix: Option<u32>,
+    /// Whether luma takes 0 to 255.
+    pub full_range: Option<bool>,
 }
 
 /// One encoded frame.

@@ -2,10 +2,11 @@
 
 use std::io::{Read, Seek, SeekFrom};
 
-use super::avc_config::AvcConfig;
 use super::boxes::{find, required, BoxHeader, Boxes, Fields, Result};
-use super::sample::{Mp4Codec, Mp4Sample};
+use super::nal_config::NalConfig;
+use super::sample::{ContainerColors, Mp4Codec, Mp4Sample};
 use super::tables;
+use super::turn::Turn;
 
 /// Largest `moov` box read into memory; a million frames take about 10 MB.
 const MAX_MOOV: u64 = 64 << 20;
@@ -19,6 +20,10 @@ pub struct Mp4Track {
     pub height: usize,
     /// How its frames are encoded.
     pub codec: Mp4Codec,
+    /// The colours that the container states.
+    pub colors: ContainerColors,
+    /// How its frames are turned before they are shown; width and height are those before.
+    pub turn: Turn,
     /// Frames in decoding order.
     pub samples: Vec<Mp4Sample>,
     /// Numbers of the samples in the order in which they are shown, which for AV1 is that of decoding.
@@ -26,7 +31,7 @@ pub struct Mp4Track {
 }
 
 impl Mp4Track {
-    /// Reads the track of an unfragmented mp4 with AV1 or H.264 video.
+    /// Reads the track of an unfragmented mp4 with AV1, H.264 or HEVC video.
     ///
     /// # Errors
     /// What is wrong with the file, in words.
@@ -67,7 +72,10 @@ impl Mp4Track {
         for child in Boxes(moov) {
             let (kind, body) = child?;
             match &kind {
-                b"mvhd" => movie_scale = timescale(body)?,
+                b"mvhd" => {
+                    movie_scale = timescale(body)?;
+                    Turn::refuse_in_movie(body)?;
+                }
                 b"mvex" => return Err("fragmented mp4 files are not read".into()),
                 b"trak" if video.is_none() => {
                     let media = required(body, b"mdia")?;
@@ -83,7 +91,8 @@ impl Mp4Track {
         let scale = timescale(required(media, b"mdhd")?)?;
         let start = presentation_start(track, movie_scale, scale)?;
         let table = required(required(media, b"minf")?, b"stbl")?;
-        let (width, height, codec) = description(required(table, b"stsd")?)?;
+        let (width, height, codec, colors) = description(required(table, b"stsd")?)?;
+        let turn = find(track, b"tkhd")?.map_or(Ok(Turn::None), Turn::of_track)?;
 
         let places = tables::sample_places(table, file_len)?;
         let times = tables::sample_times(table, places.len(), scale)?;
@@ -106,6 +115,8 @@ impl Mp4Track {
             width,
             height,
             codec,
+            colors,
+            turn,
             samples,
             order,
         })
@@ -128,29 +139,48 @@ fn order_of_presentation(codec: &Mp4Codec, samples: &[Mp4Sample]) -> Result<Vec<
     }
 }
 
-/// Width, height and codec of the first sample description.
-fn description(stsd: &[u8]) -> Result<(usize, usize, Mp4Codec)> {
+/// Width, height, codec and colours of the first sample description.
+fn description(stsd: &[u8]) -> Result<(usize, usize, Mp4Codec, ContainerColors)> {
     let entries = Fields(stsd).skip(8)?.0;
     let (kind, entry) = Boxes(entries).next().ok_or("has no sample description")??;
     let (mut fields, mut sides) = (Fields(entry).skip(24)?, [0; 2]);
     for side in &mut sides {
         *side = usize::from(fields.u16()?);
     }
+    // The entry's own fields take 78 bytes.
+    let boxes = entry.get(78..).ok_or("a box ends too early")?;
     let codec = match &kind {
         b"av01" => Mp4Codec::Av1,
-        // The entry's own fields take 78 bytes.
-        b"avc1" | b"avc3" => {
-            let boxes = Fields(entry).skip(78)?.0;
-            Mp4Codec::H264(AvcConfig::parse(required(boxes, b"avcC")?)?)
-        }
+        b"avc1" | b"avc3" => Mp4Codec::H264(NalConfig::avc(required(boxes, b"avcC")?)?),
+        b"hvc1" | b"hev1" => Mp4Codec::Hevc(NalConfig::hevc(required(boxes, b"hvcC")?)?),
         _ => {
             return Err(format!(
-                "video codec {:?}, only AV1 (av01) and H.264 (avc1) are read; re-encode the video",
+                "video codec {:?}, only AV1 (av01), H.264 (avc1) and HEVC (hvc1, hev1) are read; re-encode the video",
                 String::from_utf8_lossy(&kind)
             ))
         }
     };
-    Ok((sides[0], sides[1], codec))
+    let colors = find(boxes, b"colr")?.map_or(Ok(ContainerColors::default()), stated_colors)?;
+    Ok((sides[0], sides[1], codec, colors))
+}
+
+/// The colours of a `colr` box: matrix, and range where it is of the newer kind; other kinds hold a profile.
+fn stated_colors(colr: &[u8]) -> Result<ContainerColors> {
+    let mut fields = Fields(colr);
+    let kind = fields.take(4)?.0;
+    if kind != b"nclx" && kind != b"nclc" {
+        return Ok(ContainerColors::default());
+    }
+    fields.take(4)?; // primaries, transfer
+    let matrix = fields.u16()?;
+    let full_range = match kind {
+        b"nclx" => Some(fields.u8()? >> 7 == 1),
+        _ => None,
+    };
+    Ok(ContainerColors {
+        matrix: Some(matrix.into()),
+        full_range,
+    })
 }
 
 /// Seconds that an edit list adds to all times: a blank at the start, or (negative) a part of the media that is skipped.

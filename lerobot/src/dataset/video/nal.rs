@@ -1,50 +1,38 @@
-//! From an mp4's samples to the byte stream that the decoder takes (ITU-T H.264, annex B): NAL units behind start codes instead
-//! of lengths.
+//! From an mp4's samples to the byte stream that decoders take (annex B of ITU-T H.264 and of H.265): NAL units behind start codes
+//! instead of lengths.
 
-use crate::dataset::video::mp4::avc_config::AvcConfig;
+use std::borrow::Cow;
+
+use crate::dataset::video::mp4::nal_config::NalConfig;
 
 const START_CODE: [u8; 4] = [0, 0, 0, 1];
-const IDR_SLICE: u8 = 5;
-const SEQUENCE_PARAMETERS: u8 = 7;
 
-/// The byte stream of one sample, with the track's parameter sets before a key frame. `sps` checks every sequence parameter
-/// set and gives what goes into the stream for it.
+/// The byte stream of one sample, with the track's parameter sets before it where `sets`. `checked` sees every unit and gives what goes
+/// into the stream for it.
 pub(crate) fn stream(
-    config: &AvcConfig,
+    config: &NalConfig,
     sample: &[u8],
-    key: bool,
-    sps: impl Fn(&[u8]) -> Result<Vec<u8>, String>,
+    sets: bool,
+    checked: impl for<'a> Fn(&'a [u8]) -> Result<Cow<'a, [u8]>, String>,
 ) -> Result<Vec<u8>, String> {
-    let sets = config.parameter_sets.iter().filter(|_| key);
+    let sets = config.parameter_sets.iter().filter(|_| sets);
     let units = sets
         .map(|set| Ok(&set[..]))
         .chain(Units::new(config, sample));
     let mut stream = Vec::with_capacity(sample.len() + 64);
     for unit in units {
         let unit = without_trailing_zeros(unit?);
-        let kind = kind(unit).ok_or("holds an empty NAL unit")?;
+        if unit.is_empty() {
+            return Err("holds an empty NAL unit".into());
+        }
         // The decoder would take the bytes after it for another unit, which was not checked.
         if unit.windows(3).any(|w| w[..2] == [0, 0] && w[2] <= 2) {
             return Err("holds a start code within a NAL unit".into());
         }
         stream.extend_from_slice(&START_CODE);
-        match kind {
-            SEQUENCE_PARAMETERS => stream.extend(sps(unit)?),
-            _ => stream.extend_from_slice(unit),
-        }
+        stream.extend_from_slice(&checked(unit)?);
     }
     Ok(stream)
-}
-
-/// Whether a decoder that has seen nothing can begin with this sample: it has an IDR picture.
-pub(crate) fn starts_anew(config: &AvcConfig, sample: &[u8]) -> bool {
-    Units::new(config, sample)
-        .map_while(Result::ok)
-        .any(|unit| kind(unit) == Some(IDR_SLICE))
-}
-
-fn kind(unit: &[u8]) -> Option<u8> {
-    unit.first().map(|head| head & 0x1f)
 }
 
 fn without_trailing_zeros(unit: &[u8]) -> &[u8] {
@@ -53,13 +41,13 @@ fn without_trailing_zeros(unit: &[u8]) -> &[u8] {
 }
 
 /// The NAL units of a sample; ends after the first error.
-struct Units<'a> {
+pub(crate) struct Units<'a> {
     length_size: usize,
     rest: &'a [u8],
 }
 
 impl<'a> Units<'a> {
-    fn new(config: &AvcConfig, sample: &'a [u8]) -> Self {
+    pub fn new(config: &NalConfig, sample: &'a [u8]) -> Self {
         Self {
             length_size: config.length_size,
             rest: sample,
@@ -98,15 +86,15 @@ impl<'a> Iterator for Units<'a> {
 mod tests {
     use super::*;
 
-    fn config(length_size: usize) -> AvcConfig {
-        AvcConfig {
+    fn config(length_size: usize) -> NalConfig {
+        NalConfig {
             length_size,
             parameter_sets: vec![vec![0x67, 1], vec![0x68, 2]],
         }
     }
 
     fn of(length_size: usize, sample: &[u8], key: bool) -> Result<Vec<u8>, String> {
-        stream(&config(length_size), sample, key, |sps| Ok(sps.to_vec()))
+        stream(&config(length_size), sample, key, |unit| Ok(unit.into()))
     }
 
     #[test]
@@ -138,12 +126,5 @@ mod tests {
         assert!(of(1, &[0], false).is_err());
         let refused = stream(&config(1), &[2, 0x67, 1], false, |_| Err("no".into()));
         assert_eq!(refused, Err("no".into()));
-    }
-
-    #[test]
-    fn an_idr_picture_starts_anew() {
-        assert!(starts_anew(&config(1), &[1, 9, 1, 0x65]));
-        assert!(!starts_anew(&config(1), &[1, 9, 1, 0x41]));
-        assert!(!starts_anew(&config(1), &[9, 9]));
     }
 }

@@ -1,0 +1,152 @@
+//! Decoding by an installed FFmpeg: HEVC, and what OpenH264 does not support of H.264.
+
+use std::borrow::Cow;
+
+use crate::dataset::video::color::{rgb_from_yuv, Yuv, YuvFormat};
+use crate::dataset::video::ffmpeg::player::Player;
+use crate::dataset::video::h264::sps as h264_sps;
+use crate::dataset::video::h264::units as h264;
+use crate::dataset::video::hevc::sps as hevc_sps;
+use crate::dataset::video::hevc::units as hevc;
+use crate::dataset::video::kind::Kind;
+use crate::dataset::video::mp4::sample::{ContainerColors, Mp4Codec};
+use crate::dataset::video::nal;
+use crate::dataset::video::restart;
+use crate::dataset::video::source::Source;
+use crate::dataset::DatasetError;
+
+/// Starting FFmpeg takes as long as decoding about so many small pictures.
+const WORTH_A_START: usize = 60;
+
+/// A decoder for one file.
+pub(super) struct ByFfmpeg {
+    kind: Kind,
+    player: Option<Player>,
+}
+
+impl ByFfmpeg {
+    /// A decoder of pictures of this kind, which has seen none yet.
+    pub fn new(kind: Kind) -> Self {
+        Self { kind, player: None }
+    }
+
+    /// RGB of sample `sample`, which is number `number` in order of presentation, before it is turned.
+    pub fn rgb(
+        &mut self,
+        source: &mut Source,
+        number: usize,
+        sample: usize,
+    ) -> Result<Vec<u8>, DatasetError> {
+        // The player is taken out, so that one that failed is not used again.
+        let mut player = match self.player.take() {
+            Some(player) if near(&player, number) => player,
+            _ => self.start(source, number, sample)?,
+        };
+        let planes = player
+            .picture(number, |at, sets| self.stream(source, at, sets))
+            .map_err(|e| source.fault(number, e))?;
+        let rgb = rgb(
+            &planes,
+            self.kind.format,
+            source.track.height,
+            source.track.width,
+        );
+        self.player = Some(player);
+        rgb.ok_or_else(|| source.fault(number, "has planes smaller than its size".into()))
+    }
+
+    /// FFmpeg on the last key frame from which `sample` can be decoded.
+    fn start(
+        &self,
+        source: &mut Source,
+        number: usize,
+        sample: usize,
+    ) -> Result<Player, DatasetError> {
+        let restart = restart::before(source, sample)?;
+        let track = &source.track;
+        let demuxer = match &track.codec {
+            Mp4Codec::Hevc(_) => "hevc",
+            _ => "h264",
+        };
+        let bytes = sizes(self.kind.format, track.height, track.width);
+        Player::start(demuxer, bytes.iter().sum(), &track.order, restart)
+            .map_err(|e| source.fault(number, e))
+    }
+
+    /// The byte stream of a sample, whose parameter sets declare what the first one declared.
+    fn stream(&self, source: &mut Source, at: usize, sets: bool) -> Result<Vec<u8>, String> {
+        let sample = source.sample(at).map_err(|e| e.to_string())?;
+        let track = &source.track;
+        let (height, width) = (track.height, track.width);
+        let stream = match &track.codec {
+            Mp4Codec::Hevc(config) => nal::stream(config, &sample, sets, |unit| {
+                if !hevc::is_base_layer(unit) {
+                    return Err("has several layers (as in MV-HEVC), which is not read".into());
+                }
+                if hevc::is_sequence_parameters(unit) {
+                    hevc_sps::kind(unit, height, width)?.same_as(self.kind)?;
+                }
+                Ok(Cow::Borrowed(unit))
+            }),
+            Mp4Codec::H264(config) => nal::stream(config, &sample, sets, |unit| {
+                checked_h264(unit, height, width, track.colors, self.kind)
+            }),
+            Mp4Codec::Av1 => Err("is not decoded by FFmpeg".into()),
+        };
+        let stream = stream.map_err(|e| format!("does not decode: sample {at} {e}"))?;
+        // Without its picture, the pictures after it would be taken for one frame earlier.
+        let whole = match &track.codec {
+            Mp4Codec::Hevc(config) => hevc::pictures(config, &sample) == 1,
+            Mp4Codec::H264(config) => h264::has_picture(config, &sample),
+            Mp4Codec::Av1 => false,
+        };
+        if !whole {
+            return Err(format!(
+                "does not decode: sample {at} does not hold one picture"
+            ));
+        }
+        Ok(stream)
+    }
+}
+
+fn checked_h264(
+    unit: &[u8],
+    height: usize,
+    width: usize,
+    colors: ContainerColors,
+    kind: Kind,
+) -> Result<Cow<'_, [u8]>, String> {
+    if h264::is_sequence_parameters(unit) {
+        h264_sps::kind(unit, height, width, colors)?.same_as(kind)?;
+    }
+    Ok(unit.into())
+}
+
+/// Whether it is quicker to go on from where the player is than to start anew.
+fn near(player: &Player, number: usize) -> bool {
+    let next = player.next_number();
+    (next..next + WORTH_A_START).contains(&number)
+}
+
+/// Bytes of the planes.
+fn sizes(format: YuvFormat, height: usize, width: usize) -> [usize; 3] {
+    let (rows, columns) = format.chroma_size(height, width);
+    [height * width, rows * columns, rows * columns].map(|samples| samples * format.sample_bytes())
+}
+
+fn rgb(planes: &[u8], format: YuvFormat, height: usize, width: usize) -> Option<Vec<u8>> {
+    let [luma, chroma, _] = sizes(format, height, width);
+    let (_, columns) = format.chroma_size(height, width);
+    let (y, rest) = planes.split_at_checked(luma)?;
+    let (u, v) = rest.split_at_checked(chroma)?;
+    rgb_from_yuv(&Yuv {
+        format,
+        y,
+        u,
+        v,
+        y_stride: width * format.sample_bytes(),
+        uv_stride: columns * format.sample_bytes(),
+        height,
+        width,
+    })
+}

@@ -1,0 +1,77 @@
+//! Which colours a video's numbers stand for, and the whole numbers by which swscale multiplies them.
+
+/// The matrix between RGB and YUV.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Matrix {
+    /// ITU-R BT.601, also where a video states nothing.
+    Bt601,
+    /// ITU-R BT.709.
+    Bt709,
+    /// ITU-R BT.2020 with non-constant luminance.
+    Bt2020,
+}
+
+impl Matrix {
+    /// The matrix of this number in ITU-T H.273, which all codecs use; `None` where it is not read.
+    pub(crate) fn of_code(code: u32) -> Option<Self> {
+        match code {
+            2 | 5 | 6 => Some(Self::Bt601),
+            1 => Some(Self::Bt709),
+            9 => Some(Self::Bt2020),
+            _ => None,
+        }
+    }
+}
+
+/// Matrix and range.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Colors {
+    /// The matrix.
+    pub matrix: Matrix,
+    /// Whether luma takes 0 to 255 rather than 16 to 235.
+    pub full_range: bool,
+}
+
+/// The factors of a conversion, in units of 1/65536.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Factors {
+    pub luma: i64,
+    /// Luma of black.
+    pub black: i64,
+    pub red_v: i64,
+    pub green_u: i64,
+    pub green_v: i64,
+    pub blue_u: i64,
+}
+
+impl Colors {
+    /// The factors as `ff_yuv2rgb_c_init_tables` computes them.
+    pub(super) fn factors(self) -> Factors {
+        let [red_v, blue_u, green_u, green_v] = match self.matrix {
+            Matrix::Bt601 => [104_597, 132_201, -25_675, -53_279],
+            Matrix::Bt709 => [117_489, 138_438, -13_975, -34_925],
+            Matrix::Bt2020 => [110_013, 140_363, -12_277, -42_626],
+        };
+        let chroma = |factor: i64| match self.full_range {
+            true => factor * 224 / 255,
+            false => factor,
+        };
+        let (luma, black) = match self.full_range {
+            true => (1 << 16, 0),
+            false => ((1 << 16) * 255 / 219, 16),
+        };
+        Factors {
+            luma,
+            black,
+            red_v: chroma(red_v),
+            green_u: chroma(green_u),
+            green_v: chroma(green_v),
+            blue_u: chroma(blue_u),
+        }
+    }
+}
+
+/// A factor in units of 1/8192.
+pub(super) fn in_13_bits(factor: i64) -> i32 {
+    ((factor * (1 << 13) + (1 << 15)) >> 16) as i32
+}

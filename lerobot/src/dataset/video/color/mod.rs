@@ -1,0 +1,12 @@
+//! From decoded video to RGB, bit for bit as LeRobot's decoder does it, which leaves it to FFmpeg's swscale.
+
+mod full;
+mod matrix;
+mod repeated;
+mod rgb;
+mod rounded;
+mod yuv;
+
+pub use matrix::{Colors, Matrix};
+pub use rgb::rgb_from_yuv;
+pub use yuv::{Sampling, Yuv, YuvFormat};

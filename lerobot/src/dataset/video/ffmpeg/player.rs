@@ -1,0 +1,114 @@
+//! Which frames FFmpeg gets, and which one the picture is that it gives: it takes them in order of decoding from some key frame on, and
+//! gives their pictures in order of presentation.
+
+use super::process::Process;
+use crate::dataset::video::restart::Restart;
+
+/// Most frames by which the two orders may differ.
+const MAX_SHIFT: usize = 64;
+
+/// FFmpeg, and where it is.
+pub(crate) struct Player {
+    process: Process,
+    restart: Restart,
+    /// Samples in order of presentation.
+    order: Vec<u32>,
+    /// It was given everything from the key frame up to, not including, this sample, but for what does not decode from there.
+    next: usize,
+    /// The next picture belongs to the first sample from here on, in order of presentation, that was given.
+    number: usize,
+    given: usize,
+}
+
+impl Player {
+    /// Begins at a key frame. `order` has the samples in order of presentation.
+    ///
+    /// # Errors
+    /// FFmpeg cannot be started, or the two orders are further apart than in any film.
+    pub fn start(
+        demuxer: &str,
+        picture_bytes: usize,
+        order: &[u32],
+        restart: Restart,
+    ) -> Result<Self, String> {
+        let far = |(number, at): (usize, &u32)| number.abs_diff(*at as usize) > MAX_SHIFT;
+        if order.iter().enumerate().any(far) {
+            return Err(
+                "is in a file whose frames are shown in an order far from that of decoding".into(),
+            );
+        }
+        Ok(Self {
+            process: Process::start(demuxer, picture_bytes)?,
+            order: order.into(),
+            next: restart.key,
+            number: restart.key.saturating_sub(MAX_SHIFT),
+            given: 0,
+            restart,
+        })
+    }
+
+    /// Number of the next picture in order of presentation, or the number of all frames.
+    pub fn next_number(&self) -> usize {
+        let plays = |sample: u32| {
+            let sample = sample as usize;
+            sample >= self.restart.key && !self.restart.skipped.contains(&sample)
+        };
+        let rest = self.order.iter().skip(self.number);
+        self.number + rest.take_while(|sample| !plays(**sample)).count()
+    }
+
+    /// The planes of frame `number`, which is not before [`Player::next_number`]. `sample` gives the byte stream of one sample; the flag
+    /// asks for the parameter sets before it.
+    pub fn picture(
+        &mut self,
+        number: usize,
+        mut sample: impl FnMut(usize, bool) -> Result<Vec<u8>, String>,
+    ) -> Result<Vec<u8>, String> {
+        loop {
+            let at = self.next_number();
+            if at > number {
+                return Err("refers to frames that the file does not have".into());
+            }
+            let picture = self.next_picture(&mut sample)?;
+            let planes = picture.ok_or_else(|| self.count_fault())?;
+            self.given += 1;
+            self.number = at + 1;
+            // At the end, there may be no picture that belongs to no frame.
+            if self.next_number() == self.order.len() && self.next_picture(&mut sample)?.is_some() {
+                self.given += 1;
+                return Err(self.count_fault());
+            }
+            if at == number {
+                return Ok(planes);
+            }
+        }
+    }
+
+    fn next_picture(
+        &mut self,
+        sample: &mut impl FnMut(usize, bool) -> Result<Vec<u8>, String>,
+    ) -> Result<Option<Vec<u8>>, String> {
+        let (next, frames) = (&mut self.next, self.order.len());
+        let Restart { key, skipped } = &self.restart;
+        self.process.picture(|| {
+            while skipped.contains(next) {
+                *next += 1;
+            }
+            if *next == frames {
+                return Ok(None);
+            }
+            let bytes = sample(*next, *next == *key)?;
+            *next += 1;
+            Ok(Some(bytes))
+        })
+    }
+
+    fn count_fault(&self) -> String {
+        let expected = self.order.len() - self.restart.key - self.restart.skipped.len();
+        let given = self.given;
+        let more = if given > expected { "or more " } else { "" };
+        format!(
+            "has no picture of its own: FFmpeg makes {given} {more}pictures of {expected} frames"
+        )
+    }
+}

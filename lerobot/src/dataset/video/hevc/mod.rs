@@ -1,0 +1,4 @@
+//! HEVC video (H.265): the units of its byte stream, and the parameter sets in it. FFmpeg decodes it.
+
+pub(crate) mod sps;
+pub(crate) mod units;

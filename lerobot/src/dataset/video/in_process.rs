@@ -1,0 +1,133 @@
+//! Decoding by the libraries that are linked into this program: AV1, and most of H.264.
+
+use std::collections::BTreeMap;
+
+use crate::dataset::video::av1::Av1;
+use crate::dataset::video::h264::decoder::H264;
+use crate::dataset::video::kind::Kind;
+use crate::dataset::video::mp4::sample::{Mp4Codec, Mp4Sample};
+use crate::dataset::video::restart;
+use crate::dataset::video::source::Source;
+use crate::dataset::DatasetError;
+
+/// Most pictures that may have to be decoded before an earlier one is shown; H.264 allows no more.
+const MAX_AHEAD: usize = 16;
+
+/// A decoder for one file.
+pub(super) struct InProcess {
+    /// Of H.264.
+    kind: Option<Kind>,
+    playing: Option<Playing>,
+}
+
+/// A decoder, and where it is.
+struct Playing {
+    decoder: FrameDecoder,
+    /// It has been fed everything from some key frame up to, not including, this sample.
+    next: usize,
+    /// Pictures decoded and not asked for yet, by sample: B-frames that are shown before them came later.
+    ahead: BTreeMap<usize, Vec<u8>>,
+}
+
+enum FrameDecoder {
+    Av1(Av1),
+    H264(H264),
+}
+
+impl InProcess {
+    /// A decoder of pictures of this kind, which has seen none yet.
+    pub fn new(kind: Option<Kind>) -> Self {
+        Self {
+            kind,
+            playing: None,
+        }
+    }
+
+    /// RGB of sample `sample`, which is number `number` in order of presentation, before it is turned.
+    pub fn rgb(
+        &mut self,
+        source: &mut Source,
+        number: usize,
+        sample: usize,
+    ) -> Result<Vec<u8>, DatasetError> {
+        let key = source.key_before(sample);
+        // The decoder is taken out, so that a decoder that failed is not used again.
+        let mut playing = match self.playing.take() {
+            Some(playing) if playing.reaches(key, sample) => playing,
+            _ => Playing {
+                decoder: self.decoder(source)?,
+                next: restart::before(source, key)?.key,
+                ahead: BTreeMap::new(),
+            },
+        };
+        let time = source.track.samples[sample].time;
+        let samples = &source.track.samples;
+        playing
+            .ahead
+            .retain(|&at, _| at == sample || samples[at].time > time);
+        while playing.next <= sample {
+            let at = playing.next;
+            let Mp4Sample {
+                key, time: shown, ..
+            } = source.track.samples[at];
+            let show = at == sample || shown > time;
+            let encoded = source.sample(at)?;
+            let picture = playing
+                .decoder
+                .decode(encoded, key, show)
+                .map_err(|e| source.fault(at, e))?;
+            playing.ahead.extend(picture.map(|rgb| (at, rgb)));
+            playing.next += 1;
+            if playing.ahead.len() > MAX_AHEAD + 1 {
+                return Err(
+                    source.fault(number, "is shown long before frames that come first".into())
+                );
+            }
+        }
+        let rgb = playing.ahead.remove(&sample).ok_or_else(|| {
+            source.fault(
+                number,
+                "does not decode, as in a damaged file: no picture came out".into(),
+            )
+        })?;
+        self.playing = Some(playing);
+        Ok(rgb)
+    }
+
+    fn decoder(&self, source: &Source) -> Result<FrameDecoder, DatasetError> {
+        let track = &source.track;
+        let (height, width) = (track.height, track.width);
+        match (&track.codec, self.kind) {
+            (Mp4Codec::Av1, _) => Av1::new(height, width).map(FrameDecoder::Av1),
+            (Mp4Codec::H264(config), Some(kind)) => {
+                H264::new(config, track.colors, kind, height, width).map(FrameDecoder::H264)
+            }
+            _ => Err("has no decoder in this program".into()),
+        }
+        .map_err(|e| DatasetError::video(&source.path, e))
+    }
+}
+
+impl Playing {
+    /// Whether to go on from here to get at `sample`, whose key frame is `key`, rather than start anew.
+    fn reaches(&self, key: usize, sample: usize) -> bool {
+        self.ahead.contains_key(&sample) || (key..=sample).contains(&self.next)
+    }
+}
+
+impl FrameDecoder {
+    fn decode(
+        &mut self,
+        encoded: Vec<u8>,
+        key: bool,
+        show: bool,
+    ) -> Result<Option<Vec<u8>>, String> {
+        match self {
+            Self::Av1(decoder) => {
+                let picture = decoder.decode(encoded)?;
+                show.then(|| picture.to_rgb()).transpose()
+            }
+            Self::H264(decoder) => decoder.decode(&encoded, key, show),
+        }
+    }
+}

@@ -1,0 +1,81 @@
+//! What the parameter sets of H.264 and HEVC declare of the pictures, checked before a decoder allocates for them.
+
+use super::color::{Colors, Matrix, Sampling, YuvFormat};
+
+/// Pictures that are read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Kind {
+    pub format: YuvFormat,
+    /// Whether OpenH264 decodes them; FFmpeg does otherwise.
+    pub openh264: bool,
+}
+
+impl Kind {
+    /// Checks that a later parameter set declares pictures of the same kind.
+    pub fn same_as(self, first: Self) -> Result<(), String> {
+        match self == first {
+            true => Ok(()),
+            false => Err(format!(
+                "has other pictures ({self:?}) than the frames before ({first:?}); re-encode the video"
+            )),
+        }
+    }
+}
+
+/// What a sequence parameter set declares.
+#[derive(Debug, Default)]
+pub(crate) struct Declared {
+    pub height: u64,
+    pub width: u64,
+    /// 1 for 4:2:0, 2 for 4:2:2, 3 for 4:4:4.
+    pub chroma_format: u64,
+    /// Whether the planes of 4:4:4 are coded as three pictures.
+    pub separate_planes: bool,
+    /// Of luma and chroma.
+    pub bit_depths: [u64; 2],
+    /// Whether it is stated that luma takes 0 to 255.
+    pub full_range: Option<bool>,
+    /// The matrix by its number in ITU-T H.273, if one is stated.
+    pub matrix: Option<u32>,
+}
+
+impl Declared {
+    /// Size and sampling, where they are read and the size is `height x width`.
+    ///
+    /// # Errors
+    /// What it declares instead.
+    pub fn layout(&self, height: usize, width: usize) -> Result<(Sampling, u32), String> {
+        if (self.height, self.width) != (height as u64, width as u64) {
+            return Err(format!(
+                "is {} x {} (height x width), expected {height} x {width}",
+                self.height, self.width
+            ));
+        }
+        let sampling = match self.chroma_format {
+            1 => Some(Sampling::Yuv420),
+            2 => Some(Sampling::Yuv422),
+            3 if !self.separate_planes => Some(Sampling::Yuv444),
+            _ => None,
+        };
+        match (sampling, self.bit_depths) {
+            (Some(sampling), [bits @ (8 | 10 | 12), chroma]) if bits == chroma => {
+                Ok((sampling, bits as u32))
+            }
+            (_, [luma, chroma]) => Err(format!(
+                "has chroma format {} with {luma} and {chroma} bits; 4:2:0, 4:2:2 and 4:4:4 with 8, 10 or 12 bits are read; re-encode the \
+                 video",
+                self.chroma_format
+            )),
+        }
+    }
+}
+
+/// The colours of this matrix by its number in ITU-T H.273.
+pub(crate) fn colors(matrix: u32, full_range: bool) -> Result<Colors, String> {
+    match Matrix::of_code(matrix) {
+        Some(matrix) => Ok(Colors { matrix, full_range }),
+        None => Err(format!(
+            "has colours of matrix {matrix}; BT.601 (5, 6, or 2 for unspecified), BT.709 (1) and BT.2020 (9) are read; re-encode the video"
+        )),
+    }
+}

@@ -1,0 +1,78 @@
+//! `avcC` and `hvcC`: how H.264 and HEVC are packed into an mp4's samples (ISO/IEC 14496-15, 5.3.3 and 8.3.3).
+
+use crate::dataset::video::mp4::boxes::{Fields, Result};
+
+/// Video, sequence and picture parameter sets of HEVC; other units of the record are remarks.
+const HEVC_PARAMETER_SETS: [u8; 3] = [32, 33, 34];
+
+/// The decoder configuration record of a track of NAL units.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NalConfig {
+    /// Bytes of the length before each NAL unit of a sample: 1, 2 or 4.
+    pub length_size: usize,
+    /// Parameter sets: NAL units, in the order in which a decoder wants them.
+    pub parameter_sets: Vec<Vec<u8>>,
+}
+
+impl NalConfig {
+    /// The record of H.264.
+    pub(crate) fn avc(body: &[u8]) -> Result<Self> {
+        let mut fields = Fields(body);
+        let version = fields.u8()?;
+        if version != 1 {
+            return Err(format!(
+                "H.264 configuration (avcC) of version {version}, expected 1"
+            ));
+        }
+        fields = fields.skip(3)?; // profile and level, which the parameter sets repeat
+        let length_size = length_size(fields.u8()?, "H.264 configuration (avcC)")?;
+        let mut parameter_sets = Vec::new();
+        for bits in [0x1f, 0xff] {
+            for _ in 0..fields.u8()? & bits {
+                let len = usize::from(fields.u16()?);
+                parameter_sets.push(fields.take(len)?.0.to_vec());
+            }
+        }
+        Ok(Self {
+            length_size,
+            parameter_sets,
+        })
+    }
+
+    /// The record of HEVC.
+    pub(crate) fn hevc(body: &[u8]) -> Result<Self> {
+        let mut fields = Fields(body);
+        let version = fields.u8()?;
+        if version != 1 {
+            return Err(format!(
+                "HEVC configuration (hvcC) of version {version}, expected 1"
+            ));
+        }
+        fields = fields.skip(20)?; // what the parameter sets repeat
+        let length_size = length_size(fields.u8()?, "HEVC configuration (hvcC)")?;
+        let mut parameter_sets = Vec::new();
+        for _ in 0..fields.u8()? {
+            let kind = fields.u8()? & 0x3f;
+            for _ in 0..fields.u16()? {
+                let len = usize::from(fields.u16()?);
+                let unit = fields.take(len)?.0;
+                if HEVC_PARAMETER_SETS.contains(&kind) {
+                    parameter_sets.push(unit.to_vec());
+                }
+            }
+        }
+        Ok(Self {
+            length_size,
+            parameter_sets,
+        })
+    }
+}
+
+fn length_size(byte: u8, what: &str) -> Result<usize> {
+    match usize::from(byte & 3) + 1 {
+        3 => Err(format!(
+            "{what} with lengths of 3 bytes, which do not exist"
+        )),
+        size => Ok(size),
+    }
+}

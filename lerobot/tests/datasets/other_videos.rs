@@ -1,0 +1,213 @@
+//! Videos as cameras, GPUs and editors write them: their pictures are those of LeRobot 0.6.1, level by level.
+//!
+//! `tests/fixtures/videos_other/make.py` made them with PyAV 15.1 and FFmpeg 5.1, and read them with LeRobot. HEVC and parts of H.264
+//! take an installed FFmpeg here; without it these tests fail.
+
+use std::fs;
+use std::ops::Range;
+use std::path::PathBuf;
+
+use zk0_lerobot::dataset::{Mp4Track, VideoReader};
+use zk0_testkit::own_process::{alone, is_alone};
+use zk0_testkit::recordings::{fixtures, patch};
+
+const HEIGHT: usize = 48;
+const WIDTH: usize = 64;
+const FRAMES: usize = 12;
+/// The frames whose pixels are kept.
+const KEPT: [usize; 4] = [0, 4, 7, 11];
+
+/// Videos that this program decodes itself.
+const IN_PROCESS: [&str; 12] = [
+    "h264_plain",
+    "h264_bt709",
+    "h264_bt2020",
+    "h264_full",
+    "h264_bt709_full",
+    "h264_container_colors",
+    "av1_bt709",
+    "av1_full",
+    "av1_10bit",
+    "av1_12bit",
+    "av1_422",
+    "av1_444",
+];
+
+/// Videos that FFmpeg decodes.
+const BY_FFMPEG: [&str; 20] = [
+    "h264_lossless",
+    "h264_422",
+    "h264_444",
+    "h264_10bit",
+    "h264_422_10bit",
+    "h264_interlaced",
+    "h264_444_full",
+    "h264_10bit_full",
+    "hevc_hev1",
+    "hevc_hvc1",
+    "hevc_bt709",
+    "hevc_full",
+    "hevc_10bit",
+    "hevc_10bit_full",
+    "hevc_12bit",
+    "hevc_422_10bit",
+    "hevc_422_full",
+    "hevc_444",
+    "hevc_444_12bit",
+    "hevc_like_nvenc",
+];
+
+fn file(name: &str) -> PathBuf {
+    fixtures().join(format!("videos_other/{name}.mp4"))
+}
+
+/// LeRobot's pixels of the frames in `KEPT`.
+fn likes(name: &str) -> Vec<Vec<u8>> {
+    let path = fixtures().join(format!("videos_other/{name}.rgb"));
+    let bytes = fs::read(path).unwrap();
+    let pictures = bytes.chunks_exact(3 * HEIGHT * WIDTH);
+    pictures.map(<[u8]>::to_vec).collect()
+}
+
+/// All frames in order.
+fn forwards(name: &str, height: usize, width: usize) -> (VideoReader, Vec<Vec<u8>>) {
+    let mut video = VideoReader::open(&file(name), height, width).unwrap();
+    assert_eq!(video.len(), FRAMES, "{name}");
+    let frames = (0..FRAMES).map(|n| {
+        assert_eq!(video.frame_at(n as f64 / 30.0, 1e-4).unwrap(), n, "{name}");
+        video.rgb(n).unwrap_or_else(|e| panic!("{name}: {e}"))
+    });
+    let frames = frames.collect();
+    (video, frames)
+}
+
+fn same_as_lerobot(name: &str, height: usize, width: usize) {
+    let (mut video, frames) = forwards(name, height, width);
+    for (n, like) in KEPT.iter().zip(likes(name)) {
+        let furthest = frames[*n].iter().zip(&like).map(|(a, b)| a.abs_diff(*b));
+        assert_eq!(furthest.max(), Some(0), "{name} frame {n}");
+    }
+    // Backwards and in leaps, decoding begins at key frames.
+    for n in [11, 8, 9, 3, 0, 5, 4, 10, 10, 1, 7] {
+        let frame = video.rgb(n).unwrap_or_else(|e| panic!("{name} {n}: {e}"));
+        assert!(frame == frames[n], "{name} frame {n} out of order");
+    }
+}
+
+#[test]
+fn what_this_program_decodes_is_what_lerobot_reads() {
+    for name in IN_PROCESS.iter().chain(&["av1_444_10bit"]) {
+        same_as_lerobot(name, HEIGHT, WIDTH);
+    }
+}
+
+#[test]
+fn what_ffmpeg_decodes_is_what_lerobot_reads() {
+    for name in BY_FFMPEG.iter().chain(&["hevc_like_videotoolbox"]) {
+        same_as_lerobot(name, HEIGHT, WIDTH);
+    }
+}
+
+#[test]
+fn a_picture_is_turned_as_the_container_states() {
+    same_as_lerobot("h264_turned_180", HEIGHT, WIDTH);
+    same_as_lerobot("h264_turned_90", WIDTH, HEIGHT);
+    same_as_lerobot("h264_turned_270", WIDTH, HEIGHT);
+}
+
+fn failure(mp4: &[u8], height: usize, width: usize) -> String {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("video.mp4");
+    fs::write(&path, mp4).unwrap();
+    let read = VideoReader::open(&path, height, width)
+        .and_then(|mut video| (0..video.len()).try_for_each(|n| video.rgb(n).map(drop)));
+    let message = read.expect_err("nothing was wrong").to_string();
+    assert!(message.contains("video.mp4: "), "{message}");
+    message
+}
+
+fn bytes(name: &str) -> Vec<u8> {
+    fs::read(file(name)).unwrap()
+}
+
+/// Offset and size of every sample.
+fn samples(name: &str) -> Vec<(usize, usize)> {
+    let track = Mp4Track::read(&mut fs::File::open(file(name)).unwrap()).unwrap();
+    let samples = track.samples.iter();
+    samples
+        .map(|s| (s.offset as usize, s.size as usize))
+        .collect()
+}
+
+#[test]
+fn a_turn_that_the_shape_contradicts_is_named() {
+    let message = failure(&bytes("h264_turned_90"), HEIGHT, WIDTH);
+    assert!(
+        message.contains("64 x 48 (height x width) after the turn that the file states (tkhd)"),
+        "{message}"
+    );
+    // A mirror, which LeRobot takes for a half turn, and a turn of the whole movie.
+    let mut other = bytes("h264_plain");
+    patch(&mut other, b"tkhd", 0, 40, &[0xff, 0xff]);
+    assert!(failure(&other, HEIGHT, WIDTH).contains("(tkhd), and only turns by quarters"));
+    let mut other = bytes("h264_plain");
+    patch(&mut other, b"mvhd", 0, 36, &[0xff, 0xff]);
+    assert!(failure(&other, HEIGHT, WIDTH).contains("turns the whole movie (mvhd)"));
+}
+
+#[test]
+fn pictures_that_ffmpeg_would_make_up_are_refused() {
+    // By itself, FFmpeg gives twelve pictures of each of these files, and ends with 0. Of the second one it logs nothing.
+    let cases: [(&str, usize, fn(usize) -> Range<usize>, u8); 4] = [
+        ("h264_lossless", 0, |size| size * 2 / 3..size, 0x5a),
+        ("hevc_hvc1", 0, |_| 7..12, 0xff),
+        ("hevc_10bit", 0, |_| 7..12, 0xff),
+        ("hevc_hvc1", 1, |size| size / 2..size, 0xff),
+    ];
+    for (name, sample, noise, value) in cases {
+        let (at, size) = samples(name)[sample];
+        let mut other = bytes(name);
+        other[at..at + size][noise(size)].fill(value);
+        let message = failure(&other, HEIGHT, WIDTH);
+        assert!(message.contains("does not decode"), "{name}: {message}");
+        assert!(message.contains("FFmpeg"), "{name}: {message}");
+    }
+    // The second sample becomes a unit that holds no picture, and one that belongs to another layer.
+    let (at, size) = samples("hevc_hvc1")[1];
+    let mut missing = bytes("hevc_hvc1");
+    missing[at + 4] = 38 << 1;
+    let message = failure(&missing, HEIGHT, WIDTH);
+    assert!(
+        message.contains("sample 1 does not hold one picture"),
+        "{message}"
+    );
+    let mut layered = bytes("hevc_hvc1");
+    layered[at + 5] |= 8;
+    assert!(failure(&layered, HEIGHT, WIDTH).contains("several layers"));
+}
+
+#[test]
+fn lossless_h264_is_not_decoded_as_if_it_had_loss() {
+    // OpenH264 gives pictures of this stream, and all are wrong.
+    let (_, frames) = forwards("h264_lossless", HEIGHT, WIDTH);
+    assert!(frames[0] == likes("h264_lossless")[0]);
+}
+
+#[test]
+fn a_missing_ffmpeg_is_named_with_the_command_that_installs_it() {
+    let name =
+        "datasets::other_videos::a_missing_ffmpeg_is_named_with_the_command_that_installs_it";
+    if !is_alone() {
+        alone(name, &["env", "PATH=/nonexistent"]);
+        return;
+    }
+    // What this program decodes itself still is.
+    forwards("h264_plain", HEIGHT, WIDTH);
+    let mut video = VideoReader::open(&file("hevc_hev1"), HEIGHT, WIDTH).unwrap();
+    assert_eq!(video.codec().name(), "HEVC");
+    let message = video.rgb(0).unwrap_err().to_string();
+    assert!(
+        message.ends_with("hevc_hev1.mp4: video frame 0 needs FFmpeg, which is not installed; install it: sudo apt install ffmpeg"),
+        "{message}"
+    );
+}
