@@ -30,6 +30,7 @@ fn inspect_shows_what_a_recording_holds() {
         "frames     245 at 30 frames per second: 8.2 s",
         "cameras    observation.images.top    96 x 128 (height x width), AV1, a key frame every 2.0 frames",
         "           observation.images.wrist  96 x 128",
+        "unit       degrees: main_shoulder_lift reaches -148.",
         "tasks      245 frames: Pick up the red cube and place it on the blue plate.",
         "repairs    none needed",
         "main_gripper           36.656     32.957      5.714     78.571",

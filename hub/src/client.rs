@@ -160,8 +160,8 @@ impl<'t> Client<'t> {
                 repository,
                 said,
             },
-            // The Hub is slow, limits requests, or fails.
-            408 | 429 | 500..=599 => {
+            // The Hub is slow, limits requests, or fails; or somebody else committed since it was asked for what it has (412).
+            408 | 412 | 429 | 500..=599 => {
                 return Failure::Temporary {
                     what: what.into(),
                     why: format!("{endpoint} answered with HTTP {status} ({said})"),

@@ -142,8 +142,9 @@ fn create(client: &Client) -> Result<(), Failure> {
     match answer.status().as_u16() {
         // It is there already.
         409 => Ok(()),
-        // A token may be allowed to write to a repository that is there, and not to create any.
-        403 if client.status(what, &client.model(""))?.is_success() => Ok(()),
+        // A token may be allowed to write to a repository that is there, and not to create any. The Hub answers 401 to a token for that
+        // repository alone, 403 without the right, and 402 where the account would have to pay (`create_repo` of huggingface_hub 1.33).
+        401..=403 if client.status(what, &client.model(""))?.is_success() => Ok(()),
         _ => client.succeeded(what, answer).map(drop),
     }
 }

@@ -151,16 +151,28 @@ fn a_wrong_token_and_a_missing_right_are_told_apart() {
 
 #[test]
 fn a_token_that_may_create_no_repository_writes_to_one_that_is_there() {
+    for status in [401, 402, 403] {
+        let (hub, folder) = (LocalHub::start(), folder());
+        hub.held().closed = Some(status);
+        let refused = publish(&target(&hub, TOKEN), folder.path(), "Round").unwrap_err();
+        let refused = refused.to_string();
+        assert!(refused.contains(&format!("HTTP {status}")), "{refused}");
+        hub.held().models.insert(NAME.into(), Default::default());
+        publish(&target(&hub, TOKEN), folder.path(), "Round").unwrap();
+        holds(&hub, folder.path());
+    }
+}
+
+#[test]
+fn a_commit_after_somebody_else_s_is_made_again() {
     let (hub, folder) = (LocalHub::start(), folder());
-    hub.held().closed = true;
-    let refused = publish(&target(&hub, TOKEN), folder.path(), "Round").unwrap_err();
-    assert!(
-        matches!(refused, PublishError::Forbidden { .. }),
-        "{refused}"
-    );
-    hub.held().models.insert(NAME.into(), Default::default());
+    hub.held().failing = Some(("commit", 412, 1));
     publish(&target(&hub, TOKEN), folder.path(), "Round").unwrap();
     holds(&hub, folder.path());
+    // What the repository has was asked for again.
+    let asked = hub.asked();
+    let count = |text: &str| asked.iter().filter(|one| one.contains(text)).count();
+    assert_eq!((count("preupload"), count("commit")), (2, 2));
 }
 
 #[test]

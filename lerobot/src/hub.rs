@@ -20,6 +20,10 @@ const MAX_LISTING: u64 = 64 << 20;
 /// How often a download is resumed where it broke off, and how often it starts again from the beginning.
 const RETRIES: usize = 3;
 const LISTING_TIMEOUT: Duration = Duration::from_secs(120);
+/// The branch that is read where no revision is named.
+const DEFAULT_REVISION: &str = "main";
+/// The tag that LeRobot 0.4 to 0.6 read where no revision is named.
+const LEROBOT_TAG: &str = "v3.0";
 /// The folders that a recording is read from; all else in a repository stays there.
 const FOLDERS: [&str; 3] = ["meta/", "data/", "videos/"];
 
@@ -36,7 +40,7 @@ impl FromStr for HubRecording {
     type Err = HubError;
 
     fn from_str(given: &str) -> Result<Self, HubError> {
-        let (repository, revision) = given.split_once('@').unwrap_or((given, "main"));
+        let (repository, revision) = given.split_once('@').unwrap_or((given, DEFAULT_REVISION));
         let plain = |part: &str| {
             !part.is_empty()
                 && !part.contains("..")
@@ -154,7 +158,21 @@ pub enum HubError {
         recording: HubRecording,
         cause: String,
     },
-    /// A file was not downloaded, or only a part of it.
+    /// The recording is listed for everybody, and its files are for those whom its owner let in.
+    #[error(
+        "{recording}: access refused to {file} (HTTP {status}); ask for access at {page}, and set HF_TOKEN to a token of the account \
+         that has it"
+    )]
+    Gated {
+        recording: HubRecording,
+        file: String,
+        page: String,
+        status: u16,
+    },
+    /// The cache's folder does not take what is downloaded.
+    #[error("{}: the Hub's cache cannot be written: {cause}; set HF_HOME to a folder that can be written, with room", folder.display())]
+    Cache { folder: PathBuf, cause: String },
+    /// The connection failed, and what is whole was kept.
     #[error(
         "{recording}: {file}: {cause}; run the command again, it keeps the files that are complete"
     )]
@@ -163,10 +181,31 @@ pub enum HubError {
         file: String,
         cause: String,
     },
+    /// The Hub sends another file than it lists.
+    #[error(
+        "{recording}: {file}: {cause}; the Hub, or what is between, does not send what it lists"
+    )]
+    OtherFile {
+        recording: HubRecording,
+        file: String,
+        cause: String,
+    },
 }
 
-/// Fetches what is missing of a recording and gives its folder in the cache. `progress` is told of every step; if all is there, the
-/// Hub is asked only for the listing. If the Hub cannot be reached, a recording that was fetched before is used as it is, with a warning.
+/// A recording in the cache.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Fetched {
+    /// Its folder.
+    pub folder: PathBuf,
+    /// The commit that it is of.
+    pub commit: String,
+    /// The commit that LeRobot reads if it differs: without a revision, LeRobot (0.6.1, `get_safe_version`) takes the tag `v3.0`, which
+    /// may be older than `main`.
+    pub lerobot_commit: Option<String>,
+}
+
+/// Fetches what is missing of a recording into the cache. `progress` is told of every step; if all is there, the
+/// Hub is asked only for the listing and for LeRobot's tag. If the Hub cannot be reached, a recording that was fetched before is used as it is, with a warning.
 ///
 /// # Errors
 /// See [`HubError`]. A file that is not whole is not left under its name.
@@ -174,7 +213,7 @@ pub fn fetch(
     recording: &HubRecording,
     options: &HubOptions,
     progress: &mut dyn FnMut(HubProgress),
-) -> Result<PathBuf, HubError> {
+) -> Result<Fetched, HubError> {
     let api = build(recording, options)?;
     let cache = Cache::new(options.cache.clone());
     let of = |revision: &str| {
@@ -194,7 +233,13 @@ pub fn fetch(
                 "{recording}: {} cannot be reached; what was fetched before is used",
                 options.endpoint
             );
-            return Ok(above(&above(&info)));
+            let folder = above(&above(&info));
+            let commit = folder.file_name().unwrap_or_default();
+            return Ok(Fetched {
+                commit: commit.to_string_lossy().into_owned(),
+                lerobot_commit: None,
+                folder,
+            });
         }
         Err(error) => return Err(error),
     };
@@ -213,13 +258,9 @@ pub fn fetch(
     for file in &listing.siblings {
         let path = snapshot.join(&file.rfilename);
         if !is_whole(&path, file.size) {
-            let wrong = |cause: String| HubError::Download {
-                recording: recording.clone(),
-                file: file.rfilename.clone(),
-                cause,
-            };
             let unfinished = cache.repo(pinned.clone()).blob_path(file.etag());
-            download(&remote, file, &path, &unfinished, meter, progress).map_err(wrong)?;
+            let failed = |failure: Failure| failure.of(recording, options, &file.rfilename);
+            download(&remote, file, &path, &unfinished, meter, progress).map_err(failed)?;
         }
         meter.files += 1;
         meter.bytes += file.size;
@@ -228,7 +269,30 @@ pub fn fetch(
     if let Err(error) = named.create_ref(&listing.sha) {
         tracing::warn!("{recording}: its place in the cache could not be noted: {error}");
     }
-    Ok(snapshot)
+    let lerobot_commit = match recording.revision == DEFAULT_REVISION {
+        true => tagged(&api.repo(of(LEROBOT_TAG))).filter(|commit| *commit != listing.sha),
+        false => None,
+    };
+    Ok(Fetched {
+        folder: snapshot,
+        commit: listing.sha,
+        lerobot_commit,
+    })
+}
+
+/// The commit that a tag names; `None` if there is no such tag, or the Hub does not answer: nothing depends on it but a warning.
+fn tagged(repo: &ApiRepo) -> Option<String> {
+    let request = repo.info_request().config();
+    let request = request.timeout_global(Some(LISTING_TIMEOUT)).build();
+    let mut response = request.call().ok()?;
+    let body = response.body_mut().with_config().limit(MAX_LISTING);
+    let commit: Commit = body.read_json().ok()?;
+    is_hash(&commit.sha).then_some(commit.sha)
+}
+
+/// Whether it is a digest as git or Git LFS writes it.
+fn is_hash(text: &str) -> bool {
+    text.len() >= 40 && text.bytes().all(|b| b.is_ascii_hexdigit())
 }
 
 fn build(recording: &HubRecording, options: &HubOptions) -> Result<Api, HubError> {
@@ -250,6 +314,11 @@ fn build(recording: &HubRecording, options: &HubOptions) -> Result<Api, HubError
 struct Listing {
     sha: String,
     siblings: Vec<RemoteFile>,
+}
+
+#[derive(Deserialize)]
+struct Commit {
+    sha: String,
 }
 
 #[derive(Deserialize)]
@@ -311,7 +380,6 @@ fn list(
     let body = response.body_mut().with_config().limit(MAX_LISTING);
     let mut listing: Listing = body.read_json().map_err(failed)?;
 
-    let is_hash = |text: &str| text.len() >= 40 && text.bytes().all(|b| b.is_ascii_hexdigit());
     if !is_hash(&listing.sha) {
         return Err(wrong(format!("{:?} is no commit", listing.sha)));
     }
@@ -342,7 +410,79 @@ fn is_whole(path: &Path, size: u64) -> bool {
     fs::metadata(path).is_ok_and(|found| found.is_file() && found.len() == size)
 }
 
-/// Downloads one file and checks it. The download starts again when the content is not what the Hub listed.
+/// Why a file was not downloaded.
+enum Failure {
+    /// It may go better later.
+    Connection(String),
+    /// The Hub does not give it to this caller.
+    Refused(u16),
+    /// The cache's folder does not take it.
+    Cache(String),
+    /// What came is not what is listed.
+    Other(String),
+}
+
+impl Failure {
+    fn of(self, recording: &HubRecording, options: &HubOptions, file: &str) -> HubError {
+        let (recording, file) = (recording.clone(), file.to_owned());
+        match self {
+            Self::Refused(status) => HubError::Gated {
+                page: format!("{}/datasets/{}", options.endpoint, recording.repository),
+                recording,
+                file,
+                status,
+            },
+            Self::Cache(cause) => HubError::Cache {
+                folder: options.cache.clone(),
+                cause,
+            },
+            Self::Connection(cause) => HubError::Download {
+                recording,
+                file,
+                cause,
+            },
+            Self::Other(cause) => HubError::OtherFile {
+                recording,
+                file,
+                cause,
+            },
+        }
+    }
+
+    fn from_api(error: ApiError) -> Self {
+        match error {
+            ApiError::TooManyRetries(error) => Self::from_api(*error),
+            ApiError::RequestError(error) => match *error {
+                ureq::Error::StatusCode(status @ (401 | 403)) => Self::Refused(status),
+                ureq::Error::StatusCode(status @ (400 | 404 | 410)) => {
+                    Self::Other(format!("HTTP {status}"))
+                }
+                error => Self::Connection(error.to_string()),
+            },
+            ApiError::LockAcquisition(lock) => Self::Connection(format!(
+                "another process is downloading it ({} is locked)",
+                lock.display()
+            )),
+            ApiError::IoError(error) if is_local(error.kind()) => Self::Cache(error.to_string()),
+            error => Self::Connection(error.to_string()),
+        }
+    }
+}
+
+/// Whether it is the disk that fails. A connection that breaks is an I/O error, too.
+fn is_local(kind: io::ErrorKind) -> bool {
+    matches!(
+        kind,
+        io::ErrorKind::PermissionDenied
+            | io::ErrorKind::ReadOnlyFilesystem
+            | io::ErrorKind::StorageFull
+            | io::ErrorKind::QuotaExceeded
+            | io::ErrorKind::NotADirectory
+            | io::ErrorKind::NotFound
+    )
+}
+
+/// Downloads one file and checks it. The download starts again when the connection breaks, or the content is not what the Hub listed.
 fn download(
     remote: &ApiRepo,
     file: &RemoteFile,
@@ -350,8 +490,8 @@ fn download(
     blob: &Path,
     meter: HubProgress,
     progress: &mut dyn FnMut(HubProgress),
-) -> Result<(), String> {
-    let mut last = String::new();
+) -> Result<(), Failure> {
+    let mut last = Failure::Other("was not asked for".into());
     for _ in 0..RETRIES {
         // An earlier attempt left the whole file, or more. There is nothing to resume, and the Hub would refuse the request.
         let part = blob.with_extension("part");
@@ -366,54 +506,60 @@ fn download(
         let done = catch_unwind(AssertUnwindSafe(|| {
             remote.download_with_progress(&file.rfilename, watch)
         }));
-        match done {
-            Ok(Ok(_)) => match check(path, file) {
-                Ok(()) => return Ok(()),
-                Err(cause) => {
-                    last = cause;
+        last = match done {
+            Ok(Ok(_)) => match check(path, file)? {
+                None => return Ok(()),
+                Some(cause) => {
                     remove(path)?;
                     remove(blob)?;
+                    Failure::Other(cause)
                 }
             },
-            Ok(Err(ApiError::LockAcquisition(lock))) => {
-                return Err(format!(
-                    "another process is downloading it ({} is locked)",
-                    lock.display()
-                ))
-            }
-            Ok(Err(error)) => last = error.to_string(),
-            Err(_) => last = "the Hub's answer lacks what an answer has to have".into(),
-        }
+            Ok(Err(error @ ApiError::LockAcquisition(_))) => return Err(Failure::from_api(error)),
+            Ok(Err(error)) => match Failure::from_api(error) {
+                failure @ Failure::Connection(_) => failure,
+                failure => return Err(failure),
+            },
+            Err(_) => Failure::Other("the Hub's answer lacks what an answer has to have".into()),
+        };
     }
     Err(last)
 }
 
-/// Compares a file with what the Hub lists.
-fn check(path: &Path, file: &RemoteFile) -> Result<(), String> {
-    let unreadable = |e: io::Error| format!("cannot be read again: {e}");
+/// How a file differs from what the Hub lists.
+fn check(path: &Path, file: &RemoteFile) -> Result<Option<String>, Failure> {
+    let unreadable = |e: io::Error| Failure::Cache(format!("{}: {e}", path.display()));
     let size = fs::metadata(path).map_err(unreadable)?.len();
     if size != file.size {
-        return Err(format!("{size} bytes came where {} are listed", file.size));
+        let cause = format!("{size} bytes came where {} are listed", file.size);
+        return Ok(Some(cause));
     }
-    if let Some(lfs) = &file.lfs {
-        let mut hash = Sha256::new();
-        let mut content = File::open(path).map_err(unreadable)?;
-        io::copy(&mut content, &mut hash).map_err(unreadable)?;
-        let found = hex::encode(hash.finalize());
-        if !found.eq_ignore_ascii_case(&lfs.sha256) {
-            return Err(format!(
-                "its SHA-256 is {found} where {} is listed",
-                lfs.sha256
-            ));
-        }
-    }
-    Ok(())
+    let Some(lfs) = &file.lfs else {
+        return Ok(None);
+    };
+    let mut hash = Sha256::new();
+    let mut content = File::open(path).map_err(unreadable)?;
+    io::copy(&mut content, &mut hash).map_err(unreadable)?;
+    let found = hex::encode(hash.finalize());
+    Ok(match found.eq_ignore_ascii_case(&lfs.sha256) {
+        true => None,
+        false => Some(format!(
+            "its SHA-256 is {found} where {} is listed",
+            lfs.sha256
+        )),
+    })
 }
 
-fn remove(path: &Path) -> Result<(), String> {
+fn remove(path: &Path) -> Result<(), Failure> {
     match fs::remove_file(path) {
-        Err(e) if e.kind() != io::ErrorKind::NotFound => {
-            Err(format!("cannot be removed from {}: {e}", path.display()))
+        // Where a folder of the path is a file, nothing can be written, and the download states so.
+        Err(e)
+            if !matches!(
+                e.kind(),
+                io::ErrorKind::NotFound | io::ErrorKind::NotADirectory
+            ) =>
+        {
+            Err(Failure::Cache(format!("{}: {e}", path.display())))
         }
         _ => Ok(()),
     }

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex};
 use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 use zk0_lerobot::dataset::Dataset;
-use zk0_lerobot::hub::{fetch, HubError, HubOptions, HubProgress, HubRecording};
+use zk0_lerobot::hub::{fetch, Fetched, HubError, HubOptions, HubProgress, HubRecording};
 use zk0_testkit::recordings::{open, recording};
 
 const COMMIT: &str = "0123456789abcdef0123456789abcdef01234567";
@@ -19,6 +19,10 @@ const NAME: &str = "robots/so100";
 /// How the server misbehaves.
 #[derive(Default)]
 struct Manners {
+    /// The commit that the tag `v3.0` names.
+    tag: Option<&'static str>,
+    /// Lists files, and gives them to nobody.
+    gated: bool,
     /// Answers only callers with this token.
     token: Option<&'static str>,
     /// Cuts the connection in the middle of the body, for this many of the first requests for a file's content.
@@ -147,6 +151,20 @@ fn answer(
             body.len()
         );
     }
+    if path == format!("/api/datasets/{NAME}/revision/v3.0") {
+        let Some(tag) = manners.tag else {
+            return status(&mut stream, "404 Not Found");
+        };
+        let body = serde_json::json!({"sha": tag, "siblings": []}).to_string();
+        return write!(
+            stream,
+            "HTTP/1.1 200 OK\r\nContent-Type: application/json\r\nContent-Length: {}\r\nConnection: close\r\n\r\n{body}",
+            body.len()
+        );
+    }
+    if manners.gated {
+        return status(&mut stream, "403 Forbidden");
+    }
     let name = path.strip_prefix(&format!("/datasets/{NAME}/resolve/{COMMIT}/"));
     let Some((name, bytes)) = name.and_then(|name| files.get_key_value(name)) else {
         return status(&mut stream, "404 Not Found");
@@ -197,6 +215,10 @@ fn cache() -> TempDir {
 }
 
 fn get(options: &HubOptions) -> Result<PathBuf, HubError> {
+    fetched(options).map(|fetched| fetched.folder)
+}
+
+fn fetched(options: &HubOptions) -> Result<Fetched, HubError> {
     fetch(&NAME.parse().unwrap(), options, &mut |_| ())
 }
 
@@ -229,7 +251,8 @@ fn a_recording_is_downloaded_once() {
         let (hub, cache) = (Hub::start(name, Manners::default()), cache());
         let options = hub.options(cache.path());
         let mut seen: Vec<HubProgress> = Vec::new();
-        let folder = fetch(&NAME.parse().unwrap(), &options, &mut |at| seen.push(at)).unwrap();
+        let fetched = fetch(&NAME.parse().unwrap(), &options, &mut |at| seen.push(at)).unwrap();
+        let folder = fetched.folder;
         is_whole(&folder, name);
         assert!(folder.ends_with(format!("datasets--robots--so100/snapshots/{COMMIT}")));
         let asked = hub.asked();
@@ -238,11 +261,12 @@ fn a_recording_is_downloaded_once() {
         assert_eq!((last.files, last.bytes), (last.of_files, last.of_bytes));
         assert!(seen.windows(2).all(|w| w[0].files <= w[1].files));
 
-        // A second call only reads the list of files.
+        // A second call only reads the list of files, and which commit LeRobot takes.
         assert_eq!(get(&options).unwrap(), folder);
         assert_eq!(
             hub.asked(),
-            [format!("/api/datasets/{NAME}/revision/main?blobs=true")]
+            ["main?blobs=true", "v3.0"]
+                .map(|asked| format!("/api/datasets/{NAME}/revision/{asked}"))
         );
 
         // Without the Hub, the call returns what is already there.
@@ -362,6 +386,62 @@ fn refusals_say_what_to_do() {
 }
 
 #[test]
+fn the_commit_is_named_and_lerobot_s_where_it_is_another() {
+    const OLDER: &str = "fedcba9876543210fedcba9876543210fedcba98";
+    for (tag, lerobot) in [
+        (None, None),
+        (Some(COMMIT), None),
+        (Some(OLDER), Some(OLDER)),
+    ] {
+        let manners = Manners {
+            tag,
+            ..Manners::default()
+        };
+        let (hub, cache) = (Hub::start("so101_pickplace", manners), cache());
+        let options = hub.options(cache.path());
+        let fetched = fetched(&options).unwrap();
+        assert_eq!(fetched.commit, COMMIT);
+        assert_eq!(fetched.lerobot_commit.as_deref(), lerobot);
+        // Without the Hub, the commit is known all the same.
+        let nowhere = HubOptions {
+            endpoint: "http://127.0.0.1:1".into(),
+            ..options
+        };
+        assert_eq!(self::fetched(&nowhere).unwrap().commit, COMMIT);
+    }
+}
+
+#[test]
+fn a_gated_recording_and_a_cache_that_cannot_be_written_are_named() {
+    let manners = Manners {
+        gated: true,
+        ..Manners::default()
+    };
+    let (hub, cache) = (Hub::start("so101_pickplace", manners), cache());
+    let mut options = hub.options(cache.path());
+    let error = get(&options).unwrap_err().to_string();
+    let page = format!("ask for access at {}/datasets/{NAME}, ", hub.address);
+    assert!(
+        error.contains("HTTP 403") && error.contains(&page),
+        "{error}"
+    );
+    let asked = hub.asked();
+    let content = asked.iter().filter(|path| path.contains("/resolve/"));
+    assert_eq!(content.count(), 1, "to repeat it would be of no use");
+
+    hub.manners.lock().unwrap().gated = false;
+    options.cache = cache.path().join("file/hub");
+    fs::write(cache.path().join("file"), "no folder").unwrap();
+    let error = get(&options).unwrap_err();
+    assert!(matches!(error, HubError::Cache { .. }), "{error}");
+    let error = error.to_string();
+    assert!(
+        error.contains("file/hub: ") && error.contains("set HF_HOME"),
+        "{error}"
+    );
+}
+
+#[test]
 fn listings_cannot_write_outside_the_cache() {
     for path in ["meta/../../../../escaped", "data/./x", "videos//x"] {
         let manners = Manners {
@@ -376,7 +456,7 @@ fn listings_cannot_write_outside_the_cache() {
         };
         match path.contains("..") {
             true => assert!(matches!(error, HubError::Listing { .. }), "{error}"),
-            false => assert!(matches!(error, HubError::Download { .. }), "{error}"),
+            false => assert!(matches!(error, HubError::OtherFile { .. }), "{error}"),
         }
     }
 }

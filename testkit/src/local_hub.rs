@@ -49,8 +49,8 @@ pub struct Held {
     pub failing: Option<(&'static str, u16, usize)>,
     /// So many of the next uploads are cut in the middle.
     pub cuts: usize,
-    /// Nobody may create repositories.
-    pub closed: bool,
+    /// Nobody may create repositories: requests to do so get this status.
+    pub closed: Option<u16>,
     /// It takes uploads without the headers that it asked for.
     pub lenient: bool,
     /// It asks for the verification of uploads somewhere else.
@@ -229,8 +229,8 @@ impl Request {
 
 impl Held {
     fn create(&mut self, asked: &Value) -> Answer {
-        if self.closed {
-            return (403, json!({ "error": "You may not create a repository." }));
+        if let Some(status) = self.closed {
+            return (status, json!({ "error": "You may not create a repository." }));
         }
         // Without a type, it is a model.
         assert!(asked["type"].is_null() || asked["type"] == "model");

@@ -4,7 +4,7 @@ use super::RecordingName;
 use crate::output::{print, println};
 use anyhow::{Context, Result};
 use serde::Serialize;
-use zk0_lerobot::dataset::{Dataset, Frame, Normalizer, VectorFeature, VideoReader};
+use zk0_lerobot::dataset::{Dataset, Frame, JointUnit, Normalizer, VectorFeature, VideoReader};
 use zk0_protocol::counted::counted;
 
 /// Prints what `recording` holds.
@@ -33,6 +33,9 @@ struct Summary {
     cameras: Vec<Camera>,
     /// Features with distances, which are not read.
     depth_maps: Vec<String>,
+    joint_unit: JointUnit,
+    /// What the unit was concluded from.
+    joint_unit_because: String,
     state: Vec<Joint>,
     action: Vec<Joint>,
     tasks: Vec<Task>,
@@ -89,6 +92,7 @@ impl Summary {
         let info = dataset.info();
         let lengths = || dataset.episodes().iter().map(|e| e.frames.len());
         let stats = dataset.stats();
+        let (joint_unit, joint_unit_because) = dataset.joint_unit();
         let first = dataset
             .frame(0, chunk)
             .context("a sample of the recording")?;
@@ -103,6 +107,8 @@ impl Summary {
             seconds: dataset.len() as f64 / f64::from(dataset.fps()),
             cameras: cameras(dataset)?,
             depth_maps: info.depth_maps.clone(),
+            joint_unit,
+            joint_unit_because,
             state: joints(&info.state, &stats.state, dataset.len(), |at| {
                 dataset.state(at)
             }),
@@ -162,6 +168,8 @@ impl Summary {
         for name in &self.depth_maps {
             line("not read", &format!("{name:?}: a depth map"));
         }
+        let unit = format!("{}: {}", self.joint_unit.name(), self.joint_unit_because);
+        line("unit", &unit);
         for (i, task) in self.tasks.iter().enumerate() {
             let frames = counted(task.frames as u64, "frame", "frames");
             let value = format!("{frames}: {}", task.task);

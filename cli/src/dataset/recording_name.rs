@@ -36,12 +36,19 @@ impl RecordingName {
         let name: HubRecording = name.parse()?;
         let options = HubOptions::from_env()?;
         let mut progress = None;
-        let folder = fetch(&name, &options, &mut |at| {
+        let fetched = fetch(&name, &options, &mut |at| {
             progress
                 .get_or_insert_with(|| Progress::start("downloading", at.of_bytes))
                 .reached(at.bytes);
         })?;
-        Ok(folder)
+        tracing::info!("{name} is commit {}", fetched.commit);
+        if let Some(other) = fetched.lerobot_commit {
+            tracing::warn!(
+                "LeRobot reads commit {other} of it, which the tag v3.0 names; write hub:{}@v3.0 to read that",
+                name.repository
+            );
+        }
+        Ok(fetched.folder)
     }
 
     /// Opens the recording.

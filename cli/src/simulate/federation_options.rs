@@ -5,6 +5,7 @@ use crate::policy::{self, CacheOptions, PolicySource};
 use anyhow::{Context, Result};
 use std::path::PathBuf;
 use std::thread;
+use zk0_lerobot::dataset::refuse_different;
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_simulate::robots::data::{Dealing, Recorded};
 use zk0_simulate::robots::federation::Training;
@@ -108,6 +109,7 @@ impl FederationOptions {
         let cache = self.cache.open()?;
         let names = || self.datasets.iter().chain(&self.unseen);
         let datasets = RecordingName::open_together(names())?;
+        refuse_different(datasets.iter().map(|d| (d.root(), d.info())))?;
         let recorded = datasets.iter().zip(names()).map(|(dataset, name)| {
             let recorded = Recorded::of(dataset, &file, cache.as_ref());
             recorded.with_context(|| format!("recording {name}"))

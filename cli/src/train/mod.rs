@@ -19,7 +19,7 @@ use std::fs::{self, File, TryLockError};
 use std::mem;
 use std::path::Path;
 use std::time::Instant;
-use zk0_lerobot::dataset::{Dataset, Episode, Stats};
+use zk0_lerobot::dataset::{refuse_different, Dataset, Episode, Stats};
 use zk0_lerobot::layout::expert_layout;
 use zk0_lerobot::policy_folder::Inference;
 use zk0_node::progress::Progress;
@@ -354,6 +354,7 @@ fn normalise(
     inference: &Inference,
     datasets: &mut [Dataset],
 ) -> Result<Stats> {
+    refuse_different(datasets.iter().map(|d| (d.root(), d.info())))?;
     for dataset in datasets.iter() {
         fits(config, dataset)?;
     }

@@ -1,6 +1,7 @@
 //! What cannot be compared.
 
 use super::{compare, ends, fails, folder, logged, small, text, zk0, DATASETS, SMALL};
+use zk0_testkit::recordings::{Copy, INFO};
 
 #[track_caller]
 fn refused(more: &[&str], why: &str) {
@@ -57,6 +58,12 @@ fn recordings_that_cannot_be_compared_are_named() {
     refused(
         &["--dataset", &sorting[0], "--unseen", &sorting[1]],
         "of so100_sorting_two is the same as episode",
+    );
+    let slow = Copy::default();
+    slow.edit_text(INFO, "\"fps\": 30", "\"fps\": 15");
+    refused(
+        &["--unseen", text(slow.root())],
+        "has 15 frames per second, not 30",
     );
     // Two episodes for each of six nodes: one to train on, one to measure on, and none for a search.
     refused(

@@ -7,6 +7,7 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use zk0_testkit::recordings::{Copy, INFO};
 use zk0_testkit::until;
 
 /// `zk0 train` on a recording, micro profile, with a cache in `dir`.
@@ -343,6 +344,13 @@ fn mistakes_are_named_before_anything_is_spent() {
     assert!(micro(&["--device", "cuda:987"]).contains("device `cuda:987`"));
     assert!(micro(&["--dataset", "no/such/recording"]).contains("no/such/recording"));
     assert!(micro(&["--dataset", "hub:so100"]).contains("recording hub:so100"));
+    let other = Copy::default();
+    other.edit_text(INFO, "\"main_gripper\"", "\"gripper.pos\"");
+    let different = micro(&["--dataset", other.root().to_str().unwrap()]);
+    assert!(
+        different.contains("\"gripper.pos\"], not [\"main_"),
+        "{different}"
+    );
     let policy = ["--policy", "no/such/policy", "--steps", "2"];
     assert!(fails(train(dir.path(), "new", &policy)).contains("no/such/policy"));
     assert!(!dir.path().join("new/snapshots/000002").exists());

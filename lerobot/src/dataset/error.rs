@@ -99,6 +99,16 @@ pub enum DatasetError {
         given: (usize, usize),
         found: (usize, usize),
     },
+    /// Recordings that are trained on together are not alike.
+    #[error(
+        "{}: has {cause} as {} has; train on recordings that agree, or correct meta/info.json if only the names differ",
+        path.display(), first.display()
+    )]
+    Different {
+        path: PathBuf,
+        first: PathBuf,
+        cause: String,
+    },
     /// The caller asked for a frame that does not exist.
     #[error("there is no frame {index}: the recording has {len} frames")]
     OutOfRange { index: usize, len: usize },

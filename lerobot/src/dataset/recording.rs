@@ -37,9 +37,6 @@ impl Dataset {
     /// Among them rows that repeat a frame with other values, and timestamps that are not `frame / fps`.
     pub fn open(root: impl AsRef<Path>) -> Result<Self, DatasetError> {
         let root = root.as_ref().to_path_buf();
-        if !root.is_dir() {
-            return Err(DatasetError::NoFolder { path: root });
-        }
         let mut repairs = Vec::new();
         let info = Info::read(&root)?;
         let tasks = tasks::read_tasks(&root, &info)?;

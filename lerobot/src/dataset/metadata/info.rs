@@ -159,7 +159,13 @@ impl<'de> Deserialize<'de> for OrderedFeatures {
 
 impl Info {
     /// Reads and checks `meta/info.json` under `root`.
-    pub(crate) fn read(root: &Path) -> Result<Self, DatasetError> {
+    ///
+    /// # Errors
+    /// There is no such folder or file, or what the file states cannot be read: which value, and why.
+    pub fn read(root: &Path) -> Result<Self, DatasetError> {
+        if !root.is_dir() {
+            return Err(DatasetError::NoFolder { path: root.into() });
+        }
         let path = root.join("meta/info.json");
         let text = read_text(&path)?;
         let broken = |cause: String| DatasetError::meta(&path, cause);
