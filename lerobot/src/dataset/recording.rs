@@ -7,7 +7,7 @@ use crate::dataset::metadata::episode::Episode;
 use crate::dataset::metadata::info::{Camera, Info};
 use crate::dataset::metadata::normalizer::Stats;
 use crate::dataset::metadata::{episodes, stats, tasks};
-use crate::dataset::recover;
+use crate::dataset::recover::unfinished::explained;
 use crate::dataset::repair::Repair;
 use crate::dataset::tables::motion::Motion;
 use crate::dataset::video_fit::merged_videos;
@@ -42,7 +42,7 @@ impl Dataset {
         let info = Info::read(&root)?;
         let tasks = tasks::read_tasks(&root, &info)?;
         let mut episodes = episodes::read_episodes(&root, &info, &mut repairs)
-            .map_err(|error| recover::explained(&root, &info, error))?;
+            .map_err(|error| explained(&root, &info, error))?;
         let stats = stats::read(&root, &info, &episodes)?;
         let mut motion = Motion::read(&root, &info, &episodes, tasks.len(), &mut repairs)?;
         merged_videos::repair(&root, &info, &mut episodes, &mut repairs)?;

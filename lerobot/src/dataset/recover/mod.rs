@@ -12,6 +12,8 @@
 //! encode, mp4_index    those pictures as H.264
 //! statistics           mean, deviation and quantiles of the rows
 //! folder               episodes → files
+//! save                 all of it, beside the new folder and then under its name
+//! unfinished           tells such a recording from one that is damaged
 //! ```
 
 mod encode;
@@ -23,75 +25,10 @@ mod mp4_index;
 mod placing;
 mod report;
 mod rows;
+mod save;
 mod source;
 mod statistics;
-mod unfinished;
+pub(crate) mod unfinished;
 
 pub use report::{Lost, Recovered, Saved};
-pub(crate) use unfinished::explained;
-
-use std::fs;
-use std::path::{Path, PathBuf};
-
-use zk0_files::atomic_file;
-use zk0_files::random_number::random_number;
-
-use crate::dataset::{Dataset, DatasetError};
-
-/// Writes what can be saved of the recording in `from` into the new folder `out`. `from` is only read. The new folder gets its name when
-/// it is whole.
-///
-/// # Errors
-/// [`DatasetError`] says why nothing can be saved, or what cannot be read or written.
-pub fn recover(from: &Path, out: &Path) -> Result<Recovered, DatasetError> {
-    if !from.is_dir() {
-        return Err(DatasetError::NoFolder { path: from.into() });
-    }
-    refuse_place(from, out)?;
-    let source = source::Source::read(from)?;
-    let (recording, report) = episodes::choose(from, source)?;
-    let partial = beside(out)?;
-    let made = fill(&recording, &partial).and_then(|()| {
-        atomic_file::rename_folder(&partial, out).map_err(|e| DatasetError::write(out, e))
-    });
-    if made.is_err() {
-        // What is left of it has another name than a finished one, and the first error matters more.
-        let _ = fs::remove_dir_all(&partial);
-    }
-    made.map(|()| report)
-}
-
-fn fill(recording: &folder::Recording, partial: &Path) -> Result<(), DatasetError> {
-    fs::create_dir(partial).map_err(|e| DatasetError::write(partial, e))?;
-    recording
-        .write(partial)
-        .map_err(|e| DatasetError::write(partial, e))?;
-    // What zk0 does not read itself is not called saved.
-    Dataset::open(partial).map(drop)
-}
-
-/// Refuses a new folder that is there, or that would lie in the recording.
-fn refuse_place(from: &Path, out: &Path) -> Result<(), DatasetError> {
-    let refused = |cause: &str| Err(DatasetError::meta(out, cause));
-    if fs::symlink_metadata(out).is_ok() {
-        return refused("is there already; name a new folder");
-    }
-    let parent = atomic_file::folder_of(out);
-    let real = |path: &Path| fs::canonicalize(path).map_err(|e| DatasetError::io(path, e));
-    if !parent.is_dir() {
-        return Err(DatasetError::meta(parent, "no such folder; make it first"));
-    }
-    if real(parent)?.starts_with(real(from)?) {
-        return refused("lies in the recording, which is left as it is; name a folder elsewhere");
-    }
-    Ok(())
-}
-
-/// A name beside `out` for a folder that is not finished.
-fn beside(out: &Path) -> Result<PathBuf, DatasetError> {
-    let Some(name) = out.file_name().and_then(|name| name.to_str()) else {
-        return Err(DatasetError::meta(out, "is not a name for a new folder"));
-    };
-    let number = random_number().map_err(|e| DatasetError::write(out, e))?;
-    Ok(out.with_file_name(format!(".{name}.{number:016x}.partial")))
-}
+pub use save::recover;

@@ -1,0 +1,70 @@
+//! Makes the new folder: it is written under another name, read once, and then given its own.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use zk0_files::atomic_file;
+use zk0_files::random_number::random_number;
+
+use crate::dataset::recover::folder::Recording;
+use crate::dataset::recover::report::Recovered;
+use crate::dataset::recover::{episodes, source};
+use crate::dataset::{Dataset, DatasetError};
+
+/// Writes what can be saved of the recording in `from` into the new folder `out`. `from` is only read. The new folder gets its name when
+/// it is whole.
+///
+/// # Errors
+/// [`DatasetError`] says why nothing can be saved, or what cannot be read or written.
+pub fn recover(from: &Path, out: &Path) -> Result<Recovered, DatasetError> {
+    if !from.is_dir() {
+        return Err(DatasetError::NoFolder { path: from.into() });
+    }
+    refuse_place(from, out)?;
+    let source = source::Source::read(from)?;
+    let (recording, report) = episodes::choose(from, source)?;
+    let partial = beside(out)?;
+    let made = fill(&recording, &partial).and_then(|()| {
+        atomic_file::rename_folder(&partial, out).map_err(|e| DatasetError::write(out, e))
+    });
+    if made.is_err() {
+        // What is left of it has another name than a finished one, and the first error matters more.
+        let _ = fs::remove_dir_all(&partial);
+    }
+    made.map(|()| report)
+}
+
+fn fill(recording: &Recording, partial: &Path) -> Result<(), DatasetError> {
+    fs::create_dir(partial).map_err(|e| DatasetError::write(partial, e))?;
+    recording
+        .write(partial)
+        .map_err(|e| DatasetError::write(partial, e))?;
+    // What zk0 does not read itself is not called saved.
+    Dataset::open(partial).map(drop)
+}
+
+/// Refuses a new folder that is there, or that would lie in the recording.
+fn refuse_place(from: &Path, out: &Path) -> Result<(), DatasetError> {
+    let refused = |cause: &str| Err(DatasetError::meta(out, cause));
+    if fs::symlink_metadata(out).is_ok() {
+        return refused("is there already; name a new folder");
+    }
+    let parent = atomic_file::folder_of(out);
+    let real = |path: &Path| fs::canonicalize(path).map_err(|e| DatasetError::io(path, e));
+    if !parent.is_dir() {
+        return Err(DatasetError::meta(parent, "no such folder; make it first"));
+    }
+    if real(parent)?.starts_with(real(from)?) {
+        return refused("lies in the recording, which is left as it is; name a folder elsewhere");
+    }
+    Ok(())
+}
+
+/// A name beside `out` for a folder that is not finished.
+fn beside(out: &Path) -> Result<PathBuf, DatasetError> {
+    let Some(name) = out.file_name().and_then(|name| name.to_str()) else {
+        return Err(DatasetError::meta(out, "is not a name for a new folder"));
+    };
+    let number = random_number().map_err(|e| DatasetError::write(out, e))?;
+    Ok(out.with_file_name(format!(".{name}.{number:016x}.partial")))
+}
