@@ -7,7 +7,7 @@ use std::fs;
 use std::ops::Range;
 use std::path::PathBuf;
 
-use zk0_lerobot::dataset::{Mp4Track, VideoReader};
+use zk0_lerobot::dataset::{Mp4Codec, Mp4Track, VideoReader};
 use zk0_testkit::own_process::{alone, is_alone};
 use zk0_testkit::recordings::{fixtures, patch};
 
@@ -191,6 +191,39 @@ fn lossless_h264_is_not_decoded_as_if_it_had_loss() {
     // OpenH264 gives pictures of this stream, and all are wrong.
     let (_, frames) = forwards("h264_lossless", HEIGHT, WIDTH);
     assert!(frames[0] == likes("h264_lossless")[0]);
+}
+
+#[test]
+fn a_parameter_set_within_may_not_change_what_the_first_one_declares() {
+    let track = Mp4Track::read(&mut fs::File::open(file("h264_lossless")).unwrap()).unwrap();
+    let Mp4Codec::H264(config) = track.codec else {
+        panic!()
+    };
+    let set = &config.parameter_sets[0];
+    // The first unit of the file is a remark of x264's. Its beginning becomes the other parameter set.
+    let (at, _) = samples("h264_plain")[0];
+    let mut other = bytes("h264_plain");
+    assert_eq!(other[at + 4] & 0x1f, 6);
+    let len = u32::from_be_bytes(other[at..at + 4].try_into().unwrap()) as usize;
+    let (unit, rest) = other[at..at + 4 + len].split_at_mut(4 + set.len());
+    unit[..4].copy_from_slice(&(set.len() as u32).to_be_bytes());
+    unit[4..].copy_from_slice(set);
+    let left = rest.len() as u32 - 4;
+    rest[..4].copy_from_slice(&left.to_be_bytes());
+    rest[4] = 6;
+    assert!(failure(&other, HEIGHT, WIDTH).contains("has other pictures"));
+}
+
+#[test]
+fn more_pictures_than_frames_are_refused() {
+    // The eleventh frame takes in the twelfth, and the file has eleven.
+    let sizes = samples("h264_444");
+    let both = (sizes[10].1 + sizes[11].1) as u32;
+    let mut other = bytes("h264_444");
+    patch(&mut other, b"stsz", 0, 8, &11u32.to_be_bytes());
+    patch(&mut other, b"stsz", 0, 12 + 4 * 10, &both.to_be_bytes());
+    let message = failure(&other, HEIGHT, WIDTH);
+    assert!(message.contains("pictures of 11 frames"), "{message}");
 }
 
 #[test]

@@ -112,3 +112,25 @@ impl Player {
         )
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn an_order_that_no_film_has_is_refused() {
+        let start = |order: &[u32]| {
+            let restart = Restart {
+                key: 0,
+                skipped: BTreeSet::new(),
+            };
+            Player::start("hevc", 64, order, restart).map(drop)
+        };
+        let backwards: Vec<u32> = (0..80).rev().collect();
+        assert!(start(&backwards)
+            .unwrap_err()
+            .contains("far from that of decoding"));
+        assert_eq!(start(&[0, 2, 1]), Ok(()));
+    }
+}
