@@ -103,7 +103,7 @@ coverage:
 	scripts/coverage
 
 # Prints the guest's cycles and gas for a claim of each profile and mode, and what each operation takes. It executes the guest, and
-# makes no SP1 proof. For the claim of full size it first makes an argument about four samples, which takes ten minutes and 10 GB.
+# makes no SP1 proof. For the claims of full size it first makes arguments about four and 16 samples, which takes an hour and 10 GB.
 cycles: build
 	@scripts/setup.sh guest
 	$(RUST) circuits/build-guest.sh --budget $(CARGO_TARGET_DIR)/budget

@@ -38,6 +38,7 @@ pub fn cases() -> Vec<Case> {
         ("micro", Mode::Direct, 6),
         ("micro", Mode::Succinct, 6),
         ("full", Mode::Succinct, 4),
+        ("full", Mode::Succinct, 16),
     ]
     .map(|(profile, mode, samples)| Case {
         profile,

@@ -7,7 +7,7 @@ const CYCLES: u64 = 4;
 
 /// Guest cycles of a claim in mode `succinct`, which hardly depend on the policy's size: so many, and so many more for each sample. This is a little more than
 /// what `make cycles` prints.
-const SUCCINCT_CYCLES: (u64, u64) = (5_200_000, 600_000);
+const SUCCINCT_CYCLES: (u64, u64) = (4_400_000, 800_000);
 
 /// If the multiply-adds alone take this many cycles, a proof takes more than a day on two cores.
 const ENDLESS_CYCLES: u64 = 1_000_000_000;
