@@ -173,7 +173,7 @@ fn pictures_that_ffmpeg_would_make_up_are_refused() {
         assert!(message.contains("FFmpeg"), "{name}: {message}");
     }
     // The second sample becomes a unit that holds no picture, and one that belongs to another layer.
-    let (at, size) = samples("hevc_hvc1")[1];
+    let (at, _) = samples("hevc_hvc1")[1];
     let mut missing = bytes("hevc_hvc1");
     missing[at + 4] = 38 << 1;
     let message = failure(&missing, HEIGHT, WIDTH);
