@@ -1,0 +1,121 @@
+//! A recording, fetched into the cache.
+
+use std::path::{Path, PathBuf};
+
+use hf_hub::api::sync::{Api, ApiBuilder};
+use hf_hub::{Cache, Repo, RepoType};
+
+use crate::hub::download::{download, is_whole, Failure, HubProgress, RETRIES};
+use crate::hub::error::HubError;
+use crate::hub::listing::{list, tagged};
+use crate::hub::options::HubOptions;
+use crate::hub::recording::{HubRecording, DEFAULT_REVISION};
+
+/// The tag that LeRobot 0.4 to 0.6 read where no revision is named.
+const LEROBOT_TAG: &str = "v3.0";
+
+/// A recording in the cache.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Fetched {
+    /// Its folder.
+    pub folder: PathBuf,
+    /// The commit that it is of.
+    pub commit: String,
+    /// The commit that LeRobot reads if it differs: without a revision, LeRobot (0.6.1, `get_safe_version`) takes the tag `v3.0`, which
+    /// may be older than `main`.
+    pub lerobot_commit: Option<String>,
+}
+
+/// Fetches what is missing of a recording into the cache. `progress` is told of every step; if all is there, the
+/// Hub is asked only for the listing and for LeRobot's tag. If the Hub cannot be reached, a recording that was fetched before is used as it is, with a warning.
+///
+/// # Errors
+/// See [`HubError`]. A file that is not whole is not left under its name.
+pub fn fetch(
+    recording: &HubRecording,
+    options: &HubOptions,
+    progress: &mut dyn FnMut(HubProgress),
+) -> Result<Fetched, HubError> {
+    let api = build(recording, options)?;
+    let cache = Cache::new(options.cache.clone());
+    let of = |revision: &str| {
+        Repo::with_revision(
+            recording.repository.clone(),
+            RepoType::Dataset,
+            revision.into(),
+        )
+    };
+    let named = cache.repo(of(&recording.revision));
+    let listing = match list(&api.repo(of(&recording.revision)), recording, options) {
+        Ok(listing) => listing,
+        Err(error @ HubError::Unreachable { .. }) => {
+            // The reference is written when everything is there.
+            let info = named.get("meta/info.json").ok_or(error)?;
+            tracing::warn!(
+                "{recording}: {} cannot be reached; what was fetched before is used",
+                options.endpoint
+            );
+            let folder = above(&above(&info));
+            let commit = folder.file_name().unwrap_or_default();
+            return Ok(Fetched {
+                commit: commit.to_string_lossy().into_owned(),
+                lerobot_commit: None,
+                folder,
+            });
+        }
+        Err(error) => return Err(error),
+    };
+    let pinned = of(&listing.sha);
+    let snapshot = cache.repo(pinned.clone()).pointer_path(&listing.sha);
+    let remote = api.repo(pinned.clone());
+    let mut meter = HubProgress {
+        files: 0,
+        of_files: listing.siblings.len(),
+        bytes: 0,
+        of_bytes: listing
+            .siblings
+            .iter()
+            .fold(0, |sum: u64, file| sum.saturating_add(file.size)),
+    };
+    for file in &listing.siblings {
+        let path = snapshot.join(&file.rfilename);
+        if !is_whole(&path, file.size) {
+            let unfinished = cache.repo(pinned.clone()).blob_path(file.etag());
+            let failed = |failure: Failure| failure.of(recording, options, &file.rfilename);
+            download(&remote, file, &path, &unfinished, meter, progress).map_err(failed)?;
+        }
+        meter.files += 1;
+        meter.bytes += file.size;
+        progress(meter);
+    }
+    if let Err(error) = named.create_ref(&listing.sha) {
+        tracing::warn!("{recording}: its place in the cache could not be noted: {error}");
+    }
+    let lerobot_commit = match recording.revision == DEFAULT_REVISION {
+        true => tagged(&api.repo(of(LEROBOT_TAG))).filter(|commit| *commit != listing.sha),
+        false => None,
+    };
+    Ok(Fetched {
+        folder: snapshot,
+        commit: listing.sha,
+        lerobot_commit,
+    })
+}
+
+fn build(recording: &HubRecording, options: &HubOptions) -> Result<Api, HubError> {
+    ApiBuilder::from_cache(Cache::new(options.cache.clone()))
+        .with_endpoint(options.endpoint.trim_end_matches('/').into())
+        .with_token(options.token.clone())
+        .with_progress(false)
+        .with_retries(RETRIES)
+        .build()
+        .map_err(|error| HubError::Unreachable {
+            recording: recording.clone(),
+            endpoint: options.endpoint.clone(),
+            cause: error.to_string(),
+        })
+}
+
+fn above(path: &Path) -> PathBuf {
+    path.parent().unwrap_or(path).to_path_buf()
+}

@@ -1,0 +1,129 @@
+//! The Hub's listing of a recording: commit, files, sizes and digests.
+
+use std::path::{Component, Path};
+use std::time::Duration;
+
+use hf_hub::api::sync::ApiRepo;
+use serde::Deserialize;
+
+use crate::hub::error::HubError;
+use crate::hub::options::HubOptions;
+use crate::hub::recording::HubRecording;
+
+/// Largest listing of a repository read, in bytes: some hundred thousand files.
+const MAX_LISTING: u64 = 64 << 20;
+const LISTING_TIMEOUT: Duration = Duration::from_secs(120);
+/// The folders that a recording is read from; all else in a repository stays there.
+const FOLDERS: [&str; 3] = ["meta/", "data/", "videos/"];
+
+/// Of the Hub's answer, what is needed.
+#[derive(Deserialize)]
+pub(super) struct Listing {
+    pub sha: String,
+    pub siblings: Vec<RemoteFile>,
+}
+
+#[derive(Deserialize)]
+struct Commit {
+    sha: String,
+}
+
+#[derive(Deserialize)]
+pub(super) struct RemoteFile {
+    pub rfilename: String,
+    pub size: u64,
+    #[serde(rename = "blobId")]
+    blob_id: String,
+    pub lfs: Option<LargeFile>,
+}
+
+#[derive(Deserialize)]
+pub(super) struct LargeFile {
+    pub sha256: String,
+}
+
+impl RemoteFile {
+    /// The name of the file's content in the cache.
+    pub fn etag(&self) -> &str {
+        self.lfs.as_ref().map_or(&self.blob_id, |lfs| &lfs.sha256)
+    }
+}
+
+/// Commit and files of the recording, checked to be safe as paths.
+pub(super) fn list(
+    repo: &ApiRepo,
+    recording: &HubRecording,
+    options: &HubOptions,
+) -> Result<Listing, HubError> {
+    let endpoint = options.endpoint.clone();
+    let wrong = |cause: String| HubError::Listing {
+        recording: recording.clone(),
+        cause,
+    };
+    let failed = |error: ureq::Error| match error {
+        ureq::Error::StatusCode(status @ (401 | 403)) => HubError::Refused {
+            recording: recording.clone(),
+            endpoint: endpoint.clone(),
+            status,
+        },
+        ureq::Error::StatusCode(404) => HubError::NotFound {
+            recording: recording.clone(),
+            endpoint: endpoint.clone(),
+        },
+        ureq::Error::Json(error) => wrong(error.to_string()),
+        other => HubError::Unreachable {
+            recording: recording.clone(),
+            endpoint: endpoint.clone(),
+            cause: other.to_string(),
+        },
+    };
+    let request = repo
+        .info_request()
+        .query("blobs", "true") // sizes and hashes
+        .config()
+        .timeout_global(Some(LISTING_TIMEOUT))
+        .build();
+    let mut response = request.call().map_err(failed)?;
+    let body = response.body_mut().with_config().limit(MAX_LISTING);
+    let mut listing: Listing = body.read_json().map_err(failed)?;
+
+    if !is_hash(&listing.sha) {
+        return Err(wrong(format!("{:?} is no commit", listing.sha)));
+    }
+    listing
+        .siblings
+        .retain(|file| FOLDERS.iter().any(|f| file.rfilename.starts_with(f)));
+    for file in &listing.siblings {
+        let inside = Path::new(&file.rfilename)
+            .components()
+            .all(|c| matches!(c, Component::Normal(_)));
+        if !inside || !is_hash(file.etag()) {
+            return Err(wrong(format!("file {:?}", file.rfilename)));
+        }
+    }
+    if !listing
+        .siblings
+        .iter()
+        .any(|file| file.rfilename == "meta/info.json")
+    {
+        return Err(HubError::NoDataset {
+            recording: recording.clone(),
+        });
+    }
+    Ok(listing)
+}
+
+/// The commit that a tag names; `None` if there is no such tag, or the Hub does not answer: nothing depends on it but a warning.
+pub(super) fn tagged(repo: &ApiRepo) -> Option<String> {
+    let request = repo.info_request().config();
+    let request = request.timeout_global(Some(LISTING_TIMEOUT)).build();
+    let mut response = request.call().ok()?;
+    let body = response.body_mut().with_config().limit(MAX_LISTING);
+    let commit: Commit = body.read_json().ok()?;
+    is_hash(&commit.sha).then_some(commit.sha)
+}
+
+/// Whether it is a digest as git or Git LFS writes it.
+fn is_hash(text: &str) -> bool {
+    text.len() >= 40 && text.bytes().all(|b| b.is_ascii_hexdigit())
+}
