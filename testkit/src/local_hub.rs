@@ -230,7 +230,10 @@ impl Request {
 impl Held {
     fn create(&mut self, asked: &Value) -> Answer {
         if let Some(status) = self.closed {
-            return (status, json!({ "error": "You may not create a repository." }));
+            return (
+                status,
+                json!({ "error": "You may not create a repository." }),
+            );
         }
         // Without a type, it is a model.
         assert!(asked["type"].is_null() || asked["type"] == "model");

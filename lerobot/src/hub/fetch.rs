@@ -8,8 +8,9 @@ use hf_hub::{Cache, Repo, RepoType};
 use crate::hub::download::{download, is_whole, Failure, HubProgress, RETRIES};
 use crate::hub::error::HubError;
 use crate::hub::listing::{list, tagged};
+use crate::hub::name::DEFAULT_REVISION;
 use crate::hub::options::HubOptions;
-use crate::hub::recording::{HubRecording, DEFAULT_REVISION};
+use crate::hub::recording::HubRecording;
 
 /// The tag that LeRobot 0.4 to 0.6 read where no revision is named.
 const LEROBOT_TAG: &str = "v3.0";

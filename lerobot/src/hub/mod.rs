@@ -7,6 +7,7 @@ mod download;
 mod error;
 mod fetch;
 mod listing;
+mod name;
 mod options;
 mod recording;
 
