@@ -15,9 +15,9 @@
 //! (`episode_stats`). There every episode has a parquet file and videos of its own.
 //!
 //! [`Dataset::open`] reads everything but the pixels and checks it. What it returns is consistent; the faults that it corrected are
-//! in [`Dataset::repairs`], and the episodes that it had to leave out in [`Dataset::left_out`]. [`Dataset::loader`] then gives [`Frame`]s. Each is what LeRobot's `LeRobotDataset.__getitem__` gives under
-//! SmolVLA's `delta_timestamps` (observations of this frame, and a chunk of actions from this frame on).
-//! [`Loader::new`] takes any other [`Window`]. `feature_spec` makes a digest of what kind of recording it is.
+//! in [`Dataset::repairs`], and the episodes that it had to leave out in [`Dataset::left_out`]. [`Dataset::loader`] then gives [`Frame`]s.
+//! Each is what LeRobot's `LeRobotDataset.__getitem__` gives under SmolVLA's `delta_timestamps` (observations of this frame, and a chunk of
+//! actions from this frame on). [`Loader::new`] takes any other [`Window`]. `feature_spec` makes a digest of what kind of recording it is.
 //!
 //! [`recover()`] saves a recording that ended too early.
 //!
