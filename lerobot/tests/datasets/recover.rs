@@ -425,7 +425,7 @@ fn what_cannot_be_saved_is_said_so() {
     let picture = "images/observation.images.top/episode-000000/frame-000001.png";
     fails(
         &|copy| copy.edit(picture, |b| b[..b.len() / 2].to_vec()),
-        "damaged PNG",
+        "the PNG picture is damaged",
     );
     fails(
         &|copy| {

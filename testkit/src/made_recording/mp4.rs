@@ -71,7 +71,8 @@ pub fn made(video: &Path, frames: usize, still: bool) -> Vec<u8> {
     let index = atom(
         b"moov",
         &[
-            &atom(b"mvhd", &[&header(&[0, 0, 0, SCALE, all])]),
+            // Rate, volume and matrix are left at zero.
+            &atom(b"mvhd", &[&header(&[0, 0, 0, SCALE, all]), &[0; 80]]),
             &atom(b"trak", &[&media]),
         ],
     );

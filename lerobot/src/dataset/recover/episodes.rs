@@ -203,7 +203,7 @@ impl Filmed {
 
     /// The camera's videos as they are to be written, and the stretch of each episode: videos of LeRobot come first, and then one of
     /// all pictures that were not encoded yet.
-    fn to_write(self) -> (Vec<VideoToWrite>, Vec<(usize, f64, f64)>) {
+    fn into_videos(self) -> (Vec<VideoToWrite>, Vec<(usize, f64, f64)>) {
         let used: BTreeSet<usize> = self
             .pictures
             .iter()
@@ -272,7 +272,7 @@ fn recording(source: Source, episodes: &[EpisodeRows], cameras: Vec<Filmed>) -> 
     let mut stretches = Vec::new();
     for camera in cameras {
         let name = camera.camera.name.clone();
-        let (files, of_episodes) = camera.to_write();
+        let (files, of_episodes) = camera.into_videos();
         videos.push((name, files));
         stretches.push(of_episodes);
     }
