@@ -10,7 +10,7 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::PathBuf;
 use zk0_files::atomic_file;
-use zk0_lerobot::dataset::Dataset;
+use zk0_lerobot::dataset::{Dataset, RenameMap};
 use zk0_node::progress::Progress;
 use zk0_node::samples::prepare;
 use zk0_protocol::counted::counted;
@@ -43,6 +43,14 @@ pub struct Options {
     /// Measure on this recording: a LeRobotDataset folder, or hub:owner/name[@revision]. Repeat the option for more recordings.
     #[arg(long = "dataset", value_name = "RECORDING", required = true)]
     datasets: Vec<RecordingName>,
+    /// Call the recordings' cameras otherwise, as LeRobot's --rename_map: '{"observation.images.front": "observation.images.top"}'.
+    #[arg(
+        long,
+        value_name = "JSON",
+        default_value = "{}",
+        hide_default_value = true
+    )]
+    rename_map: RenameMap,
     /// Use only these episodes of each recording, counted from 0 [default: all]
     #[arg(long, value_name = "N,N,…", value_delimiter = ',')]
     episodes: Vec<usize>,
@@ -118,7 +126,7 @@ pub fn run(options: &Options) -> Result<()> {
             .profile
             .map(|profile| PolicySource::Random(profile, options.seed)),
     );
-    let mut datasets = RecordingName::open_together(&options.datasets)?;
+    let mut datasets = RecordingName::open_together(&options.datasets, &options.rename_map)?;
     let chosen: Vec<Vec<usize>> = datasets
         .iter()
         .map(|dataset| chosen(options, dataset))

@@ -1,4 +1,5 @@
-//! A node compares the network's guest program with its own before each round, because a vote may change the program between rounds.
+//! A node compares the network's guest program with its own before each round, and its recording with the rules, because a vote may change both
+//! between rounds.
 
 use crate::harness::network::LocalNetwork;
 use crate::harness::{self, logged, printed, prints, zk0};
@@ -60,17 +61,25 @@ fn ledger(network: &LocalNetwork) -> Ledger {
     Ledger::open(Path::new(&network.path("ledger")), None, key).unwrap()
 }
 
-/// Records a proposal and the governor's vote for it. An aggregator settles it once no round is open.
-fn vote_for(ledger: &mut Ledger, governor: &SigningKey, program: &Program) {
+/// Records a proposal and the governor's vote for it while a round is open, and gives the round's number. An aggregator settles it once no round is
+/// open.
+fn vote_in_a_round(network: &LocalNetwork, governor: &SigningKey, action: Action) -> u64 {
+    let mut ledger = ledger(network);
+    let now = ledger.time_ms(now_ms());
+    if ledger.state().round().is_none() {
+        let opening = ledger.state().next_opening(now).unwrap();
+        ledger.append(now, Body::RoundOpened(opening)).unwrap();
+    }
+    let round = ledger.state().round().unwrap().number();
     let (network, number) = (*ledger.state().network(), ledger.state().next_proposal());
     let identity = NodeId(governor.verifying_key().to_bytes());
     let proposal = Proposal {
         network,
         number,
         proposer: identity,
-        title: "another program".into(),
+        title: "another network".into(),
         text: String::new(),
-        action: Action::ReplaceProgram(program.clone()),
+        action,
     };
     let vote = Vote {
         network,
@@ -86,6 +95,7 @@ fn vote_for(ledger: &mut Ledger, governor: &SigningKey, program: &Program) {
     ] {
         ledger.append(now, body).unwrap();
     }
+    round
 }
 
 #[test]
@@ -96,15 +106,7 @@ fn a_node_stops_before_a_round_of_another_program() {
     assert!(Path::new(&network.path("state/round-0.safetensors")).exists());
     // The vote is over while round 1 is open, which keeps its program. Round 2 is of the other one.
     let next = Program::founding(&[2; 32]);
-    let mut open = ledger(&network);
-    let now = open.time_ms(now_ms());
-    if open.state().round().is_none() {
-        let opening = open.state().next_opening(now).unwrap();
-        open.append(now, Body::RoundOpened(opening)).unwrap();
-    }
-    let round = open.state().round().unwrap().number();
-    vote_for(&mut open, &governor, &next);
-    drop(open);
+    let round = vote_in_a_round(&network, &governor, Action::ReplaceProgram(next.clone()));
     let own = verifying_key(network.genesis().mode);
     let needs = |output: &std::process::Output, needed: &Program| {
         let said = logged(output);
@@ -134,6 +136,28 @@ fn a_node_stops_before_a_round_of_another_program() {
     // Another start does not even prepare the recording.
     let said = needs(&network.join(1, &TRAINING), &next);
     assert!(!said.contains("preparing the recording"), "{said}");
+}
+
+#[test]
+fn a_node_stops_before_a_round_that_asks_for_other_recordings() {
+    let network = LocalNetwork::new();
+    let governor = governed(&network, 1);
+    network.joins(0, &TRAINING);
+    let mut rules = network.genesis().rules;
+    rules.recordings.fps = Some(50);
+    let round = vote_in_a_round(&network, &governor, Action::ChangeRules(Box::new(rules)));
+    let output = network.join(3, &TRAINING);
+    let said = logged(&output);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    for words in [
+        format!("round {round} has closed"),
+        "it has 30 frames per second, not 50".to_owned(),
+    ] {
+        assert!(said.contains(&words), "{words}: {said}");
+    }
+    let update = |round: u64| network.path(&format!("state/round-{round}.safetensors"));
+    assert!(Path::new(&update(round)).exists());
+    assert!(!Path::new(&update(round + 1)).exists());
 }
 
 /// Governors propose programs and weights with commands, and everybody sees them.

@@ -17,6 +17,7 @@ use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::spec::EvalSpec;
 use zk0_circuits::Mode;
 use zk0_files::atomic_file::put_in_place;
+use zk0_lerobot::dataset::{Dataset, RenameMap};
 use zk0_protocol::counted::counted;
 use zk0_protocol::entries::entry::RoundOpened;
 use zk0_protocol::entries::program::{Program, OUR_SP1};
@@ -37,6 +38,8 @@ pub const MAX_POLICY_BYTES: u64 = 4 << 30;
 pub struct Participant {
     /// The recording: a LeRobotDataset folder.
     pub dataset: PathBuf,
+    /// What the recording's cameras are called in the network.
+    pub rename_map: RenameMap,
     /// Where the node keeps the policy, its secrets, its evaluation set, its updates, its training histories and its receipts.
     pub state: PathBuf,
     /// Where prepared samples are kept when the node ends.
@@ -59,7 +62,8 @@ impl Participant {
         check_program(node.genesis().mode, program)?;
         let policy = self.policy(node).await?;
         tracing::info!("opening the recording {}", self.dataset.display());
-        Recording::open(&self.dataset, &policy, self.cache.as_ref())
+        let dataset = Dataset::open(&self.dataset)?.renamed(&self.rename_map)?;
+        Recording::of(dataset, &policy, self.cache.as_ref())
     }
 
     /// Takes part in `rounds` rounds. If the update of a round cannot be proven, is refused, or comes too late, the node goes on with the next
@@ -75,7 +79,8 @@ impl Participant {
         self.rounds(node, rounds, play).await
     }
 
-    /// Takes part in `rounds` rounds, as `play` does it. It ends before a round whose proofs are of another program than this release's.
+    /// Takes part in `rounds` rounds, as `play` does it. It ends before a round whose proofs are of another program than this release's, and before
+    /// one whose rules ask for other recordings.
     pub async fn rounds(
         &self,
         node: &mut Node,
@@ -84,6 +89,8 @@ impl Participant {
     ) -> Result<(), ParticipantError> {
         state_files::remove_unfinished(&self.state)?;
         let recording = self.open(node).await?;
+        // What is registered stays on the ledger, so this comes first.
+        recording.check(&node.governance().await?.rules.recordings)?;
         let maker = recording.maker().with_variants(self.variants.clone());
         let samples = recording.samples(&maker);
         let training = recording.training_samples(&maker, self.variants.as_ref());
@@ -107,8 +114,9 @@ impl Participant {
         let mut next = 0;
         for _ in 0..rounds {
             let OpenRound { opened, program } = node.wait_for_round(next).await?;
-            // A vote may have changed the program since the last round.
+            // A vote may have changed program and rules since the last round.
             check_program(node.genesis().mode, program)?;
+            recording.check(&opened.rules.recordings)?;
             let round = opened.round;
             next = round + 1;
             let present = &entered.evaluation;

@@ -62,7 +62,7 @@ pub struct Init {
     calibrate: Vec<RecordingName>,
     /// Take all the network's rules from this JSON file, instead of the options below. `zk0 aggregator rules` prints a file to begin
     /// with.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["min_dataset_samples", "evaluation_frames", "min_eval_samples", "max_eval_samples", "min_improvement_bps", "confidence", "hide_losses", "commit_minutes", "submit_minutes", "randomness", "governors"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["min_dataset_samples", "evaluation_frames", "min_eval_samples", "max_eval_samples", "min_improvement_bps", "confidence", "hide_losses", "commit_minutes", "submit_minutes", "randomness", "governors", "recordings_like"])]
     rules: Option<PathBuf>,
     #[command(flatten)]
     common: CommonRules,
@@ -130,6 +130,12 @@ pub fn found(options: &Init) -> Result<()> {
         tracing::warn!(
             "the rules name no public samples, so that nobody evaluates a round's result before it becomes the new global weights: \
              add --public-recording with a recording that no node has"
+        );
+    }
+    if rules.recordings.is_empty() {
+        tracing::warn!(
+            "the rules ask nothing of recordings, so that nodes may record in other units, with other cameras and at other rates, and nobody notices: \
+             add --recordings-like with a recording as all of them should be"
         );
     }
     let founding = Founding {

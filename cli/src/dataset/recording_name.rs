@@ -5,7 +5,7 @@ use std::convert::Infallible;
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
-use zk0_lerobot::dataset::{CopiedEpisodes, Dataset};
+use zk0_lerobot::dataset::{CopiedEpisodes, Dataset, RenameMap};
 use zk0_lerobot::hub::{fetch, HubOptions, HubRecording};
 use zk0_node::progress::Progress;
 
@@ -57,9 +57,15 @@ impl RecordingName {
         opened.with_context(|| format!("recording {self}"))
     }
 
-    /// Opens recordings that are used together. Episodes that are there twice are warned of.
-    pub fn open_together<'a>(names: impl IntoIterator<Item = &'a Self>) -> Result<Vec<Dataset>> {
-        let opened = names.into_iter().map(Self::open);
+    /// Opens recordings that are used together, with their cameras renamed. Episodes that are there twice are warned of.
+    pub fn open_together<'a>(
+        names: impl IntoIterator<Item = &'a Self>,
+        rename_map: &RenameMap,
+    ) -> Result<Vec<Dataset>> {
+        let opened = names.into_iter().map(|name| {
+            let renamed = name.open()?.renamed(rename_map);
+            renamed.with_context(|| format!("recording {name}"))
+        });
         let opened = opened.collect::<Result<Vec<_>>>()?;
         for copied in CopiedEpisodes::among(&opened) {
             tracing::warn!("{copied}");

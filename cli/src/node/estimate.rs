@@ -7,6 +7,7 @@ use std::path::Path;
 use zk0_argument::claim::most_samples;
 use zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES;
 use zk0_circuits::{EvalSpec, Mode};
+use zk0_lerobot::dataset::RenameMap;
 use zk0_prover::machine::Resources;
 use zk0_prover::measure;
 use zk0_prover::program::Executor;
@@ -31,6 +32,14 @@ pub struct Estimate {
     /// Check that this recording fits the policy and the number of samples (a LeRobotDataset folder, or hub:owner/name[@revision]).
     #[arg(long, value_name = "RECORDING")]
     dataset: Option<RecordingName>,
+    /// Call cameras of the recording as the network does, as LeRobot's --rename_map.
+    #[arg(
+        long,
+        value_name = "JSON",
+        default_value = "{}",
+        hide_default_value = true
+    )]
+    rename_map: RenameMap,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -49,7 +58,7 @@ pub async fn run(options: &Estimate) -> Result<()> {
         },
     };
     if let Some(recording) = &options.dataset {
-        check_fit(recording, &config, options.samples)?;
+        check_fit(recording, &options.rename_map, &config, options.samples)?;
     }
     let spec = EvalSpec::new(dims(&config)?);
     check_samples(options.mode, &spec, options.samples)?;
@@ -68,8 +77,13 @@ pub async fn run(options: &Estimate) -> Result<()> {
 }
 
 /// Checks that claims over `samples` samples can be made of the recording.
-fn check_fit(recording: &RecordingName, config: &PolicyConfig, samples: u32) -> Result<()> {
-    let dataset = recording.open()?;
+fn check_fit(
+    recording: &RecordingName,
+    rename_map: &RenameMap,
+    config: &PolicyConfig,
+    samples: u32,
+) -> Result<()> {
+    let dataset = recording.open()?.renamed(rename_map)?;
     let frames = dataset.len();
     if (frames as u64) < u64::from(samples) {
         bail!("{recording} has {frames} frames, too few for a claim over {samples} samples");

@@ -60,7 +60,7 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
     let events = options.event_file()?;
 
     let inference = source.inference()?;
-    let mut datasets = RecordingName::open_together(&options.datasets)?;
+    let mut datasets = RecordingName::open_together(&options.datasets, &options.rename_map)?;
     if options.whole_recordings {
         datasets.iter().try_for_each(refuse_left_out)?;
     }

@@ -6,4 +6,5 @@ mod eval_samples;
 mod founding;
 mod keys;
 mod leaving;
+mod recordings;
 mod unwritable;

@@ -13,6 +13,9 @@ pub enum DatasetError {
     /// A file that the metadata promises is not there.
     #[error("{}: missing; the recording is incomplete, copy it again", path.display())]
     MissingFile { path: PathBuf },
+    /// A map of cameras' names gives one name to two cameras.
+    #[error("{}: the rename map calls two cameras {name:?}: give each camera another name", path.display())]
+    RenamedAlike { path: PathBuf, name: String },
     /// The process that recorded was ended before it wrote `meta/episodes`.
     #[error(
         "{}: the recording ended too early ({sign}); save its whole episodes with: zk0 dataset recover {} --out NEW_FOLDER",

@@ -20,6 +20,7 @@ pub enum JointUnit {
     /// Degrees.
     Degrees,
     /// −100 at one end of a joint's way and 100 at the other.
+    #[serde(rename = "-100-to-100")]
     MinusToPlus100,
     /// The values do not show it.
     Unclear,

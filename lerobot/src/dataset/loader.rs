@@ -239,8 +239,8 @@ impl<'a> Loader<'a> {
         let pictures = match slot {
             Some(pictures) => pictures,
             None => {
-                let name = &dataset.cameras()[camera].name;
-                slot.insert(PictureColumn::open(dataset.root(), path, name)?)
+                let feature = &dataset.cameras()[camera].feature;
+                slot.insert(PictureColumn::open(dataset.root(), path, feature)?)
             }
         };
         pictures.stored(row)

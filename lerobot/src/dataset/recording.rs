@@ -19,7 +19,7 @@ use crate::dataset::video_fit::short_episodes::{self, LeftOut};
 #[derive(Debug)]
 pub struct Dataset {
     root: PathBuf,
-    info: Info,
+    pub(super) info: Info,
     stats: Stats,
     normalisation: Option<Stats>,
     tasks: Vec<String>,

@@ -9,6 +9,7 @@ mod metadata;
 mod other_videos;
 mod pictures;
 mod recover;
+mod rename_map;
 mod rows;
 mod tables;
 mod together;

@@ -5,8 +5,10 @@
 //!   [`opened_samples`]: those that a claim is about.
 //! - [`secret`]: what hides the samples, and how often they were opened; [`registering`]: puts the commitment on the ledger, and another one before the secret
 //!   is worn out.
+//! - `agreement`: whether the recording is what the network's rules ask for.
 //! - [`recompute`]: what an auditor does who has the recording.
 
+mod agreement;
 pub mod evaluation_set;
 pub mod opened_samples;
 pub mod recompute;
@@ -63,7 +65,18 @@ impl<'c> Recording<'c> {
         policy: &Path,
         cache: Option<&'c DiskCache>,
     ) -> Result<Self, ParticipantError> {
-        let dataset = Dataset::open(path)?;
+        Self::of(Dataset::open(path)?, policy, cache)
+    }
+
+    /// The same of a recording that is open already.
+    ///
+    /// # Errors
+    /// The policy or the cache cannot be read.
+    pub fn of(
+        dataset: Dataset,
+        policy: &Path,
+        cache: Option<&'c DiskCache>,
+    ) -> Result<Self, ParticipantError> {
         for copied in CopiedEpisodes::among([&dataset]) {
             tracing::warn!("{copied}");
         }

@@ -59,9 +59,8 @@ fn by_policy(config: &PolicyConfig, found: &[&str]) -> Result<Vec<usize>> {
     let differs = order.len() < config.camera_names.len() && order.len() < found.len();
     if order.is_empty() || (no_map && differs) {
         return Err(PolicyError::Sample(format!(
-            "the policy's cameras are {}, and the recording's are {}{}. Name the policy's camera for each of the recording's in the policy \
-             folder, as LeRobot's --rename_map does: in policy_preprocessor.json, step `rename_observations_processor`, write \
-             \"rename_map\": {{\"observation.images.RECORDING\": \"observation.images.POLICY\"}}",
+            "the policy's cameras are {}, and the recording's are {}{}. Name the policy's camera for each of the recording's, as with LeRobot's \
+             --rename_map: --rename-map '{{\"observation.images.RECORDING\": \"observation.images.POLICY\"}}'",
             config.camera_names.join(", "),
             found.join(", "),
             match no_map {

@@ -102,8 +102,10 @@ pub enum CameraStorage {
 /// A camera: a feature of videos or pictures, 8-bit RGB once decoded.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Camera {
-    /// Feature name, for example `observation.images.top`.
+    /// Its name, for example `observation.images.top`: that of the feature, or what [`Dataset::renamed`](crate::dataset::Dataset::renamed) gave it.
     pub name: String,
+    /// The name of the feature in the recording's files.
+    pub(crate) feature: String,
     /// Pixels from top to bottom.
     pub height: usize,
     /// Pixels from left to right.
@@ -291,7 +293,7 @@ impl Info {
         camera: &Camera,
         place: Place,
     ) -> Result<PathBuf, DatasetError> {
-        let path = in_folder(root, fill(&self.video_path, &camera.name, place))?;
+        let path = in_folder(root, fill(&self.video_path, &camera.feature, place))?;
         if !path.is_file() {
             return Err(DatasetError::MissingFile { path });
         }
@@ -359,6 +361,7 @@ fn camera(name: String, feature: &RawFeature, storage: CameraStorage) -> Result<
     let fits = |side: &usize| (1..=MAX_SIDE).contains(side);
     match sides.filter(|(height, width)| fits(height) && fits(width)) {
         Some((height, width)) => Ok(Camera {
+            feature: name.clone(),
             name,
             height,
             width,

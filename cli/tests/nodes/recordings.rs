@@ -1,0 +1,79 @@
+//! The rules `recordings`: a node whose recording is of another kind than the network's learns it before it registers.
+
+use crate::harness::network::{committed, LocalNetwork};
+use crate::harness::{logged, logs, prints, words, RECORDING};
+use serde_json::{json, Value};
+use std::fs;
+use std::path::Path;
+use zk0::keys;
+
+/// Founds a network of one node whose recordings have to be like the fixture, except for `change`.
+fn found(network: &LocalNetwork, change: Value) {
+    let rules = prints(&["aggregator", "rules", "--recordings-like", RECORDING]);
+    let mut rules: Value = serde_json::from_str(&rules).unwrap();
+    let changed = rules["recordings"].as_object_mut().unwrap();
+    changed.extend(change.as_object().unwrap().clone());
+    let file = network.path("rules.json");
+    fs::write(&file, rules.to_string()).unwrap();
+    let node = keys::generate(Path::new(&network.path("node.key"))).unwrap();
+    let node = format!("node={node}");
+    logs(&words(
+        &network.founding(&["--node", &node, "--rules", &file]),
+    ));
+}
+
+#[test]
+fn a_recording_of_another_kind_is_refused_before_it_is_registered() {
+    let top = "observation.images.top";
+    let wrist = "observation.images.wrist";
+    let joints = ["main_gripper", "main_shoulder_pan"];
+    let cases = [
+        (json!({"fps": 50}), "it has 30 frames per second, not 50"),
+        (
+            json!({"joint_unit": "-100-to-100"}),
+            "its joints are in degrees, not in -100 to 100 (",
+        ),
+        (json!({"joints": joints}), "the joints of its states are [\"main_shoulder_pan\", "),
+        (json!({"joints": joints}), "the joints of its actions are [\"main_shoulder_pan\", "),
+        (
+            json!({"cameras": [top]}),
+            "its cameras are {\"observation.images.top\", \"observation.images.wrist\"}, not {\"observation.images.top\"}",
+        ),
+        (
+            json!({"cameras": [top, wrist, "observation.images.zoom"]}),
+            "\"observation.images.wrist\"}, not {\"observation.images.top\", ",
+        ),
+    ];
+    for (change, why) in cases {
+        let network = LocalNetwork::new();
+        found(&network, change);
+        let output = network.join(0, &[]);
+        let said = logged(&output);
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(
+            said.contains("the recording is not like the others of this network"),
+            "{said}"
+        );
+        assert!(said.contains(why), "{said}");
+        assert!(committed(&network.entries()).is_empty());
+    }
+}
+
+#[test]
+fn a_recording_of_the_network_s_kind_registers_and_a_map_gives_cameras_other_names() {
+    let network = LocalNetwork::new();
+    found(&network, json!({}));
+    network.joins(0, &[]);
+    assert_eq!(committed(&network.entries()).len(), 1);
+
+    let network = LocalNetwork::new();
+    let cameras = ["observation.images.front", "observation.images.wrist"];
+    found(&network, json!({ "cameras": cameras }));
+    let refused = logged(&network.join(0, &[]));
+    assert!(
+        refused.contains("(--rename-map gives cameras other names)"),
+        "{refused}"
+    );
+    network.joins(0, &["--rename-map", r#"{"top": "front"}"#]);
+    assert_eq!(committed(&network.entries()).len(), 1);
+}
