@@ -17,6 +17,7 @@ use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::spec::{Dims, EvalSpec};
 use zk0_circuits::{Digest, Mode, WeightsDigest};
 use zk0_node::participant::MAX_POLICY_BYTES;
+use zk0_node::recording::agreement;
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::{Genesis, Rules};
 use zk0_prover::measure::{DirectCost, DirectMode};
@@ -110,6 +111,10 @@ pub fn found(options: &Init) -> Result<()> {
     let mut rules = options.rules(Format::new(&EvalSpec::new(dims))?.file_bytes())?;
     let named = rules.public_samples.as_ref();
     options.public.check(weights(&file.policy), named)?;
+    for recording in options.calibrate.iter().chain(options.public.recordings()) {
+        let agrees = agreement::check(&rules.recordings, &recording.open()?, &file.policy.config);
+        agrees.with_context(|| format!("recording {recording}"))?;
+    }
     let mode = options.mode(&file.policy, rules.min_eval_samples)?;
     rules.check_in(mode).map_err(anyhow::Error::msg)?;
     check_samples(mode, &EvalSpec::new(dims), rules.min_eval_samples)?;

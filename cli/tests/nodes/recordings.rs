@@ -1,14 +1,14 @@
 //! The rules `recordings`: a node whose recording is of another kind than the network's learns it before it registers.
 
 use crate::harness::network::{committed, LocalNetwork};
-use crate::harness::{logged, logs, prints, words, RECORDING};
+use crate::harness::{logged, logs, prints, words, zk0, RECORDING};
 use serde_json::{json, Value};
 use std::fs;
 use std::path::Path;
 use zk0::keys;
 
-/// Founds a network of one node whose recordings have to be like the fixture, except for `change`.
-fn found(network: &LocalNetwork, change: Value) {
+/// The command that founds a network of one node whose recordings have to be like the fixture, except for `change`.
+fn founding(network: &LocalNetwork, change: Value, more: &[&str]) -> Vec<String> {
     let rules = prints(&["aggregator", "rules", "--recordings-like", RECORDING]);
     let mut rules: Value = serde_json::from_str(&rules).unwrap();
     let changed = rules["recordings"].as_object_mut().unwrap();
@@ -17,9 +17,11 @@ fn found(network: &LocalNetwork, change: Value) {
     fs::write(&file, rules.to_string()).unwrap();
     let node = keys::generate(Path::new(&network.path("node.key"))).unwrap();
     let node = format!("node={node}");
-    logs(&words(
-        &network.founding(&["--node", &node, "--rules", &file]),
-    ));
+    network.founding(&[&["--node", &node, "--rules", &file], more].concat())
+}
+
+fn found(network: &LocalNetwork, change: Value) {
+    logs(&words(&founding(network, change, &[])));
 }
 
 #[test]
@@ -76,4 +78,21 @@ fn a_recording_of_the_network_s_kind_registers_and_a_map_gives_cameras_other_nam
     );
     network.joins(0, &["--rename-map", r#"{"top": "front"}"#]);
     assert_eq!(committed(&network.entries()).len(), 1);
+}
+
+/// What the founder takes samples from has to be like the nodes' recordings.
+#[test]
+fn public_samples_of_another_kind_found_nothing() {
+    for option in ["--public-recording", "--calibrate"] {
+        let network = LocalNetwork::new();
+        let founding = founding(&network, json!({"fps": 50}), &[option, RECORDING]);
+        let output = zk0(&words(&founding)).output().unwrap();
+        let said = logged(&output);
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(
+            said.contains("it has 30 frames per second, not 50"),
+            "{said}"
+        );
+        assert!(!Path::new(&network.path("ledger")).exists());
+    }
 }

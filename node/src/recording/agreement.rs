@@ -5,6 +5,7 @@ use crate::recording::Recording;
 use std::collections::BTreeSet;
 use zk0_lerobot::dataset::{Dataset, JointUnit};
 use zk0_protocol::rules::recordings::{AgreedUnit, RecordingRules};
+use zk0_smolvla::PolicyConfig;
 
 impl Recording<'_> {
     /// Checks that the recording is what the rules ask for. What the recording does not show is warned of.
@@ -12,12 +13,24 @@ impl Recording<'_> {
     /// # Errors
     /// [`ParticipantError::OtherRecording`] names everything that differs.
     pub fn check(&self, rules: &RecordingRules) -> Result<(), ParticipantError> {
-        let leaves_out = !self.config.camera_names.is_empty();
-        let differences = differences(rules, &self.dataset, leaves_out);
-        match differences.is_empty() {
-            true => Ok(()),
-            false => Err(ParticipantError::OtherRecording(differences.join("; "))),
-        }
+        check(rules, &self.dataset, &self.config)
+    }
+}
+
+/// The same of a recording that is open, for a policy of this configuration.
+///
+/// # Errors
+/// As [`Recording::check`].
+pub fn check(
+    rules: &RecordingRules,
+    dataset: &Dataset,
+    config: &PolicyConfig,
+) -> Result<(), ParticipantError> {
+    let leaves_out = !config.camera_names.is_empty();
+    let differences = differences(rules, dataset, leaves_out);
+    match differences.is_empty() {
+        true => Ok(()),
+        false => Err(ParticipantError::OtherRecording(differences.join("; "))),
     }
 }
 
