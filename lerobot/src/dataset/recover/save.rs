@@ -36,9 +36,7 @@ pub fn recover(from: &Path, out: &Path) -> Result<Recovered, DatasetError> {
 
 fn fill(recording: &Recording, partial: &Path) -> Result<(), DatasetError> {
     fs::create_dir(partial).map_err(|e| DatasetError::write(partial, e))?;
-    recording
-        .write(partial)
-        .map_err(|e| DatasetError::write(partial, e))?;
+    recording.write(partial)?;
     // What zk0 does not read itself is not called saved.
     Dataset::open(partial).map(drop)
 }
