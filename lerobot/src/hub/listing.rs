@@ -15,6 +15,10 @@ const MAX_LISTING: u64 = 64 << 20;
 const LISTING_TIMEOUT: Duration = Duration::from_secs(120);
 /// The folders that a recording is read from; all else in a repository stays there.
 const FOLDERS: [&str; 3] = ["meta/", "data/", "videos/"];
+/// Where LeRobot keeps pictures that are neither in videos nor in the tables. A process that was killed leaves pictures there, too.
+const PICTURES: &str = "images/";
+/// Largest file of one picture that is fetched, which is the largest that is read.
+const MAX_PICTURE: u64 = 64 << 20;
 
 /// Of the Hub's answer, what is needed.
 #[derive(Deserialize)]
@@ -90,9 +94,10 @@ pub(super) fn list(
     if !is_hash(&listing.sha) {
         return Err(wrong(format!("{:?} is no commit", listing.sha)));
     }
+    let folders = || FOLDERS.into_iter().chain([PICTURES]);
     listing
         .siblings
-        .retain(|file| FOLDERS.iter().any(|f| file.rfilename.starts_with(f)));
+        .retain(|file| folders().any(|f| file.rfilename.starts_with(f)));
     for file in &listing.siblings {
         let inside = Path::new(&file.rfilename)
             .components()
@@ -111,6 +116,33 @@ pub(super) fn list(
         });
     }
     Ok(listing)
+}
+
+impl Listing {
+    /// Moves a file to the front.
+    pub fn begin_with(&mut self, name: &str) {
+        let is_other = |file: &RemoteFile| file.rfilename != name;
+        self.siblings.sort_by_key(is_other);
+    }
+
+    /// Leaves out files in `images/` but the pictures of these cameras.
+    pub fn keep_pictures_of(&mut self, cameras: &[String]) {
+        self.siblings.retain(|file| {
+            let Some(name) = file.rfilename.strip_prefix(PICTURES) else {
+                return true;
+            };
+            let of_camera = |camera: &String| {
+                let rest = name.strip_prefix(&camera[..]);
+                rest.is_some_and(|rest| rest.starts_with('/'))
+            };
+            file.size <= MAX_PICTURE && cameras.iter().any(of_camera)
+        });
+    }
+
+    pub fn bytes(&self) -> u64 {
+        let sizes = self.siblings.iter().map(|file| file.size);
+        sizes.fold(0, u64::saturating_add)
+    }
 }
 
 /// The commit that a tag names; `None` if there is no such tag, or the Hub does not answer: nothing depends on it but a warning.
