@@ -29,7 +29,7 @@ struct PictureParameters {
 }
 
 impl Order {
-    /// As [`PictureOrder::see`](crate::dataset::video::picture_order::PictureOrder::see).
+    /// The place of the picture that begins with this unit; `None` for other units, and where the count cannot be read.
     pub fn see(&mut self, unit: &[u8]) -> Option<(u32, i64)> {
         let (head, rest) = unit.split_at_checked(2)?;
         let kind = head[0] >> 1 & 0x3f;
