@@ -159,3 +159,28 @@ pub(super) fn tagged(repo: &ApiRepo) -> Option<String> {
 fn is_hash(text: &str) -> bool {
     text.len() >= 40 && text.bytes().all(|b| b.is_ascii_hexdigit())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_of_other_cameras_and_huge_ones_stay_there() {
+        let file = |(name, size): (&str, u64)| serde_json::json!({"rfilename": name, "size": size, "blobId": "", "lfs": null});
+        let files = [
+            ("data/file", MAX_PICTURE + 1),
+            ("images/top/huge.png", MAX_PICTURE + 1),
+            ("images/top/a.png", MAX_PICTURE),
+            ("images/topmost/a.png", 1),
+            ("images/a.png", 1),
+        ];
+        let siblings: Vec<_> = files.into_iter().map(file).collect();
+        let listing = serde_json::json!({"sha": "", "siblings": siblings});
+        let mut listing: Listing = serde_json::from_value(listing).unwrap();
+        listing.keep_pictures_of(&["top".into()]);
+        let names: Vec<_> = listing.siblings.iter().map(|f| &f.rfilename[..]).collect();
+        assert_eq!(names, ["data/file", "images/top/a.png"]);
+        listing.begin_with("images/top/a.png");
+        assert_eq!(listing.siblings[0].rfilename, "images/top/a.png");
+    }
+}

@@ -3,8 +3,9 @@
 mod variants;
 
 use std::fs;
+use std::sync::Arc;
 
-use arrow_array::RecordBatch;
+use arrow_array::{ArrayRef, Int64Array, RecordBatch, StringArray};
 use zk0_lerobot::dataset::{Dataset, DatasetError};
 use zk0_testkit::recordings::{fixtures, open, recording, Copy, DATA, INFO, STATS, TOP};
 
@@ -175,6 +176,20 @@ fn task_strings_in_two_columns_or_in_none() {
     table_with(&["task", index]).fails(TASK_TABLE, both);
     let neither = "has no column of task strings: LeRobot 0.5 and later write \"task\", LeRobot 0.4 wrote \"__index_level_0__\"";
     table_with(&["tasks"]).fails(TASK_TABLE, neither);
+}
+
+/// A small file can hold very many of them.
+#[test]
+fn tasks_without_number_are_refused() {
+    let copy = Copy::default();
+    copy.edit_table(TASK_TABLE, |_| {
+        let count = 1 << 19;
+        let numbers: ArrayRef = Arc::new(Int64Array::from_iter_values(0..count));
+        let texts: ArrayRef = Arc::new(StringArray::from(vec![""; count as usize]));
+        let columns = [("task_index", numbers), ("task", texts)];
+        vec![RecordBatch::try_from_iter(columns).unwrap()]
+    });
+    copy.fails(TASK_TABLE, "holds more than 16777216 bytes");
 }
 
 #[test]
