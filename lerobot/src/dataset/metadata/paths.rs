@@ -14,9 +14,9 @@ pub(crate) enum Place {
 /// Fills LeRobot's path template, which is a format of Python's; the result stays inside the dataset's folder.
 pub(crate) fn fill(template: &str, camera: &str, place: Place) -> Result<PathBuf, String> {
     let path = filled(template, camera, place).filter(|path| {
-        let parts = Path::new(path).components();
+        let mut parts = Path::new(path).components();
         let inside = |part| matches!(part, Component::Normal(_) | Component::CurDir);
-        !path.is_empty() && parts.into_iter().all(inside)
+        !path.is_empty() && parts.all(inside)
     });
     match path {
         Some(path) => Ok(path.into()),
