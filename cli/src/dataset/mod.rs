@@ -31,8 +31,9 @@ pub enum Command {
         #[arg(required = true)]
         recordings: Vec<RecordingName>,
     },
-    /// Save the whole episodes of a recording whose process was ended: write a new folder that LeRobot loads, and list what was saved and
-    /// what was lost. The recording itself is left as it is.
+    /// Save the whole episodes of a recording whose process was ended, or whose videos and metadata do not fit (merges by LeRobot 0.4.0 to
+    /// 0.4.2, dropped pictures): write a new folder that LeRobot loads, and list what was saved and what was lost. The recording itself is
+    /// left as it is.
     Recover {
         /// The recording: a LeRobotDataset folder (v3.0).
         folder: PathBuf,

@@ -1,4 +1,4 @@
-//! `zk0 dataset recover`: saves what is whole of a recording that ended too early.
+//! `zk0 dataset recover`: saves what is whole of a recording that ended too early, or whose videos and metadata do not fit.
 
 use crate::output::print;
 use anyhow::{Context, Result};

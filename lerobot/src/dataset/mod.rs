@@ -19,7 +19,7 @@
 //! Each is what LeRobot's `LeRobotDataset.__getitem__` gives under SmolVLA's `delta_timestamps` (observations of this frame, and a chunk of
 //! actions from this frame on). [`Loader::new`] takes any other [`Window`]. `feature_spec` makes a digest of what kind of recording it is.
 //!
-//! [`recover()`] saves a recording that ended too early.
+//! [`recover()`] saves a recording that ended too early, or whose videos and metadata do not fit.
 //!
 //! The formats are those of LeRobot 0.4 to 0.6 (`codebase_version` v3.0, <https://huggingface.co/docs/lerobot/lerobot-dataset-v3>) and of
 //! LeRobot 0.3 (v2.1).

@@ -17,7 +17,7 @@ use crate::hub::recording::HubRecording;
 pub(super) const RETRIES: usize = 3;
 
 /// How far a download is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct HubProgress {
     /// Files that are here.
     pub files: usize,

@@ -5,15 +5,18 @@ use std::path::{Path, PathBuf};
 use hf_hub::api::sync::{Api, ApiBuilder};
 use hf_hub::{Cache, Repo, RepoType};
 
+use crate::dataset::{CameraStorage, Info};
 use crate::hub::download::{download, is_whole, Failure, HubProgress, RETRIES};
 use crate::hub::error::HubError;
-use crate::hub::listing::{list, tagged};
+use crate::hub::listing::{list, tagged, Listing, RemoteFile};
 use crate::hub::name::DEFAULT_REVISION;
 use crate::hub::options::HubOptions;
 use crate::hub::recording::HubRecording;
 
 /// The tag that LeRobot 0.4 to 0.6 read where no revision is named.
 const LEROBOT_TAG: &str = "v3.0";
+
+const INFO: &str = "meta/info.json";
 
 /// A recording in the cache.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -47,11 +50,11 @@ pub fn fetch(
         )
     };
     let named = cache.repo(of(&recording.revision));
-    let listing = match list(&api.repo(of(&recording.revision)), recording, options) {
+    let mut listing = match list(&api.repo(of(&recording.revision)), recording, options) {
         Ok(listing) => listing,
         Err(error @ HubError::Unreachable { .. }) => {
             // The reference is written when everything is there.
-            let info = named.get("meta/info.json").ok_or(error)?;
+            let info = named.get(INFO).ok_or(error)?;
             tracing::warn!(
                 "{recording}: {} cannot be reached; what was fetched before is used",
                 options.endpoint
@@ -69,16 +72,9 @@ pub fn fetch(
     let pinned = of(&listing.sha);
     let snapshot = cache.repo(pinned.clone()).pointer_path(&listing.sha);
     let remote = api.repo(pinned.clone());
-    let mut meter = HubProgress {
-        files: 0,
-        of_files: listing.siblings.len(),
-        bytes: 0,
-        of_bytes: listing
-            .siblings
-            .iter()
-            .fold(0, |sum: u64, file| sum.saturating_add(file.size)),
-    };
-    for file in &listing.siblings {
+    let mut meter = HubProgress::default();
+    let mut get = |file: &RemoteFile, all: &Listing| -> Result<(), HubError> {
+        (meter.of_files, meter.of_bytes) = (all.siblings.len(), all.bytes());
         let path = snapshot.join(&file.rfilename);
         if !is_whole(&path, file.size) {
             let unfinished = cache.repo(pinned.clone()).blob_path(file.etag());
@@ -88,6 +84,16 @@ pub fn fetch(
         meter.files += 1;
         meter.bytes += file.size;
         progress(meter);
+        Ok(())
+    };
+    // It tells which pictures belong to the recording.
+    listing.begin_with(INFO);
+    if let Some(info) = listing.siblings.first() {
+        get(info, &listing)?;
+    }
+    listing.keep_pictures_of(&cameras_with_pictures(&snapshot));
+    for file in listing.siblings.iter().skip(1) {
+        get(file, &listing)?;
     }
     if let Err(error) = named.create_ref(&listing.sha) {
         tracing::warn!("{recording}: its place in the cache could not be noted: {error}");
@@ -101,6 +107,15 @@ pub fn fetch(
         commit: listing.sha,
         lerobot_commit,
     })
+}
+
+/// The cameras whose pictures may be in files of their own. Whoever opens the recording learns why `meta/info.json` cannot be read.
+fn cameras_with_pictures(folder: &Path) -> Vec<String> {
+    let cameras = Info::read(folder).map_or(Vec::new(), |info| info.cameras);
+    let stored = cameras
+        .into_iter()
+        .filter(|camera| camera.storage == CameraStorage::Pictures);
+    stored.map(|camera| camera.name).collect()
 }
 
 fn build(recording: &HubRecording, options: &HubOptions) -> Result<Api, HubError> {

@@ -15,6 +15,10 @@ const MAX_LISTING: u64 = 64 << 20;
 const LISTING_TIMEOUT: Duration = Duration::from_secs(120);
 /// The folders that a recording is read from; all else in a repository stays there.
 const FOLDERS: [&str; 3] = ["meta/", "data/", "videos/"];
+/// Where LeRobot keeps pictures that are neither in videos nor in the tables. A process that was killed leaves pictures there, too.
+const PICTURES: &str = "images/";
+/// Largest file of one picture that is fetched, which is the largest that is read.
+const MAX_PICTURE: u64 = 64 << 20;
 
 /// Of the Hub's answer, what is needed.
 #[derive(Deserialize)]
@@ -90,9 +94,10 @@ pub(super) fn list(
     if !is_hash(&listing.sha) {
         return Err(wrong(format!("{:?} is no commit", listing.sha)));
     }
+    let folders = || FOLDERS.into_iter().chain([PICTURES]);
     listing
         .siblings
-        .retain(|file| FOLDERS.iter().any(|f| file.rfilename.starts_with(f)));
+        .retain(|file| folders().any(|f| file.rfilename.starts_with(f)));
     for file in &listing.siblings {
         let inside = Path::new(&file.rfilename)
             .components()
@@ -113,6 +118,33 @@ pub(super) fn list(
     Ok(listing)
 }
 
+impl Listing {
+    /// Moves a file to the front.
+    pub fn begin_with(&mut self, name: &str) {
+        let is_other = |file: &RemoteFile| file.rfilename != name;
+        self.siblings.sort_by_key(is_other);
+    }
+
+    /// Leaves out files in `images/` but the pictures of these cameras.
+    pub fn keep_pictures_of(&mut self, cameras: &[String]) {
+        self.siblings.retain(|file| {
+            let Some(name) = file.rfilename.strip_prefix(PICTURES) else {
+                return true;
+            };
+            let of_camera = |camera: &String| {
+                let rest = name.strip_prefix(&camera[..]);
+                rest.is_some_and(|rest| rest.starts_with('/'))
+            };
+            file.size <= MAX_PICTURE && cameras.iter().any(of_camera)
+        });
+    }
+
+    pub fn bytes(&self) -> u64 {
+        let sizes = self.siblings.iter().map(|file| file.size);
+        sizes.fold(0, u64::saturating_add)
+    }
+}
+
 /// The commit that a tag names; `None` if there is no such tag, or the Hub does not answer: nothing depends on it but a warning.
 pub(super) fn tagged(repo: &ApiRepo) -> Option<String> {
     let request = repo.info_request().config();
@@ -126,4 +158,29 @@ pub(super) fn tagged(repo: &ApiRepo) -> Option<String> {
 /// Whether it is a digest as git or Git LFS writes it.
 fn is_hash(text: &str) -> bool {
     text.len() >= 40 && text.bytes().all(|b| b.is_ascii_hexdigit())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_of_other_cameras_and_huge_ones_stay_there() {
+        let file = |(name, size): (&str, u64)| serde_json::json!({"rfilename": name, "size": size, "blobId": "", "lfs": null});
+        let files = [
+            ("data/file", MAX_PICTURE + 1),
+            ("images/top/huge.png", MAX_PICTURE + 1),
+            ("images/top/a.png", MAX_PICTURE),
+            ("images/topmost/a.png", 1),
+            ("images/a.png", 1),
+        ];
+        let siblings: Vec<_> = files.into_iter().map(file).collect();
+        let listing = serde_json::json!({"sha": "", "siblings": siblings});
+        let mut listing: Listing = serde_json::from_value(listing).unwrap();
+        listing.keep_pictures_of(&["top".into()]);
+        let names: Vec<_> = listing.siblings.iter().map(|f| &f.rfilename[..]).collect();
+        assert_eq!(names, ["data/file", "images/top/a.png"]);
+        listing.begin_with("images/top/a.png");
+        assert_eq!(listing.siblings[0].rfilename, "images/top/a.png");
+    }
 }

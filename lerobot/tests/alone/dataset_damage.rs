@@ -2,11 +2,11 @@
 //! damaged file claims.
 
 use std::fs;
+use std::io::Cursor;
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use zk0_lerobot::dataset::DatasetError;
-use zk0_lerobot::dataset::VideoReader;
+use zk0_lerobot::dataset::{DatasetError, Mp4Track, VideoReader};
 use zk0_testkit::allocations::{alone, largest, peak};
 use zk0_testkit::recordings::{fixtures, recording, with_column, Copy, DATA};
 
@@ -133,6 +133,42 @@ fn random_damage_to_a_hevc_video_never_panics() {
         assert!(refused > 10 && decoded > 10);
     });
     assert!(largest < ENOUGH, "{largest}");
+}
+
+/// Prints how many of 40 damaged bytes within pictures are noticed, and how many give other pixels, which no decoder can tell from what was
+/// filmed. Only a checksum of the picture can, which an encoder may write.
+#[test]
+fn how_often_a_damaged_byte_within_a_picture_is_noticed() {
+    let _alone = alone();
+    let mut rng = ChaCha8Rng::seed_from_u64(7);
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("damaged.mp4");
+    let pictures = |bytes: &[u8]| -> Result<Vec<Vec<u8>>, DatasetError> {
+        fs::write(&path, bytes).unwrap();
+        let mut video = VideoReader::open(&path, 48, 64)?;
+        (0..video.len()).map(|n| video.rgb(n)).collect()
+    };
+    for name in ["av1_bt709", "h264_plain", "hevc_hvc1", "hevc_checksums"] {
+        let whole = fs::read(fixtures().join(format!("videos_other/{name}.mp4"))).unwrap();
+        let track = Mp4Track::read(&mut Cursor::new(&whole)).unwrap();
+        let right = pictures(&whole).unwrap();
+        let (mut noticed, mut others) = (0, 0);
+        for _ in 0..40 {
+            let sample = &track.samples[rng.random_range(1..track.samples.len())];
+            let (at, size) = (sample.offset as usize, sample.size as usize);
+            let mut damaged = whole.clone();
+            damaged[at + rng.random_range(size / 4..size)] ^= rng.random_range(1..=255);
+            match pictures(&damaged) {
+                Ok(pictures) => others += usize::from(pictures != right),
+                Err(_) => noticed += 1,
+            }
+        }
+        println!("{name}: {noticed} of 40 noticed, {others} give other pixels");
+        assert!(
+            others == 0 || name != "hevc_checksums",
+            "{name}: {others} of 40 give other pixels"
+        );
+    }
 }
 
 #[test]

@@ -34,7 +34,7 @@ const IN_PROCESS: [&str; 12] = [
 ];
 
 /// Videos that FFmpeg decodes.
-const BY_FFMPEG: [&str; 20] = [
+const BY_FFMPEG: [&str; 21] = [
     "h264_lossless",
     "h264_422",
     "h264_444",
@@ -55,6 +55,7 @@ const BY_FFMPEG: [&str; 20] = [
     "hevc_444",
     "hevc_444_12bit",
     "hevc_like_nvenc",
+    "hevc_checksums",
 ];
 
 fn file(name: &str) -> PathBuf {
@@ -184,6 +185,54 @@ fn pictures_that_ffmpeg_would_make_up_are_refused() {
     let mut layered = bytes("hevc_hvc1");
     layered[at + 5] |= 8;
     assert!(failure(&layered, HEIGHT, WIDTH).contains("several layers"));
+}
+
+/// By itself, FFmpeg gives twelve pictures of each of these files, and ends with 0.
+#[test]
+fn the_checksum_of_a_picture_is_compared() {
+    let name = "hevc_checksums";
+    for (at, size) in [2, 4, 6, 8].map(|sample| samples(name)[sample]) {
+        for part in 1..4 {
+            let mut other = bytes(name);
+            other[at + size * part / 5] ^= 0x10;
+            let message = failure(&other, HEIGHT, WIDTH);
+            assert!(message.contains("does not decode"), "{message}");
+        }
+    }
+}
+
+/// Exchanges the times (`ctts`) of two frames.
+fn exchanged(name: &str, offsets: [(usize, i32); 2]) -> Vec<u8> {
+    let mut other = bytes(name);
+    for (entry, offset) in offsets {
+        patch(
+            &mut other,
+            b"ctts",
+            0,
+            8 + 8 * entry + 4,
+            &offset.to_be_bytes(),
+        );
+    }
+    other
+}
+
+/// LeRobot goes by the file, and so does what this program decodes itself. FFmpeg sees the stream alone.
+#[test]
+fn a_file_that_contradicts_the_order_of_its_stream() {
+    let of_h264 = [(1, 4608), (4, -512)];
+    for (name, offsets) in [("hevc_hev1", [(7, 512), (8, 512)]), ("h264_10bit", of_h264)] {
+        let message = failure(&exchanged(name, offsets), HEIGHT, WIDTH);
+        let cause = "is shown at another time by the file (ctts) than by the stream in it";
+        assert!(message.contains(cause), "{name}: {message}");
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("video.mp4");
+    fs::write(&path, exchanged("h264_plain", of_h264)).unwrap();
+    let mut video = VideoReader::open(&path, HEIGHT, WIDTH).unwrap();
+    let (_, frames) = forwards("h264_plain", HEIGHT, WIDTH);
+    for (frame, shown) in [(2, 2), (3, 8), (4, 4), (8, 3), (9, 9)] {
+        assert!(video.rgb(frame).unwrap() == frames[shown], "{frame}");
+    }
 }
 
 #[test]

@@ -69,7 +69,7 @@ fn rows_in_another_order_are_refused() {
     // LeRobot 0.6.1 hands out other frames without a word.
     written("refused_other_order").fails(
         DATA,
-        "row 10 (episode 0 frame 11): index 11 found where the episodes' metadata expects index 10",
+        "row 10 (episode 0): index 11 found where the episodes' metadata expects index 10",
     );
 }
 

@@ -50,14 +50,14 @@ fn read_parquet(
         let mut repeated = 0;
         columns::read(&path, &layout.all(), 1, |batch| {
             for row in 0..batch.rows() {
-                let found = layout.row(batch, row)?;
                 let (number, start) = next(&episodes);
+                let found = layout.row(batch, row, number)?;
                 let follows = number < info.total_episodes
                     && found.index == number as i64
                     && found.from == start as i64
                     && found.to > found.from
                     && found.to <= info.total_frames as i64
-                    && found.length == found.to - found.from;
+                    && found.length == found.to.saturating_sub(found.from);
                 let known = usize::try_from(found.index)
                     .ok()
                     .and_then(|index| episodes.get(index));
@@ -69,11 +69,18 @@ fn read_parquet(
                 {
                     repeated += 1;
                 } else {
+                    let by_place = match found.index == number as i64 {
+                        true => "",
+                        false => {
+                            "; LeRobot (0.6.1) takes the rows of this table for episodes 0, 1, 2 and so on, and gives wrong frames \
+                             here: write it sorted by episode_index"
+                        }
+                    };
                     return Err(DatasetError::meta(
                         &path,
                         format!(
                             "expected episode {number} of {} from frame {start} on, found episode {} of {} frames, {}..{}; \
-                             episodes have to follow each other and end at frame {}",
+                             episodes have to follow each other and end at frame {}{by_place}",
                             info.total_episodes,
                             found.index,
                             found.length,
@@ -119,6 +126,8 @@ impl EpisodeRow {
 
 /// Names of the columns, those of the cameras among them.
 struct EpisodeColumns {
+    /// Those of [`EpisodeColumns::HINTS`] that there are.
+    hints: Vec<&'static str>,
     /// Per camera; `None` where its pictures are stored one by one.
     spans: Vec<Option<SpanColumns>>,
 }
@@ -132,11 +141,11 @@ struct SpanColumns {
 }
 
 impl EpisodeColumns {
-    const FIXED: [&'static str; 6] = [
+    const BOUNDS: [&'static str; 2] = ["dataset_from_index", "dataset_to_index"];
+    /// LeRobot reads frames without these, so they need not be there, nor hold a number.
+    const HINTS: [&'static str; 4] = [
         "episode_index",
         "length",
-        "dataset_from_index",
-        "dataset_to_index",
         "data/chunk_index",
         "data/file_index",
     ];
@@ -156,6 +165,7 @@ impl EpisodeColumns {
             }))
         });
         Ok(Self {
+            hints: columns::present(path, &Self::HINTS)?,
             spans: spans.collect::<Result<_, DatasetError>>()?,
         })
     }
@@ -167,16 +177,20 @@ impl EpisodeColumns {
                 .into_iter()
                 .chain(to)
         });
-        Self::FIXED.into_iter().chain(spans).collect()
+        let hints = self.hints.iter().copied();
+        Self::BOUNDS.into_iter().chain(hints).chain(spans).collect()
     }
 
-    fn row(&self, batch: &Columns, row: usize) -> Result<EpisodeRow, DatasetError> {
+    /// A row, which is that of episode `number` where it says nothing else.
+    fn row(&self, batch: &Columns, row: usize, number: usize) -> Result<EpisodeRow, DatasetError> {
         let int = |name: &str| batch.ints(name).map(|column| column[row]);
+        let (from, to) = (int(Self::BOUNDS[0])?, int(Self::BOUNDS[1])?);
+        let hint = |at: usize| int(Self::HINTS[at]).ok();
         Ok(EpisodeRow {
-            index: int(Self::FIXED[0])?,
-            length: int(Self::FIXED[1])?,
-            from: int(Self::FIXED[2])?,
-            to: int(Self::FIXED[3])?,
+            index: hint(0).unwrap_or(number as i64),
+            length: hint(1).unwrap_or(to.saturating_sub(from)),
+            from,
+            to,
         })
     }
 
@@ -196,9 +210,10 @@ impl EpisodeColumns {
             let value = batch.ints(name)?[row];
             u64::try_from(value).map_err(|_| broken(format!("{name} is {value}")))
         };
+        let hint = |at: usize| number(Self::HINTS[at]).unwrap_or(0);
         let place = Place::Shared {
-            chunk: number(Self::FIXED[4])?,
-            file: number(Self::FIXED[5])?,
+            chunk: hint(2),
+            file: hint(3),
         };
         let data_file = info.data_file(root, place)?;
         let mut videos = Vec::with_capacity(info.cameras.len());

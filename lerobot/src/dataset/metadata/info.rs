@@ -65,8 +65,6 @@ pub struct Info {
     pub total_frames: usize,
     /// Number of episodes.
     pub total_episodes: usize,
-    /// Number of tasks.
-    pub total_tasks: usize,
     /// `observation.state`.
     pub state: VectorFeature,
     /// `action`.
@@ -81,7 +79,7 @@ pub struct Info {
     video_path: String,
 }
 
-/// A float32 vector recorded at every frame.
+/// A vector recorded at every frame, read as float32.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct VectorFeature {
     /// Number of values.
@@ -123,8 +121,7 @@ struct RawInfo {
     total_frames: usize,
     #[serde(deserialize_with = "json::whole_number")]
     total_episodes: usize,
-    #[serde(deserialize_with = "json::whole_number")]
-    total_tasks: usize,
+    #[serde(default, deserialize_with = "json::whole_number_or_none")]
     chunks_size: Option<u64>,
     data_path: Option<String>,
     video_path: Option<String>,
@@ -134,6 +131,7 @@ struct RawInfo {
 #[derive(Deserialize)]
 struct RawFeature {
     dtype: String,
+    #[serde(deserialize_with = "json::whole_numbers")]
     shape: Vec<usize>,
     names: Option<Value>,
     /// What LeRobot knows of a video. Its form has changed over time, so it is read key by key.
@@ -216,7 +214,6 @@ impl Info {
         for (what, count) in [
             ("total_frames", raw.total_frames),
             ("total_episodes", raw.total_episodes),
-            ("total_tasks", raw.total_tasks),
         ] {
             if count == 0 || count > MAX_FRAMES {
                 return Err(format!("{what} is {count}, expected 1 to {MAX_FRAMES}"));
@@ -262,7 +259,6 @@ impl Info {
             robot_type: raw.robot_type,
             total_frames: raw.total_frames,
             total_episodes: raw.total_episodes,
-            total_tasks: raw.total_tasks,
             state: state.ok_or(format!("has no feature {STATE}"))?,
             action: action.ok_or(format!("has no feature {ACTION}"))?,
             cameras,
@@ -309,7 +305,8 @@ fn in_folder(root: &Path, relative: Result<PathBuf, String>) -> Result<PathBuf, 
 }
 
 fn vector(name: &str, feature: &RawFeature) -> Result<VectorFeature, String> {
-    if feature.dtype != "float32" {
+    // They are read as float32, whatever their width.
+    if !["float16", "float32", "float64"].contains(&&feature.dtype[..]) {
         return Err(format!(
             "{name} is {}, expected float32",
             quoted(&feature.dtype)

@@ -6,6 +6,7 @@ use std::path::Path;
 
 use serde::de::{DeserializeOwned, Error as _};
 use serde::{Deserialize, Deserializer};
+use serde_json::Value;
 use zk0_files::bounded_file;
 
 use crate::dataset::DatasetError;
@@ -77,10 +78,46 @@ pub(crate) fn whole_number<'de, D: Deserializer<'de>, T: TryFrom<u64>>(
         .ok_or_else(|| D::Error::custom(format!("{value} where a whole number is expected")))
 }
 
-/// Numbers, of which Python's `NaN` and infinities have become `null`.
+/// The same where there may be none.
+pub(crate) fn whole_number_or_none<'de, D: Deserializer<'de>, T: TryFrom<u64>>(
+    deserializer: D,
+) -> Result<Option<T>, D::Error> {
+    Ok(Option::<Whole<T>>::deserialize(deserializer)?.map(|whole| whole.0))
+}
+
+/// A list of the same.
+pub(crate) fn whole_numbers<'de, D: Deserializer<'de>, T: TryFrom<u64>>(
+    deserializer: D,
+) -> Result<Vec<T>, D::Error> {
+    let whole = Vec::<Whole<T>>::deserialize(deserializer)?;
+    Ok(whole.into_iter().map(|whole| whole.0).collect())
+}
+
+struct Whole<T>(T);
+
+impl<'de, T: TryFrom<u64>> Deserialize<'de> for Whole<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        whole_number(deserializer).map(Self)
+    }
+}
+
+/// Numbers, of which Python's `NaN` and infinities have become `null`. A list within a list, and a number without one, hold the same for
+/// numpy.
 pub(crate) fn numbers<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f64>, D::Error> {
-    let values = Vec::<Option<f64>>::deserialize(deserializer)?;
-    Ok(values.into_iter().map(|v| v.unwrap_or(f64::NAN)).collect())
+    fn collect(value: &Value, into: &mut Vec<f64>) -> Result<(), String> {
+        match value {
+            Value::Array(values) => values.iter().try_for_each(|value| collect(value, into))?,
+            Value::Null => into.push(f64::NAN),
+            other => match other.as_f64() {
+                Some(number) => into.push(number),
+                None => return Err("found something else where numbers are expected".into()),
+            },
+        }
+        Ok(())
+    }
+    let mut numbers = Vec::new();
+    collect(&Value::deserialize(deserializer)?, &mut numbers).map_err(D::Error::custom)?;
+    Ok(numbers)
 }
 
 /// Whole numbers from here on have gaps between them as floats.

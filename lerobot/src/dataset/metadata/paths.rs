@@ -11,24 +11,53 @@ pub(crate) enum Place {
     OfEpisode { chunk: u64, episode: u64 },
 }
 
-/// Fills LeRobot's path template; the result stays inside the dataset's folder.
+/// Fills LeRobot's path template, which is a format of Python's; the result stays inside the dataset's folder.
 pub(crate) fn fill(template: &str, camera: &str, place: Place) -> Result<PathBuf, String> {
-    let path = template.replace("{video_key}", camera);
-    let path = match place {
-        Place::Shared { chunk, file } => path
-            .replace("{chunk_index:03d}", &format!("{chunk:03}"))
-            .replace("{file_index:03d}", &format!("{file:03}")),
-        Place::OfEpisode { chunk, episode } => path
-            .replace("{episode_chunk:03d}", &format!("{chunk:03}"))
-            .replace("{episode_index:06d}", &format!("{episode:06}")),
-    };
-    let inside = Path::new(&path)
-        .components()
-        .all(|c| matches!(c, Component::Normal(_)));
-    if path.is_empty() || path.contains(['{', '}']) || !inside {
-        return Err(format!(
+    let path = filled(template, camera, place).filter(|path| {
+        let mut parts = Path::new(path).components();
+        let inside = |part| matches!(part, Component::Normal(_) | Component::CurDir);
+        !path.is_empty() && parts.all(inside)
+    });
+    match path {
+        Some(path) => Ok(path.into()),
+        None => Err(format!(
             "path template {template:?} is not one that can be followed"
-        ));
+        )),
     }
-    Ok(path.into())
+}
+
+fn filled(template: &str, camera: &str, place: Place) -> Option<String> {
+    let (mut path, mut rest) = (String::new(), template);
+    while let Some((text, field)) = rest.split_once('{') {
+        let (field, after) = field.split_once('}')?;
+        let (name, width) = field.split_once(':').unwrap_or((field, ""));
+        path.push_str(text);
+        match (name, place) {
+            ("video_key", _) if width.is_empty() => path.push_str(camera),
+            ("chunk_index", Place::Shared { chunk: number, .. })
+            | ("file_index", Place::Shared { file: number, .. })
+            | ("episode_chunk", Place::OfEpisode { chunk: number, .. })
+            | (
+                "episode_index",
+                Place::OfEpisode {
+                    episode: number, ..
+                },
+            ) => path.push_str(&with_zeros(number, width)?),
+            _ => return None,
+        }
+        rest = after;
+    }
+    path.push_str(rest);
+    (!rest.contains('}')).then_some(path)
+}
+
+/// A number as Python formats it by `03d`, `d` or nothing.
+fn with_zeros(number: u64, width: &str) -> Option<String> {
+    match width.strip_suffix('d').unwrap_or(width) {
+        "" => Some(number.to_string()),
+        width => {
+            let width: usize = width.strip_prefix('0')?.parse().ok()?;
+            (width <= 20).then(|| format!("{number:0width$}"))
+        }
+    }
 }

@@ -12,15 +12,20 @@ use crate::dataset::{DatasetError, Info};
 
 /// Task strings by `task_index`.
 pub(crate) fn read_tasks(root: &Path, info: &Info) -> Result<Vec<String>, DatasetError> {
-    let mut tasks = Tasks::new(info);
+    let mut tasks = Tasks::default();
     let path = if info.format < Format::V30 {
         read_jsonl(root, &mut tasks)?
     } else {
         let path = root.join("meta/tasks.parquet");
         let column = task_column(&path)?;
-        columns::read(&path, &["task_index", &column], 1, |batch| {
-            let indices = batch.ints("task_index")?;
-            for (&index, task) in indices.iter().zip(batch.strings(&column)?) {
+        // LeRobot goes by the place in the table, which is all there is where the numbers are not there.
+        let numbers = columns::present(&path, &["task_index"])?;
+        let read = [&numbers[..], &[column.as_str()]].concat();
+        columns::read(&path, &read, 1, |batch| {
+            let indices = numbers.first().map(|name| batch.ints(name)).transpose()?;
+            for (row, task) in batch.strings(&column)?.into_iter().enumerate() {
+                let place = tasks.found.len() as i64;
+                let index = indices.as_ref().map_or(place, |indices| indices[row]);
                 tasks.add(&path, index, task)?;
             }
             Ok(())
@@ -54,56 +59,42 @@ fn task_column(path: &Path) -> Result<String, DatasetError> {
 
 /// Most bytes of task strings.
 const MAX_TASKS: usize = 16 << 20;
+/// What a task takes besides its string, roughly.
+const ENTRY: usize = 64;
 
-/// Tasks as they are found.
+/// Tasks as they are found. How many there are, the table says: LeRobot reads it whatever `meta/info.json` counts.
+#[derive(Default)]
 struct Tasks {
-    expected: usize,
-    found: BTreeMap<usize, String>,
+    found: BTreeMap<i64, String>,
     /// Bytes of all strings so far: a compressed file can repeat one very often.
     bytes: usize,
 }
 
 impl Tasks {
-    fn new(info: &Info) -> Self {
-        Self {
-            expected: info.total_tasks,
-            found: BTreeMap::new(),
-            bytes: 0,
-        }
-    }
-
     fn add(&mut self, path: &Path, index: i64, task: String) -> Result<(), DatasetError> {
-        let at = usize::try_from(index).unwrap_or(usize::MAX);
-        if at >= self.expected {
-            return Err(DatasetError::meta(
-                path,
-                format!(
-                    "task_index {index} where meta/info.json counts {} tasks",
-                    self.expected
-                ),
-            ));
-        }
-        self.bytes += task.len();
+        self.bytes += task.len() + ENTRY;
         if self.bytes > MAX_TASKS {
             return Err(DatasetError::meta(
                 path,
                 format!("holds more than {MAX_TASKS} bytes of task strings"),
             ));
         }
-        self.found.insert(at, task);
+        self.found.insert(index, task);
         Ok(())
     }
 
     fn complete(self, path: PathBuf) -> Result<Vec<String>, DatasetError> {
-        // All indices are below the expected number, so each of them has a place.
-        if self.found.len() != self.expected {
+        let gap = (0..)
+            .zip(self.found.keys())
+            .find(|(due, found)| due != *found);
+        if let Some((due, found)) = gap {
             return Err(DatasetError::meta(
                 path,
-                format!(
-                    "does not name all {} tasks of meta/info.json",
-                    self.expected
-                ),
+                format!("has task_index {found} and no task_index {due}"),
             ));
+        }
+        if self.found.is_empty() {
+            return Err(DatasetError::meta(path, "names no task"));
         }
         Ok(self.found.into_values().collect())
     }

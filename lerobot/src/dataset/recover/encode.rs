@@ -29,14 +29,22 @@ const MAX_REST: u64 = 1 << 20;
 /// Sides of pictures that the encoder takes.
 const SIDES: std::ops::RangeInclusive<usize> = 16..=2160;
 
-/// Why pictures of this camera cannot be encoded here, if so.
-pub(crate) fn refusal(camera: &Camera) -> Option<String> {
-    let Camera { height, width, .. } = camera;
+/// Why these pictures of a camera cannot be encoded here, if so. A disk that lost power leaves pictures without an end.
+pub(crate) fn refusal(camera: &Camera, pictures: &[PathBuf]) -> Option<String> {
+    let Camera {
+        name,
+        height,
+        width,
+        ..
+    } = camera;
     let fits = |side: &usize| SIDES.contains(side) && side.is_multiple_of(2);
-    let fit = fits(height) && fits(width);
-    (!fit).then(|| {
-        format!("pictures of {height} x {width} (height x width) cannot be encoded; both sides have to be even, and 16 to 2160")
-    })
+    if !fits(height) || !fits(width) {
+        return Some(format!(
+            "{name}: pictures of {height} x {width} (height x width) cannot be encoded; both sides have to be even, and 16 to 2160"
+        ));
+    }
+    let mut faults = pictures.iter().filter_map(|path| read(path, camera).err());
+    faults.next().map(|fault| fault.to_string())
 }
 
 /// Writes the episodes' pictures to `out`, one episode after another.
@@ -49,7 +57,7 @@ pub(crate) fn write_mp4(
     fps: u32,
     episodes: &[Vec<PathBuf>],
 ) -> Result<(), DatasetError> {
-    let io = |e: std::io::Error| DatasetError::io(out, e);
+    let io = |e: std::io::Error| DatasetError::write(out, e);
     let failed =
         |e: openh264::Error| DatasetError::video(out, format!("OpenH264 cannot encode it: {e}"));
     let config = EncoderConfig::new()

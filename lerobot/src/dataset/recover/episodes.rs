@@ -1,12 +1,12 @@
 //! Which episodes can be saved: those whose rows are whole, and of which each camera left all pictures.
 
 use std::collections::BTreeSet;
-use std::io;
 use std::path::{Path, PathBuf};
 
 use arrow_array::RecordBatch;
 
 use crate::dataset::metadata::info::Camera;
+use crate::dataset::recover::described;
 use crate::dataset::recover::encode;
 use crate::dataset::recover::folder::{EpisodeToWrite, Recording, VideoToWrite};
 use crate::dataset::recover::leftovers::{self, SingleVideo, Video};
@@ -14,7 +14,7 @@ use crate::dataset::recover::placing::{place, Stretch, VideoFrames};
 use crate::dataset::recover::report::{Lost, Recovered, Saved};
 use crate::dataset::recover::rows::{self, EpisodeRows};
 use crate::dataset::recover::source::Source;
-use crate::dataset::DatasetError;
+use crate::dataset::{Dataset, DatasetError};
 
 /// Chooses the episodes, and reports on them and on the others.
 ///
@@ -27,13 +27,27 @@ pub(crate) fn choose(root: &Path, source: Source) -> Result<(Recording, Recovere
         notes: source.notes.clone(),
         ..Recovered::default()
     };
+    // Where a process was ended, and where the metadata gives pictures twice, the videos alone tell where the episodes are.
+    let described = Dataset::open(root);
+    let exactly = matches!(&described, Err(DatasetError::SharedPictures { .. }));
+    if let Ok(dataset) = &described {
+        let repairs = dataset.repairs().iter();
+        report.notes.extend(repairs.map(ToString::to_string));
+        let mut known = BTreeSet::new();
+        episodes.retain(|episode| known.insert(episode.number));
+    }
     let mut cameras = Vec::new();
-    for camera in &info.cameras {
+    for (number, camera) in info.cameras.iter().enumerate() {
+        if let Ok(dataset) = &described {
+            cameras.push(Filmed::described(dataset, number, camera, &episodes));
+            continue;
+        }
         cameras.push(Filmed::find(
             root,
             camera,
             &episodes,
             info.fps,
+            exactly,
             &mut report.notes,
         )?);
     }
@@ -101,11 +115,36 @@ struct Filmed {
 }
 
 impl Filmed {
+    fn described(
+        dataset: &Dataset,
+        number: usize,
+        camera: &Camera,
+        episodes: &[EpisodeRows],
+    ) -> Self {
+        let (paths, stretches) = described::stretches(dataset, number, episodes);
+        Self {
+            camera: camera.clone(),
+            fps: dataset.fps(),
+            videos: paths
+                .into_iter()
+                .map(|path| Video {
+                    path,
+                    frames: VideoFrames::default(),
+                })
+                .collect(),
+            pictures: stretches
+                .into_iter()
+                .map(|stretch| stretch.map(Pictures::Video))
+                .collect(),
+        }
+    }
+
     fn find(
         root: &Path,
         camera: &Camera,
         episodes: &[EpisodeRows],
         fps: u32,
+        exactly: bool,
         notes: &mut Vec<String>,
     ) -> Result<Self, DatasetError> {
         let (mut videos, unreadable) = leftovers::videos(root, camera)?;
@@ -113,7 +152,7 @@ impl Filmed {
         let frames: Vec<VideoFrames> = videos.iter().map(|v| v.frames.clone()).collect();
         // Where the rows of an episode are incomplete, nothing says where the next one begins.
         let placed = episodes.iter().take_while(|e| e.is_placed).count();
-        let placing = place(&lengths[..placed], &frames, fps);
+        let placing = place(&lengths[..placed], &frames, fps, exactly);
         if placing.surplus > 0 && placed == lengths.len() {
             notes.push(format!(
                 "the last video of {} has {} pictures more than there are rows; they are left in it",
@@ -153,14 +192,14 @@ impl Filmed {
                     videos[video].frames.stretch(video, 0, length, fps),
                 ))
             } else if files.len() == length {
-                match encode::refusal(camera) {
-                    Some(cause) => Err(format!("{}: {cause}", camera.name)),
+                match encode::refusal(camera, &files) {
+                    Some(cause) => Err(cause),
                     None => Ok(Pictures::Files(files)),
                 }
             } else if let Some(misfit) = &placing.fault {
                 Err(format!(
                     "{} has {} pictures, which do not fit the rows of its episodes; LeRobot drops pictures where streaming encoding is \
-                     too slow, and without meta/episodes nothing says where",
+                     too slow, and nothing says where",
                     videos[misfit.video].path.display(),
                     misfit.pictures
                 ))
@@ -234,7 +273,7 @@ impl Filmed {
         if !encoded.is_empty() {
             let (camera, fps) = (self.camera, self.fps);
             videos.push(VideoToWrite::Make(Box::new(move |path| {
-                encode::write_mp4(path, &camera, fps, &encoded).map_err(io::Error::other)
+                encode::write_mp4(path, &camera, fps, &encoded)
             })));
         }
         (videos, stretches)

@@ -21,6 +21,7 @@ use serde_json::{json, Map, Value};
 use crate::dataset::metadata::paths::{fill, Place};
 use crate::dataset::recover::json_in_order::JsonInOrder;
 use crate::dataset::recover::statistics::{numbers, Statistics};
+use crate::dataset::DatasetError;
 
 /// LeRobot's names of data files and of videos.
 pub(crate) const DATA_PATH: &str = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet";
@@ -57,7 +58,7 @@ pub(crate) enum VideoToWrite {
     /// A file to copy.
     Copy(PathBuf),
     /// A file that `write` makes at the path that it is given.
-    Make(Box<dyn Fn(&Path) -> io::Result<()>>),
+    Make(Box<dyn Fn(&Path) -> Result<(), DatasetError>>),
 }
 
 impl EpisodeToWrite {
@@ -110,23 +111,40 @@ impl Recording {
     /// Writes everything into `folder`, which is empty. All bytes are on the disk when this returns.
     ///
     /// # Errors
-    /// The error of the file system, or of a video that is made.
-    pub fn write(&self, folder: &Path) -> io::Result<()> {
+    /// What cannot be read of the recording, or not be written.
+    pub fn write(&self, folder: &Path) -> Result<(), DatasetError> {
+        self.write_videos(folder)?;
+        self.write_tables(folder)
+            .map_err(|e| DatasetError::write(folder, e))
+    }
+
+    fn write_videos(&self, folder: &Path) -> Result<(), DatasetError> {
+        for (camera, videos) in &self.videos {
+            for (number, video) in videos.iter().enumerate() {
+                let path = place(folder, VIDEO_PATH, camera, number as u64)
+                    .map_err(|e| DatasetError::write(folder, e))?;
+                let io = |e: io::Error| DatasetError::write(&path, e);
+                match video {
+                    VideoToWrite::Copy(from) => {
+                        let mut from = File::open(from).map_err(|e| DatasetError::io(from, e))?;
+                        let mut to = File::create_new(&path).map_err(io)?;
+                        io::copy(&mut from, &mut to).map_err(io)?;
+                    }
+                    VideoToWrite::Make(make) => make(&path)?,
+                }
+                let written = File::open(&path).and_then(|file| file.sync_all());
+                written.map_err(io)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn write_tables(&self, folder: &Path) -> io::Result<()> {
         let mut start = 0;
         let mut statistics = Vec::with_capacity(self.episodes.len());
         for (number, episode) in self.episodes.iter().enumerate() {
             statistics.push(episode.statistics(number, start)?);
             start += episode.len();
-        }
-        for (camera, videos) in &self.videos {
-            for (number, video) in videos.iter().enumerate() {
-                let path = place(folder, VIDEO_PATH, camera, number as u64)?;
-                match video {
-                    VideoToWrite::Copy(from) => drop(fs::copy(from, &path)?),
-                    VideoToWrite::Make(make) => make(&path)?,
-                }
-                File::open(&path)?.sync_all()?;
-            }
         }
         self.write_rows(&place(folder, DATA_PATH, "", 0)?)?;
         let episodes = place(

@@ -1,4 +1,6 @@
-//! Saves a recording that ended too early: a folder that LeRobot 0.6.1 loads, made of what the killed process left.
+//! Saves a recording that ended too early: a folder that LeRobot 0.6.1 loads, made of what the killed process left. A recording that
+//! can be read is written anew as zk0 reads it: with the right places of the videos where a merge by LeRobot 0.4.0 to 0.4.2 has wrong
+//! ones, and without the episodes that lack pictures.
 //!
 //! LeRobot writes the rows of an episode when the episode is saved, as a row group of `data/*/*.parquet`, and their footer and
 //! `meta/episodes` when the recording ends. A process that is killed leaves data files without a footer, and no `meta/episodes`;
@@ -7,6 +9,7 @@
 //! ```text
 //! tables::unfinished   bytes → row groups
 //! rows                 rows → episodes
+//! described            recording that can be read → which stretch of video belongs to which episode
 //! placing              episodes, videos → which stretch of video belongs to which episode
 //! leftovers            what a camera left: videos, and pictures that were not encoded yet
 //! encode, mp4_index    those pictures as H.264
@@ -16,6 +19,7 @@
 //! unfinished           tells such a recording from one that is damaged
 //! ```
 
+mod described;
 mod encode;
 mod episodes;
 mod folder;

@@ -62,8 +62,8 @@ impl VideoFrames {
     }
 }
 
-/// Places episodes of `lengths` frames in the videos of one camera.
-pub(crate) fn place(lengths: &[usize], videos: &[VideoFrames], fps: u32) -> Placing {
+/// Places episodes of `lengths` frames in the videos of one camera. Pictures after those of the last episode are a misfit where `exactly`.
+pub(crate) fn place(lengths: &[usize], videos: &[VideoFrames], fps: u32, exactly: bool) -> Placing {
     let mut placing = Placing::default();
     let mut lengths = lengths.iter().copied().peekable();
     for (video, frames) in videos.iter().enumerate() {
@@ -75,9 +75,9 @@ pub(crate) fn place(lengths: &[usize], videos: &[VideoFrames], fps: u32) -> Plac
             placing.stretches.push(stretch);
             at += length;
         }
-        let is_last = lengths.peek().is_none();
+        let may_be_more = lengths.peek().is_none() && !exactly;
         // A video holds whole episodes. Where it does not, pictures are missing, and nothing says in which of its episodes.
-        if !fits || (at < pictures && !is_last) {
+        if !fits || (at < pictures && !may_be_more) {
             placing.stretches.truncate(start);
             placing.fault = Some(Misfit { video, pictures });
             return placing;
@@ -100,7 +100,7 @@ mod tests {
 
     fn placed(lengths: &[usize], videos: &[usize]) -> Placing {
         let videos: Vec<_> = videos.iter().map(|&frames| video(frames)).collect();
-        place(lengths, &videos, 10)
+        place(lengths, &videos, 10, false)
     }
 
     #[test]
@@ -115,6 +115,12 @@ mod tests {
         assert_eq!(found, [(0, 0.0, 4.0), (0, 4.0, 6.0), (1, 0.0, 6.0)]);
         assert_eq!((placing.surplus, placing.fault), (0, None));
         assert_eq!(placed(&[4], &[7]).surplus, 3);
+        let exactly = place(&[4, 4], &[video(4), video(7)], 10, true);
+        let fault = Misfit {
+            video: 1,
+            pictures: 7,
+        };
+        assert_eq!((exactly.stretches.len(), exactly.fault), (1, Some(fault)));
     }
 
     #[test]
@@ -142,6 +148,6 @@ mod tests {
             video: 0,
             pictures: 4,
         };
-        assert_eq!(place(&[4], &[gap], 10).fault, Some(fault));
+        assert_eq!(place(&[4], &[gap], 10, false).fault, Some(fault));
     }
 }

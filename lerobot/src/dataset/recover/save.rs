@@ -11,8 +11,8 @@ use crate::dataset::recover::report::Recovered;
 use crate::dataset::recover::{episodes, source};
 use crate::dataset::{Dataset, DatasetError};
 
-/// Writes what can be saved of the recording in `from` into the new folder `out`. `from` is only read. The new folder gets its name when
-/// it is whole.
+/// Writes what can be saved of the recording in `from`, with the right places of its videos, into the new folder `out`. `from` is only
+/// read. The new folder gets its name when it is whole.
 ///
 /// # Errors
 /// [`DatasetError`] says why nothing can be saved, or what cannot be read or written.
@@ -36,9 +36,7 @@ pub fn recover(from: &Path, out: &Path) -> Result<Recovered, DatasetError> {
 
 fn fill(recording: &Recording, partial: &Path) -> Result<(), DatasetError> {
     fs::create_dir(partial).map_err(|e| DatasetError::write(partial, e))?;
-    recording
-        .write(partial)
-        .map_err(|e| DatasetError::write(partial, e))?;
+    recording.write(partial)?;
     // What zk0 does not read itself is not called saved.
     Dataset::open(partial).map(drop)
 }

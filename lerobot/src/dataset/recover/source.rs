@@ -1,6 +1,5 @@
 //! The files of a recording that ended too early, without its pictures.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -8,7 +7,6 @@ use arrow_array::cast::AsArray;
 use arrow_array::types::{Float32Type, Int64Type};
 use arrow_array::RecordBatch;
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
-use parquet::file::reader::{FileReader, SerializedFileReader};
 use serde_json::{Map, Value};
 
 use crate::dataset::metadata::info::{Format, Info};
@@ -42,10 +40,14 @@ pub(crate) struct Source {
 
 impl Source {
     pub fn read(root: &Path) -> Result<Self, DatasetError> {
-        let (json, mut info) = read_info(root)?;
-        let tasks_path = root.join("meta/tasks.parquet");
-        info.total_tasks = rows_of(&tasks_path)?;
-        let tasks = tasks::read_tasks(root, &info)?;
+        let (json, info) = read_info(root)?;
+        let tasks = tasks::read_tasks(root, &info).map_err(|error| match error {
+            DatasetError::Parquet { path, cause } => DatasetError::Parquet {
+                path,
+                cause: format!("{cause}; nothing can be recovered without the tasks"),
+            },
+            error => error,
+        })?;
         let schema = schema(root, &json)?;
         let mut source = Self {
             json,
@@ -94,7 +96,7 @@ fn read_info(root: &Path) -> Result<(JsonInOrder, Info), DatasetError> {
         ))
     })?;
     let mut counted = json.clone();
-    for total in ["total_frames", "total_episodes", "total_tasks"] {
+    for total in ["total_frames", "total_episodes"] {
         counted.set(total, 1.into());
     }
     let text = serde_json::to_string(&counted).map_err(|e| broken(e.to_string()))?;
@@ -119,22 +121,6 @@ fn read_info(root: &Path) -> Result<(JsonInOrder, Info), DatasetError> {
         }
     }
     Ok((json, info))
-}
-
-/// Number of rows of a parquet file that is whole.
-fn rows_of(path: &Path) -> Result<usize, DatasetError> {
-    let file = File::open(path).map_err(|e| DatasetError::io(path, e))?;
-    let damaged = |cause: String| {
-        DatasetError::parquet(
-            path,
-            format!("damaged parquet file: {cause}; nothing can be recovered without the tasks"),
-        )
-    };
-    let reader = std::panic::catch_unwind(|| SerializedFileReader::new(file))
-        .map_err(|_| damaged("its footer contradicts itself".into()))?
-        .map_err(|e| damaged(e.to_string()))?;
-    let rows = reader.metadata().file_metadata().num_rows();
-    usize::try_from(rows).map_err(|_| damaged(format!("it claims {rows} rows")))
 }
 
 /// The columns of the rows: LeRobot writes those of all features but the videos, in their order.

@@ -62,8 +62,10 @@ impl Motion {
                 repeated: None,
             };
             let per_row = info.state.dim.max(info.action.dim);
-            columns::read(path, &COLUMNS, per_row, |batch| {
-                motion.append(&mut file, batch)
+            let frame = columns::present(path, &[FRAME])?;
+            let columns = [&COLUMNS[..], &frame].concat();
+            columns::read(path, &columns, per_row, |batch| {
+                motion.append(&mut file, batch, !frame.is_empty())
             })?;
             if let Some((first, rows)) = file.repeated {
                 repairs.push(Repair::RepeatedRows {
@@ -84,8 +86,13 @@ impl Motion {
         Ok(motion)
     }
 
-    fn append(&mut self, file: &mut DataFile, batch: &Columns) -> Result<(), DatasetError> {
-        let rows = Rows::of(batch, self.state_dim, self.action_dim)?;
+    fn append(
+        &mut self,
+        file: &mut DataFile,
+        batch: &Columns,
+        has_frame: bool,
+    ) -> Result<(), DatasetError> {
+        let rows = Rows::of(batch, self.state_dim, self.action_dim, has_frame)?;
         for i in 0..batch.rows() {
             let row = file.rows;
             file.rows += 1;
@@ -94,12 +101,14 @@ impl Motion {
                 .filter(|&frame| frame < self.len());
             if let Some(frame) = known {
                 if !self.holds(file.episodes, frame, &rows, i) {
+                    let at = file.episodes.partition_point(|e| e.frames.end <= frame);
+                    let number = (frame - file.episodes[at].frames.start) as i64;
                     return Err(DatasetError::RepeatedFrame {
                         path: file.path.into(),
                         row,
                         index: rows.index[i],
                         episode: rows.episode[i],
-                        frame: rows.frame[i],
+                        frame: rows.frame(i).unwrap_or(number),
                     });
                 }
                 let (_, count) = file.repeated.get_or_insert((row, 0));
@@ -132,8 +141,11 @@ impl Motion {
     /// Whether row `i` says of `frame` what was read before.
     fn holds(&self, episodes: &[Episode], frame: usize, rows: &Rows, i: usize) -> bool {
         let at = episodes.partition_point(|e| e.frames.end <= frame);
-        let number = |e: &Episode| (e.index as i64, (frame - e.frames.start) as i64);
-        episodes.get(at).map(number) == Some((rows.episode[i], rows.frame[i]))
+        let is_of = |e: &Episode| {
+            let number = (frame - e.frames.start) as i64;
+            e.index as i64 == rows.episode[i] && rows.frame(i).is_none_or(|it| it == number)
+        };
+        episodes.get(at).is_some_and(is_of)
             && i64::from(self.tasks[frame]) == rows.task[i]
             && self.timestamps[frame] == rows.timestamp[i]
             && self.state(frame) == rows.state(i)
@@ -230,11 +242,13 @@ fn note_row(stretches: &mut Vec<Stretch>, frame: usize, path: &Path, row: usize)
     }
 }
 
-const COLUMNS: [&str; 7] = [
+/// LeRobot reads frames without it, and whatever it holds.
+const FRAME: &str = "frame_index";
+
+const COLUMNS: [&str; 6] = [
     STATE,
     ACTION,
     "timestamp",
-    "frame_index",
     "episode_index",
     "index",
     "task_index",
@@ -244,7 +258,7 @@ const COLUMNS: [&str; 7] = [
 struct Rows<'a> {
     index: Cow<'a, [i64]>,
     episode: Cow<'a, [i64]>,
-    frame: Cow<'a, [i64]>,
+    frame: Option<Cow<'a, [i64]>>,
     task: Cow<'a, [i64]>,
     timestamp: Cow<'a, [f32]>,
     state_dim: usize,
@@ -254,11 +268,16 @@ struct Rows<'a> {
 }
 
 impl<'a> Rows<'a> {
-    fn of(batch: &'a Columns, state_dim: usize, action_dim: usize) -> Result<Self, DatasetError> {
+    fn of(
+        batch: &'a Columns,
+        state_dim: usize,
+        action_dim: usize,
+        has_frame: bool,
+    ) -> Result<Self, DatasetError> {
         Ok(Self {
             index: batch.ints("index")?,
             episode: batch.ints("episode_index")?,
-            frame: batch.ints("frame_index")?,
+            frame: has_frame.then(|| batch.ints(FRAME)).transpose()?,
             task: batch.ints("task_index")?,
             timestamp: batch.floats("timestamp")?,
             state_dim,
@@ -266,6 +285,10 @@ impl<'a> Rows<'a> {
             action_dim,
             actions: batch.vectors(ACTION, action_dim)?,
         })
+    }
+
+    fn frame(&self, i: usize) -> Option<i64> {
+        self.frame.as_ref().map(|frame| frame[i])
     }
 
     fn state(&self, i: usize) -> &[f32] {
@@ -295,10 +318,7 @@ impl DataFile<'_> {
         let wrong = |cause: String| {
             DatasetError::parquet(
                 self.path,
-                format!(
-                    "row {row} (episode {} frame {}): {cause}",
-                    rows.episode[i], rows.frame[i]
-                ),
+                format!("row {row} (episode {}): {cause}", rows.episode[i]),
             )
         };
         let at = self.episodes.partition_point(|e| e.frames.end <= due);
@@ -309,13 +329,11 @@ impl DataFile<'_> {
             )));
         };
         let number = due - expected.frames.start;
-        if rows.index[i] != due as i64
-            || rows.episode[i] != expected.index as i64
-            || rows.frame[i] != number as i64
-        {
+        // The timestamp, which is compared next, says which frame of the episode it is.
+        if rows.index[i] != due as i64 || rows.episode[i] != expected.index as i64 {
             missing_file(self.episodes, due)?;
             return Err(wrong(format!(
-                "index {} found where the episodes' metadata expects index {due}, episode {} frame {number}; rows have to be in order",
+                "index {} found where the episodes' metadata expects index {due}, episode {}; rows have to be in order",
                 rows.index[i], expected.index,
             )));
         }

@@ -10,7 +10,8 @@ use crate::dataset::video::hevc::sps as hevc_sps;
 use crate::dataset::video::hevc::units as hevc;
 use crate::dataset::video::kind::Kind;
 use crate::dataset::video::mp4::sample::{ContainerColors, Mp4Codec};
-use crate::dataset::video::nal;
+use crate::dataset::video::nal::{self, Units};
+use crate::dataset::video::picture_order::{PictureOrder, Place};
 use crate::dataset::video::restart;
 use crate::dataset::video::source::Source;
 use crate::dataset::DatasetError;
@@ -21,7 +22,7 @@ const WORTH_A_START: usize = 60;
 /// A decoder for one file.
 pub(super) struct ByFfmpeg {
     kind: Kind,
-    player: Option<Player>,
+    player: Option<(Player, PictureOrder)>,
 }
 
 impl ByFfmpeg {
@@ -38,12 +39,12 @@ impl ByFfmpeg {
         sample: usize,
     ) -> Result<Vec<u8>, DatasetError> {
         // The player is taken out, so that one that failed is not used again.
-        let mut player = match self.player.take() {
-            Some(player) if near(&player, number) => player,
+        let (mut player, mut order) = match self.player.take() {
+            Some((player, order)) if near(&player, number) => (player, order),
             _ => self.start(source, number, sample)?,
         };
         let planes = player
-            .picture(number, |at, sets| self.stream(source, at, sets))
+            .picture(number, |at, sets| self.stream(source, at, sets, &mut order))
             .map_err(|e| source.fault(number, e))?;
         let rgb = rgb(
             &planes,
@@ -51,7 +52,7 @@ impl ByFfmpeg {
             source.track.height,
             source.track.width,
         );
-        self.player = Some(player);
+        self.player = Some((player, order));
         rgb.ok_or_else(|| source.fault(number, "has planes smaller than its size".into()))
     }
 
@@ -61,20 +62,28 @@ impl ByFfmpeg {
         source: &mut Source,
         number: usize,
         sample: usize,
-    ) -> Result<Player, DatasetError> {
+    ) -> Result<(Player, PictureOrder), DatasetError> {
         let restart = restart::before(source, sample)?;
         let track = &source.track;
-        let demuxer = match &track.codec {
-            Mp4Codec::Hevc(_) => "hevc",
-            _ => "h264",
+        let (demuxer, order) = match &track.codec {
+            Mp4Codec::Hevc(_) => ("hevc", PictureOrder::Hevc(Default::default())),
+            _ => ("h264", PictureOrder::H264(Default::default())),
         };
         let bytes = sizes(self.kind.format, track.height, track.width);
-        Player::start(demuxer, bytes.iter().sum(), &track.order, restart)
-            .map_err(|e| source.fault(number, e))
+        let player = Player::start(demuxer, bytes.iter().sum(), &track.order, restart)
+            .map_err(|e| source.fault(number, e))?;
+        Ok((player, order))
     }
 
-    /// The byte stream of a sample, whose parameter sets declare what the first one declared.
-    fn stream(&self, source: &mut Source, at: usize, sets: bool) -> Result<Vec<u8>, String> {
+    /// The byte stream of a sample, whose parameter sets declare what the first one declared, and the place of its picture among those of
+    /// the stream.
+    fn stream(
+        &self,
+        source: &mut Source,
+        at: usize,
+        sets: bool,
+        order: &mut PictureOrder,
+    ) -> Result<(Vec<u8>, Option<Place>), String> {
         let sample = source.sample(at).map_err(|e| e.to_string())?;
         let track = &source.track;
         let (height, width) = (track.height, track.width);
@@ -105,7 +114,17 @@ impl ByFfmpeg {
                 "does not decode: sample {at} does not hold one picture"
             ));
         }
-        Ok(stream)
+        let place = match &track.codec {
+            Mp4Codec::Hevc(config) | Mp4Codec::H264(config) => {
+                let sets = config.parameter_sets.iter().filter(|_| sets);
+                let units = Units::new(config, &sample).map_while(Result::ok);
+                sets.map(Vec::as_slice)
+                    .chain(units)
+                    .find_map(|unit| order.see(unit))
+            }
+            Mp4Codec::Av1 => None,
+        };
+        Ok((stream, place))
     }
 }
 

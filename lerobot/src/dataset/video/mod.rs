@@ -11,6 +11,8 @@ mod in_process;
 mod kind;
 pub(crate) mod mp4;
 mod nal;
+mod picture_count;
+mod picture_order;
 pub(crate) mod reader;
 mod restart;
 mod source;

@@ -20,10 +20,11 @@ pub const TARGETS: Targets = Targets {
     slack: 24 << 20,
 };
 
-const NAMES: [&str; 19] = [
+const NAMES: [&str; 20] = [
     "mp4",
     "h264",
     "av1",
+    "stored_picture",
     "info_v30",
     "info_v21",
     "stats",
@@ -63,6 +64,7 @@ fn target(name: &str) -> Target {
             pictures(seeds, HEIGHT, WIDTH)
         }
         "av1" => pictures(vec![av1()], 96, 128),
+        "stored_picture" => stored_picture(),
         "info_v30" => in_folder(new, "meta/info.json"),
         "info_v21" => in_folder(old, "meta/info.json"),
         "stats" => in_folder(new, "meta/stats.json"),
@@ -116,6 +118,31 @@ fn pictures(seeds: Vec<Vec<u8>>, height: usize, width: usize) -> Target {
                 (0..video.len().min(6)).try_for_each(|n| video.rgb(n).map(drop))
             });
             read.map_err(|e| e.to_string().replace(path.to_str().unwrap(), ""))
+        }),
+    }
+}
+
+/// Decodes a picture that a recording keeps in a file of its own.
+fn stored_picture() -> Target {
+    let folder = fixtures().join("pictures");
+    let copy = Copy::empty();
+    copy.add(&folder.join("lerobot"));
+    copy.add(&folder.join("beside"));
+    let file = "images/observation.images.top/episode-000000/frame-000000.png";
+    let odd = |name: &str| fs::read(folder.join("odd").join(name)).unwrap();
+    let seeds = vec![
+        fs::read(copy.path(file)).unwrap(),
+        odd("upright.jpg"),
+        odd("progressive.jpg"),
+    ];
+    let dataset = copy.open().unwrap();
+    Target {
+        seeds,
+        run: Box::new(move |bytes| {
+            fs::write(copy.path(file), bytes).unwrap();
+            let root = copy.root().to_str().unwrap();
+            let read = dataset.frame(0, 10).map(drop);
+            read.map_err(|e| e.to_string().replace(root, ""))
         }),
     }
 }

@@ -1,7 +1,10 @@
 //! Which frames FFmpeg gets, and which one the picture is that it gives: it takes them in order of decoding from some key frame on, and
 //! gives their pictures in order of presentation.
 
+use std::collections::BTreeMap;
+
 use super::process::Process;
+use crate::dataset::video::picture_order::Place;
 use crate::dataset::video::restart::Restart;
 
 /// Most frames by which the two orders may differ.
@@ -18,6 +21,8 @@ pub(crate) struct Player {
     /// The next picture belongs to the first sample from here on, in order of presentation, that was given.
     number: usize,
     given: usize,
+    /// Samples whose pictures did not come yet, with their places in the stream.
+    awaited: BTreeMap<usize, Option<Place>>,
 }
 
 impl Player {
@@ -43,6 +48,7 @@ impl Player {
             next: restart.key,
             number: restart.key.saturating_sub(MAX_SHIFT),
             given: 0,
+            awaited: BTreeMap::new(),
             restart,
         })
     }
@@ -58,11 +64,11 @@ impl Player {
     }
 
     /// The planes of frame `number`, which is not before [`Player::next_number`]. `sample` gives the byte stream of one sample; the flag
-    /// asks for the parameter sets before it.
+    /// asks for the parameter sets before it. With it comes the place of its picture in the stream, where it can be known.
     pub fn picture(
         &mut self,
         number: usize,
-        mut sample: impl FnMut(usize, bool) -> Result<Vec<u8>, String>,
+        mut sample: impl FnMut(usize, bool) -> Result<(Vec<u8>, Option<Place>), String>,
     ) -> Result<Vec<u8>, String> {
         loop {
             let at = self.next_number();
@@ -73,6 +79,7 @@ impl Player {
             let planes = picture.ok_or_else(|| self.count_fault())?;
             self.given += 1;
             self.number = at + 1;
+            self.refuse_other_order(at)?;
             // At the end, there may be no picture that belongs to no frame.
             if self.next_number() == self.order.len() && self.next_picture(&mut sample)?.is_some() {
                 self.given += 1;
@@ -84,12 +91,28 @@ impl Player {
         }
     }
 
+    /// Fails if the picture that came is not that of frame `at`: it is the first one of the stream that had not come yet.
+    fn refuse_other_order(&mut self, at: usize) -> Result<(), String> {
+        let place = self.awaited.remove(&(self.order[at] as usize));
+        let first = self.awaited.values().flatten().min().copied();
+        match place {
+            Some(None) => Ok(()),
+            Some(place) if first.is_none() || place < first => Ok(()),
+            _ => Err(
+                "is shown at another time by the file (ctts) than by the stream in it, and nothing tells which is right; LeRobot goes by the \
+                 file; encode the video anew"
+                    .into(),
+            ),
+        }
+    }
+
     fn next_picture(
         &mut self,
-        sample: &mut impl FnMut(usize, bool) -> Result<Vec<u8>, String>,
+        sample: &mut impl FnMut(usize, bool) -> Result<(Vec<u8>, Option<Place>), String>,
     ) -> Result<Option<Vec<u8>>, String> {
         let (next, frames) = (&mut self.next, self.order.len());
         let Restart { key, skipped } = &self.restart;
+        let awaited = &mut self.awaited;
         self.process.picture(|| {
             while skipped.contains(next) {
                 *next += 1;
@@ -97,7 +120,8 @@ impl Player {
             if *next == frames {
                 return Ok(None);
             }
-            let bytes = sample(*next, *next == *key)?;
+            let (bytes, place) = sample(*next, *next == *key)?;
+            awaited.insert(*next, place);
             *next += 1;
             Ok(Some(bytes))
         })

@@ -46,7 +46,7 @@ impl Process {
         let mut command = Command::new("ffmpeg");
         command
             .args("-hide_banner -nostdin -loglevel error -xerror".split(' '))
-            .args("-threads 1 -err_detect explode -protocol_whitelist pipe".split(' '))
+            .args("-threads 1 -err_detect crccheck+explode -protocol_whitelist pipe".split(' '))
             .args(["-f", demuxer, "-i", "pipe:0", "-map", "0:v:0"])
             .args([every_picture, "passthrough"])
             // A plus alone keeps the pictures' own format, whatever it is.

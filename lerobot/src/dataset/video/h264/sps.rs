@@ -42,9 +42,34 @@ pub(crate) fn kind(
     })
 }
 
+/// How pictures are counted.
+pub(crate) struct Counting {
+    /// Bits of the picture's number in a slice's header.
+    pub number_bits: usize,
+    pub separate_planes: bool,
+    pub progressive: bool,
+    pub order: Order,
+}
+
+/// Where the order of presentation is from.
+pub(crate) enum Order {
+    /// Slices' headers hold so many bits of a count.
+    Bits(u32),
+    /// The pictures' numbers, in a cycle; hardly any encoder does this.
+    Cycle,
+    /// It is the order of decoding.
+    Decoding,
+}
+
+/// How the pictures of a parameter set are counted.
+pub(crate) fn counting(unit: &[u8]) -> Option<Counting> {
+    Sps::parse(unit).map(|sps| sps.counting)
+}
+
 struct Sps {
     profile: u32,
     declared: Declared,
+    counting: Counting,
     /// Blocks may be coded without a transform, and so without loss.
     bypass: bool,
     progressive: bool,
@@ -80,11 +105,10 @@ impl Sps {
                 }
             }
         }
-        bits.unsigned()?; // bits of frame_num
-        match bits.unsigned()? {
-            0 => {
-                bits.unsigned()?;
-            }
+        let width = |bits: u64| bits.checked_add(4).filter(|bits| *bits <= 16);
+        let number_bits = width(bits.unsigned()?)? as usize;
+        let order = match bits.unsigned()? {
+            0 => Order::Bits(width(bits.unsigned()?)? as u32),
             1 => {
                 bits.flag()?;
                 bits.signed()?;
@@ -92,9 +116,10 @@ impl Sps {
                 for _ in 0..bits.unsigned()? {
                     bits.signed()?;
                 }
+                Order::Cycle
             }
-            _ => {}
-        }
+            _ => Order::Decoding,
+        };
         bits.unsigned()?; // reference frames
         bits.flag()?; // gaps
         let columns = bits.unsigned()?.checked_add(1)?;
@@ -137,6 +162,12 @@ impl Sps {
                 bit_depths,
                 full_range,
                 matrix,
+            },
+            counting: Counting {
+                number_bits,
+                separate_planes,
+                progressive,
+                order,
             },
             bypass,
             progressive,

@@ -13,7 +13,8 @@ const MAX_REFERENCES: u64 = 16;
 /// # Errors
 /// What it declares instead.
 pub(crate) fn kind(unit: &[u8], height: usize, width: usize) -> Result<Kind, String> {
-    let declared = parse(unit).ok_or("has a parameter set that ends too early")?;
+    let sps = parse(unit).ok_or("has a parameter set that ends too early")?;
+    let declared = sps.declared;
     let (sampling, bits) = declared.layout(height, width)?;
     // FFmpeg has a format of full range for this kind alone, and LeRobot reads all others as limited.
     let can_be_full = (sampling, bits) == (Sampling::Yuv420, 8);
@@ -29,8 +30,27 @@ pub(crate) fn kind(unit: &[u8], height: usize, width: usize) -> Result<Kind, Str
     })
 }
 
+/// How pictures are counted.
+pub(crate) struct Counting {
+    /// Bits of the count in a slice's header.
+    pub bits: u32,
+    pub separate_planes: bool,
+}
+
+/// The number of a parameter set, and how its pictures are counted.
+pub(crate) fn counting(unit: &[u8]) -> Option<(u64, Counting)> {
+    let sps = parse(unit)?;
+    Some((sps.id, sps.counting))
+}
+
+struct Sps {
+    id: u64,
+    counting: Counting,
+    declared: Declared,
+}
+
 /// `None` where it ends too early or a number is larger than any can be.
-fn parse(unit: &[u8]) -> Option<Declared> {
+fn parse(unit: &[u8]) -> Option<Sps> {
     let payload = without_emulation_prevention(unit.get(2..)?);
     let mut bits = Bits {
         bytes: &payload,
@@ -40,7 +60,7 @@ fn parse(unit: &[u8]) -> Option<Declared> {
     let sub_layers = bits.fixed(3)?;
     bits.flag()?;
     skip_profile_and_level(&mut bits, sub_layers)?;
-    bits.unsigned()?; // id
+    let id = bits.unsigned()?;
     let chroma_format = bits.unsigned()?;
     let separate_planes = chroma_format == 3 && bits.flag()?;
     let (width, height) = (bits.unsigned()?, bits.unsigned()?);
@@ -91,7 +111,7 @@ fn parse(unit: &[u8]) -> Option<Declared> {
     let cropped = |all: u64, from: u64, to: u64, unit: u64| {
         all.checked_sub(from.checked_add(to)?.checked_mul(unit)?)
     };
-    Some(Declared {
+    let declared = Declared {
         height: cropped(height, crop[2], crop[3], unit_y)?,
         width: cropped(width, crop[0], crop[1], unit_x)?,
         chroma_format,
@@ -99,6 +119,15 @@ fn parse(unit: &[u8]) -> Option<Declared> {
         bit_depths,
         full_range,
         matrix,
+    };
+    let counting = Counting {
+        bits: order_bits as u32,
+        separate_planes,
+    };
+    Some(Sps {
+        id,
+        counting,
+        declared,
     })
 }
 

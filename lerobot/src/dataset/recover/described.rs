@@ -1,0 +1,42 @@
+//! Where the pictures of a recording are that can be read: its metadata names their places, and where a merge by LeRobot 0.4.0 to 0.4.2
+//! named wrong ones, they were put right on reading.
+
+use std::path::PathBuf;
+
+use crate::dataset::recover::placing::Stretch;
+use crate::dataset::recover::rows::EpisodeRows;
+use crate::dataset::Dataset;
+
+/// A camera's videos, and of each episode the stretch, or why there is none.
+pub(crate) fn stretches(
+    dataset: &Dataset,
+    camera: usize,
+    episodes: &[EpisodeRows],
+) -> (Vec<PathBuf>, Vec<Result<Stretch, String>>) {
+    let mut videos: Vec<PathBuf> = Vec::new();
+    let mut of = |episode: &EpisodeRows| {
+        let number = usize::try_from(episode.number).unwrap_or(usize::MAX);
+        let left_out = dataset.left_out();
+        if let Some(short) = left_out.iter().find(|short| short.episode == number) {
+            return Err(format!(
+                "{} has {} pictures for its {} rows, and nothing tells which are missing",
+                short.camera, short.pictures, short.rows
+            ));
+        }
+        let known = dataset.episodes();
+        let at = known.binary_search_by_key(&number, |episode| episode.recorded);
+        let span = at.ok().and_then(|at| known[at].video(camera));
+        let span = span.ok_or("the metadata does not describe it")?;
+        let video = videos.iter().position(|path| *path == span.path);
+        let video = video.unwrap_or_else(|| {
+            videos.push(span.path.clone());
+            videos.len() - 1
+        });
+        let from = span.from_timestamp;
+        // Pictures after the last row are not its own.
+        let to = from + episode.rows.len() as f64 / f64::from(dataset.fps());
+        Ok(Stretch { video, from, to })
+    };
+    let stretches = episodes.iter().map(&mut of).collect();
+    (videos, stretches)
+}
