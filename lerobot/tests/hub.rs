@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 use zk0_lerobot::dataset::Dataset;
 use zk0_lerobot::hub::{fetch, Fetched, HubError, HubOptions, HubProgress, HubRecording};
-use zk0_testkit::recordings::{open, recording};
+use zk0_testkit::recordings::{open, recording, DATA};
 
 const COMMIT: &str = "0123456789abcdef0123456789abcdef01234567";
 const NAME: &str = "robots/so100";
@@ -29,6 +29,12 @@ struct Manners {
     cuts: usize,
     /// Sends other bytes than it lists, for this many of the first requests for a file's content.
     lies: usize,
+    /// The listing has the second text in place of the first.
+    other_listing: Option<(&'static str, &'static str)>,
+    /// Sends every reader of a file elsewhere, and does not name the place.
+    leads_nowhere: bool,
+    /// So many spaces follow the listing.
+    spaces: usize,
     /// Lists this file as well.
     extra: Option<&'static str>,
     /// Sends every file without its second half, and says that this is all.
@@ -144,7 +150,12 @@ fn answer(
         if let Some(name) = manners.extra {
             siblings.push(serde_json::json!({"rfilename": name, "size": 1, "blobId": COMMIT}));
         }
-        let body = serde_json::json!({"sha": COMMIT, "siblings": siblings}).to_string();
+        let mut body = serde_json::json!({"sha": COMMIT, "siblings": siblings}).to_string();
+        if let Some((text, other)) = manners.other_listing {
+            assert!(body.contains(text), "{text}");
+            body = body.replace(text, other);
+        }
+        body.push_str(&" ".repeat(manners.spaces));
         return write!(
             stream,
             "HTTP/1.1 200 OK\r\nContent-Type: application/json\r\nContent-Length: {}\r\nConnection: close\r\n\r\n{body}",
@@ -164,6 +175,12 @@ fn answer(
     }
     if manners.gated {
         return status(&mut stream, "403 Forbidden");
+    }
+    if manners.leads_nowhere {
+        return write!(
+            stream,
+            "HTTP/1.1 302 Found\r\nContent-Length: 0\r\nETag: \"{COMMIT}\"\r\nX-Repo-Commit: {COMMIT}\r\nConnection: close\r\n\r\n"
+        );
     }
     let name = path.strip_prefix(&format!("/datasets/{NAME}/resolve/{COMMIT}/"));
     let Some((name, bytes)) = name.and_then(|name| files.get_key_value(name)) else {
@@ -345,6 +362,52 @@ fn other_bytes_than_listed_are_noticed() {
     let (hub, cache) = (Hub::start("so101_pickplace", lies(usize::MAX)), cache());
     let error = get(&hub.options(cache.path())).unwrap_err().to_string();
     assert!(error.contains("its SHA-256 is "), "{error}");
+    // Others use this cache, too, and would take what is there for the file that was asked for.
+    let mut left = HashMap::new();
+    collect(&blobs(cache.path()), "", &mut left);
+    for (name, bytes) in left.iter().filter(|(name, _)| name.len() == 64) {
+        assert_eq!(*name, hash(bytes));
+    }
+}
+
+/// Where the cache has the content of the recording's files.
+fn blobs(cache: &Path) -> PathBuf {
+    cache.join("datasets--robots--so100/blobs")
+}
+
+#[test]
+fn what_was_left_in_the_cache_is_no_hindrance() {
+    let (hub, cache) = (Hub::start("so101_pickplace", Manners::default()), cache());
+    let options = hub.options(cache.path());
+    let folder = get(&options).unwrap();
+    // The content of one file is gone, and its name in the snapshot leads nowhere.
+    fs::remove_file(fs::canonicalize(folder.join(DATA)).unwrap()).unwrap();
+    is_whole(&get(&options).unwrap(), "so101_pickplace");
+    // An earlier attempt got more than the file has, and did not give it its name.
+    let content = fs::canonicalize(folder.join(DATA)).unwrap();
+    let part = content.with_extension("part");
+    fs::rename(&content, &part).unwrap();
+    let longer = [fs::read(&part).unwrap(), vec![7]].concat();
+    fs::write(part, longer).unwrap();
+    is_whole(&get(&options).unwrap(), "so101_pickplace");
+}
+
+/// The library panics here.
+#[test]
+fn an_answer_without_a_header_that_it_needs_is_an_error() {
+    let manners = Manners {
+        leads_nowhere: true,
+        ..Manners::default()
+    };
+    let (hub, cache) = (Hub::start("so101_pickplace", manners), cache());
+    let error = get(&hub.options(cache.path())).unwrap_err();
+    assert!(matches!(error, HubError::OtherFile { .. }), "{error}");
+    assert!(
+        error
+            .to_string()
+            .contains("lacks what an answer has to have"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -392,6 +455,8 @@ fn the_commit_is_named_and_lerobot_s_where_it_is_another() {
         (None, None),
         (Some(COMMIT), None),
         (Some(OLDER), Some(OLDER)),
+        (Some("no commit"), None),
+        (Some("0123abcd"), None),
     ] {
         let manners = Manners {
             tag,
@@ -439,6 +504,33 @@ fn a_gated_recording_and_a_cache_that_cannot_be_written_are_named() {
         error.contains("file/hub: ") && error.contains("set HF_HOME"),
         "{error}"
     );
+}
+
+#[test]
+fn listings_that_are_none_are_refused() {
+    let refused = |text, other, spaces| {
+        let manners = Manners {
+            other_listing: Some((text, other)),
+            spaces,
+            ..Manners::default()
+        };
+        let (hub, cache) = (Hub::start("so101_pickplace", manners), cache());
+        get(&hub.options(cache.path())).unwrap_err()
+    };
+    for (text, other, cause) in [
+        (COMMIT, "main", "\"main\" is no commit"),
+        (COMMIT, "0123abcd", "\"0123abcd\" is no commit"),
+        // The cache names the content of a file after this.
+        ("\"blobId\":\"", "\"blobId\":\"../", "file \"meta/"),
+    ] {
+        let error = refused(text, other, 0);
+        assert!(matches!(error, HubError::Listing { .. }), "{error}");
+        assert!(error.to_string().contains(cause), "{error}");
+    }
+    let error = refused("meta/info.json", "meta/other.json", 0);
+    assert!(matches!(error, HubError::NoDataset { .. }), "{error}");
+    let error = refused(COMMIT, COMMIT, 64 << 20).to_string();
+    assert!(error.contains("limit"), "{error}");
 }
 
 #[test]

@@ -1,12 +1,18 @@
 //! Metadata that is missing or wrong: each ends in an error that names the file and the cause.
 
 use std::fs;
+use std::sync::Arc;
 
-use arrow_array::RecordBatch;
+use arrow_array::cast::AsArray;
+use arrow_array::types::Int64Type;
+use arrow_array::{Float64Array, Int64Array, RecordBatch};
 use zk0_lerobot::dataset::{Dataset, DatasetError};
-use zk0_testkit::recordings::{fixtures, open, recording, Copy, DATA, INFO, STATS, TOP};
+use zk0_testkit::recordings::{
+    fixtures, open, recording, with_column, Copy, DATA, INFO, STATS, TOP,
+};
 
 const TASK_TABLE: &str = "meta/tasks.parquet";
+const EPISODE_TABLE: &str = "meta/episodes/chunk-000/file-000.parquet";
 
 #[test]
 fn folder_and_files_that_are_not_there() {
@@ -34,6 +40,12 @@ fn broken_info() {
     let cases = [
         ("\"fps\"", "fps", "not the JSON"),
         ("\"fps\": 30", "\"fps\": 0", "fps is 0"),
+        ("\"fps\": 30", "\"fps\": 1001", "fps is 1001"),
+        (
+            "\"observation.images.wrist\"",
+            "\"observation.images.top\"",
+            "feature \"observation.images.top\" is there twice",
+        ),
         (
             "\"fps\": 30",
             "\"fps\": -1",
@@ -139,6 +151,84 @@ fn counts_that_the_files_do_not_hold() {
     let copy = Copy::default();
     copy.edit_text(INFO, "\"total_tasks\": 1", "\"total_tasks\": 2");
     copy.fails(TASK_TABLE, "does not name all 2 tasks");
+}
+
+/// The table of the episodes with other numbers in these columns, row by row.
+fn episodes_with(changes: &[(&str, fn(usize, i64) -> i64)]) -> Copy {
+    let copy = Copy::default();
+    copy.edit_table(EPISODE_TABLE, |mut table| {
+        for (name, change) in changes {
+            let column = table.column_by_name(name).unwrap();
+            let numbers = column.as_primitive::<Int64Type>().values();
+            let numbers = numbers.iter().enumerate().map(|(row, n)| change(row, *n));
+            let column = Arc::new(Int64Array::from_iter_values(numbers));
+            table = with_column(table, name, column);
+        }
+        vec![table]
+    });
+    copy
+}
+
+#[test]
+fn episodes_that_do_not_follow_each_other() {
+    let last = |row, n| if row == 5 { n + 1 } else { n };
+    let second = |row, n| if row == 1 { n + 1 } else { n };
+    let none = |row, n| if row == 1 { 0 } else { n };
+    let back = |row, n| if row == 1 { n - 38 } else { n };
+    let changes: [(&[(&str, fn(usize, i64) -> i64)], &str); 5] = [
+        (&[("episode_index", second)], "expected episode 1 of 6"),
+        (
+            &[
+                ("dataset_from_index", second),
+                ("length", |row, n| if row == 1 { n - 1 } else { n }),
+            ],
+            "expected episode 1 of 6",
+        ),
+        (&[("length", second)], "expected episode 1 of 6"),
+        (
+            &[("dataset_to_index", back), ("length", none)],
+            "expected episode 1 of 6",
+        ),
+        (
+            &[("dataset_to_index", last), ("length", last)],
+            "expected episode 5 of 6",
+        ),
+    ];
+    for (change, cause) in changes {
+        episodes_with(change).fails(EPISODE_TABLE, cause);
+    }
+    let copy = Copy::default();
+    copy.edit_text(INFO, "\"total_episodes\": 6", "\"total_episodes\": 7");
+    copy.fails("meta/episodes", "describes 6 episodes with 245 frames");
+
+    let copy = Copy::default();
+    let name = "videos/observation.images.top/from_timestamp";
+    copy.edit_table(EPISODE_TABLE, |table| {
+        let times = Float64Array::from_iter_values((0..table.num_rows()).map(|_| f64::NAN));
+        vec![with_column(table, name, Arc::new(times))]
+    });
+    copy.fails(EPISODE_TABLE, "from_timestamp is NaN");
+}
+
+#[test]
+fn episodes_and_tasks_of_v21_are_complete_and_short() {
+    let copy = Copy::of("so100_pickplace_v21");
+    copy.edit(EPISODES, |bytes| {
+        let text = String::from_utf8(bytes).unwrap();
+        let lines = text.lines().enumerate().filter(|(number, _)| *number != 1);
+        let lines: Vec<&str> = lines.map(|(_, line)| line).collect();
+        lines.join("\n").into_bytes()
+    });
+    copy.fails(EPISODES, "has no line for episode 1");
+
+    let copy = Copy::of("so100_pickplace_v21");
+    copy.edit_text(INFO, "\"total_tasks\": 1", "\"total_tasks\": 17");
+    let long = "x".repeat(1_000_000);
+    let line = |index| format!("{{\"task_index\": {index}, \"task\": \"{long}\"}}\n");
+    copy.edit(TASKS, |_| {
+        (0..17).map(line).collect::<String>().into_bytes()
+    });
+    copy.fails(TASKS, "holds more than 16777216 bytes of task strings");
 }
 
 /// LeRobot 0.6.1 wrote these tables (see the fixtures' README): a new one, and one of LeRobot 0.4.4 that it added a task to.
@@ -378,14 +468,33 @@ fn v21_lines_that_are_wrong() {
 
 #[test]
 fn v21_paths_stay_in_the_folder() {
-    for (from, to) in [
-        ("data/chunk-{", "../data/chunk-{"),
-        ("{episode_index:06d}.parquet", "{file_index:03d}.parquet"),
-        ("\"chunks_size\": 1000", "\"chunks_size\": 0"),
+    let path = "is not one that can be followed";
+    for (from, to, cause) in [
+        ("data/chunk-{", "../data/chunk-{", path),
+        (
+            "{episode_index:06d}.parquet",
+            "{file_index:03d}.parquet",
+            path,
+        ),
+        (
+            "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
+            "",
+            path,
+        ),
+        (
+            "\"video_path\"",
+            "\"no_video_path\"",
+            "has videos but no video_path",
+        ),
+        (
+            "\"chunks_size\": 1000",
+            "\"chunks_size\": 0",
+            "chunks_size is 0",
+        ),
     ] {
         let copy = Copy::of("so100_pickplace_v21");
         copy.edit_text(INFO, from, to);
-        copy.fails(INFO, "");
+        copy.fails(INFO, cause);
     }
 }
 

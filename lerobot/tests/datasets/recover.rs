@@ -154,6 +154,56 @@ fn killed_while_videos_are_appended() {
 }
 
 #[test]
+fn a_video_in_a_temporary_folder_is_of_its_episode_alone() {
+    let video = "tmpztpimec4/observation.images.wrist_002.mp4";
+    let changes: [&dyn Fn(&Copy); 2] = [
+        // It is of another episode, or has other pictures than the episode has rows.
+        &|copy| fs::rename(copy.path(video), copy.path(&video.replace("002", "001"))).unwrap(),
+        &|copy| {
+            let other = "videos/observation.images.wrist/chunk-000/file-000.mp4";
+            fs::copy(unfinished("finished").join(other), copy.path(video)).unwrap();
+        },
+    ];
+    for change in changes {
+        let copy = copy_of("killed_in_appending");
+        change(&copy);
+        let out = Out::new();
+        let (report, saved) = out.of(copy.root());
+        compare(&saved, &[0, 1], 0.0);
+        assert!(
+            lost(&report)[0].starts_with("episode 2: "),
+            "{:?}",
+            report.lost
+        );
+    }
+}
+
+#[test]
+fn pictures_that_were_not_all_written_are_no_episode() {
+    let copy = copy_of("killed_in_batch");
+    let last = "images/observation.images.top/episode-000000/frame-000004.png";
+    fs::remove_file(copy.path(last)).unwrap();
+    let out = Out::new();
+    let (report, saved) = out.of(copy.root());
+    compare(&saved, &[1, 2], LOSSY);
+    let lost = lost(&report);
+    assert!(lost[0].contains("left 4 of its pictures"), "{lost:?}");
+}
+
+#[test]
+fn pictures_without_rows_are_said() {
+    let copy = copy_of("killed_between_episodes");
+    copy.edit(DATA, |bytes| bytes[..bytes.len() - 10].to_vec());
+    let (report, _) = Out::new().of(copy.root());
+    let mut notes = report.notes.iter();
+    assert!(
+        notes.any(|note| note.contains("pictures more than there are rows")),
+        "{:?}",
+        report.notes
+    );
+}
+
+#[test]
 fn killed_or_ended_before_a_batch_is_encoded() {
     for name in ["killed_in_batch", "ended_batch"] {
         let out = Out::new();
@@ -415,6 +465,21 @@ fn what_cannot_be_saved_is_said_so() {
         "nothing can be recovered without the tasks",
     );
     fails(
+        &|copy| copy.edit(DATA, |bytes| bytes[..4].to_vec()),
+        "episode 0: it has pictures and no rows",
+    );
+    fails(
+        &|copy| {
+            copy.edit(DATA, |mut bytes| {
+                // The sizes of the first page follow its type. It claims 100 MB.
+                assert_eq!(bytes[4..7], [0x15, 4, 0x15]);
+                bytes.splice(7..9, [0x80, 0x84, 0xaf, 0x5f]);
+                bytes
+            })
+        },
+        "at most 8388608 are read of a page or file of this size",
+    );
+    fails(
         &|copy| copy.edit_text(INFO, "\"v3.0\"", "\"v2.1\""),
         "the format is v2.1; only v3.0 is recovered",
     );
@@ -422,7 +487,52 @@ fn what_cannot_be_saved_is_said_so() {
         &|copy| copy.edit_text(INFO, "\"dtype\": \"int64\"", "\"dtype\": \"string\""),
         "is \"string\"; only numbers, truth values and vectors",
     );
+    fails(
+        &|copy| copy.edit_text(INFO, "data/chunk-{", "rows/chunk-{"),
+        "data_path is not \"data/chunk-{",
+    );
+    let edit_features = |copy: &Copy, change: &dyn Fn(&mut serde_json::Value)| {
+        copy.edit(INFO, |bytes| {
+            let mut info: serde_json::Value = serde_json::from_slice(&bytes).unwrap();
+            change(&mut info["features"]);
+            info.to_string().into_bytes()
+        })
+    };
+    fails(
+        &|copy| {
+            edit_features(copy, &|features| {
+                features["observation.images.depth"] = serde_json::json!({
+                    "dtype": "video",
+                    "shape": [48, 64, 1],
+                    "names": ["height", "width", "channels"],
+                    "info": {"is_depth_map": true},
+                });
+            })
+        },
+        "\"observation.images.depth\" is a depth map; these are not recovered",
+    );
+    fails(
+        &|copy| {
+            edit_features(copy, &|features| {
+                features["timestamp"]["shape"] = vec![70_000].into()
+            })
+        },
+        "feature \"timestamp\" is \"float32\"; only numbers",
+    );
+    fails(
+        &|copy| copy.edit_text(INFO, "                64,", "                63,"),
+        "(height x width) cannot be encoded; both sides have to be even",
+    );
     let picture = "images/observation.images.top/episode-000000/frame-000001.png";
+    fails(
+        &|copy| {
+            copy.edit(picture, |mut bytes| {
+                bytes.resize(2 << 20, 0);
+                bytes
+            })
+        },
+        "frame-000001.png: cannot be read",
+    );
     fails(
         &|copy| copy.edit(picture, |b| b[..b.len() / 2].to_vec()),
         "the PNG picture is damaged",
@@ -436,6 +546,45 @@ fn what_cannot_be_saved_is_said_so() {
         },
         picture,
     );
+}
+
+#[test]
+fn what_leads_nowhere_and_paths_that_are_not_named_do_no_harm() {
+    let copy = copy_of("killed_in_batch");
+    let path = "\"videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4\"";
+    copy.edit_text(INFO, path, "null");
+    let nowhere = copy.path("images/observation.images.top/episode-000000/frame-000999.png");
+    std::os::unix::fs::symlink("nowhere", nowhere).unwrap();
+    let report = recover(copy.root(), &Out::new().path()).unwrap();
+    assert_eq!(report.saved[0].recorded_as, 0);
+}
+
+#[test]
+fn videos_of_another_size_than_the_metadata_says_are_not_saved() {
+    let copy = copy_of("killed_between_episodes");
+    copy.edit_text(INFO, "                64,", "                66,");
+    let error = recover(copy.root(), &Out::new().path()).unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .contains("(height x width), meta/info.json says 66 x "),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_finished_table_with_empty_cells_is_refused() {
+    let copy = copy_of("finished");
+    copy.edit_rows(|rows| {
+        let times: Float32Array = (0..rows.num_rows())
+            .map(|row| (row != 2).then_some(row as f32 / 10.0))
+            .collect();
+        let mut columns = rows.columns().to_vec();
+        columns[rows.schema().index_of("timestamp").unwrap()] = Arc::new(times);
+        RecordBatch::try_new(rows.schema(), columns).unwrap()
+    });
+    let error = recover(copy.root(), &Out::new().path()).unwrap_err();
+    assert!(error.to_string().contains("it has empty cells"), "{error}");
 }
 
 #[test]
@@ -493,4 +642,10 @@ fn recover_is_named_where_it_helps_and_nowhere_else() {
     let copy = copy_of("finished");
     copy.edit(DATA, |bytes| bytes[..bytes.len() / 2].to_vec());
     assert!(!copy.error().to_string().contains("recover"));
+    // Pictures of an episode that was never saved are nothing that `recover` could save.
+    let copy = copy_of("finished");
+    fs::remove_file(copy.path("meta/episodes/chunk-000/file-000.parquet")).unwrap();
+    fs::create_dir_all(copy.path("images/observation.images.top/episode-000004")).unwrap();
+    let error = copy.error().to_string();
+    assert!(!error.contains("recover"), "{error}");
 }

@@ -1,6 +1,5 @@
 //! The files of a recording that ended too early, without its pictures.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -8,7 +7,6 @@ use arrow_array::cast::AsArray;
 use arrow_array::types::{Float32Type, Int64Type};
 use arrow_array::RecordBatch;
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
-use parquet::file::reader::{FileReader, SerializedFileReader};
 use serde_json::{Map, Value};
 
 use crate::dataset::metadata::info::{Format, Info};
@@ -19,7 +17,7 @@ use crate::dataset::recover::json_in_order::JsonInOrder;
 use crate::dataset::recover::leftovers::numbered_files;
 use crate::dataset::recover::rows::RowPlace;
 use crate::dataset::recover::statistics::numbers;
-use crate::dataset::tables::whole_rows;
+use crate::dataset::tables::{columns, whole_rows};
 use crate::dataset::DatasetError;
 
 /// What was read.
@@ -43,8 +41,12 @@ pub(crate) struct Source {
 impl Source {
     pub fn read(root: &Path) -> Result<Self, DatasetError> {
         let (json, mut info) = read_info(root)?;
-        let tasks_path = root.join("meta/tasks.parquet");
-        info.total_tasks = rows_of(&tasks_path)?;
+        info.total_tasks = columns::rows(&root.join("meta/tasks.parquet")).map_err(|error| {
+            DatasetError::meta(
+                root,
+                format!("nothing can be recovered without the tasks: {error}"),
+            )
+        })?;
         let tasks = tasks::read_tasks(root, &info)?;
         let schema = schema(root, &json)?;
         let mut source = Self {
@@ -119,22 +121,6 @@ fn read_info(root: &Path) -> Result<(JsonInOrder, Info), DatasetError> {
         }
     }
     Ok((json, info))
-}
-
-/// Number of rows of a parquet file that is whole.
-fn rows_of(path: &Path) -> Result<usize, DatasetError> {
-    let file = File::open(path).map_err(|e| DatasetError::io(path, e))?;
-    let damaged = |cause: String| {
-        DatasetError::parquet(
-            path,
-            format!("damaged parquet file: {cause}; nothing can be recovered without the tasks"),
-        )
-    };
-    let reader = std::panic::catch_unwind(|| SerializedFileReader::new(file))
-        .map_err(|_| damaged("its footer contradicts itself".into()))?
-        .map_err(|e| damaged(e.to_string()))?;
-    let rows = reader.metadata().file_metadata().num_rows();
-    usize::try_from(rows).map_err(|_| damaged(format!("it claims {rows} rows")))
 }
 
 /// The columns of the rows: LeRobot writes those of all features but the videos, in their order.

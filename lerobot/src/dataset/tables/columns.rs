@@ -62,6 +62,18 @@ pub(crate) fn present<'a>(path: &Path, names: &[&'a str]) -> Result<Vec<&'a str>
         .collect())
 }
 
+/// Number of rows of a parquet file.
+///
+/// # Errors
+/// The file is missing or damaged.
+pub(crate) fn rows(path: &Path) -> Result<usize, DatasetError> {
+    let (_, metadata) = parquet_file::open(path)?;
+    let rows = metadata.metadata().file_metadata().num_rows();
+    usize::try_from(rows).map_err(|_| {
+        DatasetError::parquet(path, format!("damaged parquet file: claims {rows} rows"))
+    })
+}
+
 /// The column that pandas takes for the index of the table, where the file names one.
 ///
 /// # Errors
