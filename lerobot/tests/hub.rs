@@ -390,6 +390,15 @@ fn what_was_left_in_the_cache_is_no_hindrance() {
     let longer = [fs::read(&part).unwrap(), vec![7]].concat();
     fs::write(part, longer).unwrap();
     is_whole(&get(&options).unwrap(), "so101_pickplace");
+    // A copy of the cache has files in place of links, and one is cut off. What it is about and its content are asked for once.
+    let name = folder.join(DATA);
+    fs::remove_file(&name).unwrap();
+    fs::write(&name, b"PAR1").unwrap();
+    hub.asked();
+    is_whole(&get(&options).unwrap(), "so101_pickplace");
+    let asked = hub.asked();
+    let of_it = asked.iter().filter(|path| path.ends_with(DATA));
+    assert_eq!(of_it.count(), 2, "{asked:?}");
 }
 
 /// The library panics here.
