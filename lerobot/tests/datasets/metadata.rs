@@ -155,8 +155,11 @@ fn counts_that_the_files_do_not_hold() {
     copy.fails(TASK_TABLE, "does not name all 2 tasks");
 }
 
+/// A column, and what becomes of the number in each row of it.
+type Change = (&'static str, fn(usize, i64) -> i64);
+
 /// The table of the episodes with other numbers in these columns, row by row.
-fn episodes_with(changes: &[(&str, fn(usize, i64) -> i64)]) -> Copy {
+fn episodes_with(changes: &[Change]) -> Copy {
     let copy = Copy::default();
     copy.edit_table(EPISODE_TABLE, |mut table| {
         for (name, change) in changes {
@@ -177,7 +180,7 @@ fn episodes_that_do_not_follow_each_other() {
     let second = |row, n| if row == 1 { n + 1 } else { n };
     let none = |row, n| if row == 1 { 0 } else { n };
     let back = |row, n| if row == 1 { n - 38 } else { n };
-    let changes: [(&[(&str, fn(usize, i64) -> i64)], &str); 5] = [
+    let changes: [(&[Change], &str); 5] = [
         (&[("episode_index", second)], "expected episode 1 of 6"),
         (
             &[
