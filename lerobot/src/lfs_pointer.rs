@@ -1,20 +1,14 @@
 //! Files of Git LFS that were not fetched: a clone then has a few lines of text where weights, videos or tables should be.
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
 /// How each pointer begins (<https://github.com/git-lfs/git-lfs/blob/main/docs/spec.md>).
 const START: &[u8] = b"version https://git-lfs.github.com/spec/v";
-/// The specification allows no longer one.
-const LONGEST: u64 = 1024;
 
 /// What to tell of a file that could not be read as what it should be, if it is such a pointer.
 pub(crate) fn explain(path: &Path) -> Option<String> {
-    let about = fs::metadata(path).ok()?;
-    if !about.is_file() || about.len() > LONGEST {
-        return None;
-    }
     let mut start = [0; START.len()];
     File::open(path).ok()?.read_exact(&mut start).ok()?;
     (start == START).then(|| {

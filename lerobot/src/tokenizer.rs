@@ -246,6 +246,32 @@ mod tests {
     }
 
     #[test]
+    fn more_special_tokens_than_the_policy_reads_are_refused() {
+        let mut crowded = definition();
+        crowded["added_tokens"] = json!([{
+            "id": 8, "content": "<s>", "single_word": false, "lstrip": false, "rstrip": false,
+            "normalized": false, "special": true
+        }]);
+        let start = json!({"SpecialToken": {"id": "<s>", "type_id": 0}});
+        let sequence = json!({"Sequence": {"id": "A", "type_id": 0}});
+        crowded["post_processor"] = json!({
+            "type": "TemplateProcessing",
+            "single": [start, start, start, start, start, sequence],
+            "pair": [sequence, {"Sequence": {"id": "B", "type_id": 1}}],
+            "special_tokens": {"<s>": {"id": "<s>", "ids": [8], "tokens": ["<s>"]}}
+        });
+        let tokenizer = read(&crowded, &config()).unwrap();
+        let error = tokenizer.tokens("red").unwrap_err().to_string();
+        assert!(error.contains("more special tokens than the 4"), "{error}");
+    }
+
+    #[test]
+    fn a_panic_of_the_library_becomes_an_error() {
+        let error = guarded::<()>(|| panic!("this is impossible"));
+        assert_eq!(error, Err("its parts contradict each other".into()));
+    }
+
+    #[test]
     fn an_id_beyond_the_vocabulary_is_named() {
         let mut wide = definition();
         wide["model"]["vocab"]["red"] = 128.into();

@@ -63,7 +63,7 @@ impl PolicyFolder {
             if self.steps(feature).is_some() {
                 // Both pipelines have the statistics of both features, because the first one also normalises the actions that
                 // LeRobot trains on.
-                self.put_into_pipeline(feature, &moments, used.is_some(), &mut other.files)?;
+                self.put_into_pipeline(feature, &moments, &mut other.files)?;
             } else if let Some((_, normalizer, _)) = used {
                 let buffers = feature.buffers.iter();
                 other
@@ -78,7 +78,6 @@ impl PolicyFolder {
         &self,
         feature: &Normalised,
         moments: &TensorSet,
-        needed: bool,
         files: &mut BTreeMap<String, Vec<u8>>,
     ) -> Result<()> {
         let path = self.folder.join(feature.pipeline);
@@ -94,14 +93,9 @@ impl PolicyFolder {
             }
             _ => None,
         });
+        // Where no step normalises, nothing is normalised.
         let Some((number, step)) = step else {
-            return match needed {
-                true => Err(broken(format!(
-                    "has no step `{}`, which would hold the statistics of `{}`",
-                    feature.processor, feature.name
-                ))),
-                false => Ok(()),
-            };
+            return Ok(());
         };
         if let Some(name) = step.get("state_file").and_then(Value::as_str) {
             let name = plain_name(&path, name)?;

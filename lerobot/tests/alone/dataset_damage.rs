@@ -2,7 +2,7 @@
 //! damaged file claims.
 
 use std::fs;
-use std::io::Cursor;
+use std::io::{Cursor, Read};
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -271,6 +271,29 @@ fn read_damaged_pictures() {
         println!("{name}: {refused} of 1000 refused");
         assert!(refused > 200, "{name}: {refused}");
     }
+}
+
+/// LeRobot's Pillow refuses such a profile. It says nothing about the pixels that are stored.
+#[test]
+fn a_colour_profile_is_not_unpacked() {
+    let _alone = alone();
+    let copy = recording_with_pictures();
+    let zeros = std::io::repeat(0).take(15 << 20);
+    let mut profile = b"iCCPname\0\0".to_vec();
+    flate2::read::ZlibEncoder::new(zeros, flate2::Compression::best())
+        .read_to_end(&mut profile)
+        .unwrap();
+    let mut crc = flate2::Crc::new();
+    crc.update(&profile);
+    let len = (profile.len() as u32 - 4).to_be_bytes();
+    copy.edit(PICTURE, |png| {
+        let (head, rest) = png.split_at(33);
+        [head, &len, &profile, &crc.sum().to_be_bytes(), rest].concat()
+    });
+    let dataset = copy.open().unwrap();
+    let (frame, largest) = largest(|| dataset.frame(0, 10));
+    frame.unwrap();
+    assert!(largest < 1 << 20, "{largest}");
 }
 
 /// A page with its pictures is held, and not those of a whole file.

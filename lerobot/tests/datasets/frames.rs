@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use safetensors::{Dtype, SafeTensors};
 use zk0_lerobot::dataset::{
-    rgb_from_yuv, Colors, Dataset, Format, Frame, Matrix, Normalizer, Sampling, VideoReader, Yuv,
-    YuvFormat,
+    rgb_from_yuv, Colors, Dataset, Format, Frame, Matrix, Normalizer, Sampling, Stats, VideoReader,
+    Yuv, YuvFormat,
 };
 use zk0_testkit::recordings::{fixtures, frames, open, Copy, STATS};
 
@@ -298,6 +298,22 @@ fn statistics_of_the_episodes_pool_into_those_of_the_recording() {
     );
     assert_eq!(old.state(245), None);
     assert_eq!(old.action(245), None);
+}
+
+#[test]
+fn statistics_of_other_dimensions_normalise_nothing() {
+    let mut dataset = open("so100_pickplace");
+    let other = Stats {
+        state: Normalizer::identity(6).unwrap(),
+        action: Normalizer::identity(7).unwrap(),
+    };
+    let error = dataset.normalise_with(other).unwrap_err().to_string();
+    assert!(
+        error.contains(
+            "has 6 state and 6 action dimensions, the statistics to normalise it with have 6 and 7"
+        ),
+        "{error}"
+    );
 }
 
 #[test]

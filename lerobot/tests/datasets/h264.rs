@@ -225,6 +225,9 @@ fn what_the_container_says_is_checked_against_the_stream() {
         assert!(message.contains(cause), "{skip} {value:?}: {message}");
     }
     let mut other = mp4.clone();
+    patch(&mut other, b"elst", 0, 12, &(-2i32).to_be_bytes());
+    assert!(failure(&other).contains("has an edit list that is not understood"));
+    let mut other = mp4.clone();
     let at = other.windows(4).position(|w| w == b"avcC").unwrap();
     other[at..at + 4].copy_from_slice(b"free");
     assert!(failure(&other).contains("has no avcC box"));
@@ -267,4 +270,24 @@ fn frames_shown_out_of_order_are_found_by_their_times() {
     assert!(failure(&long.mp4_shown(HEIGHT, WIDTH, &backwards)).contains("shown long before"));
     let twice: Vec<u32> = (0..24).map(|i| i / 2).collect();
     assert!(failure(&long.mp4_shown(HEIGHT, WIDTH, &twice)).contains("is not shown after frame"));
+}
+
+#[test]
+fn pictures_that_were_decoded_ahead_are_kept_until_their_time_alone() {
+    // Every second picture is decoded before the one that is shown before it.
+    let stream = encode(&film(48), HEIGHT, WIDTH, Profile::High, 60);
+    let shown: Vec<u32> = (0..48)
+        .map(|i| {
+            if i == 0 || i == 47 {
+                i
+            } else {
+                i + i % 2 * 2 - 1
+            }
+        })
+        .collect();
+    let dir = tempfile::tempdir().unwrap();
+    let mut video = reader(dir.path(), &stream.mp4_shown(HEIGHT, WIDTH, &shown));
+    for number in (1..48).step_by(2) {
+        video.rgb(number).unwrap();
+    }
 }

@@ -34,11 +34,12 @@ const IN_PROCESS: [&str; 12] = [
 ];
 
 /// Videos that FFmpeg decodes.
-const BY_FFMPEG: [&str; 21] = [
+const BY_FFMPEG: [&str; 22] = [
     "h264_lossless",
     "h264_422",
     "h264_444",
     "h264_10bit",
+    "h264_10bit_slices",
     "h264_422_10bit",
     "h264_interlaced",
     "h264_444_full",
@@ -182,6 +183,14 @@ fn pictures_that_ffmpeg_would_make_up_are_refused() {
         message.contains("sample 1 does not hold one picture"),
         "{message}"
     );
+    // The second of three slices is gone. FFmpeg fills it in, and logs nothing unless it is to end there (`-xerror`).
+    let mp4 = with_second_sample("h264_10bit_slices", |sample| {
+        let len =
+            |at: usize| 4 + u32::from_be_bytes(sample[at..at + 4].try_into().unwrap()) as usize;
+        let (first, second) = (len(0), len(len(0)));
+        sample.drain(first..first + second);
+    });
+    assert!(failure(&mp4, HEIGHT, WIDTH).contains("corrupt decoded frame"));
     let mut layered = bytes("hevc_hvc1");
     layered[at + 5] |= 8;
     assert!(failure(&layered, HEIGHT, WIDTH).contains("several layers"));
@@ -261,6 +270,114 @@ fn a_parameter_set_within_may_not_change_what_the_first_one_declares() {
     rest[..4].copy_from_slice(&left.to_be_bytes());
     rest[4] = 6;
     assert!(failure(&other, HEIGHT, WIDTH).contains("has other pictures"));
+}
+
+/// The first parameter set of a video that declares pictures.
+fn sequence_set(name: &str) -> Vec<u8> {
+    let track = Mp4Track::read(&mut fs::File::open(file(name)).unwrap()).unwrap();
+    let (config, is_set): (_, fn(u8) -> bool) = match track.codec {
+        Mp4Codec::H264(config) => (config, |head| head & 0x1f == 7),
+        Mp4Codec::Hevc(config) => (config, |head| head >> 1 == 33),
+        Mp4Codec::Av1 => panic!(),
+    };
+    let mut sets = config.parameter_sets.into_iter();
+    sets.find(|set| is_set(set[0])).unwrap()
+}
+
+/// The video with the second sample changed. All samples lie behind the old ones.
+fn with_second_sample(name: &str, change: impl Fn(&mut Vec<u8>)) -> Vec<u8> {
+    let mut mp4 = bytes(name);
+    let places = samples(name);
+    let mut all: Vec<Vec<u8>> = places
+        .iter()
+        .map(|(at, n)| mp4[*at..at + n].to_vec())
+        .collect();
+    change(&mut all[1]);
+    let first = mp4.len() as u32 + 8;
+    let size = all[1].len() as u32;
+    patch(&mut mp4, b"stco", 0, 8, &first.to_be_bytes());
+    patch(&mut mp4, b"stsz", 0, 12 + 4, &size.to_be_bytes());
+    let content = all.concat();
+    mp4.extend((content.len() as u32 + 8).to_be_bytes());
+    mp4.extend(b"mdat");
+    mp4.extend(content);
+    mp4
+}
+
+#[test]
+fn samples_for_ffmpeg_are_checked_one_by_one() {
+    for (name, other) in [("hevc_hev1", "hevc_10bit"), ("h264_444", "h264_lossless")] {
+        let set = sequence_set(other);
+        let mp4 = with_second_sample(name, |sample| {
+            let len = (set.len() as u32).to_be_bytes();
+            *sample = [&len, &set[..], sample].concat();
+        });
+        let message = failure(&mp4, HEIGHT, WIDTH);
+        assert!(message.contains("sample 1 has other pictures"), "{message}");
+    }
+    // A remark takes the place of the picture.
+    let mp4 = with_second_sample("h264_444", |sample| sample[4] = 6);
+    let message = failure(&mp4, HEIGHT, WIDTH);
+    assert!(
+        message.contains("sample 1 does not hold one picture"),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_time_at_which_no_frame_is_shown_is_named() {
+    let video = VideoReader::open(&file("h264_plain"), HEIGHT, WIDTH).unwrap();
+    for seconds in [-1.0, 0.5 / 30.0, 12.0 / 30.0] {
+        let message = video.frame_at(seconds, 1e-4).unwrap_err().to_string();
+        assert!(
+            message.contains("its 12 frames end at 0.366667 s"),
+            "{message}"
+        );
+    }
+}
+
+#[test]
+fn av1_in_other_colours_is_refused() {
+    assert!(failure(&bytes("av1_gray"), HEIGHT, WIDTH).contains("has no colours"));
+    // Primaries, transfer and matrix of BT.709 are 1, 1 and 1, somewhere in the bits of the first header. The matrix becomes YCgCo.
+    let mut other = bytes("av1_bt709");
+    let (at, _) = samples("av1_bt709")[0];
+    let head = &mut other[at..at + 24];
+    let bit = |head: &[u8], at: usize| head[at / 8] >> (7 - at % 8) & 1;
+    let byte = |head: &[u8], at: usize| (0..8).fold(0, |byte, i| byte << 1 | bit(head, at + i));
+    let found: Vec<usize> = (0..24 * 8 - 24)
+        .filter(|&at| (0..3).all(|i| byte(head, at + 8 * i) == 1))
+        .collect();
+    let [colors] = found[..] else {
+        panic!("{found:?}")
+    };
+    for (last, value) in [(4, 1), (7, 0)] {
+        let at = colors + 16 + last;
+        head[at / 8] = head[at / 8] & !(128 >> (at % 8)) | value << (7 - at % 8);
+    }
+    assert_eq!(byte(head, colors + 16), 8);
+    let message = failure(&other, HEIGHT, WIDTH);
+    assert!(
+        message.contains("matrix; BT.601, BT.709 and BT.2020 are read"),
+        "{message}"
+    );
+}
+
+#[test]
+fn ffmpeg_writes_no_report() {
+    let dir = tempfile::tempdir().unwrap();
+    let report = dir.path().join("report");
+    if !is_alone() {
+        let variable = format!("FFREPORT=file={}:level=32", report.display());
+        alone(
+            "datasets::other_videos::ffmpeg_writes_no_report",
+            &["env", &variable],
+        );
+        assert!(!report.exists());
+        return;
+    }
+    let mut video = VideoReader::open(&file("hevc_hev1"), HEIGHT, WIDTH).unwrap();
+    video.rgb(0).unwrap();
 }
 
 #[test]

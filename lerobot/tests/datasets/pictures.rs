@@ -276,6 +276,37 @@ fn a_jpeg_picture_of_many_scans_is_refused() {
     copy.fails(FIRST, "has 101 scans, at most 100 are decoded");
 }
 
+/// The first picture with one more chunk before its pixels.
+fn with_chunk(copy: &Copy, kind: &[u8; 4], content: &[u8]) {
+    let mut crc = flate2::Crc::new();
+    crc.update(kind);
+    crc.update(content);
+    let len = (content.len() as u32).to_be_bytes();
+    copy.edit(FIRST, |png| {
+        // The mark of a PNG file takes 8 bytes, and the chunk of its size 25.
+        let (head, rest) = png.split_at(33);
+        [head, &len, kind, content, &crc.sum().to_be_bytes(), rest].concat()
+    });
+}
+
+#[test]
+fn chunks_of_a_png_picture_that_are_not_its_pixels() {
+    // This text has no name. LeRobot reads the picture.
+    let copy = recorded("beside");
+    with_chunk(&copy, b"tEXt", b"");
+    let dataset = copy.open().unwrap();
+    let wanted = read_by_lerobot("lerobot");
+    assert_eq!(difference(&dataset, &wanted, &in_order()), (0, 0));
+
+    let copy = recorded("beside");
+    with_chunk(&copy, b"acTL", &[0, 0, 0, 2, 0, 0, 0, 0]);
+    copy.fails(FIRST, "is an animation");
+
+    let copy = recorded("beside");
+    with_chunk(&copy, b"eXIf", &vec![0; 17 << 20]);
+    copy.fails(FIRST, "limits are exceeded");
+}
+
 /// The recording with its pictures written in another way, each with `end` zeros after its end.
 fn rewritten(properties: WriterProperties, end: usize) -> Copy {
     let copy = recorded("lerobot");

@@ -43,6 +43,27 @@ fn what_lerobot_s_merge_refuses_is_refused() {
 }
 
 #[test]
+fn joints_without_names_are_compared_by_their_number() {
+    let good = recording("so100_pickplace");
+    let named = Info::read(&good).unwrap();
+    let mut nameless = named.clone();
+    nameless.action.names.clear();
+    let refused = |infos: [&Info; 2]| {
+        let infos = infos.map(|info| (good.as_path(), info));
+        refuse_different(infos).err().map(|error| error.to_string())
+    };
+    assert_eq!(refused([&named, &nameless]), None);
+    assert_eq!(refused([&nameless, &named]), None);
+    let mut wide = nameless.clone();
+    wide.action.dim = 7;
+    let error = refused([&nameless, &wide]).unwrap();
+    assert!(
+        error.contains("has 7 dimensions of action, not 6"),
+        "{error}"
+    );
+}
+
+#[test]
 fn a_robot_s_name_and_the_videos_of_a_recording_may_differ() {
     assert_eq!(refused("\"so100\"", "\"so100_follower\""), None);
     let alike = ["so100_pickplace", "so100_sorting", "so100_pickplace_v21"].map(recording);

@@ -50,7 +50,7 @@ fn videos_that_are_cut_or_no_videos() {
 fn mp4_tables_that_contradict_themselves() {
     let big = 0x7fff_ffff_u32.to_be_bytes();
     // Each case gives the box, the offset in it, the bytes written there, and the error of the reader.
-    let cases: [(&[u8; 4], usize, &[u8], &str); 11] = [
+    let cases: [(&[u8; 4], usize, &[u8], &str); 14] = [
         (b"stss", 8, &big, "key frame 2147483647 does not exist"),
         (b"stss", 8, &[0; 4], "key frame 0 does not exist"),
         (b"stss", 8, &[0, 0, 0, 2], "does not begin with a key frame"),
@@ -59,6 +59,9 @@ fn mp4_tables_that_contradict_themselves() {
         (b"stts", 8, &[0, 0, 0, 1], "a box ends too early"),
         (b"mdhd", 12, &[0; 4], "timescale of 0"),
         (b"stsz", 8, &big, "frame count 2147483647 does not fit"),
+        (b"stsz", 8, &[0; 4], "frame count 0 does not fit"),
+        (b"stsz", 8, &[0, 0, 0, 246], "frame count 246 does not fit"),
+        (b"stsz", 12, &[0; 4], "frame 0 (0 bytes from byte "),
         (
             b"stsc",
             12,
@@ -94,6 +97,41 @@ fn mp4_tables_that_contradict_themselves() {
         });
         copy.fails(TOP, cause);
     }
+}
+
+#[test]
+fn boxes_that_claim_too_little_or_too_much() {
+    let copy = Copy::default();
+    copy.edit(TOP, |bytes| {
+        [&[0, 0, 0, 1], b"free", &[0; 8][..], &bytes].concat()
+    });
+    copy.fails(TOP, "box \"free\" of 0 bytes");
+    let copy = Copy::default();
+    copy.edit(TOP, |_| {
+        [&(65u32 << 20).to_be_bytes(), &b"moov"[..]].concat()
+    });
+    let file = fs::File::options()
+        .write(true)
+        .open(copy.path(TOP))
+        .unwrap();
+    file.set_len(65 << 20).unwrap();
+    copy.fails(
+        TOP,
+        "index (moov) of 68157440 bytes, at most 67108864 are read",
+    );
+    // Frames of one byte each, as many as the file has bytes.
+    let copy = Copy::default();
+    copy.edit(TOP, |mut bytes| {
+        patch(&mut bytes, b"stsz", 0, 4, &[0, 0, 0, 1]);
+        patch(&mut bytes, b"stsz", 0, 8, &10_000_001u32.to_be_bytes());
+        bytes
+    });
+    let file = fs::File::options()
+        .write(true)
+        .open(copy.path(TOP))
+        .unwrap();
+    file.set_len(11_000_000).unwrap();
+    copy.fails(TOP, "frame count 10000001 does not fit the file");
 }
 
 #[test]

@@ -6,6 +6,7 @@ use std::path::Path;
 use serde_json::{json, Value};
 use zk0_lerobot::policy_folder::{PolicyFolder, Precision};
 use zk0_tensors::TensorSet;
+use zk0_testkit::own_process::{alone, is_alone};
 use zk0_testkit::recordings::fixtures;
 
 use super::folder::*;
@@ -69,6 +70,26 @@ fn the_matrices_of_the_base_get_those_of_the_adapter_added() {
 }
 
 #[test]
+fn sums_that_are_not_finite_are_named() {
+    let base = base();
+    let folder = adapter(base.path());
+    let path = folder.path().join("adapter_model.safetensors");
+    let mut file = raw(&fs::read(&path).unwrap());
+    for (name, (_, _, bytes)) in &mut file {
+        if name.contains("state_proj") {
+            *bytes = 1e30f32.to_le_bytes().repeat(bytes.len() / 4);
+        }
+    }
+    fs::write(&path, file_of(&file, pytorch())).unwrap();
+    let said = PolicyFolder::open(folder.path())
+        .unwrap()
+        .tensor(STATE_PROJ)
+        .unwrap_err()
+        .to_string();
+    assert!(said.contains(STATE_PROJ), "{said}");
+}
+
+#[test]
 fn what_is_written_is_a_whole_policy() {
     let base = base();
     let folder = adapter(base.path());
@@ -104,10 +125,20 @@ fn adapters_of_other_kinds_are_refused_by_name() {
     for (key, value) in [
         ("peft_type", json!("IA3")),
         ("r", json!(0)),
+        ("r", json!(4097)),
         ("bias", json!("all")),
         ("use_dora", json!(true)),
+        ("use_bdlora", json!({"nblocks": 2})),
+        ("use_qalora", json!(true)),
+        ("lora_bias", json!(true)),
+        ("fan_in_fan_out", json!(true)),
         ("rank_pattern", json!({"state_proj": 4})),
+        ("alpha_pattern", json!({"state_proj": 4})),
         ("modules_to_save", json!(["state_proj"])),
+        ("target_parameters", json!(["state_proj.weight"])),
+        ("trainable_token_indices", json!([7])),
+        ("layer_replication", json!([[0, 4], [2, 4]])),
+        ("alora_invocation_tokens", json!([7])),
     ] {
         let folder = adapter(base.path());
         set(folder.path(), key, value);
@@ -130,14 +161,47 @@ fn adapters_of_other_kinds_are_refused_by_name() {
     let path = folder.path().join("adapter_model.safetensors");
     let mut file = raw(&fs::read(&path).unwrap());
     let strange = file.pop_first().unwrap().1;
-    for name in [
-        "base_model.model.model.hands.lora_A.weight",
-        "model.hands.weight",
+    for (name, module) in [
+        ("base_model.model.model.hands.lora_A.weight", "model.hands"),
+        ("model.hands.weight", "model.hands"),
+        // This one is no matrix.
+        (
+            "base_model.model.model.vlm_with_expert.lm_expert.norm.lora_A.weight",
+            "lm_expert.norm",
+        ),
     ] {
         let mut file = file.clone();
         file.insert(name.into(), strange.clone());
         fs::write(&path, file_of(&file, pytorch())).unwrap();
         let said = PolicyFolder::open(folder.path()).unwrap_err().to_string();
-        assert!(said.contains("model.hands"), "{said}");
+        assert!(said.contains(module), "{said}");
     }
+}
+
+#[test]
+fn a_folder_with_weights_of_its_own_takes_nothing_from_its_adapter() {
+    let base = base();
+    let folder = adapter(base.path());
+    for file in ["model.safetensors", "vlm_config.json"] {
+        fs::copy(base.path().join(file), folder.path().join(file)).unwrap();
+    }
+    let own = PolicyFolder::open(folder.path()).unwrap();
+    let plain = PolicyFolder::open(base.path()).unwrap();
+    assert_eq!(own.tensors().unwrap(), plain.tensors().unwrap());
+}
+
+#[test]
+fn a_base_without_a_name_is_not_looked_for_where_the_command_runs() {
+    let base = base();
+    if !is_alone() {
+        let name = "policy_folder::adapter::a_base_without_a_name_is_not_looked_for_where_the_command_runs";
+        let here = format!("--chdir={}", base.path().display());
+        alone(name, &["env", &here]);
+        return;
+    }
+    let said = PolicyFolder::open(adapter(Path::new("")).path()).unwrap_err();
+    assert!(
+        said.to_string().contains("adapter of the policy ``"),
+        "{said}"
+    );
 }

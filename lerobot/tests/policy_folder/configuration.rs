@@ -270,6 +270,8 @@ fn unsupported_or_impossible_configurations_are_refused_by_name() {
     let policy_cases = BTreeMap::from([
         ("add_image_special_tokens", true.into()),
         ("adapt_to_pi_aloha", true.into()),
+        ("use_delta_joint_actions_aloha", true.into()),
+        ("max_state_dim", 5.into()),
         ("num_expert_layers", 2.into()),
         ("resize_imgs_with_padding", vec![32, 32].into()),
         ("type", "pi0".into()),
@@ -310,6 +312,9 @@ fn unsupported_or_impossible_configurations_are_refused_by_name() {
         ("vision_config", "patch_size", 65.into()),
         ("vision_config", "patch_size", 20.into()),
         ("vision_config", "num_channels", 1.into()),
+        ("vision_config", "layer_norm_eps", 1e-5.into()),
+        ("text_config", "mlp_bias", true.into()),
+        ("text_config", "hidden_act", "gelu".into()),
         ("vision_config", "hidden_act", serde_json::json!("relu")),
     ] {
         let mut vlm = json("vlm_config.json");
@@ -326,6 +331,12 @@ fn unsupported_or_impossible_configurations_are_refused_by_name() {
         |c| (c.text.width, c.text.mlp_width) = (1 << 17, 1 << 17),
         |c| c.camera_names = vec!["one of two".into()],
         |c| c.self_attn_every = usize::MAX,
+        |c| c.vision.width += 1,
+        |c| c.expert.width += 1,
+        |c| {
+            c.camera_names.clear();
+            c.rename_map = BTreeMap::from([("a".into(), "b".into())]);
+        },
     ] {
         let mut config = parse(&text("policy_config.json")).unwrap();
         change(&mut config);

@@ -70,6 +70,13 @@ fn faults_are_named_with_their_file() {
             "config.json",
         ),
         (
+            refusal(|f| {
+                let file = fs::File::create(f.join("config.json")).unwrap();
+                file.set_len((16 << 20) + 1).unwrap();
+            }),
+            "is larger than 16777216 bytes",
+        ),
+        (
             refusal(|f| fs::write(f.join("vlm_config.json"), [0xff; 8]).unwrap()),
             "vlm_config.json",
         ),
@@ -90,7 +97,9 @@ fn faults_are_named_with_their_file() {
         assert!(named, "{said}: names no file");
     }
     let error = PolicyFolder::open("no such folder").unwrap_err();
-    assert!(error.to_string().contains("no such folder"));
+    assert!(error
+        .to_string()
+        .contains("no such folder: is not a folder"));
 }
 
 #[test]

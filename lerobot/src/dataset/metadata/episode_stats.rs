@@ -104,7 +104,7 @@ impl FeatureStats {
             }
         }
         match self.frames() {
-            Some(count) if !(count >= 1.0 && count.is_finite()) => {
+            Some(count) if count.is_nan() || count < 1.0 => {
                 return Err(format!("count is [{count:?}], {expected}"))
             }
             _ => {}

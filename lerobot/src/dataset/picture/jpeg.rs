@@ -19,8 +19,12 @@ pub(super) fn rgb(encoded: &[u8], height: usize, width: usize) -> Result<Vec<u8>
             "the JPEG picture has {scans} scans, at most {MAX_SCANS} are decoded"
         ));
     }
-    // The decoder ends in a panic where it meets what it takes for impossible.
-    catch_unwind(AssertUnwindSafe(|| decoded(encoded, height, width)))
+    guarded(|| decoded(encoded, height, width))
+}
+
+/// The decoder ends in a panic where it meets what it takes for impossible.
+fn guarded(decode: impl FnOnce() -> Result<Vec<u8>, String>) -> Result<Vec<u8>, String> {
+    catch_unwind(AssertUnwindSafe(decode))
         .unwrap_or_else(|_| Err("the JPEG picture is damaged".into()))
 }
 
@@ -32,7 +36,6 @@ fn decoded(encoded: &[u8], height: usize, width: usize) -> Result<Vec<u8>, Strin
         e => format!("the JPEG picture is damaged: {e}"),
     };
     let mut decoder = Decoder::new(encoded);
-    decoder.set_max_decoding_buffer_size(height * width * 3);
     decoder.read_info().map_err(damaged)?;
     let info = decoder.info().ok_or("the JPEG picture has no size")?;
     check_size((info.height.into(), info.width.into()), (height, width))?;
@@ -43,4 +46,15 @@ fn decoded(encoded: &[u8], height: usize, width: usize) -> Result<Vec<u8>, Strin
         ));
     }
     decoder.decode().map_err(damaged)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_of_the_decoder_becomes_an_error() {
+        let error = guarded(|| panic!("this is impossible")).unwrap_err();
+        assert_eq!(error, "the JPEG picture is damaged");
+    }
 }

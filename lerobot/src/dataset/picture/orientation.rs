@@ -2,8 +2,6 @@
 
 /// Tag of the orientation in EXIF's first directory.
 const ORIENTATION: u16 = 0x0112;
-/// Most entries of that directory that are looked at.
-const MAX_ENTRIES: usize = 512;
 
 /// The orientation that a PNG or JPEG picture notes: 1 is upright.
 pub(super) fn orientation(encoded: &[u8]) -> Option<u16> {
@@ -61,7 +59,7 @@ fn in_exif(exif: &[u8]) -> Option<u16> {
         true => u32::from_be_bytes(bytes),
         false => u32::from_le_bytes(bytes),
     } as usize;
-    let entries = usize::from(u16_at(directory)?).min(MAX_ENTRIES);
+    let entries = usize::from(u16_at(directory)?);
     (0..entries)
         .map(|entry| directory + 2 + 12 * entry)
         .find(|&at| u16_at(at) == Some(ORIENTATION))

@@ -187,3 +187,29 @@ impl Planes {
 fn level(x: i32) -> u8 {
     x.clamp(0, 255) as u8
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::CameraStorage;
+
+    #[test]
+    fn sides_that_cannot_be_encoded_are_named() {
+        let of = |height, width| {
+            let camera = Camera {
+                name: "top".into(),
+                feature: "top".into(),
+                height,
+                width,
+                storage: CameraStorage::Video,
+            };
+            refusal(&camera, &[])
+        };
+        assert_eq!(of(16, 2160), None);
+        for (height, width) in [(47, 64), (48, 63), (14, 64), (48, 2162)] {
+            let size =
+                format!("top: pictures of {height} x {width} (height x width) cannot be encoded");
+            assert!(of(height, width).unwrap().starts_with(&size));
+        }
+    }
+}

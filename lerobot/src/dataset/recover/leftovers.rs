@@ -9,9 +9,6 @@ use crate::dataset::recover::placing::VideoFrames;
 use crate::dataset::video::mp4::track::Mp4Track;
 use crate::dataset::DatasetError;
 
-/// Most entries of a folder that are looked at. An episode of ten hours has a million pictures.
-const MAX_ENTRIES: usize = 2_000_000;
-
 /// A video of a camera.
 #[derive(Debug, Clone)]
 pub(crate) struct Video {
@@ -121,10 +118,6 @@ fn entries(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     }
     let mut found = Vec::new();
     for entry in fs::read_dir(folder).map_err(|e| DatasetError::io(folder, e))? {
-        if found.len() == MAX_ENTRIES {
-            let cause = format!("has more than {MAX_ENTRIES} entries");
-            return Err(DatasetError::meta(folder, cause));
-        }
         let path = entry.map_err(|e| DatasetError::io(folder, e))?.path();
         if path.is_file() || path.is_dir() {
             found.push(path);

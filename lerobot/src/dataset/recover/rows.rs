@@ -91,3 +91,54 @@ fn fault(rows: &[RowPlace], fps: u32, tasks: usize) -> Option<String> {
         }
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ten rows a second, five of each of these episodes.
+    fn recorded(numbers: &[i64]) -> Vec<RowPlace> {
+        let row = |episode, frame: i64| RowPlace {
+            episode,
+            frame,
+            task: 0,
+            timestamp: frame as f32 / 10.0,
+            is_finite: true,
+        };
+        let episode = |&number| (0..5).map(move |frame| row(number, frame));
+        numbers.iter().flat_map(episode).collect()
+    }
+
+    #[test]
+    fn whole_episodes_in_order_have_their_places() {
+        let of = |numbers: &[i64]| -> Vec<(bool, bool)> {
+            let found = episodes(&recorded(numbers), 10, 1);
+            let about = found.iter().map(|e| (e.fault.is_none(), e.is_placed));
+            about.collect()
+        };
+        assert_eq!(of(&[0, 1]), [(true, true), (true, true)]);
+        // Where one is missing, the place of those after it is not known.
+        assert_eq!(of(&[0, 2, 3]), [(true, true), (true, false), (true, false)]);
+        assert_eq!(of(&[1, 0]), [(true, false), (false, false)]);
+        assert_eq!(of(&[-1]), [(false, false)]);
+    }
+
+    #[test]
+    fn a_row_that_does_not_fit_is_named() {
+        let changes: [(fn(&mut RowPlace), &str); 6] = [
+            (|row| row.frame = 4, "frame 4 where frame 3 is due"),
+            (|row| row.timestamp = f32::NAN, "timestamp NaN s"),
+            (|row| row.timestamp += 0.001, "where 0.300000 s is due"),
+            (|row| row.task = 1, "task_index 1 where"),
+            (|row| row.task = -1, "task_index -1 where"),
+            (|row| row.is_finite = false, "that is not finite"),
+        ];
+        for (change, cause) in changes {
+            let mut rows = recorded(&[0]);
+            change(&mut rows[3]);
+            let found = episodes(&rows, 10, 1);
+            let fault = found[0].fault.as_deref().unwrap();
+            assert!(fault.contains(cause), "{fault}");
+        }
+    }
+}

@@ -123,3 +123,21 @@ impl<R: Read> Thrift<R> {
         Some(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_nested_deeper_than_any_header_is_left() {
+        // Each byte begins a structure, or a list of structures.
+        for byte in [0x1c, 0x19] {
+            let mut thrift = Thrift {
+                bytes: &[byte; 1000][..],
+                read: 0,
+            };
+            assert_eq!(thrift.skip(byte & 0x0f, 0), None);
+            assert!(thrift.read < 12, "{}", thrift.read);
+        }
+    }
+}

@@ -16,10 +16,8 @@ use crate::dataset::tables::thrift::{Thrift, I32, STRUCT};
 
 /// What a parquet file begins and ends with.
 pub(crate) const MAGIC: [u8; 4] = *b"PAR1";
-/// Most row groups of a file. LeRobot writes one for each episode.
-const MAX_GROUPS: usize = 1_000_000;
-/// Longest header of a page that is looked for, in bytes. Statistics of strings make a header long.
-const MAX_HEADER: u64 = 64 << 10;
+/// Most columns of all row groups together; each takes some hundred bytes of memory. LeRobot writes a row group for each episode.
+const MAX_CHUNKS: usize = 1_000_000;
 
 /// A row group that is whole.
 #[derive(Debug, Clone, PartialEq)]
@@ -53,7 +51,7 @@ pub(crate) fn row_groups(
 ) -> std::io::Result<Vec<RowGroup>> {
     let mut pages = Pages::new(file)?;
     let mut groups = Vec::new();
-    while groups.len() < MAX_GROUPS {
+    while (groups.len() + 1) * per_row.len() <= MAX_CHUNKS {
         let Some(group) = pages.row_group(per_row)? else {
             break;
         };
@@ -125,7 +123,7 @@ impl<F: Read + Seek> Pages<F> {
                 return Ok(None);
             };
             let found = chunk.values / per_row.max(1);
-            if found == 0 || chunk.values != found.saturating_mul(per_row) {
+            if chunk.values != found.saturating_mul(per_row) {
                 return Ok(None);
             }
             rows.get_or_insert(found);
@@ -173,7 +171,7 @@ impl<F: Read + Seek> Pages<F> {
         }
         self.file.seek(SeekFrom::Start(self.at))?;
         let mut header = Thrift {
-            bytes: self.file.by_ref().take(left.min(MAX_HEADER)),
+            bytes: self.file.by_ref().take(left),
             read: 0,
         };
         let page = Page::read(&mut header);
@@ -233,5 +231,59 @@ impl Page {
             uncompressed: len(uncompressed?)?,
             values,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Cursor;
+
+    /// A page of so many values in so many bytes.
+    fn page(values: u8, len: u8) -> Vec<u8> {
+        // The type is 0, and the sizes and the number of values are zigzag numbers.
+        let header = [
+            0x15,
+            0,
+            0x15,
+            2 * len,
+            0x15,
+            2 * len,
+            0x2c,
+            0x15,
+            2 * values,
+            0,
+            0,
+        ];
+        [&header[..], &vec![7; len.into()]].concat()
+    }
+
+    fn rows(mark: &[u8], pages: &[Vec<u8>], per_row: &[u64]) -> Vec<u64> {
+        let file = Cursor::new([mark, &pages.concat()].concat());
+        let groups = row_groups(file, per_row).unwrap();
+        groups.iter().map(|group| group.rows).collect()
+    }
+
+    #[test]
+    fn what_no_row_group_looks_like_ends_the_walk() {
+        let pages = [page(6, 5), page(3, 1), page(8, 5), page(4, 1)];
+        assert_eq!(rows(b"PAR1", &pages, &[2, 1]), [3, 4]);
+        assert_eq!(rows(b"PARX", &pages, &[2, 1]), [0; 0]);
+        // Half a row, another number of rows than in the column before, and a page without values.
+        assert_eq!(rows(b"PAR1", &[page(7, 5), page(3, 1)], &[2, 1]), [0; 0]);
+        assert_eq!(rows(b"PAR1", &[page(6, 5), page(4, 1)], &[2, 1]), [0; 0]);
+        let empty = [page(6, 5), page(0, 1), page(3, 1)];
+        assert_eq!(rows(b"PAR1", &empty, &[2, 1]), [0; 0]);
+        // The last page has lost its end.
+        let mut cut = pages.concat();
+        cut.pop();
+        assert_eq!(rows(b"PAR1", &[cut], &[2, 1]), [3]);
+    }
+
+    #[test]
+    fn row_groups_are_counted() {
+        let most = MAX_CHUNKS / 100;
+        let pages = vec![page(1, 1); MAX_CHUNKS + 100];
+        assert_eq!(rows(b"PAR1", &pages, &[1; 100]).len(), most);
     }
 }

@@ -146,3 +146,28 @@ fn has_empty_cells(column: &dyn Array) -> bool {
 fn clone(file: &File) -> Result<File, ParquetError> {
     Ok(file.try_clone()?)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use arrow_array::Int64Array;
+    use arrow_schema::{Field, Schema};
+    use parquet::arrow::ArrowWriter;
+
+    #[test]
+    fn more_values_than_are_left_are_refused() {
+        let column = Field::new("index", DataType::Int64, true);
+        let schema = Arc::new(Schema::new(vec![column]));
+        let rows = Arc::new(Int64Array::from_iter_values(0..20));
+        let rows = RecordBatch::try_new(schema.clone(), vec![rows]).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("file-000.parquet");
+        let file = File::create(&path).unwrap();
+        let mut writer = ArrowWriter::try_new(file, schema.clone(), None).unwrap();
+        writer.write(&rows).unwrap();
+        writer.close().unwrap();
+        assert_eq!(read(&path, &schema, 20).unwrap().values, 20);
+        let error = read(&path, &schema, 19).err().unwrap().to_string();
+        assert!(error.contains("claims 20 values"), "{error}");
+    }
+}

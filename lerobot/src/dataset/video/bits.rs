@@ -101,3 +101,24 @@ pub(crate) fn stated_colors(bits: &mut Bits) -> Option<(Option<bool>, Option<u32
     }
     Some((full_range, matrix))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_number_longer_than_any_is_refused() {
+        let read = |zeros: usize| {
+            let mut bytes = vec![0; zeros / 8];
+            bytes.extend([0x80 >> (zeros % 8), 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+            Bits {
+                bytes: &bytes,
+                at: 0,
+            }
+            .unsigned()
+        };
+        assert_eq!(read(3), Some(7));
+        assert_eq!(read(32), Some((1 << 32) - 1));
+        assert_eq!(read(33), None);
+    }
+}

@@ -79,3 +79,25 @@ pub(crate) fn colors(matrix: u32, full_range: bool) -> Result<Colors, String> {
         )),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn planes_that_are_not_alike_are_refused() {
+        let refused = |chroma_format, separate_planes, bit_depths| {
+            let declared = Declared {
+                height: 48,
+                width: 64,
+                chroma_format,
+                separate_planes,
+                bit_depths,
+                ..Declared::default()
+            };
+            declared.layout(48, 64).unwrap_err()
+        };
+        assert!(refused(3, true, [8, 8]).contains("chroma format 3 with 8 and 8 bits"));
+        assert!(refused(1, false, [8, 10]).contains("chroma format 1 with 8 and 10 bits"));
+    }
+}

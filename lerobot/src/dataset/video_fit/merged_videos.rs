@@ -140,7 +140,7 @@ fn filled(
         if used == there {
             ((place, path, there), used) = (following(place)?, 0);
         }
-        if pictures == 0 || pictures > there - used {
+        if pictures == 0 {
             return None;
         }
         spans.push(VideoSpan {

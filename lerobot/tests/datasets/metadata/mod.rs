@@ -1,15 +1,21 @@
 //! Metadata that is missing or wrong: each ends in an error that names the file and the cause.
 
+mod v21;
 mod variants;
 
 use std::fs;
 use std::sync::Arc;
 
-use arrow_array::{ArrayRef, Int64Array, RecordBatch, StringArray};
+use arrow_array::cast::AsArray;
+use arrow_array::types::Int64Type;
+use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray};
 use zk0_lerobot::dataset::{Dataset, DatasetError};
-use zk0_testkit::recordings::{fixtures, open, recording, Copy, DATA, INFO, STATS, TOP};
+use zk0_testkit::recordings::{
+    fixtures, open, recording, with_column, Copy, DATA, INFO, STATS, TOP,
+};
 
 const TASK_TABLE: &str = "meta/tasks.parquet";
+const EPISODE_TABLE: &str = "meta/episodes/chunk-000/file-000.parquet";
 
 #[test]
 fn folder_and_files_that_are_not_there() {
@@ -37,6 +43,12 @@ fn broken_info() {
     let cases = [
         ("\"fps\"", "fps", "not the JSON"),
         ("\"fps\": 30", "\"fps\": 0", "fps is 0"),
+        ("\"fps\": 30", "\"fps\": 1001", "fps is 1001"),
+        (
+            "\"observation.images.wrist\"",
+            "\"observation.images.top\"",
+            "feature \"observation.images.top\" is there twice",
+        ),
         (
             "\"fps\": 30",
             "\"fps\": -1",
@@ -134,6 +146,66 @@ fn counts_that_the_files_do_not_hold() {
         "meta/episodes/chunk-000/file-000.parquet",
         "expected episode 5 of 5",
     );
+}
+
+/// A column, and what becomes of the number in each row of it.
+type Change = (&'static str, fn(usize, i64) -> i64);
+
+/// The table of the episodes with other numbers in these columns, row by row.
+fn episodes_with(changes: &[Change]) -> Copy {
+    let copy = Copy::default();
+    copy.edit_table(EPISODE_TABLE, |mut table| {
+        for (name, change) in changes {
+            let column = table.column_by_name(name).unwrap();
+            let numbers = column.as_primitive::<Int64Type>().values();
+            let numbers = numbers.iter().enumerate().map(|(row, n)| change(row, *n));
+            let column = Arc::new(Int64Array::from_iter_values(numbers));
+            table = with_column(table, name, column);
+        }
+        vec![table]
+    });
+    copy
+}
+
+#[test]
+fn episodes_that_do_not_follow_each_other() {
+    let last = |row, n| if row == 5 { n + 1 } else { n };
+    let second = |row, n| if row == 1 { n + 1 } else { n };
+    let none = |row, n| if row == 1 { 0 } else { n };
+    let back = |row, n| if row == 1 { n - 38 } else { n };
+    let changes: [(&[Change], &str); 5] = [
+        (&[("episode_index", second)], "expected episode 1 of 6"),
+        (
+            &[
+                ("dataset_from_index", second),
+                ("length", |row, n| if row == 1 { n - 1 } else { n }),
+            ],
+            "expected episode 1 of 6",
+        ),
+        (&[("length", second)], "expected episode 1 of 6"),
+        (
+            &[("dataset_to_index", back), ("length", none)],
+            "expected episode 1 of 6",
+        ),
+        (
+            &[("dataset_to_index", last), ("length", last)],
+            "expected episode 5 of 6",
+        ),
+    ];
+    for (change, cause) in changes {
+        episodes_with(change).fails(EPISODE_TABLE, cause);
+    }
+    let copy = Copy::default();
+    copy.edit_text(INFO, "\"total_episodes\": 6", "\"total_episodes\": 7");
+    copy.fails("meta/episodes", "describes 6 episodes with 245 frames");
+
+    let copy = Copy::default();
+    let name = "videos/observation.images.top/from_timestamp";
+    copy.edit_table(EPISODE_TABLE, |table| {
+        let times = Float64Array::from_iter_values((0..table.num_rows()).map(|_| f64::NAN));
+        vec![with_column(table, name, Arc::new(times))]
+    });
+    copy.fails(EPISODE_TABLE, "from_timestamp is NaN");
 }
 
 /// LeRobot 0.6.1 wrote these tables (see the fixtures' README): a new one, and one of LeRobot 0.4.4 that it added a task to.
@@ -236,166 +308,6 @@ fn broken_stats() {
         |s| drop(s.as_object_mut().unwrap().remove("action")),
         "no statistics of action",
     );
-}
-
-const EPISODES: &str = "meta/episodes.jsonl";
-const EPISODE_STATS: &str = "meta/episodes_stats.jsonl";
-const TASKS: &str = "meta/tasks.jsonl";
-
-#[test]
-fn v21_files_that_are_not_there() {
-    let files = [
-        EPISODES,
-        EPISODE_STATS,
-        TASKS,
-        "data/chunk-000/episode_000003.parquet",
-        "videos/chunk-000/observation.images.wrist/episode_000005.mp4",
-    ];
-    for file in files {
-        let copy = Copy::of("so100_pickplace_v21");
-        fs::remove_file(copy.path(file)).unwrap();
-        assert!(
-            matches!(copy.open(), Err(DatasetError::MissingFile { path }) if path == copy.path(file)),
-            "{file}"
-        );
-    }
-}
-
-#[test]
-fn v21_lines_that_are_wrong() {
-    // Each case gives the file, the text in it, the text that replaces it, and the error of the reader.
-    let cases = [
-        (
-            EPISODES,
-            "\"length\": 38",
-            "\"length\": 39",
-            "declares 6 with 245",
-        ),
-        (
-            EPISODES,
-            "\"length\": 38",
-            "\"length\": 0",
-            "line 2: episode 1 has 0 frames",
-        ),
-        (
-            EPISODES,
-            "\"length\": 38",
-            "\"length\": 99999999999",
-            "line 2: episode 1 has 99999999999",
-        ),
-        (
-            EPISODES,
-            "\"length\": 38",
-            "\"length\": -1",
-            "line 2 is not the JSON",
-        ),
-        (
-            EPISODES,
-            "\"episode_index\": 5",
-            "\"episode_index\": 6",
-            "line 6: episode 6 where",
-        ),
-        (
-            EPISODES,
-            "\"episode_index\": 4",
-            "\"episode_index\": 3",
-            "an earlier line says 38",
-        ),
-        (
-            EPISODES,
-            "{\"episode_index\": 0",
-            "{\"index\": 0",
-            "missing field `episode_index`",
-        ),
-        (
-            TASKS,
-            "\"task_index\": 0",
-            "\"task_index\": 1",
-            "has task_index 1 and no task_index 0",
-        ),
-        (
-            TASKS,
-            "{\"task_index\"",
-            "{task_index",
-            "line 1 is not the JSON",
-        ),
-        (
-            EPISODE_STATS,
-            "\"episode_index\": 5",
-            "\"episode_index\": 9",
-            "line 6: episode 9 where",
-        ),
-        (
-            EPISODE_STATS,
-            "\"episode_index\": 5",
-            "\"episode_index\": 4",
-            "statistics of 5 episodes",
-        ),
-        (
-            EPISODE_STATS,
-            "\"action\": {\"min\"",
-            "\"motion\": {\"min\"",
-            "line 1 is not the JSON it should be: missing field `action`",
-        ),
-        (
-            EPISODE_STATS,
-            "\"count\": [41]",
-            "\"count\": [0]",
-            "line 1: action: count is [0.0]",
-        ),
-        (
-            EPISODE_STATS,
-            "\"count\": [41]",
-            "\"count\": []",
-            "line 1: action: count is a list of 0 numbers",
-        ),
-    ];
-    for (file, from, to, cause) in cases {
-        let copy = Copy::of("so100_pickplace_v21");
-        copy.edit_text(file, from, to);
-        copy.fails(file, cause);
-    }
-    let changes: [(fn(&mut serde_json::Value), &str); 2] = [
-        (
-            |s| s["std"][1] = (-1.0).into(),
-            "action: a mean or standard deviation",
-        ),
-        (
-            |s| s["mean"] = vec![1.0].into(),
-            "action: 1 means and 6 standard deviations",
-        ),
-    ];
-    for (change, cause) in changes {
-        let copy = Copy::of("so100_pickplace_v21");
-        copy.edit(EPISODE_STATS, |bytes| {
-            let text = String::from_utf8(bytes).unwrap();
-            let (first, rest) = text.split_once('\n').unwrap();
-            let mut line: serde_json::Value = serde_json::from_str(first).unwrap();
-            change(&mut line["stats"]["action"]);
-            format!("{line}\n{rest}").into_bytes()
-        });
-        copy.fails(EPISODE_STATS, cause);
-    }
-    // The reader does not read a line without an end to its end.
-    let copy = Copy::of("so100_pickplace_v21");
-    copy.edit(EPISODES, |mut bytes| {
-        bytes.extend(vec![b' '; 2 << 20]);
-        bytes
-    });
-    copy.fails(EPISODES, "line 7 is longer than 1048576 bytes");
-}
-
-#[test]
-fn v21_paths_stay_in_the_folder() {
-    for (from, to) in [
-        ("data/chunk-{", "../data/chunk-{"),
-        ("{episode_index:06d}.parquet", "{file_index:03d}.parquet"),
-        ("\"chunks_size\": 1000", "\"chunks_size\": 0"),
-    ] {
-        let copy = Copy::of("so100_pickplace_v21");
-        copy.edit_text(INFO, from, to);
-        copy.fails(INFO, "");
-    }
 }
 
 #[test]

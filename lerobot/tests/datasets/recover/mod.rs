@@ -2,6 +2,7 @@
 //! and where `recover` is named.
 
 mod merges;
+mod refusals;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -156,6 +157,56 @@ fn killed_while_videos_are_appended() {
 }
 
 #[test]
+fn a_video_in_a_temporary_folder_is_of_its_episode_alone() {
+    let video = "tmpztpimec4/observation.images.wrist_002.mp4";
+    let changes: [&dyn Fn(&Copy); 2] = [
+        // It is of another episode, or has other pictures than the episode has rows.
+        &|copy| fs::rename(copy.path(video), copy.path(&video.replace("002", "001"))).unwrap(),
+        &|copy| {
+            let other = "videos/observation.images.wrist/chunk-000/file-000.mp4";
+            fs::copy(unfinished("finished").join(other), copy.path(video)).unwrap();
+        },
+    ];
+    for change in changes {
+        let copy = copy_of("killed_in_appending");
+        change(&copy);
+        let out = Out::new();
+        let (report, saved) = out.of(copy.root());
+        compare(&saved, &[0, 1], 0.0);
+        assert!(
+            lost(&report)[0].starts_with("episode 2: "),
+            "{:?}",
+            report.lost
+        );
+    }
+}
+
+#[test]
+fn pictures_that_were_not_all_written_are_no_episode() {
+    let copy = copy_of("killed_in_batch");
+    let last = "images/observation.images.top/episode-000000/frame-000004.png";
+    fs::remove_file(copy.path(last)).unwrap();
+    let out = Out::new();
+    let (report, saved) = out.of(copy.root());
+    compare(&saved, &[1, 2], LOSSY);
+    let lost = lost(&report);
+    assert!(lost[0].contains("left 4 of its pictures"), "{lost:?}");
+}
+
+#[test]
+fn pictures_without_rows_are_said() {
+    let copy = copy_of("killed_between_episodes");
+    copy.edit(DATA, |bytes| bytes[..bytes.len() - 10].to_vec());
+    let (report, _) = Out::new().of(copy.root());
+    let mut notes = report.notes.iter();
+    assert!(
+        notes.any(|note| note.contains("pictures more than there are rows")),
+        "{:?}",
+        report.notes
+    );
+}
+
+#[test]
 fn killed_or_ended_before_a_batch_is_encoded() {
     for name in ["killed_in_batch", "ended_batch"] {
         let out = Out::new();
@@ -295,15 +346,32 @@ fn an_episode_without_its_pictures_is_lost_and_the_others_are_renumbered() {
 /// A disk that lost power leaves such pictures.
 #[test]
 fn an_episode_with_a_damaged_picture_is_lost() {
-    let copy = copy_of("killed_in_batch");
     let picture = "images/observation.images.top/episode-000001/frame-000001.png";
-    copy.edit(picture, |bytes| bytes[..bytes.len() / 2].to_vec());
-    let out = Out::new();
-    let (report, saved) = out.of(copy.root());
-    compare(&saved, &[0, 2], LOSSY);
-    let path = copy.path(picture);
-    let cause = format!("episode 1: {}: the PNG picture is damaged", path.display());
-    assert!(lost(&report)[0].starts_with(&cause), "{report:?}");
+    type Damage = fn(&mut Vec<u8>);
+    let damages: [(Damage, &str); 3] = [
+        (
+            |bytes| bytes.truncate(bytes.len() / 2),
+            "the PNG picture is damaged",
+        ),
+        (|bytes| bytes.resize(2 << 20, 0), "cannot be read"),
+        (
+            |bytes| bytes[16..24].copy_from_slice(&[0, 1, 0, 0, 0, 1, 0, 0]),
+            "",
+        ),
+    ];
+    for (damage, cause) in damages {
+        let copy = copy_of("killed_in_batch");
+        copy.edit(picture, |mut bytes| {
+            damage(&mut bytes);
+            bytes
+        });
+        let out = Out::new();
+        let (report, saved) = out.of(copy.root());
+        compare(&saved, &[0, 2], LOSSY);
+        let path = copy.path(picture);
+        let cause = format!("episode 1: {}: {cause}", path.display());
+        assert!(lost(&report)[0].starts_with(&cause), "{report:?}");
+    }
 }
 
 #[test]
@@ -406,64 +474,6 @@ fn pictures_that_were_dropped_are_not_guessed() {
 }
 
 #[test]
-fn what_cannot_be_saved_is_said_so() {
-    let fails = |change: &dyn Fn(&Copy), cause: &str| {
-        let copy = copy_of("killed_in_batch");
-        change(&copy);
-        let out = Out::new();
-        let error = recover(copy.root(), &out.path()).unwrap_err().to_string();
-        assert!(error.contains(cause), "{cause:?} is not in {error}");
-        assert_eq!(out.names().len(), 0);
-    };
-    let remove =
-        |folder: &'static str| move |copy: &Copy| fs::remove_dir_all(copy.path(folder)).unwrap();
-    fails(
-        &remove("images"),
-        "no episode can be saved:\nepisode 0: 5 rows, and observation.images.top left none",
-    );
-    fails(&remove("data"), "episode 0: it has pictures and no rows");
-    fails(
-        &|copy| copy.edit(INFO, |_| Vec::new()),
-        "nothing can be recovered without it",
-    );
-    fails(
-        &|copy| copy.edit("meta/tasks.parquet", |bytes| bytes[..100].to_vec()),
-        "nothing can be recovered without the tasks",
-    );
-    fails(
-        &|copy| copy.edit_text(INFO, "\"v3.0\"", "\"v2.1\""),
-        "the format is v2.1; only v3.0 is recovered",
-    );
-    fails(
-        &|copy| copy.edit_text(INFO, "\"dtype\": \"int64\"", "\"dtype\": \"string\""),
-        "is \"string\"; only numbers, truth values and vectors",
-    );
-}
-
-#[test]
-fn the_new_folder_is_new_and_elsewhere() {
-    let copy = copy_of("killed_between_episodes");
-    let fails = |out: &Path, cause: &str| {
-        let error = recover(copy.root(), out).unwrap_err().to_string();
-        assert!(error.contains(cause), "{cause:?} is not in {error}");
-    };
-    let out = Out::new();
-    fs::create_dir(out.path()).unwrap();
-    fails(&out.path(), "is there already");
-    fails(&copy.path("saved"), "lies in the recording");
-    fails(&copy.path("meta/saved"), "lies in the recording");
-    fails(
-        &out.path().join("none/saved"),
-        "no such folder; make it first",
-    );
-    let nowhere = copy.path("nowhere");
-    assert!(matches!(
-        recover(&nowhere, &out.path().join("x")),
-        Err(DatasetError::NoFolder { path }) if path == nowhere
-    ));
-}
-
-#[test]
 fn recover_is_named_where_it_helps_and_nowhere_else() {
     for name in [
         "killed_in_episode",
@@ -495,4 +505,10 @@ fn recover_is_named_where_it_helps_and_nowhere_else() {
     let copy = copy_of("finished");
     copy.edit(DATA, |bytes| bytes[..bytes.len() / 2].to_vec());
     assert!(!copy.error().to_string().contains("recover"));
+    // Pictures of an episode that was never saved are nothing that `recover` could save.
+    let copy = copy_of("finished");
+    fs::remove_file(copy.path("meta/episodes/chunk-000/file-000.parquet")).unwrap();
+    fs::create_dir_all(copy.path("images/observation.images.top/episode-000004")).unwrap();
+    let error = copy.error().to_string();
+    assert!(!error.contains("recover"), "{error}");
 }

@@ -157,4 +157,19 @@ mod tests {
             .contains("far from that of decoding"));
         assert_eq!(start(&[0, 2, 1]), Ok(()));
     }
+
+    #[test]
+    fn a_picture_that_is_not_played_is_refused() {
+        // The first picture is shown before the key frame, and refers to what came before that.
+        let restart = Restart {
+            key: 0,
+            skipped: BTreeSet::from([1]),
+        };
+        let mut player = Player::start("hevc", 64, &[1, 0], restart).unwrap();
+        let error = player.picture(0, |_, _| Err("was asked for".into()));
+        assert_eq!(
+            error.unwrap_err(),
+            "refers to frames that the file does not have"
+        );
+    }
 }

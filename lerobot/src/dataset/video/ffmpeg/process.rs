@@ -46,7 +46,7 @@ impl Process {
         let mut command = Command::new("ffmpeg");
         command
             .args("-hide_banner -nostdin -loglevel error -xerror".split(' '))
-            .args("-threads 1 -err_detect crccheck+explode -protocol_whitelist pipe".split(' '))
+            .args("-threads 1 -err_detect crccheck+explode".split(' '))
             .args(["-f", demuxer, "-i", "pipe:0", "-map", "0:v:0"])
             .args([every_picture, "passthrough"])
             // A plus alone keeps the pictures' own format, whatever it is.
@@ -261,6 +261,9 @@ fn option_of(version: &str) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::video::mp4::sample::Mp4Codec;
+    use crate::dataset::video::mp4::track::Mp4Track;
+    use crate::dataset::video::nal;
 
     fn limit(process: &Process, name: &str) -> String {
         let file = format!("/proc/{}/limits", process.child.id());
@@ -310,6 +313,31 @@ mod tests {
             error.starts_with("does not decode, as in a damaged file"),
             "{error}"
         );
+    }
+
+    #[test]
+    fn a_part_of_a_picture_is_refused() {
+        let name = "../tests/fixtures/videos_other/hevc_hvc1.mp4";
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(name);
+        let bytes = std::fs::read(path).unwrap();
+        let track = Mp4Track::read(&mut std::io::Cursor::new(&bytes)).unwrap();
+        let Mp4Codec::Hevc(config) = &track.codec else {
+            panic!()
+        };
+        let mut samples = track.samples.iter().enumerate().map(|(at, sample)| {
+            let sample = &bytes[sample.offset as usize..][..sample.size as usize];
+            nal::stream(config, sample, at == 0, |unit| Ok(unit.into()))
+        });
+        // If each picture had a byte more than it has, the last one of twelve would not be whole.
+        let mut process = Process::start("hevc", 48 * 64 * 3 / 2 + 1).unwrap();
+        let end = loop {
+            match process.picture(|| samples.next().transpose()) {
+                Ok(Some(_)) => {}
+                end => break end,
+            }
+        };
+        let error = "does not decode: FFmpeg ended within a picture";
+        assert_eq!(end, Err(error.into()));
     }
 
     #[test]

@@ -78,13 +78,6 @@ impl H264 {
                 ))
             }
         };
-        let (width, height) = picture.dimensions();
-        if (height, width) != (self.height, self.width) {
-            return Err(format!(
-                "is {height} x {width} (height x width), expected {} x {}",
-                self.height, self.width
-            ));
-        }
         if !shown {
             return Ok(None);
         }
@@ -96,8 +89,8 @@ impl H264 {
             v: picture.v(),
             y_stride,
             uv_stride,
-            height,
-            width,
+            height: self.height,
+            width: self.width,
         })
         .map(Some)
         .ok_or_else(|| "has planes smaller than its size".into())

@@ -4,10 +4,6 @@ use crate::dataset::video::bits::{stated_colors, without_emulation_prevention, B
 use crate::dataset::video::color::{Sampling, YuvFormat};
 use crate::dataset::video::kind::{colors, Declared, Kind};
 
-/// Most reference picture sets, and most pictures of one, that the standard allows.
-const MAX_SETS: u64 = 64;
-const MAX_REFERENCES: u64 = 16;
-
 /// Checks that a parameter set (a whole NAL unit) declares `height x width` pictures of a kind that is read.
 ///
 /// # Errors
@@ -49,7 +45,8 @@ struct Sps {
     declared: Declared,
 }
 
-/// `None` where it ends too early or a number is larger than any can be.
+/// `None` where it ends too early or a number is larger than any can be. What it counts takes bits of its own, so that each loop ends
+/// where the bits end.
 fn parse(unit: &[u8]) -> Option<Sps> {
     let payload = without_emulation_prevention(unit.get(2..)?);
     let mut bits = Bits {
@@ -74,7 +71,7 @@ fn parse(unit: &[u8]) -> Option<Sps> {
         bits.unsigned()?.saturating_add(8),
         bits.unsigned()?.saturating_add(8),
     ];
-    let order_bits = bits.unsigned()?.checked_add(4).filter(|bits| *bits <= 16)?;
+    let order_bits = bits.unsigned()?.checked_add(4)?;
     let all_layers = bits.flag()?;
     for _ in 0..if all_layers { sub_layers + 1 } else { 1 } {
         for _ in 0..3 {
@@ -96,7 +93,7 @@ fn parse(unit: &[u8]) -> Option<Sps> {
     }
     skip_reference_sets(&mut bits)?;
     if bits.flag()? {
-        for _ in 0..bits.unsigned().filter(|count| *count <= 32)? {
+        for _ in 0..bits.unsigned()? {
             bits.fixed(order_bits as usize + 1)?;
         }
     }
@@ -170,7 +167,7 @@ fn skip_scaling_lists(bits: &mut Bits) -> Option<()> {
 
 fn skip_reference_sets(bits: &mut Bits) -> Option<()> {
     let mut pictures: u64 = 0;
-    for set in 0..bits.unsigned().filter(|count| *count <= MAX_SETS)? {
+    for set in 0..bits.unsigned()? {
         if set > 0 && bits.flag()? {
             // The set differs from the one before.
             bits.flag()?;
@@ -183,9 +180,6 @@ fn skip_reference_sets(bits: &mut Bits) -> Option<()> {
         } else {
             pictures = 0;
             let (before, after) = (bits.unsigned()?, bits.unsigned()?);
-            if before > MAX_REFERENCES || after > MAX_REFERENCES {
-                return None;
-            }
             for _ in 0..before + after {
                 bits.unsigned()?;
                 bits.flag()?;

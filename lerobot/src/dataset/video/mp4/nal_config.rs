@@ -76,3 +76,21 @@ fn length_size(byte: u8, what: &str) -> Result<usize> {
         size => Ok(size),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn units_of_other_kinds_are_left_out() {
+        let mut body = vec![1];
+        body.extend([0; 20]);
+        // Lengths of four bytes, and two arrays with one unit each: a remark (39) and a parameter set (33).
+        body.extend([3, 2, 39, 0, 1, 0, 2, 0x4e, 1, 33, 0, 1, 0, 2, 0x42, 1]);
+        let config = NalConfig::hevc(&body).unwrap();
+        assert_eq!(config.parameter_sets, [[0x42, 1]]);
+        body[0] = 2;
+        let error = NalConfig::hevc(&body).unwrap_err();
+        assert!(error.contains("(hvcC) of version 2"), "{error}");
+    }
+}
