@@ -5,7 +5,8 @@
 #   scripts/bench-decode/run.sh [RUNS]      default: 3 runs of each, in turn
 #
 # LeRobot records 640x480 pictures as H.264, AV1 and HEVC, which takes minutes and is kept in ~/.cache/zk0. Both sides run on one core, and their
-# frames are counted per second of the processor, child processes included, so that other load matters little. HEVC takes an installed FFmpeg.
+# frames are counted per second of the processor, child processes included, so that other load matters little. ZK0_BENCH_VENV names a virtual
+# environment with LeRobot 0.6.1, ZK0_BENCH_RECORDINGS the folder of its recordings, and ZK0_BENCH_PROGRAM the built example.
 set -euo pipefail
 here=$(dirname "$(readlink -f "$0")")
 root=$here/../..
@@ -16,11 +17,13 @@ bench=${ZK0_BENCH_PROGRAM:-$CARGO_TARGET_DIR/release/examples/bench_decode}
 runs=${1:-3}
 
 [ -n "${ZK0_BENCH_VENV:-}" ] || "$root/scripts/python-env" "$venv" "$here/requirements.txt"
-[ -n "${ZK0_BENCH_PROGRAM:-}" ] || (cd "$root" && scripts/with-rust cargo build --release --workspace --locked --example bench_decode)
+[ -n "${ZK0_BENCH_PROGRAM:-}" ] || (cd "$root" && scripts/setup.sh && scripts/setup.sh video &&
+    scripts/with-rust cargo build --release --workspace --locked --example bench_decode)
 if [ ! -f "$recordings/shuffled" ]; then
-    rm -rf "$recordings"
-    mkdir -p "$recordings"
-    "$venv/bin/python" "$here/make_recordings.py" "$recordings"
+    mkdir -p "$(dirname "$recordings")"
+    made=$(mktemp -d "$recordings.XXXXXX")
+    "$venv/bin/python" "$here/make_recordings.py" "$made"
+    mv -T "$made" "$recordings"
 fi
 
 results=$(mktemp)
@@ -28,7 +31,7 @@ trap 'rm -f "$results"' EXIT
 # The last core. measured.py looks on from another one, and notes the memory of all processes of a side.
 on_one_core="taskset -c $(($(nproc) - 1))"
 measured() {
-    python3 "$here/../bench-simulate/measured.py" "$@" >>"$results" 2>&1
+    python3 "$here/../bench-simulate/measured.py" "$@" >>"$results" 2>&1 || { cat "$results" >&2 && exit 1; }
 }
 # torchcodec gives another picture than the one asked for when HEVC is read out of order, and LeRobot refuses it.
 both=(files:open {h264,av1}:{in-order,shuffled} hevc:in-order)
