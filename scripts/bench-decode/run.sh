@@ -28,8 +28,8 @@ fi
 
 results=$(mktemp)
 trap 'rm -f "$results"' EXIT
-# The last core. measured.py looks on from another one, and notes the memory of all processes of a side.
-on_one_core="taskset -c $(($(nproc) - 1))"
+# measured.py looks on, and notes the memory of all processes of a side.
+on_one_core="taskset -c 0"
 measured() {
     python3 "$here/../bench-simulate/measured.py" "$@" >>"$results" 2>&1 || { cat "$results" >&2 && exit 1; }
 }
