@@ -13,7 +13,7 @@ RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 SUDO := $(if $(filter-out 0,$(shell id -u)),sudo)
 
-.PHONY: look demo test hiding deletions attacks mutants quick lint coverage setup build image guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-fedavg bench-load bench-simulate cuda network flower rollout units buckets
+.PHONY: look demo test hiding deletions attacks mutants quick lint coverage setup build image guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-decode bench-fedavg bench-load bench-simulate cuda network flower rollout units buckets
 
 # Audits the committed ledger, which holds real proofs, and shows the report. It builds an auditor's program, without a prover, in the place of the
 # whole one: `make build` builds that again.
@@ -184,6 +184,11 @@ bench-simulate: setup
 # script.
 bench-train:
 	scripts/bench-train/run.sh
+
+# Reads the pictures of 640x480 recordings in H.264, AV1 and HEVC, beside LeRobot's reader. Prints JSON lines. The first run installs LeRobot into
+# ~/.cache/zk0 and records for some minutes; see the script.
+bench-decode:
+	scripts/bench-decode/run.sh
 
 # Trains a small policy on demonstrations in a simulator, takes it out of a ledger, and lets it drive a simulated SO-101 (docs/rollout.md). The first run
 # installs LeRobot, PyTorch and MuJoCo into ~/.cache/zk0, which takes 9 GB where PyTorch's own index cannot be reached.

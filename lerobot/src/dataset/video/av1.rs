@@ -32,6 +32,12 @@ impl Av1 {
         })
     }
 
+    /// The decoder as if it had seen no frame yet.
+    pub fn emptied(mut self) -> Self {
+        self.decoder.flush();
+        self
+    }
+
     /// Feeds one encoded frame (an AV1 temporal unit) and takes the one picture that it holds.
     pub fn decode(&mut self, encoded: Vec<u8>) -> Result<Decoded, String> {
         if let Err(e) = self.decoder.send_data(encoded, None, None, None) {

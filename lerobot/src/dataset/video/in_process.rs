@@ -54,11 +54,19 @@ impl InProcess {
         // The decoder is taken out, so that a decoder that failed is not used again.
         let mut playing = match self.playing.take() {
             Some(playing) if playing.reaches(key, sample) => playing,
-            _ => Playing {
-                decoder: self.decoder(source)?,
-                next: restart::before(source, key)?.key,
-                ahead: BTreeMap::new(),
-            },
+            elsewhere => {
+                let next = restart::before(source, key)?.key;
+                // It is not known of the first sample that a decoder can begin with it.
+                let elsewhere = elsewhere.filter(|_| next > 0);
+                Playing {
+                    decoder: match elsewhere.and_then(|playing| playing.decoder.emptied()) {
+                        Some(decoder) => decoder,
+                        None => self.decoder(source)?,
+                    },
+                    next,
+                    ahead: BTreeMap::new(),
+                }
+            }
         };
         let time = source.track.samples[sample].time;
         let samples = &source.track.samples;
@@ -116,6 +124,14 @@ impl Playing {
 }
 
 impl FrameDecoder {
+    /// The decoder as if it had seen nothing, which takes less than a new one; `None` where it cannot be emptied.
+    fn emptied(self) -> Option<Self> {
+        match self {
+            Self::Av1(decoder) => Some(Self::Av1(decoder.emptied())),
+            Self::H264(decoder) => decoder.emptied().map(Self::H264),
+        }
+    }
+
     fn decode(
         &mut self,
         encoded: Vec<u8>,

@@ -23,6 +23,8 @@ pub(crate) struct H264 {
     kind: Kind,
     height: usize,
     width: usize,
+    /// Whether a sample had other parameter sets than the track, which the library keeps.
+    other_sets: bool,
 }
 
 impl H264 {
@@ -43,7 +45,14 @@ impl H264 {
             kind,
             height,
             width,
+            other_sets: false,
         })
+    }
+
+    /// The decoder as if it had seen no frame yet: an IDR picture, with which it begins anew, ends all references, and the track's
+    /// parameter sets come before it again. `None` where other parameter sets would be left.
+    pub fn emptied(self) -> Option<Self> {
+        (!self.other_sets).then_some(self)
     }
 
     /// Feeds one sample, a key frame where `key`; gives its picture as RGB, `[3, height, width]`, if it is to be `shown`.
@@ -56,6 +65,7 @@ impl H264 {
         key: bool,
         shown: bool,
     ) -> Result<Option<Vec<u8>>, String> {
+        self.other_sets |= units::has_other_parameter_sets(&self.config, sample);
         let stream = nal::stream(&self.config, sample, key, |unit| {
             if !units::is_sequence_parameters(unit) {
                 return Ok(unit.into());
@@ -100,4 +110,36 @@ impl H264 {
 /// The library's error without its backtrace remarks.
 fn why(error: &openh264::Error) -> String {
     format!("OpenH264 error {:#x}", error.native_code())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::video::color::{Colors, Matrix, Sampling, YuvFormat};
+
+    #[test]
+    fn a_decoder_that_keeps_other_parameter_sets_is_not_emptied() {
+        let config = NalConfig {
+            length_size: 1,
+            parameter_sets: vec![vec![0x68, 1]],
+        };
+        let kind = Kind {
+            format: YuvFormat {
+                sampling: Sampling::Yuv420,
+                bits: 8,
+                colors: Colors {
+                    matrix: Matrix::Bt601,
+                    full_range: false,
+                },
+            },
+            openh264: true,
+        };
+        let after = |sample: &[u8]| {
+            let mut decoder = H264::new(&config, ContainerColors::default(), kind, 32, 48).unwrap();
+            assert!(decoder.decode(sample, false, true).is_err());
+            decoder.emptied().is_some()
+        };
+        assert!(after(&[2, 0x68, 1]));
+        assert!(!after(&[2, 0x68, 3]));
+    }
 }
