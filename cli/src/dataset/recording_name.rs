@@ -62,11 +62,8 @@ impl RecordingName {
         names: impl IntoIterator<Item = &'a Self>,
         rename_map: &RenameMap,
     ) -> Result<Vec<Dataset>> {
-        let opened = names.into_iter().map(|name| {
-            let renamed = name.open()?.renamed(rename_map);
-            renamed.with_context(|| format!("recording {name}"))
-        });
-        let opened = opened.collect::<Result<Vec<_>>>()?;
+        let opened = names.into_iter().map(Self::open);
+        let opened = rename_map.applied(opened.collect::<Result<Vec<_>>>()?)?;
         for copied in CopiedEpisodes::among(&opened) {
             tracing::warn!("{copied}");
         }

@@ -89,6 +89,12 @@ pub async fn run(options: &Join) -> Result<()> {
         variants,
         ..participant
     };
+    if options.member.rounds == 0 {
+        // Nothing is proven, so no proving service has to run.
+        return Ok(participant
+            .rounds(&mut node, 0, async |_, _| Ok(None))
+            .await?);
+    }
     let prover = ProvingClient::address(options.prover.clone());
     let mut prover = ProvingClient::connect(prover.with_ca(options.prover_ca.clone())).await?;
     Ok(participant

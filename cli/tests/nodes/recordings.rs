@@ -96,3 +96,18 @@ fn public_samples_of_another_kind_found_nothing() {
         assert!(!Path::new(&network.path("ledger")).exists());
     }
 }
+
+#[test]
+fn a_node_that_only_registers_needs_no_proving_service() {
+    let network = LocalNetwork::new();
+    found(&network, json!({}));
+    let (key, state) = (network.path("node.key"), network.path("state"));
+    let output = network.served(|aggregator, _, id| {
+        let nobody = ["--prover", "http://127.0.0.1:9", "--rounds", "0"];
+        let mut join = zk0(&["node", "join", "--aggregator", aggregator, "--network", id]);
+        join.args(["--key", &key, "--dataset", RECORDING, "--state", &state]);
+        join.args(nobody).output().unwrap()
+    });
+    assert!(output.status.success(), "{}", logged(&output));
+    assert_eq!(committed(&network.entries()).len(), 1);
+}

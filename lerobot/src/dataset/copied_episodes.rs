@@ -16,8 +16,8 @@ pub struct CopiedEpisodes {
     pub of: PathBuf,
     /// Whether these are one recording, and not two.
     pub within_one: bool,
-    /// Number of copies.
-    pub episodes: usize,
+    /// The copies, as the files number them.
+    pub episodes: Vec<usize>,
     /// The first copy, and the episode that it is a copy of, as the files number them.
     pub first: (usize, usize),
 }
@@ -36,13 +36,15 @@ impl CopiedEpisodes {
                     continue;
                 }
                 match copied.entry((number, of)) {
-                    Entry::Occupied(mut found) => found.get_mut().episodes += 1,
+                    Entry::Occupied(mut found) => {
+                        found.get_mut().episodes.push(episode.recorded);
+                    }
                     Entry::Vacant(place) => {
                         place.insert(Self {
                             recording: recording.root().into(),
                             of: original.root().into(),
                             within_one: of == number,
-                            episodes: 1,
+                            episodes: vec![episode.recorded],
                             first: (episode.recorded, first),
                         });
                     }
@@ -60,13 +62,21 @@ impl fmt::Display for CopiedEpisodes {
             true => String::new(),
             false => format!(" of {}", self.of.display()),
         };
+        let recording = self.recording.display();
         write!(
             f,
-            "{}: {} of its episodes are copies: episode {copy} has the states and actions of episode {original}{of}. Training counts them \
-             twice, and a copy of a held-out episode may be trained on; remove them with lerobot-edit-dataset --operation.type \
-             delete_episodes",
-            self.recording.display(),
-            self.episodes
-        )
+            "{recording}: {} of its episodes are copies: episode {copy} has the states and actions of episode {original}{of}. Training counts them \
+             twice, and a copy of a held-out episode may be trained on; ",
+            self.episodes.len()
+        )?;
+        match self.within_one {
+            true => write!(
+                f,
+                "remove them with lerobot-edit-dataset --repo_id NAME --root {recording} --operation.type delete_episodes \
+                 --operation.episode_indices '{:?}' --new_root NEW_FOLDER",
+                self.episodes
+            ),
+            false => f.write_str("use one of the two recordings alone"),
+        }
     }
 }

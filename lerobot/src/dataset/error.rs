@@ -14,8 +14,21 @@ pub enum DatasetError {
     #[error("{}: missing; the recording is incomplete, copy it again", path.display())]
     MissingFile { path: PathBuf },
     /// A map of cameras' names gives one name to two cameras.
-    #[error("{}: the rename map calls two cameras {name:?}: give each camera another name", path.display())]
+    #[error("{}: --rename-map calls two cameras {name:?}: give each camera another name", path.display())]
     RenamedAlike { path: PathBuf, name: String },
+    /// A map of cameras' names has a name that no camera has.
+    #[error(
+        "{}: --rename-map names {name:?}, and the cameras are {cameras:?}",
+        path.display()
+    )]
+    NoSuchCamera {
+        path: PathBuf,
+        name: String,
+        cameras: Vec<String>,
+    },
+    /// A folder without a recording in it.
+    #[error("{}: holds no recording; a LeRobotDataset is a folder with meta/, data/ and videos/", path.display())]
+    NoRecording { path: PathBuf },
     /// The process that recorded was ended before it wrote `meta/episodes`.
     #[error(
         "{}: the recording ended too early ({sign}); save its whole episodes with: zk0 dataset recover {} --out NEW_FOLDER",
@@ -125,7 +138,7 @@ pub enum DatasetError {
     },
     /// Recordings that are trained on together are not alike.
     #[error(
-        "{}: has {cause} as {} has; train on recordings that agree, or correct meta/info.json if only the names differ",
+        "{}: has {cause} as {} has; recordings that are used together have to agree",
         path.display(), first.display()
     )]
     Different {

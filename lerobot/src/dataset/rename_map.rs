@@ -43,21 +43,43 @@ pub fn whole_name(name: &str) -> String {
     }
 }
 
-impl Dataset {
-    /// The same recording with its cameras under other names, all renamed at once. As in LeRobot, a name that no camera has renames nothing; this
-    /// warns of it.
+impl RenameMap {
+    /// Gives the cameras of recordings that are used together other names, all at once. A recording may lack some of the map's cameras.
     ///
     /// # Errors
-    /// [`DatasetError::RenamedAlike`] when two cameras would have one name.
-    pub fn renamed(mut self, map: &RenameMap) -> Result<Self, DatasetError> {
-        let found: BTreeSet<&str> = self.cameras().iter().map(|c| c.name.as_str()).collect();
-        for unknown in map.0.keys().filter(|old| !found.contains(old.as_str())) {
-            tracing::warn!(
-                "{}: the rename map names {unknown:?}, and the recording's cameras are {found:?}",
-                self.root().display()
-            );
+    /// [`DatasetError::NoSuchCamera`] when no recording has a camera of the map (LeRobot would rename nothing, without a word), and
+    /// [`DatasetError::RenamedAlike`] when two cameras of a recording would have one name.
+    pub fn applied(&self, recordings: Vec<Dataset>) -> Result<Vec<Dataset>, DatasetError> {
+        let has = |old: &String| {
+            let mut cameras = recordings.iter().flat_map(Dataset::cameras);
+            cameras.any(|camera| camera.name == *old)
+        };
+        if let (Some(unknown), Some(first)) =
+            (self.0.keys().find(|old| !has(old)), recordings.first())
+        {
+            return Err(DatasetError::NoSuchCamera {
+                path: first.root().into(),
+                name: unknown.clone(),
+                cameras: first.cameras().iter().map(|c| c.name.clone()).collect(),
+            });
         }
-        let path = self.root().to_path_buf();
+        recordings
+            .into_iter()
+            .map(|recording| recording.with_names_of(self))
+            .collect()
+    }
+}
+
+impl Dataset {
+    /// The same recording with its cameras under other names.
+    ///
+    /// # Errors
+    /// As [`RenameMap::applied`].
+    pub fn renamed(self, map: &RenameMap) -> Result<Self, DatasetError> {
+        Ok(map.applied(vec![self])?.remove(0))
+    }
+
+    fn with_names_of(mut self, map: &RenameMap) -> Result<Self, DatasetError> {
         let mut taken = BTreeSet::new();
         for camera in &mut self.info.cameras {
             if let Some(new) = map.0.get(&camera.name) {
@@ -65,6 +87,7 @@ impl Dataset {
             }
             if !taken.insert(camera.name.clone()) {
                 let name = camera.name.clone();
+                let path = self.root().to_path_buf();
                 return Err(DatasetError::RenamedAlike { path, name });
             }
         }

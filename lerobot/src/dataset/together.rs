@@ -50,7 +50,7 @@ fn difference(first: &Info, other: &Info) -> Option<String> {
         }
         if named(ours) && named(theirs) && ours.names != theirs.names {
             return Some(format!(
-                "{name} in the order {:?}, not {:?}",
+                "{name} of the joints {:?}, not {:?}",
                 theirs.names, ours.names
             ));
         }
@@ -59,7 +59,9 @@ fn difference(first: &Info, other: &Info) -> Option<String> {
         cameras.iter().map(|camera| camera.name.clone()).collect()
     };
     let (ours, theirs) = (names(&first.cameras), names(&other.cameras));
-    (ours != theirs).then(|| format!("the cameras {theirs:?}, not {ours:?}"))
+    (ours != theirs).then(|| {
+        format!("the cameras {theirs:?} (--rename-map gives them other names), not {ours:?}")
+    })
 }
 
 /// Older recordings do not name their joints. Then nothing can be compared.

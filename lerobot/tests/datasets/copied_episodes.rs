@@ -13,13 +13,17 @@ fn a_merge_of_two_copies_has_every_episode_twice() {
         recording: root.clone(),
         of: root,
         within_one: true,
-        episodes: 2,
+        episodes: vec![2, 3],
         first: (2, 0),
     };
     assert_eq!(copied, [expected]);
     let note = copied[0].to_string();
     let states = "merged_with_itself: 2 of its episodes are copies: episode 2 has the states and actions of episode 0.";
     assert!(note.contains(states), "{note}");
+    assert!(
+        note.contains("--operation.episode_indices '[2, 3]'"),
+        "{note}"
+    );
 }
 
 #[test]
@@ -31,7 +35,7 @@ fn copies_in_another_recording_are_found_by_their_content() {
         recording: recording("so100_sorting_two"),
         of: recording("so100_sorting"),
         within_one: false,
-        episodes: 2,
+        episodes: vec![0, 1],
         first: (0, 4),
     };
     assert_eq!(copied, [expected]);
@@ -40,7 +44,7 @@ fn copies_in_another_recording_are_found_by_their_content() {
     assert!(!CopiedEpisodes::among(&twice)[0].within_one);
     // The videos are encoded anew there, the motion is the same.
     let again = ["so100_pickplace", "so100_pickplace_v21"].map(open);
-    assert_eq!(CopiedEpisodes::among(&again)[0].episodes, 6);
+    assert_eq!(CopiedEpisodes::among(&again)[0].episodes.len(), 6);
     let others = ["so100_pickplace", "so100_stacking", "so101_pickplace"].map(open);
     assert_eq!(CopiedEpisodes::among(&others), []);
 }

@@ -34,10 +34,22 @@ fn cameras_change_names_at_once_and_keep_their_pictures() {
 }
 
 #[test]
-fn a_name_that_no_camera_has_renames_nothing() {
-    let dataset = Dataset::open(recording("so100_pickplace")).unwrap();
-    let dataset = dataset.renamed(&map(r#"{"front": "side"}"#)).unwrap();
-    assert_eq!(names(&dataset), [TOP, WRIST]);
+fn a_name_that_no_recording_has_is_refused() {
+    let dataset = || Dataset::open(recording("so100_pickplace")).unwrap();
+    let error = dataset().renamed(&map(r#"{"front": "side"}"#)).unwrap_err();
+    let text = error.to_string();
+    assert!(
+        text.contains("--rename-map names \"observation.images.front\", and the cameras are [\"observation.images.top\""),
+        "{text}"
+    );
+    // One of two recordings may lack it.
+    let front = dataset().renamed(&map(r#"{"top": "front"}"#)).unwrap();
+    let both = map(r#"{"front": "top"}"#)
+        .applied(vec![dataset(), front])
+        .unwrap();
+    for dataset in both {
+        assert_eq!(names(&dataset), [TOP, WRIST]);
+    }
 }
 
 #[test]

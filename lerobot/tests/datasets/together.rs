@@ -28,12 +28,12 @@ fn what_lerobot_s_merge_refuses_is_refused() {
         (
             "\"main_shoulder_pan\"",
             "\"main_gripper\"",
-            "in the order [\"main_gripper\", \"main_shoulder_lift\"",
+            "of the joints [\"main_gripper\", \"main_shoulder_lift\"",
         ),
         (
             "\"observation.images.wrist\"",
             "\"observation.images.side\"",
-            "has the cameras {\"observation.images.side\", \"observation.images.top\"}, not {\"observation.images.top\", ",
+            "has the cameras {\"observation.images.side\", \"observation.images.top\"} (--rename-map gives them other names), not {\"observation.images.top\", ",
         ),
     ];
     for (from, to, cause) in cases {

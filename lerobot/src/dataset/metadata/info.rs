@@ -181,6 +181,9 @@ impl Info {
         if !root.is_dir() {
             return Err(DatasetError::NoFolder { path: root.into() });
         }
+        if !root.join("meta").is_dir() {
+            return Err(DatasetError::NoRecording { path: root.into() });
+        }
         let path = root.join("meta/info.json");
         Self::parse(&path, &read_text(&path)?)
     }

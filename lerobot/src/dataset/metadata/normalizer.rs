@@ -110,9 +110,22 @@ impl Normalizer {
                 std.len()
             ));
         }
-        let f32s = |values: &[f64]| values.iter().map(|&v| v as f32).collect();
-        Self::new(f32s(mean), f32s(std))
-            .ok_or_else(|| "a mean or standard deviation is not a finite number, or below 0".into())
+        let f32s = |values: &[f64]| -> Vec<f32> { values.iter().map(|&v| v as f32).collect() };
+        let (mean, std) = (f32s(mean), f32s(std));
+        let not_finite = |value: &f32| !value.is_finite();
+        if let Some(at) = mean.iter().position(not_finite) {
+            return Err(format!(
+                "mean {at} is {}, which is no finite number",
+                mean[at]
+            ));
+        }
+        if let Some(at) = std.iter().position(|v| not_finite(v) || *v < 0.0) {
+            let value = std[at];
+            return Err(format!(
+                "standard deviation {at} is {value}; it has to be a finite number, 0 or above"
+            ));
+        }
+        Self::new(mean, std).ok_or_else(|| "has no dimensions".into())
     }
 
     /// From one mean and one standard deviation per dimension; `None` where lengths differ or are 0, or a value is not

@@ -1,10 +1,12 @@
 //! Where the pictures of a recording are that can be read: its metadata names their places, and where a merge by LeRobot 0.4.0 to 0.4.2
 //! named wrong ones, they were put right on reading.
 
-use std::path::PathBuf;
+use std::fs::File;
+use std::path::{Path, PathBuf};
 
 use crate::dataset::recover::placing::Stretch;
 use crate::dataset::recover::rows::EpisodeRows;
+use crate::dataset::video::mp4::track::Mp4Track;
 use crate::dataset::Dataset;
 
 /// A camera's videos, and of each episode the stretch, or why there is none.
@@ -14,6 +16,7 @@ pub(crate) fn stretches(
     episodes: &[EpisodeRows],
 ) -> (Vec<PathBuf>, Vec<Result<Stretch, String>>) {
     let mut videos: Vec<PathBuf> = Vec::new();
+    let mut faults: Vec<Option<String>> = Vec::new();
     let mut of = |episode: &EpisodeRows| {
         let number = usize::try_from(episode.number).unwrap_or(usize::MAX);
         let left_out = dataset.left_out();
@@ -30,8 +33,12 @@ pub(crate) fn stretches(
         let video = videos.iter().position(|path| *path == span.path);
         let video = video.unwrap_or_else(|| {
             videos.push(span.path.clone());
+            faults.push(fault(&span.path));
             videos.len() - 1
         });
+        if let Some(fault) = &faults[video] {
+            return Err(fault.clone());
+        }
         let from = span.from_timestamp;
         // Pictures after the last row are not its own.
         let to = from + episode.rows.len() as f64 / f64::from(dataset.fps());
@@ -39,4 +46,13 @@ pub(crate) fn stretches(
     };
     let stretches = episodes.iter().map(&mut of).collect();
     (videos, stretches)
+}
+
+/// Why a video cannot be copied as it is: its index is damaged, or names bytes that the file has not.
+fn fault(path: &Path) -> Option<String> {
+    let read = File::open(path)
+        .map_err(|error| format!("cannot be read: {error}"))
+        .and_then(|mut file| Mp4Track::read(&mut file));
+    let fault = read.err()?;
+    Some(format!("{}: {fault}", path.display()))
 }

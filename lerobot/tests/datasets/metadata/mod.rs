@@ -293,11 +293,11 @@ fn broken_stats() {
     };
     damage(
         |s| s["action"]["std"][2] = (-1.0).into(),
-        "action: a mean or standard deviation",
+        "action: standard deviation 2 is -1; it has to be",
     );
     damage(
         |s| s["action"]["std"][2] = 1e300.into(),
-        "action: a mean or standard deviation",
+        "action: standard deviation 2 is inf",
     );
     damage(
         |s| s["action"]["mean"] = vec![0.0; 5].into(),

@@ -122,7 +122,7 @@ fn v21_lines_that_are_wrong() {
     let changes: [(fn(&mut serde_json::Value), &str); 2] = [
         (
             |s| s["std"][1] = (-1.0).into(),
-            "action: a mean or standard deviation",
+            "action: standard deviation 1 is -1; it has to be",
         ),
         (
             |s| s["mean"] = vec![1.0].into(),

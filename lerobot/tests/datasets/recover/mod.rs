@@ -512,3 +512,24 @@ fn recover_is_named_where_it_helps_and_nowhere_else() {
     let error = copy.error().to_string();
     assert!(!error.contains("recover"), "{error}");
 }
+
+/// A copy of a recording that is cut off can be read up to there, and LeRobot fails at the first picture that is missing.
+#[test]
+fn episodes_of_a_damaged_video_are_lost() {
+    let video = "videos/observation.images.top/chunk-000/file-000.mp4";
+    let damages: [fn(&mut Vec<u8>); 2] = [|bytes| bytes.truncate(bytes.len() * 6 / 10), Vec::clear];
+    for damage in damages {
+        let copy = Copy::of("so100_sorting_two");
+        copy.edit(video, |mut bytes| {
+            damage(&mut bytes);
+            bytes
+        });
+        copy.open().unwrap();
+        let error = recover(copy.root(), &Out::new().path()).unwrap_err();
+        let lost = format!(
+            "no episode can be saved:\nepisode 0: {}: ",
+            copy.path(video).display()
+        );
+        assert!(error.to_string().contains(&lost), "{error}");
+    }
+}
