@@ -15,7 +15,6 @@ use zk0_traces::export::Traces;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
-#[allow(clippy::large_enum_variant)] // There is one, for as long as the program runs.
 pub enum Command {
     /// Make a node's key and print its identity. The network's operator enrols the identity.
     Keygen {
@@ -33,7 +32,7 @@ pub enum Command {
     /// enrolled again.
     Leave(Signer),
     /// Join a network: commit to a recording, and then train, prove and submit in each round.
-    Join(Join),
+    Join(Box<Join>),
 }
 
 impl Command {
