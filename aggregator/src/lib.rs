@@ -1,10 +1,10 @@
 //! The aggregator: the one writer of a ledger, the gRPC service in front of it, and what it publishes.
 //!
 //! A short tour:
-//! - [`round`]: founding a network ([`round::founding`]), opening and closing rounds ([`round::aggregator`]), recording what nodes send ([`round::recording`]), uploads that
-//!   wait ([`round::recording::staging`]), the closing of commitments and the randomness ([`round::drawing`]), what a restarted aggregator reads from its ledger ([`round::ledger_index`]), disputes
-//!   ([`round::dispute`]), the clock, and why a request is turned down ([`round::request`]).
-//! - [`serve`]: the gRPC service and its limits ([`serve::service`]), and the answers to its requests ([`serve::requests`]).
+//! - [`round`]: founding a network ([`round::founding`]), opening and closing rounds ([`round::aggregator`]), recording what nodes send ([`round::intake`]), uploads that
+//!   wait ([`round::intake::staging`]), the closing of commitments and the randomness ([`round::drawing`]), what a restarted aggregator reads from its ledger ([`round::ledger_index`]), disputes
+//!   ([`round::dispute`]), the clock, and why a request is turned down ([`round::request_error`]).
+//! - [`serve`]: the gRPC service and its limits ([`serve::service`]), and the answers to its requests ([`serve::federation_service`]).
 //! - [`publish`]: HTTP under limits ([`publish::http`]) for the log's files ([`publish::log_server`]) and for a witness
 //!   ([`publish::witness_server`]), the client that asks witnesses for cosignatures ([`publish::cosigning`]), and the
 //!   one that asks servers for beacons ([`publish::beacon`]).

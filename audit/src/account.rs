@@ -11,7 +11,7 @@ use zk0_protocol::counted::counted;
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, BorshSerialize, BorshDeserialize,
 )]
 #[serde(rename_all = "kebab-case")]
-pub enum What {
+pub enum CheckKind {
     /// The guest program is the one of this release, or one that the auditor named.
     Program,
     /// The parameters of the evaluation are those of this release, or some that the auditor named.
@@ -45,7 +45,7 @@ pub enum What {
     Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, BorshSerialize, BorshDeserialize,
 )]
 #[serde(rename_all = "kebab-case")]
-pub enum Why {
+pub enum SkipReason {
     /// The audit is light: it reads no weights and no lists of drawn frames.
     Light,
     /// A blob that the check reads is not at hand.
@@ -85,9 +85,9 @@ pub struct Checked {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct NotChecked {
     /// The kind of check.
-    pub what: What,
+    pub what: CheckKind,
     /// The reason.
-    pub why: Why,
+    pub why: SkipReason,
     /// How many checks.
     pub count: u64,
     /// The entry of the first of them.
@@ -99,18 +99,18 @@ pub struct NotChecked {
 /// What was checked and left out so far.
 #[derive(Clone, Debug, Default, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Account {
-    passed: BTreeMap<What, u64>,
-    left_out: BTreeMap<(What, Why), (u64, u64, String)>,
+    passed: BTreeMap<CheckKind, u64>,
+    left_out: BTreeMap<(CheckKind, SkipReason), (u64, u64, String)>,
 }
 
 impl Account {
     /// Counts a check that passed.
-    pub fn passed(&mut self, what: What) {
+    pub fn passed(&mut self, what: CheckKind) {
         *self.passed.entry(what).or_default() += 1;
     }
 
     /// Counts a check of entry `index` that was left out.
-    pub fn left_out(&mut self, what: What, why: Why, index: u64, example: String) {
+    pub fn left_out(&mut self, what: CheckKind, why: SkipReason, index: u64, example: String) {
         let place = self.left_out.entry((what, why));
         place.or_insert((0, index, example)).0 += 1;
     }
@@ -129,29 +129,31 @@ impl Account {
     pub fn checked(&self) -> Checked {
         let count = |what| self.passed.get(&what).copied().unwrap_or_default();
         Checked {
-            datasets: count(What::Datasets),
-            proofs: count(What::Proofs),
-            updates: count(What::Updates),
-            refusals: count(What::Refusals),
-            averages: count(What::Averages),
-            results: count(What::Results),
-            disputes: count(What::Disputes),
+            datasets: count(CheckKind::Datasets),
+            proofs: count(CheckKind::Proofs),
+            updates: count(CheckKind::Updates),
+            refusals: count(CheckKind::Refusals),
+            averages: count(CheckKind::Averages),
+            results: count(CheckKind::Results),
+            disputes: count(CheckKind::Disputes),
             not_checked: self.left_out.values().map(|(count, ..)| count).sum(),
         }
     }
 
     /// What was left out, a line for each kind and reason.
     pub fn not_checked(&self) -> Vec<NotChecked> {
-        let line =
-            |(&(what, why), (count, index, example)): (&(What, Why), &(u64, u64, String))| {
-                NotChecked {
-                    what,
-                    why,
-                    count: *count,
-                    first_entry: *index,
-                    example: example.clone(),
-                }
-            };
+        let line = |(&(what, why), (count, index, example)): (
+            &(CheckKind, SkipReason),
+            &(u64, u64, String),
+        )| {
+            NotChecked {
+                what,
+                why,
+                count: *count,
+                first_entry: *index,
+                example: example.clone(),
+            }
+        };
         self.left_out.iter().map(line).collect()
     }
 }
@@ -166,40 +168,40 @@ impl NotChecked {
 impl std::fmt::Display for NotChecked {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let (one, many) = match self.what {
-            What::Program => ("guest program", "guest programs"),
-            What::Evaluation => ("evaluation's parameters", "evaluations' parameters"),
-            What::Policy => ("initial policy", "initial policies"),
-            What::Datasets => (
+            CheckKind::Program => ("guest program", "guest programs"),
+            CheckKind::Evaluation => ("evaluation's parameters", "evaluations' parameters"),
+            CheckKind::Policy => ("initial policy", "initial policies"),
+            CheckKind::Datasets => (
                 "dataset's list of drawn frames",
                 "datasets' lists of drawn frames",
             ),
-            What::Bases => (
+            CheckKind::Bases => (
                 "file of weights that a round starts from",
                 "files of weights that rounds start from",
             ),
-            What::Proofs if self.why == Why::NotAtHand => (
+            CheckKind::Proofs if self.why == SkipReason::NotAtHand => (
                 "accepted contribution's proof in the open round",
                 "accepted contributions' proofs in the open round",
             ),
-            What::Proofs => (
+            CheckKind::Proofs => (
                 "accepted contribution's proof",
                 "accepted contributions' proofs",
             ),
-            What::Updates => ("update's weights", "updates' weights"),
-            What::Refusals => ("refusal's reason", "refusals' reasons"),
-            What::Averages => ("average", "averages"),
-            What::Results => (
+            CheckKind::Updates => ("update's weights", "updates' weights"),
+            CheckKind::Refusals => ("refusal's reason", "refusals' reasons"),
+            CheckKind::Averages => ("average", "averages"),
+            CheckKind::Results => (
                 "evaluation of a round's result",
                 "evaluations of rounds' results",
             ),
-            What::Globals => ("file of global weights", "files of global weights"),
-            What::Moments => ("file of a round's moments", "files of rounds' moments"),
-            What::Disputes => ("decision of a dispute", "decisions of disputes"),
+            CheckKind::Globals => ("file of global weights", "files of global weights"),
+            CheckKind::Moments => ("file of a round's moments", "files of rounds' moments"),
+            CheckKind::Disputes => ("decision of a dispute", "decisions of disputes"),
         };
         write!(f, "{}: ", counted(self.count, one, many))?;
         match self.why {
-            Why::Light => f.write_str("this audit is light"),
-            Why::Pruned => {
+            SkipReason::Light => f.write_str("this audit is light"),
+            SkipReason::Pruned => {
                 let first = if self.count == 1 { "" } else { "the first, " };
                 write!(
                     f,
@@ -207,7 +209,10 @@ impl std::fmt::Display for NotChecked {
                     self.example, self.first_entry
                 )
             }
-            Why::NotAtHand | Why::RestsOnOthers | Why::OthersChoice | Why::NoVerifier => {
+            SkipReason::NotAtHand
+            | SkipReason::RestsOnOthers
+            | SkipReason::OthersChoice
+            | SkipReason::NoVerifier => {
                 let first = if self.count == 1 { "" } else { "the first, " };
                 write!(f, "{first}{} (entry {})", self.example, self.first_entry)
             }

@@ -12,14 +12,14 @@
 mod found;
 mod saved;
 
-use crate::account::{Account, Checked, NotChecked, What, Why};
+use crate::account::{Account, CheckKind, Checked, NotChecked, SkipReason};
 use crate::auditor::found::Found;
 use crate::checks::closings;
-use crate::checks::excuse::{Excuse, Rounds};
+use crate::checks::pruning_waiver::{PruningWaiver, Rounds};
 use crate::checks::{self, Check, Examined, Missing, Recorded};
 use crate::depth::Depth;
-use crate::named::Named;
 use crate::queue::{Panicked, Queue};
+use crate::trusted_programs::TrustedPrograms;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroUsize;
@@ -40,7 +40,7 @@ use zk0_verifier::{Evaluation, ProgramKey, VerifiedContribution};
 /// Verifies contributions and averages again during a replay: hand it to [`zk0_ledger::replay::replay`].
 pub struct Auditor {
     depth: Depth,
-    named: Named,
+    named: TrustedPrograms,
     /// What was checked, without the contributions that the open round accepted.
     account: Account,
     /// What was checked of the contributions that the open round accepted.
@@ -91,7 +91,7 @@ impl Auditor {
     pub fn with_threads(depth: Depth, threads: NonZeroUsize) -> Self {
         Self {
             depth,
-            named: Named::default(),
+            named: TrustedPrograms::default(),
             account: Account::default(),
             open: Account::default(),
             accepted: Vec::new(),
@@ -107,7 +107,7 @@ impl Auditor {
     }
 
     /// The audit of an auditor who answers for these.
-    pub fn naming(self, named: Named) -> Self {
+    pub fn naming(self, named: TrustedPrograms) -> Self {
         Self { named, ..self }
     }
 
@@ -168,14 +168,19 @@ impl Auditor {
         } in &self.missing
         {
             let name = format!("{name} is not at hand; it has to be at hand once its round closes");
-            account.left_out(*what, Why::NotAtHand, *index, name);
+            account.left_out(*what, SkipReason::NotAtHand, *index, name);
         }
         for (recorded, _) in &self.refused {
             let node = recorded.submission.statement.claim.terms.node;
             let name = format!(
                 "node {node}'s refused contribution is not at hand; it is looked for again once its round closes"
             );
-            account.left_out(What::Refusals, Why::NotAtHand, recorded.index, name);
+            account.left_out(
+                CheckKind::Refusals,
+                SkipReason::NotAtHand,
+                recorded.index,
+                name,
+            );
         }
         account
     }
@@ -243,10 +248,10 @@ impl Auditor {
     /// Checks again the refusals whose blobs were not at hand while their round was open.
     fn check_refused(&mut self, closed: &RoundClosed, blobs: &Blobs) {
         for (recorded, reason) in std::mem::take(&mut self.refused) {
-            let excuse = Excuse::of(self.pruning, closed.round, recorded.index);
+            let waiver = PruningWaiver::of(self.pruning, closed.round, recorded.index);
             let (depth, blobs) = (self.depth, blobs.clone());
             self.begin(move || {
-                let check = recorded.rejected(&reason, depth, excuse, &blobs);
+                let check = recorded.rejected(&reason, depth, waiver, &blobs);
                 Outcome::Check(recorded.index, check)
             });
         }
@@ -257,13 +262,13 @@ impl Auditor {
     fn closed(&mut self, before: &State, index: u64, closed: &RoundClosed, blobs: &Blobs) {
         self.finish_all();
         self.check_refused(closed, blobs);
-        let excuse = Excuse::of(self.pruning, closed.round, index);
+        let waiver = PruningWaiver::of(self.pruning, closed.round, index);
         let open = std::mem::take(&mut self.open);
         self.account.add(open);
         let mut pruned = false;
         for missing in self.missing.drain(..) {
             let Missing { what, name, .. } = missing;
-            if !excuse.covers(&missing.kind) {
+            if !waiver.covers(&missing.kind) {
                 let why = format!("{name} is missing, and the round has closed");
                 let lost = Check::Lost(missing.blob, why);
                 self.found.enter(&mut self.account, index, lost);
@@ -271,27 +276,27 @@ impl Auditor {
             }
             pruned = true;
             let entry = missing.index;
-            if what == What::Proofs && self.depth == Depth::Full {
+            if what == CheckKind::Proofs && self.depth == Depth::Full {
                 let what = format!("the update that belongs to {name}");
-                (self.account).left_out(What::Updates, Why::Pruned, entry, what);
+                (self.account).left_out(CheckKind::Updates, SkipReason::Pruned, entry, what);
             }
-            self.account.left_out(what, Why::Pruned, entry, name);
+            self.account.left_out(what, SkipReason::Pruned, entry, name);
         }
         let depth = self.depth;
-        let average = closings::average(before, closed, &self.contributions, depth, excuse, blobs);
+        let average = closings::average(before, closed, &self.contributions, depth, waiver, blobs);
         let (average, combined) = match average {
-            Ok(combined) => (Check::Passed(What::Averages), Ok(combined)),
-            Err(Check::LeftOut(what, Why::RestsOnOthers, _)) if pruned => {
+            Ok(combined) => (Check::Passed(CheckKind::Averages), Ok(combined)),
+            Err(Check::LeftOut(what, SkipReason::RestsOnOthers, _)) if pruned => {
                 let name = format!("the average of round {}", closed.round);
-                (Check::LeftOut(what, Why::Pruned, name), Err(()))
+                (Check::LeftOut(what, SkipReason::Pruned, name), Err(()))
             }
             Err(check) => (check, Err(())),
         };
-        if let Check::LeftOut(_, Why::Pruned, _) = &average {
+        if let Check::LeftOut(_, SkipReason::Pruned, _) = &average {
             self.unrepeatable.add(closed.round);
         }
         self.found.enter(&mut self.account, index, average);
-        if let Some(result) = closings::result(before, closed, combined, depth, excuse, blobs) {
+        if let Some(result) = closings::result(before, closed, combined, depth, waiver, blobs) {
             self.found.enter(&mut self.account, index, result);
         }
         self.forget_round();
@@ -318,8 +323,16 @@ impl Recheck for Auditor {
         let (policy, depth, blobs) = (genesis.policy, self.depth, blobs.clone());
         self.check(0, move || {
             let (kind, name) = (BlobKind::Policy, "the initial policy");
-            let excuse = Excuse::default();
-            checks::whole(What::Policy, &kind, name, &policy, depth, excuse, &blobs)
+            let waiver = PruningWaiver::default();
+            checks::whole(
+                CheckKind::Policy,
+                &kind,
+                name,
+                &policy,
+                depth,
+                waiver,
+                &blobs,
+            )
         });
         self.found.take()
     }
@@ -330,7 +343,7 @@ impl Recheck for Auditor {
 
     fn entry(&mut self, before: &State, index: u64, entry: &Entry, blobs: &Blobs) -> Vec<Finding> {
         let depth = self.depth;
-        let excuse = |round| Excuse::of(self.pruning, round, index);
+        let waiver = |round| PruningWaiver::of(self.pruning, round, index);
         let recorded = |submission: &Signed<Submission>| Recorded {
             index,
             time_ms: entry.time_ms,
@@ -351,28 +364,36 @@ impl Recheck for Auditor {
                     .retain(|index, _| disputable.contains_key(index));
                 let evaluation = Evaluation::of(before);
                 let limit = BlobKind::Weights.max_bytes(before.rules());
-                let (base, excuse, blobs) = (opened.base, excuse(opened.round), blobs.clone());
+                let (base, waiver, blobs) = (opened.base, waiver(opened.round), blobs.clone());
                 self.check(index, move || {
-                    checks::base(evaluation, limit, &base, depth, excuse, &blobs)
+                    checks::base(evaluation, limit, &base, depth, waiver, &blobs)
                 });
             }
             Body::ContributionAccepted(submission) => self.examine(recorded(submission), blobs),
             Body::ContributionRejected { submission, reason } => {
                 let refused = Box::new((recorded(submission), reason.clone()));
-                let excuse = excuse(submission.statement.claim.terms.round);
+                let waiver = waiver(submission.statement.claim.terms.round);
                 let blobs = blobs.clone();
                 self.begin(move || {
-                    let check = refused.0.rejected(&refused.1, depth, excuse, &blobs);
+                    let check = refused.0.rejected(&refused.1, depth, waiver, &blobs);
                     Outcome::Refused(refused, check)
                 });
             }
             Body::RoundClosed(closed) => {
-                let excuse = excuse(closed.round);
+                let waiver = waiver(closed.round);
                 self.closed(before, index, closed, blobs);
                 let (global, blobs) = (closed.global.blob, blobs.clone());
                 self.check(index, move || {
                     let (kind, name) = (BlobKind::Weights, "the global weights");
-                    checks::whole(What::Globals, &kind, name, &global, depth, excuse, &blobs)
+                    checks::whole(
+                        CheckKind::Globals,
+                        &kind,
+                        name,
+                        &global,
+                        depth,
+                        waiver,
+                        &blobs,
+                    )
                 });
             }
             Body::DisputeResolved(resolved) => {
@@ -394,11 +415,19 @@ impl Recheck for Auditor {
                 }
             }
             Body::MomentsComputed(computed) => {
-                let excuse = excuse(computed.round);
+                let waiver = waiver(computed.round);
                 let (moments, blobs) = (computed.moments, blobs.clone());
                 self.check(index, move || {
                     let (kind, name) = (BlobKind::Moments, "the moments");
-                    checks::whole(What::Moments, &kind, name, &moments, depth, excuse, &blobs)
+                    checks::whole(
+                        CheckKind::Moments,
+                        &kind,
+                        name,
+                        &moments,
+                        depth,
+                        waiver,
+                        &blobs,
+                    )
                 });
             }
             // The replay verifies closings and randomness: they are rules of the state machine.
@@ -473,7 +502,7 @@ mod tests {
         let mut again = auditor().go_on(&saved, &blobs).unwrap();
         let mut checks = 0;
         while !again.queue.is_full() {
-            let check = Check::Passed(What::Program);
+            let check = Check::Passed(CheckKind::Program);
             again.queue.push(Outcome::Check(0, check));
             checks += 1;
         }

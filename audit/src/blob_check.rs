@@ -1,6 +1,6 @@
 //! Checks the blobs in a ledger's folder: each has the SHA-256 that is its name. [`crate::auditor`] checks proofs and averages.
 
-use crate::checks::excuse::Excuse;
+use crate::checks::pruning_waiver::PruningWaiver;
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_ledger::replay::{Finding, Recheck};
 use zk0_protocol::counted::counted;
@@ -52,10 +52,10 @@ impl BlobCheck {
     ) -> Vec<Finding> {
         let mut found = Vec::new();
         for NamedBlob { digest, kind } in named_blobs(body) {
-            let excuse = round.map(|round| Excuse::of(self.pruning, round, index));
+            let waiver = round.map(|round| PruningWaiver::of(self.pruning, round, index));
             match blobs.check(&digest) {
                 Ok(()) => {}
-                Err(BlobError::Missing(_)) if excuse.is_some_and(|one| one.covers(&kind)) => {
+                Err(BlobError::Missing(_)) if waiver.is_some_and(|one| one.covers(&kind)) => {
                     self.pruned += 1;
                 }
                 Err(BlobError::Missing(_)) => found.push(Finding::note(

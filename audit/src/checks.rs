@@ -1,16 +1,16 @@
-//! The checks themselves; [`closings`] has those of the end of a round, [`check`] their outcomes, and [`excuse`] says what is not
+//! The checks themselves; [`closings`] has those of the end of a round, [`check`] their outcomes, and [`waiver`] says what is not
 //! called missing because it was pruned. Each is a function of what the ledger says and of the blobs at
 //! hand, and uses the functions by which the aggregator decided.
 
 pub mod check;
 pub mod closings;
-pub mod excuse;
+pub mod pruning_waiver;
 
-use crate::account::{What, Why};
+use crate::account::{CheckKind, SkipReason};
 use crate::checks::check::{get, not_at_hand, unreadable};
-use crate::checks::excuse::Excuse;
+use crate::checks::pruning_waiver::PruningWaiver;
 use crate::depth::Depth;
-use crate::named::Named;
+use crate::trusted_programs::TrustedPrograms;
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::fmt::Display;
 use zk0_circuits::claim::program::verifying_key;
@@ -44,7 +44,7 @@ pub struct Recorded {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Missing {
     /// The check that needs it.
-    pub what: What,
+    pub what: CheckKind,
     /// What the blob holds.
     pub kind: BlobKind,
     /// The blob.
@@ -103,7 +103,7 @@ impl Recorded {
             Ok(Ok(proof)) => proof,
             Ok(Err(absent)) => {
                 return Examined {
-                    missing: missing(What::Proofs, absent),
+                    missing: missing(CheckKind::Proofs, absent),
                     ..Examined::default()
                 }
             }
@@ -119,16 +119,20 @@ impl Recorded {
         let verified = match self.verify(proof, weights.as_ref().ok().and_then(Option::as_ref)) {
             Ok(verified) => verified,
             Err(reason @ Refusal::NoVerifier { .. }) => {
-                let mut checks = vec![self.no_verifier(What::Proofs, &reason)];
+                let mut checks = vec![self.no_verifier(CheckKind::Proofs, &reason)];
                 if depth == Depth::Full {
                     let what = format!("node {node}'s update, because its proof is not checked");
-                    checks.push(Check::LeftOut(What::Updates, Why::RestsOnOthers, what));
+                    checks.push(Check::LeftOut(
+                        CheckKind::Updates,
+                        SkipReason::RestsOnOthers,
+                        what,
+                    ));
                 }
                 return Examined {
                     checks,
                     missing: weights
                         .err()
-                        .and_then(|absent| missing(What::Updates, absent)),
+                        .and_then(|absent| missing(CheckKind::Updates, absent)),
                     ..Examined::default()
                 };
             }
@@ -139,18 +143,18 @@ impl Recorded {
                 }
             }
         };
-        let mut checks = vec![Check::Passed(What::Proofs)];
+        let mut checks = vec![Check::Passed(CheckKind::Proofs)];
         let missing = match weights {
             Ok(Some(_)) => {
-                checks.push(Check::Passed(What::Updates));
+                checks.push(Check::Passed(CheckKind::Updates));
                 None
             }
             Ok(None) => {
                 let what = format!("node {node}'s update");
-                checks.push(Check::LeftOut(What::Updates, Why::Light, what));
+                checks.push(Check::LeftOut(CheckKind::Updates, SkipReason::Light, what));
                 None
             }
-            Err(absent) => missing(What::Updates, absent),
+            Err(absent) => missing(CheckKind::Updates, absent),
         };
         Examined {
             checks,
@@ -161,7 +165,13 @@ impl Recorded {
     }
 
     /// Checks that the recorded reason of a refusal is the one that verification gives.
-    pub fn rejected(&self, reason: &Refusal, depth: Depth, excuse: Excuse, blobs: &Blobs) -> Check {
+    pub fn rejected(
+        &self,
+        reason: &Refusal,
+        depth: Depth,
+        waiver: PruningWaiver,
+        blobs: &Blobs,
+    ) -> Check {
         let node = self.node();
         let but = |found: &dyn Display| {
             format!("the contribution of node {node} was refused because '{reason}', but {found}")
@@ -170,7 +180,9 @@ impl Recorded {
         let unread = |error: &Unreadable<BlobError>| unreadable(&error.error, but(error));
         match reason {
             // The ledger's own rules have checked these.
-            Refusal::Late { .. } | Refusal::Binding { .. } => return Check::Passed(What::Refusals),
+            Refusal::Late { .. } | Refusal::Binding { .. } => {
+                return Check::Passed(CheckKind::Refusals)
+            }
             reason if !is_recorded(reason) => {
                 return failed(&"the node is not to blame for that: others can cause it")
             }
@@ -179,12 +191,12 @@ impl Recorded {
         let about_update = reason.rests_on_update();
         if about_update && depth == Depth::Light {
             let what = format!("node {node}'s update was refused");
-            return Check::LeftOut(What::Refusals, Why::Light, what);
+            return Check::LeftOut(CheckKind::Refusals, SkipReason::Light, what);
         }
         let missing = |absent: Absent| {
             let Absent { kind, blob } = absent;
             let what = match kind {
-                BlobKind::Weights if !excuse.covers(&kind) => {
+                BlobKind::Weights if !waiver.covers(&kind) => {
                     let why = format!("the file {blob} of the base weights is missing");
                     return Check::Lost(blob, but(&why));
                 }
@@ -194,7 +206,7 @@ impl Recorded {
                 BlobKind::Proof => format!("the refused proof {blob} of node {node}"),
                 _ => format!("the refused update {blob} of node {node}"),
             };
-            not_at_hand(What::Refusals, blob, what, excuse.why(&kind))
+            not_at_hand(CheckKind::Refusals, blob, what, waiver.why(&kind))
         };
         let proof = match self.proof(blobs) {
             Ok(Ok(proof)) => proof,
@@ -211,17 +223,23 @@ impl Recorded {
             },
         };
         match self.verify(proof, weights.as_ref()) {
-            Err(found) if found == *reason => Check::Passed(What::Refusals),
-            Err(found @ Refusal::NoVerifier { .. }) => self.no_verifier(What::Refusals, &found),
+            Err(found) if found == *reason => Check::Passed(CheckKind::Refusals),
+            Err(found @ Refusal::NoVerifier { .. }) => {
+                self.no_verifier(CheckKind::Refusals, &found)
+            }
             Err(found) => failed(&format!("verification says: {found}")),
             Ok(_) => failed(&"verification finds nothing wrong with it"),
         }
     }
 
     /// A check of a proof that this release cannot verify.
-    fn no_verifier(&self, what: What, why: &Refusal) -> Check {
+    fn no_verifier(&self, what: CheckKind, why: &Refusal) -> Check {
         let node = self.node();
-        Check::LeftOut(what, Why::NoVerifier, format!("that of node {node}: {why}"))
+        Check::LeftOut(
+            what,
+            SkipReason::NoVerifier,
+            format!("that of node {node}: {why}"),
+        )
     }
 
     fn node(&self) -> NodeId {
@@ -295,24 +313,24 @@ pub fn disputed(
         ))
     };
     match (found, upheld) {
-        (None, None) => Check::Passed(What::Disputes),
+        (None, None) => Check::Passed(CheckKind::Disputes),
         (None, Some(_)) => failed("the contribution verifies"),
-        (Some(Some(found)), Some(reason)) if found == reason => Check::Passed(What::Disputes),
+        (Some(Some(found)), Some(reason)) if found == reason => Check::Passed(CheckKind::Disputes),
         (Some(Some(found)), _) => failed(&format!("verification says: {found}")),
         (Some(None), _) => {
             let what =
                 format!("the contribution of entry {contribution}, which was not all verified");
-            Check::LeftOut(What::Disputes, Why::RestsOnOthers, what)
+            Check::LeftOut(CheckKind::Disputes, SkipReason::RestsOnOthers, what)
         }
     }
 }
 
 /// Checks that the network proves with the guest program of this release, or with one that the auditor named. `key` is that of the
 /// genesis, or of the program that a vote put in force.
-pub fn program(genesis: &Genesis, key: &[u8], named: &Named) -> Check {
+pub fn program(genesis: &Genesis, key: &[u8], named: &TrustedPrograms) -> Check {
     let own = verifying_key(genesis.mode);
     if key == own || named.programs.contains(key) {
-        return Check::Passed(What::Program);
+        return Check::Passed(CheckKind::Program);
     }
     let theirs = hex::encode(key);
     Check::Failed(format!(
@@ -324,14 +342,14 @@ pub fn program(genesis: &Genesis, key: &[u8], named: &Named) -> Check {
 }
 
 /// Checks that the network evaluates with the parameters of this release, or with some that the auditor named.
-pub fn evaluation(genesis: &Genesis, named: &Named) -> Check {
+pub fn evaluation(genesis: &Genesis, named: &TrustedPrograms) -> Check {
     let spec = match EvalSpec::decode(&genesis.evaluation) {
         Ok(spec) => spec,
         Err(error) => return Check::Failed(format!("the evaluation cannot be used: {error}")),
     };
     let (own, digest) = (EvalSpec::new(spec.dims), spec.digest());
     if spec == own || named.evaluations.contains(&digest) {
-        return Check::Passed(What::Evaluation);
+        return Check::Passed(CheckKind::Evaluation);
     }
     if (&spec.time_frequencies, &spec.rope_frequencies)
         != (&own.time_frequencies, &own.rope_frequencies)
@@ -341,8 +359,8 @@ pub fn evaluation(genesis: &Genesis, named: &Named) -> Check {
         ));
     }
     Check::LeftOut(
-        What::Evaluation,
-        Why::OthersChoice,
+        CheckKind::Evaluation,
+        SkipReason::OthersChoice,
         format!(
             "the founder chose the ranges of the evaluation {digest}; if you have checked them, repeat the audit with --evaluation {digest}"
         ),
@@ -351,21 +369,21 @@ pub fn evaluation(genesis: &Genesis, named: &Named) -> Check {
 
 /// Checks that a blob of this kind is the one that the ledger names.
 pub fn whole(
-    what: What,
+    what: CheckKind,
     kind: &BlobKind,
     name: &str,
     blob: &Digest,
     depth: Depth,
-    excuse: Excuse,
+    waiver: PruningWaiver,
     blobs: &Blobs,
 ) -> Check {
     if depth == Depth::Light {
-        return Check::LeftOut(what, Why::Light, format!("{name} {blob}"));
+        return Check::LeftOut(what, SkipReason::Light, format!("{name} {blob}"));
     }
     match blobs.check(blob) {
         Ok(()) => Check::Passed(what),
         Err(BlobError::Missing(blob)) => {
-            not_at_hand(what, blob, format!("{name} {blob}"), excuse.why(kind))
+            not_at_hand(what, blob, format!("{name} {blob}"), waiver.why(kind))
         }
         Err(error) => {
             let why = format!("{name} {blob} cannot be checked: {error}");
@@ -384,7 +402,7 @@ pub fn dataset(
     let node = registration.node;
     if depth == Depth::Light {
         let what = format!("the drawn frames of node {node}'s dataset");
-        return Check::LeftOut(What::Datasets, Why::Light, what);
+        return Check::LeftOut(CheckKind::Datasets, SkipReason::Light, what);
     }
     let leaves = BlobKind::Leaves {
         drawn: registration.drawn(),
@@ -393,10 +411,10 @@ pub fn dataset(
         Ok(bytes) => bytes,
         Err(BlobError::Missing(blob)) => {
             return not_at_hand(
-                What::Datasets,
+                CheckKind::Datasets,
                 blob,
                 format!("the list {blob} of node {node}'s dataset"),
-                Why::NotAtHand,
+                SkipReason::NotAtHand,
             )
         }
         Err(error) => {
@@ -407,7 +425,7 @@ pub fn dataset(
         }
     };
     match check_leaf_list(registration, &bytes) {
-        Ok(()) => Check::Passed(What::Datasets),
+        Ok(()) => Check::Passed(CheckKind::Datasets),
         Err(error) => Check::Failed(format!("node {node}: {error}")),
     }
 }
@@ -418,21 +436,26 @@ pub fn base(
     limit: u64,
     base: &WeightsDigest,
     depth: Depth,
-    excuse: Excuse,
+    waiver: PruningWaiver,
     blobs: &Blobs,
 ) -> Check {
     if depth == Depth::Light {
         return Check::LeftOut(
-            What::Bases,
-            Why::Light,
+            CheckKind::Bases,
+            SkipReason::Light,
             format!("base weights {}", base.blob),
         );
     }
     let checked = match get(blobs, &base.blob, limit) {
         Ok(file) => evaluation.and_then(|evaluation| evaluation.check_update(&file, base)),
         Err(BlobError::Missing(blob)) => {
-            let why = excuse.why(&BlobKind::Weights);
-            return not_at_hand(What::Bases, blob, format!("the base weights {blob}"), why);
+            let why = waiver.why(&BlobKind::Weights);
+            return not_at_hand(
+                CheckKind::Bases,
+                blob,
+                format!("the base weights {blob}"),
+                why,
+            );
         }
         Err(error) => {
             let why = format!("the base weights cannot be read: {error}");
@@ -440,7 +463,7 @@ pub fn base(
         }
     };
     match checked {
-        Ok(_) => Check::Passed(What::Bases),
+        Ok(_) => Check::Passed(CheckKind::Bases),
         Err(error) => Check::Failed(format!("the base weights: {error}")),
     }
 }

@@ -21,13 +21,13 @@ pub mod fetch;
 pub mod fsck;
 pub mod known_checkpoint;
 pub mod log_source;
-pub mod named;
 pub mod queue;
 pub mod report;
 pub mod run;
+pub mod trusted_programs;
 pub mod verified_entries;
 pub mod watch;
 
 pub use auditor::Auditor;
 pub use depth::Depth;
-pub use named::Named;
+pub use trusted_programs::TrustedPrograms;

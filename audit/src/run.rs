@@ -4,8 +4,8 @@ use crate::auditor::Auditor;
 use crate::depth::Depth;
 use crate::fetch::network_of;
 use crate::log_source::WrongUsage;
-use crate::named::Named;
 use crate::report::verdict::Audited;
+use crate::trusted_programs::TrustedPrograms;
 use anyhow::{anyhow, Result};
 use std::collections::BTreeSet;
 use std::num::NonZeroUsize;
@@ -41,7 +41,7 @@ pub struct Audit<'a> {
     /// Light or full.
     pub depth: Depth,
     /// What the auditor answers for.
-    pub named: Named,
+    pub named: TrustedPrograms,
     /// The network that the ledger has to be of; `None` for any.
     pub network: Option<Digest>,
     /// How many threads; `None` for as many as there are cores.

@@ -4,10 +4,10 @@
 use crate::fetch::temporary::Temporary;
 use crate::fetch::{fetch, is_fault, rolled_back};
 use crate::log_source::{source, Trust, WrongUsage};
-use crate::named::Named;
 use crate::report::history;
 use crate::report::verdict::{faults, sentence, Audited};
 use crate::run::{check_state_file, Audit};
+use crate::trusted_programs::TrustedPrograms;
 use crate::Depth;
 use anyhow::{bail, Context, Result};
 use std::path::{Path, PathBuf};
@@ -57,7 +57,7 @@ pub struct WatchOptions {
     /// Light or full.
     pub depth: Depth,
     /// What the auditor answers for.
-    pub named: Named,
+    pub named: TrustedPrograms,
     /// The file that remembers what was seen; `None` to forget it at the end.
     pub state: Option<PathBuf>,
     /// The directory that keeps what is fetched; `None` to remove it at the end.

@@ -6,7 +6,7 @@ use std::fs;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use zk0_audit::account::{Checked, What, Why};
+use zk0_audit::account::{CheckKind, Checked, SkipReason};
 use zk0_audit::{Auditor, Depth};
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::replay::{replay, replay_with, Keep, Options, Report, Saved, Severity, Verdict};
@@ -335,19 +335,19 @@ async fn what_is_not_checked_is_counted_by_kind() -> Test {
         .into_iter()
         .map(|line| ((line.what, line.why), line.count))
         .collect();
-    assert_eq!(left_out[&(What::Datasets, Why::Light)], 2);
-    assert_eq!(left_out[&(What::Policy, Why::Light)], 1);
+    assert_eq!(left_out[&(CheckKind::Datasets, SkipReason::Light)], 2);
+    assert_eq!(left_out[&(CheckKind::Policy, SkipReason::Light)], 1);
     assert_eq!(auditor.checked().refusals, 2, "proofs were looked at");
     // The rules say that nobody contributed, so there is no average to leave out.
-    assert!(!left_out.contains_key(&(What::Averages, Why::Light)));
+    assert!(!left_out.contains_key(&(CheckKind::Averages, SkipReason::Light)));
     // The evidence is gone. The report has one line for both refusals.
     fs::remove_file(Blobs::at(dir).path(&zk0_verifier::blob_digest(b"no proof")))?;
     let mut auditor = Auditor::new(Depth::Light);
     replay(dir, None, &mut auditor);
     let lines = auditor.not_checked();
-    let line = lines.iter().find(|line| line.what == What::Refusals);
+    let line = lines.iter().find(|line| line.what == CheckKind::Refusals);
     let line = line.ok_or("nothing is said of refusals")?;
-    assert_eq!((line.why, line.count), (Why::NotAtHand, 2));
+    assert_eq!((line.why, line.count), (SkipReason::NotAtHand, 2));
     assert!(
         line.to_string()
             .starts_with("2 refusals' reasons: the first, "),

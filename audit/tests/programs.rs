@@ -1,9 +1,9 @@
 //! An audit knows which program is in force at each entry, and says so of programs and proofs that it cannot vouch for.
 
 use tempfile::TempDir;
-use zk0_audit::account::{NotChecked, What, Why};
+use zk0_audit::account::{CheckKind, NotChecked, SkipReason};
 use zk0_audit::report::history;
-use zk0_audit::{Auditor, Depth, Named};
+use zk0_audit::{Auditor, Depth, TrustedPrograms};
 use zk0_ledger::replay::{replay, Report, Severity, Verdict};
 use zk0_protocol::entries::entry::{Body, DisputeResolved, ProposalSettled, RoundClosed};
 use zk0_protocol::entries::genesis::Genesis;
@@ -26,14 +26,14 @@ fn replace(program: &Program) -> Action {
     Action::ReplaceProgram(program.clone())
 }
 
-fn named(programs: &[&Program]) -> Named {
-    Named {
+fn named(programs: &[&Program]) -> TrustedPrograms {
+    TrustedPrograms {
         programs: programs.iter().map(|program| program.key.clone()).collect(),
-        ..Named::default()
+        ..TrustedPrograms::default()
     }
 }
 
-fn audit(dir: &TempDir, depth: Depth, named: Named) -> (Report, Vec<NotChecked>) {
+fn audit(dir: &TempDir, depth: Depth, named: TrustedPrograms) -> (Report, Vec<NotChecked>) {
     let mut auditor = Auditor::new(depth).naming(named);
     let report = replay(dir.path(), None, &mut auditor);
     (report, auditor.not_checked())
@@ -59,7 +59,7 @@ fn a_program_that_a_vote_put_in_force_is_a_fault_unless_the_auditor_names_it() {
     let mut operator = Operator::founds(dir.path(), genesis(), &[]);
     operator.decide(replace(&own));
     drop(operator);
-    let (report, _) = audit(&dir, Depth::Full, Named::default());
+    let (report, _) = audit(&dir, Depth::Full, TrustedPrograms::default());
     assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
 
     let dir = tempfile::tempdir().unwrap();
@@ -67,7 +67,7 @@ fn a_program_that_a_vote_put_in_force_is_a_fault_unless_the_auditor_names_it() {
     let entry = operator.decide(replace(&other()));
     drop(operator);
     for depth in [Depth::Light, Depth::Full] {
-        let (report, _) = audit(&dir, depth, Named::default());
+        let (report, _) = audit(&dir, depth, TrustedPrograms::default());
         assert_eq!(report.verdict, Verdict::Failed);
         let faults = faults(&report);
         assert!(
@@ -215,11 +215,11 @@ fn proofs_that_this_release_cannot_verify_are_not_checked_and_the_audit_says_so(
     assert_eq!(
         kinds,
         [
-            (What::Proofs, Why::NoVerifier, 1),
-            (What::Updates, Why::RestsOnOthers, 1),
-            (What::Refusals, Why::NoVerifier, 1),
-            (What::Averages, Why::RestsOnOthers, 1),
-            (What::Disputes, Why::RestsOnOthers, 1),
+            (CheckKind::Proofs, SkipReason::NoVerifier, 1),
+            (CheckKind::Updates, SkipReason::RestsOnOthers, 1),
+            (CheckKind::Refusals, SkipReason::NoVerifier, 1),
+            (CheckKind::Averages, SkipReason::RestsOnOthers, 1),
+            (CheckKind::Disputes, SkipReason::RestsOnOthers, 1),
         ]
     );
     let lines: Vec<_> = left_out.iter().map(ToString::to_string).collect();

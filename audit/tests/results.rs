@@ -4,9 +4,9 @@
 //! The contributions have no proofs here. What is tested comes after the proofs: accepted updates, and what they combine to.
 
 use tempfile::TempDir;
-use zk0_audit::account::{What, Why};
+use zk0_audit::account::{CheckKind, SkipReason};
 use zk0_audit::checks::closings::result;
-use zk0_audit::checks::excuse::Excuse;
+use zk0_audit::checks::pruning_waiver::PruningWaiver;
 use zk0_audit::checks::Check;
 use zk0_audit::report::history::History;
 use zk0_audit::report::html::page;
@@ -19,7 +19,7 @@ use zk0_protocol::rules::network_rules::Strategy;
 use zk0_testkit::aggregator::operator::Operator;
 use zk0_testkit::aggregator::samples::{public_samples, rule_of};
 use zk0_testkit::aggregator::*;
-use zk0_verifier::close::{end, CloseError, Closing};
+use zk0_verifier::close::{end, CloseError, RoundOutcome};
 use zk0_verifier::combine::bases::Bases;
 use zk0_verifier::combine::contributions::Given;
 use zk0_verifier::combine::optimizers::moments::Moments;
@@ -122,7 +122,7 @@ impl Accepted {
         ResultFiles::read(self.operator.state(), get).unwrap()
     }
 
-    fn end(&self) -> Closing {
+    fn end(&self) -> RoundOutcome {
         let files = self.files();
         end(
             self.operator.state(),
@@ -136,7 +136,15 @@ impl Accepted {
     fn audited(&self, closed: &RoundClosed, depth: Depth) -> Check {
         let combined = Ok(Some(self.combined.clone()));
         let (state, blobs) = (self.operator.state(), self.operator.ledger.blobs());
-        result(state, closed, combined, depth, Excuse::default(), blobs).unwrap()
+        result(
+            state,
+            closed,
+            combined,
+            depth,
+            PruningWaiver::default(),
+            blobs,
+        )
+        .unwrap()
     }
 
     /// Records the closing, and opens the next round.
@@ -146,7 +154,7 @@ impl Accepted {
     }
 }
 
-fn outcome(closing: &Closing) -> ResultOutcome {
+fn outcome(closing: &RoundOutcome) -> ResultOutcome {
     closing.closed.evaluated.as_ref().unwrap().outcome
 }
 
@@ -176,7 +184,7 @@ fn a_poisoned_average_does_not_become_the_base() {
         assert!(closed.contributors.iter().all(|one| one.credits == 0));
         assert!(matches!(
             accepted.audited(&closed, Depth::Full),
-            Check::Passed(What::Results)
+            Check::Passed(CheckKind::Results)
         ));
         accepted.go_on(closed);
         let round = accepted.operator.state().round().unwrap();
@@ -200,7 +208,7 @@ fn a_good_average_becomes_the_base() {
     assert_eq!(closed.global, result);
     assert!(matches!(
         accepted.audited(&closed, Depth::Full),
-        Check::Passed(What::Results)
+        Check::Passed(CheckKind::Results)
     ));
     accepted.go_on(closed);
     assert_eq!(
@@ -254,13 +262,13 @@ fn an_audit_finds_losses_and_outcomes_that_are_false() {
 
     // What cannot be checked is not called verified.
     let left_out = |check| match check {
-        Check::LeftOut(What::Results, why, _) => why,
-        Check::NotAtHand(What::Results, ..) => Why::NotAtHand,
+        Check::LeftOut(CheckKind::Results, why, _) => why,
+        Check::NotAtHand(CheckKind::Results, ..) => SkipReason::NotAtHand,
         other => panic!("{other:?}"),
     };
     assert_eq!(
         left_out(accepted.audited(&closed, Depth::Light)),
-        Why::Light
+        SkipReason::Light
     );
     let samples = accepted
         .operator
@@ -276,7 +284,7 @@ fn an_audit_finds_losses_and_outcomes_that_are_false() {
     std::fs::remove_file(path).unwrap();
     assert_eq!(
         left_out(accepted.audited(&closed, Depth::Full)),
-        Why::NotAtHand
+        SkipReason::NotAtHand
     );
 }
 

@@ -8,7 +8,7 @@ use zk0_audit::fetch::{fetch, is_fault, Wanted};
 use zk0_audit::log_source::source;
 use zk0_audit::run::Audit;
 use zk0_audit::verified_entries::verified_entries;
-use zk0_audit::{Auditor, Depth, Named};
+use zk0_audit::{Auditor, Depth, TrustedPrograms};
 use zk0_circuits::EvalSpec;
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::replay::{replay, Keep, Report, Verdict};
@@ -19,7 +19,7 @@ use zk0_protocol::Genesis;
 use zk0_testkit::aggregator::operator::Operator;
 use zk0_testkit::aggregator::*;
 
-fn audit(dir: &Path, named: Named) -> Report {
+fn audit(dir: &Path, named: TrustedPrograms) -> Report {
     replay(dir, None, &mut Auditor::new(Depth::Full).naming(named))
 }
 
@@ -44,7 +44,7 @@ fn without_any_one_of_its_blobs_a_ledger_is_not_verified() {
         let digest = name.parse().unwrap();
         let copy = copy_of(Path::new(REAL));
         fs::remove_file(Blobs::at(copy.path()).path(&digest)).unwrap();
-        let report = audit(copy.path(), Named::default());
+        let report = audit(copy.path(), TrustedPrograms::default());
         // What counted in a closed round must be there, and what it started from. Anything else may be missing, but then the audit is
         // not complete.
         let expected = match accepted.contains(&digest) {
@@ -77,16 +77,16 @@ fn says(report: &Report, words: &str) -> bool {
 #[test]
 fn another_program_is_a_fault_unless_the_auditor_names_it() {
     let ours = founded(|_| ());
-    let report = audit(ours.path(), Named::default());
+    let report = audit(ours.path(), TrustedPrograms::default());
     assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
     let program = vec![7; 32];
     let theirs = founded(|genesis| genesis.program.clone_from(&program));
-    let report = audit(theirs.path(), Named::default());
+    let report = audit(theirs.path(), TrustedPrograms::default());
     assert_eq!(report.verdict, Verdict::Failed);
     assert!(says(&report, &format!("--program {}", "07".repeat(32))));
-    let named = |program| Named {
+    let named = |program| TrustedPrograms {
         programs: [program].into(),
-        ..Named::default()
+        ..TrustedPrograms::default()
     };
     let report = audit(theirs.path(), named(vec![8; 32]));
     assert_eq!(report.verdict, Verdict::Failed);
@@ -112,12 +112,12 @@ fn an_evaluation_of_others_is_not_called_verified_unless_the_auditor_names_it() 
         (ranges, Verdict::Incomplete),
         (frequencies, Verdict::Failed),
     ] {
-        let report = audit(dir.path(), Named::default());
+        let report = audit(dir.path(), TrustedPrograms::default());
         assert_eq!(report.verdict, expected, "{:?}", report.findings);
         assert!(says(&report, &format!("--evaluation {digest}")));
-        let named = Named {
+        let named = TrustedPrograms {
             evaluations: [digest].into(),
-            ..Named::default()
+            ..TrustedPrograms::default()
         };
         let report = audit(dir.path(), named);
         assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
@@ -126,14 +126,16 @@ fn an_evaluation_of_others_is_not_called_verified_unless_the_auditor_names_it() 
 
 #[test]
 fn what_one_audit_names_does_not_go_over_to_the_next() {
-    let named = Named {
+    let named = TrustedPrograms {
         programs: [vec![7; 32]].into(),
-        ..Named::default()
+        ..TrustedPrograms::default()
     };
-    let auditor = |named: &Named| Auditor::new(Depth::Full).naming(named.clone());
+    let auditor = |named: &TrustedPrograms| Auditor::new(Depth::Full).naming(named.clone());
     let saved = zk0_ledger::replay::Recheck::save(&auditor(&named));
     let blobs = Blobs::at(Path::new(REAL));
-    let error = auditor(&Named::default()).go_on(&saved, &blobs).err();
+    let error = auditor(&TrustedPrograms::default())
+        .go_on(&saved, &blobs)
+        .err();
     assert!(error.unwrap().contains("--program"));
     assert!(auditor(&named).go_on(&saved, &blobs).is_ok());
 }
@@ -150,7 +152,7 @@ fn base_weights_that_hold_other_numbers_are_a_fault() {
         let opening = operator.ledger.size();
         operator.open();
         drop(operator);
-        let report = audit(dir.path(), Named::default());
+        let report = audit(dir.path(), TrustedPrograms::default());
         let mut findings = report.findings.iter();
         let found = findings.any(|finding| {
             finding.index == Some(opening) && finding.text.contains("the base weights: ")
@@ -171,7 +173,7 @@ fn of<'a>(
 ) -> Audit<'a> {
     Audit {
         depth: Depth::Full,
-        named: Named::default(),
+        named: TrustedPrograms::default(),
         network: None,
         threads: None,
         // It is saved at the end alone.

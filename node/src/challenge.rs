@@ -9,7 +9,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use tracing::instrument;
 use zk0_circuits::claim::challenge::challenge;
 use zk0_circuits::Digest;
-use zk0_protocol::challenge::closing::Closing;
+use zk0_protocol::challenge::closing::CommitmentsClosing;
 use zk0_protocol::challenge::drawing::DrawContext;
 use zk0_protocol::challenge::source::RandomnessSource;
 use zk0_protocol::entries::entry::{Body, RoundOpened};
@@ -55,7 +55,7 @@ impl Node {
         }
     }
 
-    fn closing(&self, round: u64, receipt: rpc::Receipt) -> Result<Closing, NodeError> {
+    fn closing(&self, round: u64, receipt: rpc::Receipt) -> Result<CommitmentsClosing, NodeError> {
         let (receipt, checkpoint, entry) = self.opened(receipt)?;
         let closed = match entry.body {
             Body::CommitmentsClosed(closed) if closed.round == round => closed,
@@ -74,7 +74,7 @@ impl Node {
                 found,
             ));
         }
-        Ok(Closing {
+        Ok(CommitmentsClosing {
             entry: receipt.index,
             time_ms: entry.time_ms,
             root: checkpoint.root,
@@ -85,7 +85,7 @@ impl Node {
     fn randomness(
         &self,
         opened: &RoundOpened,
-        closing: &Closing,
+        closing: &CommitmentsClosing,
         receipt: rpc::Receipt,
     ) -> Result<(Digest, Receipt), NodeError> {
         let round = opened.round;
@@ -115,7 +115,7 @@ impl Node {
 
 /// Warns if the aggregator has shown the closing only after the beacon that it determines was known. An aggregator that records a
 /// closing later than the closing's time says can choose among beacons.
-fn warn_if_beacon_is_known(opened: &RoundOpened, closing: &Closing) {
+fn warn_if_beacon_is_known(opened: &RoundOpened, closing: &CommitmentsClosing) {
     let RandomnessSource::Drand(chain) = &opened.rules.randomness else {
         return;
     };

@@ -9,7 +9,7 @@ use zk0_circuits::vm::merkle;
 use zk0_circuits::{
     Digest, Disclosure, EvalSpec, Mode, NodeId, PrivateInput, Terms, WeightsDigest,
 };
-use zk0_node::recording::evaluation_set::{Commitment, EvaluationSet};
+use zk0_node::recording::evaluation_set::{EvaluationSet, EvaluationSetSpec};
 use zk0_node::recording::secret::Secret;
 use zk0_node::recording::Recording;
 use zk0_protocol::entries::signed::DatasetRegistration;
@@ -95,7 +95,7 @@ impl Setting {
         folder: &Path,
         frames: u32,
     ) -> EvaluationSet {
-        let by = Commitment {
+        let by = EvaluationSetSpec {
             network: self.network,
             mode: self.mode,
             frames,

@@ -7,7 +7,7 @@ use tempfile::TempDir;
 use zk0_aggregator::round::closing::ToClose;
 use zk0_audit::account::What;
 use zk0_audit::checks::closings::average;
-use zk0_audit::checks::excuse::Excuse;
+use zk0_audit::checks::pruning_waiver::PruningWaiver;
 use zk0_audit::checks::Check;
 use zk0_audit::verified_entries::verified_entries;
 use zk0_audit::Depth;
@@ -57,7 +57,7 @@ fn another_result_than_the_average_is_a_fault() {
         &closed,
         &contributions,
         Depth::Full,
-        Excuse::default(),
+        PruningWaiver::default(),
         &blobs
     )
     .is_ok());
@@ -71,7 +71,7 @@ fn another_result_than_the_average_is_a_fault() {
         &other,
         &contributions,
         Depth::Full,
-        Excuse::default(),
+        PruningWaiver::default(),
         &blobs,
     ) {
         Err(Check::Failed(why)) => assert!(why.contains("but its contributions give"), "{why}"),
@@ -138,7 +138,7 @@ fn an_update_that_changed_on_disk_after_its_verification_is_not_averaged() {
         &closed,
         &contributions,
         Depth::Full,
-        Excuse::default(),
+        PruningWaiver::default(),
         &blobs,
     ) {
         Err(Check::Damaged(blob, why)) => {
@@ -204,7 +204,7 @@ fn momentum_reads_the_base_of_the_round_before() {
             &closed,
             &contributions,
             Depth::Full,
-            Excuse::default(),
+            PruningWaiver::default(),
             &blobs,
         )
     };
@@ -304,7 +304,7 @@ fn other_moments_than_those_of_the_round_are_a_fault() {
         &closed,
         &contributions,
         Depth::Full,
-        Excuse::default(),
+        PruningWaiver::default(),
         &blobs
     )
     .is_ok());
@@ -316,7 +316,7 @@ fn other_moments_than_those_of_the_round_are_a_fault() {
             &closed,
             &contributions,
             Depth::Full,
-            Excuse::default(),
+            PruningWaiver::default(),
             &blobs,
         ) {
             Err(Check::Failed(why)) => assert!(why.contains("closed with the moments"), "{why}"),
@@ -342,7 +342,7 @@ fn an_audit_reads_the_moments_that_the_round_goes_on_from() {
             &second,
             &contributions,
             Depth::Full,
-            Excuse::default(),
+            PruningWaiver::default(),
             &blobs,
         )
     };

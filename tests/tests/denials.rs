@@ -2,7 +2,7 @@
 //! finds both.
 
 use crate::real_ledger::{accepted, ledger_copy};
-use zk0_audit::checks::excuse::Excuse;
+use zk0_audit::checks::pruning_waiver::PruningWaiver;
 use zk0_audit::checks::{disputed, Check, Recorded};
 use zk0_audit::Depth;
 use zk0_ledger::blobs::Blobs;
@@ -23,7 +23,7 @@ fn a_good_contribution_that_was_refused_is_a_fault() {
         Refusal::InvalidProof("because".into()),
         Refusal::MalformedUpdate("because".into()),
     ] {
-        match recorded.rejected(&reason, Depth::Full, Excuse::default(), &blobs) {
+        match recorded.rejected(&reason, Depth::Full, PruningWaiver::default(), &blobs) {
             Check::Failed(why) => assert!(why.ends_with("nothing wrong with it"), "{why}"),
             found => panic!("not found: {found:?}"),
         }
@@ -32,7 +32,7 @@ fn a_good_contribution_that_was_refused_is_a_fault() {
     let others = Refusal::NoVerifier {
         sp1: "9.9.9".into(),
     };
-    match recorded.rejected(&others, Depth::Full, Excuse::default(), &blobs) {
+    match recorded.rejected(&others, Depth::Full, PruningWaiver::default(), &blobs) {
         Check::Failed(why) => assert!(why.contains("not to blame"), "{why}"),
         found => panic!("not found: {found:?}"),
     }

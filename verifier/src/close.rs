@@ -19,7 +19,7 @@ use zk0_protocol::Refusal;
 
 /// The end of a round.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Closing {
+pub struct RoundOutcome {
     /// The entry's body.
     pub closed: RoundClosed,
     /// The file of the new global weights; `None` when the base weights stay.
@@ -73,7 +73,7 @@ pub fn close<E: Display>(
     read_at: impl Fn(&Digest, u64, &mut [u8]) -> Result<(), E> + Sync,
     moments: &mut dyn Write,
     files: Option<&ResultFiles>,
-) -> Result<Closing, CloseError> {
+) -> Result<RoundOutcome, CloseError> {
     let combining = info_span!("combine");
     let combined =
         combining.in_scope(|| combined(state, contributions, bases, read_at, moments))?;
@@ -162,7 +162,7 @@ pub fn end(
     state: &State,
     combined: Option<Global>,
     files: Option<&ResultFiles>,
-) -> Result<Closing, CloseError> {
+) -> Result<RoundOutcome, CloseError> {
     let round = state.round().ok_or(CloseError::NotOpen)?;
     let base = round.opened.base;
     let mut closed = RoundClosed {
@@ -173,7 +173,7 @@ pub fn end(
         evaluated: None,
     };
     let Some(result) = combined else {
-        return Ok(Closing {
+        return Ok(RoundOutcome {
             closed,
             file: None,
             moments: None,
@@ -182,7 +182,7 @@ pub fn end(
     closed.evaluated = evaluate(state, &base, &result, files)?;
     if closed.is_taken() {
         closed.global = result.digest;
-        return Ok(Closing {
+        return Ok(RoundOutcome {
             closed,
             file: Some(result.file),
             moments: result.moments,
@@ -192,7 +192,7 @@ pub fn end(
         .contributors
         .iter_mut()
         .for_each(|one| one.credits = 0);
-    Ok(Closing {
+    Ok(RoundOutcome {
         closed,
         file: None,
         moments: None,

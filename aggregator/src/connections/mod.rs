@@ -21,7 +21,7 @@ mod message_body;
 pub(crate) mod message_memory;
 pub mod open_files;
 pub(crate) mod places;
-pub(crate) mod requests;
+pub(crate) mod request_limits;
 pub(crate) mod serving;
 mod stream;
 pub(crate) mod transfers;

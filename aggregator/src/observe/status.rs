@@ -3,7 +3,7 @@
 
 use crate::observe::machine::Disk;
 use crate::round::aggregator::Aggregator;
-use crate::round::request::RequestError;
+use crate::round::request_error::RequestError;
 use crate::serve::service::Service;
 use std::time::Duration;
 use zk0_protocol::rpc::federation::status_info::Phase;

@@ -1,5 +1,5 @@
 //! The one writer of a ledger: it opens and closes rounds. [`crate::round::founding`] founds the network, and
-//! [`crate::round::recording`] records what nodes send.
+//! [`crate::round::intake`] records what nodes send.
 //!
 //! Everything here is synchronous, and it is on disk before a function returns; [`crate::serve::service`] puts a network in front
 //! of it. The disk holds nothing but the ledger, its blobs and the waiting uploads. Everything in memory is computed from them, so
@@ -9,12 +9,12 @@ use crate::round::accepted::Accepted;
 use crate::round::awaited_beacon::AwaitedBeacon;
 use crate::round::clock::Clock;
 use crate::round::dispute::Disputed;
+use crate::round::intake::arrivals::Arrivals;
+use crate::round::intake::staging::Staging;
 use crate::round::ledger_index::{self, FromLedger, LedgerIndex, RoundEntries};
 use crate::round::presence::Presence;
 use crate::round::public_samples::UncheckedSamples;
-use crate::round::recording::arrivals::Arrivals;
-use crate::round::recording::staging::Staging;
-use crate::round::request::RequestError;
+use crate::round::request_error::RequestError;
 use ed25519_dalek::SigningKey;
 use std::path::Path;
 use std::sync::Arc;

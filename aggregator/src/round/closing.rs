@@ -4,7 +4,7 @@
 use crate::round::accepted::{verify_all, Accepted};
 use crate::round::aggregator::{Aggregator, Progress};
 use crate::round::ledger_index::still_valid;
-use crate::round::request::RequestError;
+use crate::round::request_error::RequestError;
 use std::fmt::Display;
 use std::io::{sink, Write};
 use std::path::PathBuf;
@@ -14,7 +14,7 @@ use zk0_protocol::entries::entry::{Body, Contributor, MomentsComputed};
 use zk0_protocol::entries::round_result::ResultOutcome;
 use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::rules::state::State;
-use zk0_verifier::close::{close, CloseError, Closing};
+use zk0_verifier::close::{close, CloseError, RoundOutcome};
 use zk0_verifier::combine::error::CombineError;
 use zk0_verifier::combine::optimizers::moments::has_moments;
 use zk0_verifier::{BaseFiles, ResultFiles, VerifiedContribution};
@@ -36,7 +36,7 @@ pub struct ToClose {
 /// The end of a round, to be recorded.
 pub struct ComputedClosing {
     /// The end.
-    pub closing: Closing,
+    pub closing: RoundOutcome,
     /// Who has contributed, as the end was computed from it.
     pub contributors: Vec<Contributor>,
 }

@@ -1,7 +1,7 @@
 //! Deciding a dispute: the contribution is verified again, as it was accepted, on what the ledger was before it.
 
 use crate::round::accepted::Accepted;
-use crate::round::request::RequestError;
+use crate::round::request_error::RequestError;
 use std::path::PathBuf;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;

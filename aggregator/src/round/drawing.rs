@@ -4,8 +4,8 @@
 
 use crate::round::aggregator::{Aggregator, Progress};
 use crate::round::awaited_beacon::AwaitedBeacon;
-use crate::round::request::RequestError;
-use zk0_protocol::challenge::closing::Closing;
+use crate::round::request_error::RequestError;
+use zk0_protocol::challenge::closing::CommitmentsClosing;
 use zk0_protocol::challenge::drand::DrandChain;
 use zk0_protocol::challenge::drawing::{Cosignature, Drawing};
 use zk0_protocol::challenge::source::RandomnessSource;
@@ -107,7 +107,7 @@ impl Aggregator {
     }
 }
 
-fn awaited(round: u64, chain: &DrandChain, closing: &Closing, now: u64) -> Progress {
+fn awaited(round: u64, chain: &DrandChain, closing: &CommitmentsClosing, now: u64) -> Progress {
     let beacon = chain.round_after(closing.time_ms);
     match now >= chain.time_ms(beacon) {
         true => Progress::NeedsBeacon(AwaitedBeacon {

@@ -2,8 +2,8 @@
 //! restarted aggregator reads both from the ledger again.
 
 use crate::round::accepted::{verify_all, Accepted};
-use crate::round::recording::registrations::Registrations;
-use crate::round::request::RequestError;
+use crate::round::intake::registrations::Registrations;
+use crate::round::request_error::RequestError;
 use std::collections::BTreeMap;
 use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::{Digest, NodeId};

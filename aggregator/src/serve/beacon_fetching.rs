@@ -2,7 +2,7 @@
 //! close the round without one. Nothing else waits for it.
 
 use crate::round::awaited_beacon::AwaitedBeacon;
-use crate::round::request::RequestError;
+use crate::round::request_error::RequestError;
 use crate::serve::service::{blocking, Service};
 use zk0_protocol::challenge::drawing::Drawing;
 

@@ -2,7 +2,7 @@
 //! and reflection).
 
 use crate::connections::message_memory::MessageMemory;
-use crate::connections::requests::Requests;
+use crate::connections::request_limits::Requests;
 use crate::connections::serving::Serving;
 use crate::connections::windows::Windows;
 use crate::observe::metrics::Metrics;

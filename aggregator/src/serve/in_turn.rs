@@ -1,8 +1,8 @@
 //! Recording a request when it is its turn: together with others that wait, and after those that arrived before a deadline.
 
-use crate::round::recording::arrivals::Arrival;
-use crate::round::recording::group::ToRecord;
-use crate::round::request::RequestError;
+use crate::round::intake::arrivals::Arrival;
+use crate::round::intake::group::ToRecord;
+use crate::round::request_error::RequestError;
 use crate::serve::service::Service;
 use std::time::Instant;
 use tokio::sync::oneshot::error::TryRecvError;

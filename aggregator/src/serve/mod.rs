@@ -2,13 +2,13 @@
 
 pub mod beacon_fetching;
 mod blob_store;
+pub mod federation_service;
 mod grpc;
 mod health;
 mod in_turn;
 pub mod limits;
 mod node_turns;
 mod recorder;
-pub mod requests;
 mod senders;
 pub mod service;
 mod stepping;

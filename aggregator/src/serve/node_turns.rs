@@ -1,10 +1,10 @@
 //! What a node asks for is done one request after the other. So when a node sends something again, because it has lost the connection, the second
 //! request finds what the first one has recorded, and nothing is verified twice.
 //!
-//! A request that came after a deadline is recorded after all that came before it ([`crate::round::recording::arrivals`]). So it must not take its
+//! A request that came after a deadline is recorded after all that came before it ([`crate::round::intake::arrivals`]). So it must not take its
 //! node's turn before an earlier request of the same node: each of the two would wait for the other.
 
-use crate::round::recording::arrivals::Arrivals;
+use crate::round::intake::arrivals::Arrivals;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use tokio::sync::{Mutex as Turn, OwnedMutexGuard};

@@ -1,8 +1,8 @@
 //! Requests that wait to be recorded. Whoever has the aggregator next records all of them together, so that they share one write to disk.
 
 use crate::round::aggregator::Aggregator;
-use crate::round::recording::group::ToRecord;
-use crate::round::request::RequestError;
+use crate::round::intake::group::ToRecord;
+use crate::round::request_error::RequestError;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::oneshot::{self, Receiver};
 use zk0_protocol::tlog::receipt::Receipt;

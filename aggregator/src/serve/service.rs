@@ -4,9 +4,9 @@
 //! |---|---|
 //! | one message | the rules' largest proof, or 4 MiB for lists of leaves, and 64 KiB |
 //! | one upload | what its signed request says, at most the rules' largest update; streamed to disk, never in memory; also from the blob store |
-//! | who uploads | nodes that may commit in the open round ([`crate::round::recording::statements`]) |
-//! | uploads | one at a time and [`crate::round::recording::staging::MAX_UPLOADS`] per node and round, with those that were cut |
-//! | datasets that a node registers | [`crate::round::recording::registrations::MAX_REGISTRATIONS`] within a day, until a round has closed |
+//! | who uploads | nodes that may commit in the open round ([`crate::round::intake::statements`]) |
+//! | uploads | one at a time and [`crate::round::intake::staging::MAX_UPLOADS`] per node and round, with those that were cut |
+//! | datasets that a node registers | [`crate::round::intake::registrations::MAX_REGISTRATIONS`] within a day, until a round has closed |
 //! | how long a peer may be silent in the middle of a stream | [`Limits::silence`] |
 //! | how long an upload and a download may take in all | [`Limits::upload`], [`Limits::download`] |
 //! | how long a message may take | [`Limits::message`] |
@@ -16,7 +16,7 @@
 //! | memory for messages over 32 KiB | [`Limits::message_memory`] |
 //! | heads of requests that are remembered | 1,024 of a sender, 262,144 in all (`senders`) |
 //!
-//! `grpc` puts the limits of connections and messages into force. [`crate::serve::requests`] answers the requests. This file serves them,
+//! `grpc` puts the limits of connections and messages into force. [`crate::serve::federation_service`] answers the requests. This file serves them,
 //! runs the loops that go on beside them until the end, and has checkpoints cosigned and published.
 
 use crate::connections::transfers::Transfers;
@@ -25,10 +25,10 @@ use crate::publish::beacon::BeaconServers;
 use crate::publish::cosigning::{Cosigned, Prove, Witnesses};
 use crate::round::aggregator::Aggregator;
 use crate::round::drawing::ToCosign;
+use crate::round::intake::arrivals::Arrivals;
 use crate::round::ledger_index::RoundEntries;
 use crate::round::presence::Presence;
-use crate::round::recording::arrivals::Arrivals;
-use crate::round::request::RequestError;
+use crate::round::request_error::RequestError;
 use crate::serve::blob_store::places::BlobPlaces;
 use crate::serve::grpc::Grpc;
 use crate::serve::limits::Limits;

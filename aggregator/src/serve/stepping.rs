@@ -1,7 +1,7 @@
 //! The rounds, one step after the other. What takes long, or waits for somebody else, is done away from the aggregator.
 
 use crate::round::aggregator::{Aggregator, Progress};
-use crate::round::request::RequestError;
+use crate::round::request_error::RequestError;
 use crate::serve::service::{blocking, Service, TICK};
 use futures_core::future::BoxFuture;
 use std::time::Duration;

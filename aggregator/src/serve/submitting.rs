@@ -1,11 +1,11 @@
-//! A submission on its way through the service: [`crate::round::recording::submission`] has the steps. Proofs and weights are verified on all cores, and
+//! A submission on its way through the service: [`crate::round::intake::submission`] has the steps. Proofs and weights are verified on all cores, and
 //! nobody else waits for that.
 
-use crate::round::recording::arrivals::Arrival;
-use crate::round::recording::group::ToRecord;
-use crate::round::recording::statements::Begun;
-use crate::round::recording::submission::Decided;
-use crate::round::request::RequestError;
+use crate::round::intake::arrivals::Arrival;
+use crate::round::intake::group::ToRecord;
+use crate::round::intake::statements::Admission;
+use crate::round::intake::submission::Decided;
+use crate::round::request_error::RequestError;
 use crate::serve::service::{blocking, Service};
 use tokio::sync::OwnedSemaphorePermit;
 use tracing::{info_span, Instrument, Span};
@@ -38,8 +38,8 @@ impl Service {
             self.with(move |aggregator| aggregator.begin_submission(&signed, arrived_ms))
         };
         let undecided = match begin().await? {
-            Begun::Recorded(decided) => return Ok(decided),
-            Begun::New(undecided) => undecided,
+            Admission::Recorded(decided) => return Ok(decided),
+            Admission::New(undecided) => undecided,
         };
         let contribution = {
             let signed = signed.clone();
@@ -51,8 +51,8 @@ impl Service {
         let node = signed.statement.claim.terms.node;
         let _turn = self.turn_of(node, arrival).await?;
         let undecided = match begin().await? {
-            Begun::Recorded(decided) => return Ok(decided),
-            Begun::New(undecided) => undecided,
+            Admission::Recorded(decided) => return Ok(decided),
+            Admission::New(undecided) => undecided,
         };
         // Whoever waits for the store of the blobs holds no place for verifying.
         let span = info_span!("fetch blobs");

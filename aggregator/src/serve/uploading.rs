@@ -1,9 +1,9 @@
 //! Uploads. What has come of one stays when its connection is lost, and the node goes on after it.
 
 use crate::connections::transfers::Transfer;
-use crate::round::recording::staging::Staging;
-use crate::round::recording::statements::Begun;
-use crate::round::request::RequestError;
+use crate::round::intake::staging::Staging;
+use crate::round::intake::statements::Admission;
+use crate::round::request_error::RequestError;
 use crate::serve::limits::Limits;
 use crate::serve::senders::heads::{Head, Message};
 use crate::serve::senders::sender::read_hashed;
@@ -75,7 +75,7 @@ impl Service {
         let now_ms = self.arrivals.now_ms().map_err(RequestError::from)?;
         let sender = self.sender(head, message, now_ms).await?;
         let _place = self.transfer(true)?;
-        let Begun::New(staging) = self.begun(upload.clone()).await? else {
+        let Admission::New(staging) = self.begun(upload.clone()).await? else {
             return Ok(sender);
         };
         let newest = self.uploads.begin(upload.node);
@@ -109,7 +109,7 @@ impl Service {
     pub(super) async fn held(&self, request: Vec<u8>) -> Result<UploadInfo, RequestError> {
         let (signed, _) = read_hashed::<UploadRequest>("upload request", request).await?;
         let upload = signed.statement;
-        let Begun::New(staging) = self.begun(upload.clone()).await? else {
+        let Admission::New(staging) = self.begun(upload.clone()).await? else {
             return Ok(UploadInfo {
                 held: upload.size,
                 address: String::new(),
@@ -129,7 +129,7 @@ impl Service {
     }
 
     /// Begins an upload, if the ledger allows it.
-    async fn begun(&self, request: UploadRequest) -> Result<Begun<Staging, ()>, RequestError> {
+    async fn begun(&self, request: UploadRequest) -> Result<Admission<Staging, ()>, RequestError> {
         self.with(move |aggregator| aggregator.begin_upload(&request))
             .await
     }

@@ -1,7 +1,7 @@
 //! The uploads in progress: one for each node. A newer upload of a node ends the one before, whose connection may be lost without anybody
 //! having noticed.
 
-use crate::round::request::RequestError;
+use crate::round::request_error::RequestError;
 use crate::serve::node_turns::NodeTurns;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -2,8 +2,8 @@
 
 use crate::round::aggregator::Aggregator;
 use crate::round::presence::Following;
-use crate::round::request::RequestError;
-use crate::serve::requests::encode;
+use crate::round::request_error::RequestError;
+use crate::serve::federation_service::encode;
 use crate::serve::service::Service;
 use tokio::sync::mpsc;
 use tokio::time::{sleep, timeout};

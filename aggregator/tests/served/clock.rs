@@ -2,7 +2,7 @@
 
 use std::fmt::{Debug, Display};
 use std::sync::Arc;
-use zk0_aggregator::round::request::RequestError;
+use zk0_aggregator::round::request_error::RequestError;
 use zk0_aggregator::{Aggregator, Config, Progress};
 use zk0_circuits::NodeId;
 use zk0_testkit::aggregator::*;

@@ -5,7 +5,7 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Code, Status};
-use zk0_aggregator::round::recording::registrations::PERIOD_MS;
+use zk0_aggregator::round::intake::registrations::PERIOD_MS;
 use zk0_aggregator::{Config, Limits};
 use zk0_circuits::vm::merkle;
 use zk0_circuits::Digest;

@@ -16,7 +16,7 @@ use zk0_protocol::Body;
 use zk0_testkit::aggregator::operator::Operator;
 use zk0_testkit::aggregator::*;
 use zk0_verifier::blob_digest;
-use zk0_verifier::close::Closing;
+use zk0_verifier::close::RoundOutcome;
 
 const CONFIG: Config = Config {
     rounds: None,
@@ -109,7 +109,7 @@ fn an_aggregator_that_was_killed_after_the_moments_closes_the_round() {
         let submission = operator.submission(&node, 1, &[1]);
         operator.append(Body::ContributionAccepted(submission));
         let moments = blob_digest(b"moments");
-        let closing = Closing {
+        let closing = RoundOutcome {
             closed: RoundClosed {
                 round: 0,
                 global: digest(&weights(1)),

@@ -4,7 +4,7 @@
 use crate::Test;
 use std::sync::Arc;
 use zk0_aggregator::round::founding::{Founding, FoundingError};
-use zk0_aggregator::round::request::RequestError;
+use zk0_aggregator::round::request_error::RequestError;
 use zk0_aggregator::{Aggregator, Config, Progress};
 use zk0_ledger::Ledger;
 use zk0_protocol::entries::proposal::Action;

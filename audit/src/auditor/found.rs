@@ -1,7 +1,7 @@
 //! What an audit has found so far, and what it could not settle: a blob that is missing or damaged may be put right later, and what a
 //! failing disk gives says nothing about the ledger.
 
-use crate::account::{Account, Why};
+use crate::account::{Account, SkipReason};
 use crate::checks::check::Check;
 use std::collections::BTreeSet;
 use std::mem::take;
@@ -52,7 +52,7 @@ impl Found {
             Check::LeftOut(what, why, example) => account.left_out(what, why, index, example),
             Check::NotAtHand(what, blob, example) => {
                 self.awaited.insert(blob);
-                account.left_out(what, Why::NotAtHand, index, example);
+                account.left_out(what, SkipReason::NotAtHand, index, example);
             }
             Check::Failed(why) => self.push(Finding::fault(index, why)),
             Check::Damaged(blob, why) if self.copied => {

@@ -1,10 +1,10 @@
 //! What a state file keeps of an auditor.
 
 use crate::account::Account;
-use crate::checks::excuse::Rounds;
+use crate::checks::pruning_waiver::Rounds;
 use crate::checks::Recorded;
 use crate::depth::Depth;
-use crate::named::Named;
+use crate::trusted_programs::TrustedPrograms;
 use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::Digest;
 use zk0_protocol::Refusal;
@@ -13,7 +13,7 @@ use zk0_protocol::Refusal;
 /// rounds nobody can repeat the combination, what the open round refused, and which blobs were missing or damaged.
 pub type Saved = (
     Depth,
-    Named,
+    TrustedPrograms,
     Account,
     Vec<Recorded>,
     BTreeMap<u64, Option<Refusal>>,
@@ -26,7 +26,7 @@ pub type Saved = (
 ///
 /// # Errors
 /// Another version has written it, or an auditor of another depth, or one who had named something else.
-pub fn read(saved: &[u8], depth: Depth, named: &Named) -> Result<Saved, String> {
+pub fn read(saved: &[u8], depth: Depth, named: &TrustedPrograms) -> Result<Saved, String> {
     let saved: Saved = borsh::from_slice(saved)
         .map_err(|error| format!("another version of zk0 wrote the state file ({error})"))?;
     let (was, had_named, ..) = &saved;

@@ -1,6 +1,6 @@
 //! The outcome of one check, and what an error in reading a blob says about the ledger and about the auditor's own disk.
 
-use crate::account::{What, Why};
+use crate::account::{CheckKind, SkipReason};
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::{BlobError, Blobs};
 
@@ -8,11 +8,11 @@ use zk0_ledger::blobs::{BlobError, Blobs};
 #[derive(Debug)]
 pub enum Check {
     /// It holds.
-    Passed(What),
+    Passed(CheckKind),
     /// It was left out for another reason than that a blob is missing.
-    LeftOut(What, Why, String),
+    LeftOut(CheckKind, SkipReason, String),
     /// It was left out, because this blob is not at hand.
-    NotAtHand(What, Digest, String),
+    NotAtHand(CheckKind, Digest, String),
     /// Something is wrong with the ledger.
     Failed(String),
     /// This blob is missing, and nothing says that it may be.
@@ -24,10 +24,10 @@ pub enum Check {
 }
 
 /// A check that needs a blob which is not at hand.
-pub(crate) fn not_at_hand(what: What, blob: Digest, name: String, why: Why) -> Check {
+pub(crate) fn not_at_hand(what: CheckKind, blob: Digest, name: String, why: SkipReason) -> Check {
     let example = format!("{name} is not at hand");
     match why {
-        Why::NotAtHand => Check::NotAtHand(what, blob, example),
+        SkipReason::NotAtHand => Check::NotAtHand(what, blob, example),
         why => Check::LeftOut(what, why, example),
     }
 }

@@ -1,8 +1,8 @@
 //! The checks of the end of a round: the average over its accepted contributions, and the evaluation of the result.
 
-use crate::account::{What, Why};
+use crate::account::{CheckKind, SkipReason};
 use crate::checks::check::{get, not_at_hand, unreadable, Check};
-use crate::checks::excuse::Excuse;
+use crate::checks::pruning_waiver::PruningWaiver;
 use crate::depth::Depth;
 use std::io::sink;
 use zk0_circuits::{Digest, WeightsDigest};
@@ -23,16 +23,24 @@ pub fn average(
     closed: &RoundClosed,
     contributions: &[VerifiedContribution],
     depth: Depth,
-    excuse: Excuse,
+    waiver: PruningWaiver,
     blobs: &Blobs,
 ) -> Result<Option<Global>, Check> {
     let what = || format!("the average of round {}", closed.round);
     if depth == Depth::Light && !before.contributors().is_empty() {
-        return Err(Check::LeftOut(What::Averages, Why::Light, what()));
+        return Err(Check::LeftOut(
+            CheckKind::Averages,
+            SkipReason::Light,
+            what(),
+        ));
     }
     if contributions.len() != before.contributors().len() {
         let why = format!("{}, because not all of its updates were verified", what());
-        return Err(Check::LeftOut(What::Averages, Why::RestsOnOthers, why));
+        return Err(Check::LeftOut(
+            CheckKind::Averages,
+            SkipReason::RestsOnOthers,
+            why,
+        ));
     }
     let evaluated = closed.evaluated.as_ref();
     let recorded = evaluated.map_or(closed.global, |evaluated| evaluated.weights);
@@ -47,7 +55,12 @@ pub fn average(
                 "{}: the base weights {blob} that the strategy reads",
                 what()
             );
-            return Err(not_at_hand(What::Averages, blob, why, excuse.why(&kind)));
+            return Err(not_at_hand(
+                CheckKind::Averages,
+                blob,
+                why,
+                waiver.why(&kind),
+            ));
         }
         Err(error) => {
             let why = format!("{}: {error}", what());
@@ -61,8 +74,8 @@ pub fn average(
             what(),
             lost.blob
         );
-        let why_not = excuse.why(&BlobKind::Moments);
-        return Err(not_at_hand(What::Averages, lost.blob, why, why_not));
+        let why_not = waiver.why(&BlobKind::Moments);
+        return Err(not_at_hand(CheckKind::Averages, lost.blob, why, why_not));
     }
     let read_at = |digest: &Digest, place, buffer: &mut [u8]| blobs.read_at(digest, place, buffer);
     let named = before.round().and_then(|round| round.moments);
@@ -95,17 +108,21 @@ pub fn result(
     closed: &RoundClosed,
     combined: Result<Option<Global>, ()>,
     depth: Depth,
-    excuse: Excuse,
+    waiver: PruningWaiver,
     blobs: &Blobs,
 ) -> Option<Check> {
     let recorded = closed.evaluated.as_ref()?;
     let what = format!("the evaluation of round {}'s result", closed.round);
     if depth == Depth::Light {
-        return Some(Check::LeftOut(What::Results, Why::Light, what));
+        return Some(Check::LeftOut(CheckKind::Results, SkipReason::Light, what));
     }
     let Ok(combined) = combined else {
         let why = format!("{what}, because the average was not verified");
-        return Some(Check::LeftOut(What::Results, Why::RestsOnOthers, why));
+        return Some(Check::LeftOut(
+            CheckKind::Results,
+            SkipReason::RestsOnOthers,
+            why,
+        ));
     };
     let get = |digest: &Digest, limit| get(blobs, digest, limit);
     let files = match ResultFiles::read(before, get) {
@@ -119,7 +136,12 @@ pub fn result(
                 _ => "the base weights",
             };
             let why = format!("{what}: {name} {blob}");
-            return Some(not_at_hand(What::Results, blob, why, excuse.why(&kind)));
+            return Some(not_at_hand(
+                CheckKind::Results,
+                blob,
+                why,
+                waiver.why(&kind),
+            ));
         }
         Err(error) => {
             let why = format!("{what}: {error}");
@@ -127,7 +149,7 @@ pub fn result(
         }
     };
     Some(match end(before, combined, files.as_ref()) {
-        Ok(closing) if closing.closed == *closed => Check::Passed(What::Results),
+        Ok(closing) if closing.closed == *closed => Check::Passed(CheckKind::Results),
         Ok(closing) => {
             let found = closing.closed.evaluated.as_ref().map(evaluation_in_words);
             Check::Failed(format!(

@@ -12,7 +12,7 @@ use std::path::Path;
 use std::sync::Arc;
 use tempfile::TempDir;
 use zk0_aggregator::{Aggregator, Config, Progress};
-use zk0_audit::account::{What, Why};
+use zk0_audit::account::{CheckKind, SkipReason};
 use zk0_audit::fsck::fsck;
 use zk0_audit::{Auditor, Depth};
 use zk0_circuits::Digest;
@@ -138,10 +138,10 @@ fn faults(report: &Report) -> Vec<&str> {
 }
 
 /// How many checks of a kind were left out because of pruning.
-fn left_out(auditor: &Auditor, what: What) -> u64 {
+fn left_out(auditor: &Auditor, what: CheckKind) -> u64 {
     let lines = auditor.not_checked().into_iter();
     lines
-        .filter(|line| line.what == what && line.why == Why::Pruned)
+        .filter(|line| line.what == what && line.why == SkipReason::Pruned)
         .map(|line| line.count)
         .sum()
 }
@@ -166,7 +166,7 @@ fn updates_of_older_rounds_go_and_audits_say_what_they_could_not_check() {
     let dir = dir.path();
     let (before, auditor) = audit(dir, Depth::Full);
     assert_eq!(before.verdict, Verdict::Incomplete, "{:?}", before.findings);
-    assert_eq!(left_out(&auditor, What::Updates), 0);
+    assert_eq!(left_out(&auditor, CheckKind::Updates), 0);
     let dry = Plan::look(dir, &Blobs::at(dir), &TWO_ROUNDS, now_ms).unwrap();
     let all = files(&dir.join("blobs"));
     let plan = prune(dir, &TWO_ROUNDS, now_ms);
@@ -200,10 +200,10 @@ fn updates_of_older_rounds_go_and_audits_say_what_they_could_not_check() {
         ));
         let full = u64::from(depth == Depth::Full);
         // Of the two rounds: three accepted updates, a refusal that rests on an update, and two averages.
-        assert_eq!(left_out(&auditor, What::Updates), 3 * full);
-        assert_eq!(left_out(&auditor, What::Refusals), full);
-        assert_eq!(left_out(&auditor, What::Averages), 2 * full);
-        assert_eq!(left_out(&auditor, What::Proofs), 0);
+        assert_eq!(left_out(&auditor, CheckKind::Updates), 3 * full);
+        assert_eq!(left_out(&auditor, CheckKind::Refusals), full);
+        assert_eq!(left_out(&auditor, CheckKind::Averages), 2 * full);
+        assert_eq!(left_out(&auditor, CheckKind::Proofs), 0);
         let repeated = "how the updates of rounds 0 to 1 were combined cannot be computed again";
         assert_eq!(says(&after, repeated), full == 1, "{:?}", after.findings);
     }
@@ -254,13 +254,13 @@ fn proofs_and_weights_of_older_rounds_go_where_that_is_asked_for() {
     let (report, auditor) = audit(dir, Depth::Full);
     assert_eq!(faults(&report), [] as [&str; 0]);
     assert_eq!(report.verdict, Verdict::Incomplete);
-    assert_eq!(left_out(&auditor, What::Proofs), 3);
-    assert_eq!(left_out(&auditor, What::Updates), 3);
-    assert_eq!(left_out(&auditor, What::Bases), 1);
-    assert_eq!(left_out(&auditor, What::Globals), 1);
+    assert_eq!(left_out(&auditor, CheckKind::Proofs), 3);
+    assert_eq!(left_out(&auditor, CheckKind::Updates), 3);
+    assert_eq!(left_out(&auditor, CheckKind::Bases), 1);
+    assert_eq!(left_out(&auditor, CheckKind::Globals), 1);
     let (light, auditor) = audit(dir, Depth::Light);
     assert_eq!(faults(&light), [] as [&str; 0]);
-    assert_eq!(left_out(&auditor, What::Proofs), 3);
+    assert_eq!(left_out(&auditor, CheckKind::Proofs), 3);
 }
 
 #[test]

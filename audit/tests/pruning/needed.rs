@@ -129,9 +129,11 @@ fn moments_that_were_pruned_are_not_called_missing_where_weights_are_kept() {
     prune(dir.path(), &TWO_ROUNDS, now_ms);
     let (report, auditor) = audit(dir.path(), Depth::Full);
     assert_eq!(faults(&report), [] as [&str; 0]);
-    assert_eq!(left_out(&auditor, What::Moments), 1);
+    assert_eq!(left_out(&auditor, CheckKind::Moments), 1);
     let lines = auditor.not_checked();
-    let missing = lines.iter().filter(|line| line.why == Why::NotAtHand);
+    let missing = lines
+        .iter()
+        .filter(|line| line.why == SkipReason::NotAtHand);
     assert_eq!(missing.count(), 0, "{lines:?}");
 }
 

@@ -5,8 +5,8 @@ use std::fs;
 use std::time::Duration;
 use zk0_audit::fetch::{fetch, is_wrong, rolled_back, Wanted};
 use zk0_audit::log_source::source;
-use zk0_audit::named::Named;
 use zk0_audit::run::Audit;
+use zk0_audit::trusted_programs::TrustedPrograms;
 use zk0_ledger::backup::backup;
 use zk0_ledger::published::export::export;
 use zk0_ledger::published::mirror::MirrorError;
@@ -134,7 +134,7 @@ fn every_copy_of_the_log_says_what_was_pruned() {
         assert_eq!(statement(&at(copy)), said, "{copy}");
         let (report, auditor) = audit(&at(copy), Depth::Full);
         assert_eq!(faults(&report), [] as [&str; 0], "{copy}");
-        let pruned = left_out(&auditor, What::Updates);
+        let pruned = left_out(&auditor, CheckKind::Updates);
         assert_eq!(pruned, if copy == "older" { 0 } else { 3 }, "{copy}");
     }
     // A source without the statement does not take it away.
@@ -202,7 +202,7 @@ fn an_export_that_is_being_updated_is_not_called_rolled_back() {
     let state = at("state");
     let audit_it = Audit {
         depth: Depth::Full,
-        named: Named::default(),
+        named: TrustedPrograms::default(),
         network: None,
         threads: None,
         state_file: Some(KeepState {

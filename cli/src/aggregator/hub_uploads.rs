@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tokio::task::spawn_blocking;
 use tokio::time::sleep;
-use zk0_aggregator::round::request::RequestError;
+use zk0_aggregator::round::request_error::RequestError;
 use zk0_aggregator::{Aggregator, Service};
 use zk0_circuits::NodeId;
 use zk0_hub::target::Patience;

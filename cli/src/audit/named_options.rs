@@ -1,6 +1,6 @@
 //! Options that name what the auditor answers for.
 
-use zk0_audit::Named;
+use zk0_audit::TrustedPrograms;
 use zk0_circuits::Digest;
 
 /// What you answer for.
@@ -18,9 +18,9 @@ pub struct NamedOptions {
 
 impl NamedOptions {
     /// What they name.
-    pub fn named(&self) -> Named {
+    pub fn named(&self) -> TrustedPrograms {
         let keys = self.programs.iter().map(|program| program.0.clone());
-        Named {
+        TrustedPrograms {
             programs: keys.collect(),
             evaluations: self.evaluations.iter().copied().collect(),
         }

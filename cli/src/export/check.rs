@@ -1,6 +1,6 @@
 //! `zk0 export check`: whether a policy folder is what a ledger says.
 
-use super::closing::Closing;
+use super::closing::ClosingProof;
 use super::receipt::Receipt;
 use crate::ledger::TrustOptions;
 use crate::output::println;
@@ -31,7 +31,7 @@ pub fn run(options: &Options) -> Result<bool> {
     let receipt = Receipt::read(&options.folder)?;
     let trust = options.trust.read()?;
     let located = locate(&options.ledger, None, &trust, Wanted::Everything)?;
-    let closing = Closing::find(&located.dir, &Trust { ca: None, ..trust }, receipt.round)?;
+    let closing = ClosingProof::find(&located.dir, &Trust { ca: None, ..trust }, receipt.round)?;
     let wrong = wrong(options, &receipt, &closing, &Blobs::at(&located.dir))?;
     for what in &wrong {
         println!("FAILED       {what}");
@@ -51,7 +51,7 @@ pub fn run(options: &Options) -> Result<bool> {
 fn wrong(
     options: &Options,
     receipt: &Receipt,
-    closing: &Closing,
+    closing: &ClosingProof,
     blobs: &Blobs,
 ) -> Result<Vec<String>> {
     let mut wrong = Vec::new();

@@ -9,7 +9,7 @@ use zk0_protocol::tlog::tlog_proof::TlogProof;
 use zk0_protocol::{Entry, Genesis};
 
 /// How a round closed.
-pub struct Closing {
+pub struct ClosingProof {
     /// The network's first entry.
     pub genesis: Genesis,
     /// What the entry says.
@@ -18,7 +18,7 @@ pub struct Closing {
     pub proof: TlogProof,
 }
 
-impl Closing {
+impl ClosingProof {
     /// Finds the closing of `round` in the ledger's folder `dir`, among the entries that the newest checkpoint covers.
     ///
     /// # Errors

@@ -1,6 +1,6 @@
 //! `zk0 export lerobot`: the policy folder of a round.
 
-use super::closing::Closing;
+use super::closing::ClosingProof;
 use super::receipt::Receipt;
 use crate::dataset::RecordingName;
 use crate::ledger::TrustOptions;
@@ -52,7 +52,7 @@ pub fn run(options: &Options) -> Result<()> {
     };
     let trust = options.trust.read()?;
     let located = locate(&options.ledger, None, &trust, Wanted::Everything)?;
-    let closing = Closing::find(&located.dir, &Trust { ca: None, ..trust }, options.round)?;
+    let closing = ClosingProof::find(&located.dir, &Trust { ca: None, ..trust }, options.round)?;
     let blobs = Blobs::at(&located.dir);
     let statistics_of = options.statistics_of.as_ref();
     let founding = NetworkFolder::open(&options.policy, &closing.genesis, &blobs, statistics_of)?;

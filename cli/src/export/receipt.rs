@@ -1,6 +1,6 @@
 //! The receipt of an exported policy folder: which entry of which log names its weights, and the SHA-256 of each of its files.
 
-use super::closing::Closing;
+use super::closing::ClosingProof;
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
@@ -44,7 +44,7 @@ impl Receipt {
     ///
     /// # Errors
     /// A file cannot be read.
-    pub fn of(closing: &Closing, folder: &Path) -> Result<Self> {
+    pub fn of(closing: &ClosingProof, folder: &Path) -> Result<Self> {
         Ok(Self {
             network: closing.genesis.network_id().to_string(),
             log: closing.genesis.name.clone(),
@@ -71,7 +71,7 @@ impl Receipt {
     ///
     /// # Errors
     /// A file cannot be written.
-    pub fn write(&self, closing: &Closing, folder: &Path) -> Result<()> {
+    pub fn write(&self, closing: &ClosingProof, folder: &Path) -> Result<()> {
         let text = serde_json::to_vec_pretty(self)?;
         for (name, bytes) in [(RECEIPT, text), (PROOF, closing.proof.encode())] {
             let path = folder.join(name);

@@ -8,7 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use zk0_audit::log_source::Trust;
 use zk0_audit::watch::{Look, Watch, WatchOptions};
-use zk0_audit::{Depth, Named};
+use zk0_audit::{Depth, TrustedPrograms};
 use zk0_ledger::Ledger;
 
 /// A name that a file can have, but a temporary file beside it cannot: it gets a longer one.
@@ -67,7 +67,7 @@ fn rolled_back(state: &Path, lose: impl Fn(&Path)) -> (anyhow::Result<Look>, Loo
         ledger: text(&dir).into(),
         trust: Trust::default(),
         depth: Depth::Light,
-        named: Named::default(),
+        named: TrustedPrograms::default(),
         state: Some(state.into()),
         mirror: None,
     })

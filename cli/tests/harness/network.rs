@@ -17,7 +17,7 @@ use zk0_audit::verified_entries::verified_entries;
 use zk0_circuits::{Digest, EvalSpec};
 use zk0_ledger::log::Ledger;
 use zk0_lerobot::dataset::Dataset;
-use zk0_node::recording::evaluation_set::{Commitment, EvaluationSet};
+use zk0_node::recording::evaluation_set::{EvaluationSet, EvaluationSetSpec};
 use zk0_node::recording::secret::Secrets;
 use zk0_node::recording::{prepare_samples, Recording};
 use zk0_protocol::entries::entry::{Body, Entry};
@@ -154,7 +154,7 @@ impl LocalNetwork {
         let recording = Recording::open(&root().join(RECORDING), &policy, None).unwrap();
         let maker = recording.maker();
         let secrets = Secrets::of_registered(Path::new(&self.path("state"))).unwrap();
-        let by = Commitment {
+        let by = EvaluationSetSpec {
             network: genesis.network_id(),
             mode: genesis.mode,
             frames: genesis.rules.evaluation_frames,

@@ -21,7 +21,7 @@ use zk0_circuits::claim::challenge::sample_indices;
 use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::claim::t_test::TTest;
 use zk0_circuits::{Digest, Disclosure, EvalSpec, Mode, NodeId, Terms, WeightsDigest};
-use zk0_node::recording::evaluation_set::{Commitment, EvaluationSet};
+use zk0_node::recording::evaluation_set::{EvaluationSet, EvaluationSetSpec};
 use zk0_node::recording::secret::Secret;
 use zk0_node::recording::Recording;
 use zk0_protocol::rules::bindings::ExpectedClaim;
@@ -168,7 +168,7 @@ fn measure(work: &Work, dir: &Path) -> Result<()> {
     let maker = recording.maker();
     let samples = recording.samples(&maker);
     let spec = EvalSpec::new(dims(recording.config())?);
-    let by = Commitment {
+    let by = EvaluationSetSpec {
         network: NETWORK,
         mode: Mode::Direct,
         frames: work.drawn,

@@ -29,7 +29,7 @@ use zk0_smolvla::PolicyError;
 
 /// Who commits, in which network, and to how many frames.
 #[derive(Clone)]
-pub struct Commitment {
+pub struct EvaluationSetSpec {
     /// The network.
     pub network: Digest,
     /// How its claims are proven. It determines what is committed to of a sample.
@@ -48,7 +48,7 @@ pub struct EvaluationSet {
     pub spec: EvalSpec,
     /// Digest of the drawn samples' names in prefix caches. It stays the same under another secret.
     pub drawn_names: Digest,
-    by: Commitment,
+    by: EvaluationSetSpec,
     episodes: Vec<Episode>,
     list: Vec<DrawnLeaf>,
     leaves: Vec<Digest>,
@@ -77,7 +77,7 @@ impl EvaluationSet {
         recording: &Recording,
         samples: &dyn SampleSource<PreparedSample>,
         spec: &EvalSpec,
-        by: Commitment,
+        by: EvaluationSetSpec,
         folder: &Path,
     ) -> Result<Self, ParticipantError> {
         let episodes = recording.episodes();

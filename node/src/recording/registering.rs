@@ -7,7 +7,7 @@
 use crate::client::Node;
 use crate::error::ParticipantError;
 use crate::receipts;
-use crate::recording::evaluation_set::{Commitment, EvaluationSet};
+use crate::recording::evaluation_set::{EvaluationSet, EvaluationSetSpec};
 use crate::recording::secret::{of_another, Secret, Secrets};
 use crate::recording::Recording;
 use crate::state_files::{self, broken};
@@ -143,7 +143,7 @@ impl Registering<'_> {
     ) -> Result<EvaluationSet, ParticipantError> {
         let registered = self.registered(node)?;
         let own = registered.filter(|own| own.node == node.id() && secret.is_of(&own.dataset));
-        let by = Commitment {
+        let by = EvaluationSetSpec {
             network: *node.network(),
             mode: node.genesis().mode,
             // What is registered keeps its number. For another registration, the rules in force say it.

@@ -7,7 +7,7 @@ use zk0_circuits::{Digest, NodeId};
 
 /// A round's commitments are closed: nobody commits any more.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
-pub struct Closing {
+pub struct CommitmentsClosing {
     /// Index of the entry that closed them.
     pub entry: u64,
     /// Time of that entry, in Unix milliseconds.

@@ -1,7 +1,7 @@
 //! What the ledger records of a round's randomness, and how it is verified: by the state machine in every replay, and by each node
 //! before it makes a claim.
 
-use crate::challenge::closing::Closing;
+use crate::challenge::closing::CommitmentsClosing;
 use crate::challenge::drand::BeaconSignature;
 use crate::challenge::source::RandomnessSource;
 use crate::challenge::vrf::VrfProof;
@@ -86,7 +86,7 @@ pub struct DrawContext<'a> {
     /// The log's key.
     pub log_key: &'a [u8; 32],
     /// How the commitments closed.
-    pub closing: &'a Closing,
+    pub closing: &'a CommitmentsClosing,
     /// When the drawing is recorded, in Unix milliseconds.
     pub recorded_ms: u64,
 }

@@ -1,6 +1,6 @@
 //! The state of a network after its entries so far. It is a plain value, computed from the entries and nothing else.
 
-use crate::challenge::closing::Closing;
+use crate::challenge::closing::CommitmentsClosing;
 use crate::challenge::unanswered::CommitRecord;
 use crate::entries::entry::{Contributor, RoundOpened};
 use crate::entries::genesis::Genesis;
@@ -136,7 +136,7 @@ pub struct Round {
     /// The commitments, by node.
     pub commits: BTreeMap<NodeId, Commit>,
     /// How the commitments closed, once they are closed.
-    pub closing: Option<Closing>,
+    pub closing: Option<CommitmentsClosing>,
     /// The randomness of the challenges, once it is drawn.
     pub randomness: Option<Randomness>,
     /// SHA-256 of the moments that the round ends with, once they are computed.

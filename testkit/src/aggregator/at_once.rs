@@ -1,9 +1,9 @@
 //! An aggregator without a service in front of it: each request takes all of its steps at once.
 
-use zk0_aggregator::round::recording::group::ToRecord;
-use zk0_aggregator::round::recording::statements::{decode, read_signed, Begun, Said};
-use zk0_aggregator::round::recording::submission::Decided;
-use zk0_aggregator::round::request::RequestError;
+use zk0_aggregator::round::intake::group::ToRecord;
+use zk0_aggregator::round::intake::statements::{decode, read_signed, Admission, MemberStatement};
+use zk0_aggregator::round::intake::submission::Decided;
+use zk0_aggregator::round::request_error::RequestError;
 use zk0_aggregator::{Aggregator, Progress};
 use zk0_ledger::blobs::partial::PartialBlob;
 use zk0_protocol::entries::signed::{Signed, Submission, UploadRequest};
@@ -30,49 +30,49 @@ pub trait AtOnce {
 impl AtOnce for Aggregator {
     fn say(&mut self, body: &[u8]) -> Result<Receipt, RequestError> {
         let now = self.now_ms();
-        match self.begin_saying(&Said::read(body)?, now)? {
-            Begun::Recorded(receipt) => Ok(receipt),
-            Begun::New(allowed) => recorded(self, allowed.check()?),
+        match self.begin_statement(&MemberStatement::read(body)?, now)? {
+            Admission::Recorded(receipt) => Ok(receipt),
+            Admission::New(allowed) => recorded(self, allowed.check()?),
         }
     }
 
     fn let_in(&mut self, enrolment: &[u8]) -> Result<Receipt, RequestError> {
         let signed = read_signed("enrolment", enrolment)?;
         match self.begin_enrolment(&signed, self.now_ms())? {
-            Begun::Recorded(receipt) => Ok(receipt),
-            Begun::New(body) => recorded(self, body),
+            Admission::Recorded(receipt) => Ok(receipt),
+            Admission::New(body) => recorded(self, body),
         }
     }
 
     fn register(&mut self, registration: &[u8], leaves: &[u8]) -> Result<Receipt, RequestError> {
         let signed = read_signed("dataset registration", registration)?;
         match self.begin_registration(&signed, self.now_ms())? {
-            Begun::Recorded(receipt) => Ok(receipt),
-            Begun::New(allowed) => recorded(self, allowed.keep(leaves)?),
+            Admission::Recorded(receipt) => Ok(receipt),
+            Admission::New(allowed) => recorded(self, allowed.keep(leaves)?),
         }
     }
 
     fn upload(&self, request: &[u8]) -> Result<Option<PartialBlob>, RequestError> {
         let signed: Signed<UploadRequest> = read_signed("upload request", request)?;
         match self.begin_upload(&signed.statement)? {
-            Begun::Recorded(()) => Ok(None),
-            Begun::New(staging) => Ok(staging.go_on(&signed.statement, 0)?),
+            Admission::Recorded(()) => Ok(None),
+            Admission::New(staging) => Ok(staging.go_on(&signed.statement, 0)?),
         }
     }
 
     fn commit(&mut self, commitment: &[u8]) -> Result<Receipt, RequestError> {
         let signed = read_signed("commitment", commitment)?;
         match self.begin_commitment(&signed, self.now_ms())? {
-            Begun::Recorded(receipt) => Ok(receipt),
-            Begun::New(allowed) => recorded(self, allowed.keep()?),
+            Admission::Recorded(receipt) => Ok(receipt),
+            Admission::New(allowed) => recorded(self, allowed.keep()?),
         }
     }
 
     fn submit(&mut self, submission: &[u8], proof: Vec<u8>) -> Result<Decided, RequestError> {
         let signed: Signed<Submission> = decode("submission", submission)?;
         let undecided = match self.begin_submission(&signed, self.now_ms())? {
-            Begun::Recorded(decided) => return Ok(decided),
-            Begun::New(undecided) => undecided,
+            Admission::Recorded(decided) => return Ok(decided),
+            Admission::New(undecided) => undecided,
         };
         let contribution = undecided.authenticate(signed, proof)?;
         let judged = undecided.judge(contribution)?.keep()?;

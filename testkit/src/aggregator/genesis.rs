@@ -6,7 +6,7 @@ use std::io::{self, Write};
 use std::path::Path;
 use std::sync::Arc;
 use zk0_aggregator::round::founding::Founding;
-use zk0_aggregator::round::request::RequestError;
+use zk0_aggregator::round::request_error::RequestError;
 use zk0_aggregator::{Aggregator, Config};
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::{EvalSpec, Mode};

@@ -16,7 +16,7 @@ use tonic::Status;
 use zk0_aggregator::connections::listening::listen;
 use zk0_aggregator::publish::beacon::BeaconServers;
 use zk0_aggregator::publish::cosigning::Witnesses;
-use zk0_aggregator::round::recording::statements::Said;
+use zk0_aggregator::round::intake::statements::MemberStatement;
 use zk0_aggregator::{Aggregator, Clock, Config, Limits, Service};
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::Blobs;
@@ -171,7 +171,7 @@ impl Network {
         self.serve().await;
     }
 
-    fn open(&self) -> Result<Aggregator, zk0_aggregator::round::request::RequestError> {
+    fn open(&self) -> Result<Aggregator, zk0_aggregator::round::request_error::RequestError> {
         Aggregator::open_with(
             self.dir.path(),
             Some(&self.genesis.network_id()),
@@ -289,7 +289,7 @@ impl Network {
     pub fn recording(&self, body: &Body) -> tonic::Request<proto::RecordRequest> {
         let body = borsh::to_vec(body).unwrap();
         let message = proto::RecordRequest { body: body.clone() };
-        let signer = Said::read(&body).map(|said| said.signer());
+        let signer = MemberStatement::read(&body).map(|said| said.signer());
         let signers = signer.iter().flat_map(|signer| {
             let nodes = (0..=255).map(Node::new);
             nodes.filter(|node| node.id() == *signer)

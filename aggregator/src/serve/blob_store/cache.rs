@@ -1,6 +1,6 @@
 //! Keeps the ledger's folder small, if its blobs are in a store.
 
-use crate::round::request::RequestError;
+use crate::round::request_error::RequestError;
 use crate::serve::service::{blocking, Service};
 use std::time::Duration;
 use tokio::time::sleep;

@@ -3,8 +3,8 @@
 //! Whoever may not begin an upload gets no address. What is in the store counts only once it was read and has the size and the digest that
 //! the node has signed. It then waits where all uploads wait.
 
-use crate::round::recording::staging::Staging;
-use crate::round::request::RequestError;
+use crate::round::intake::staging::Staging;
+use crate::round::request_error::RequestError;
 use crate::serve::service::{blocking, Service};
 use crate::serve::uploading::too_long;
 use crate::serve::uploads::Newest;

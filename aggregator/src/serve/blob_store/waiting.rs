@@ -1,7 +1,7 @@
 //! Work that waits for the store of the blobs, in a place that is free.
 
 use crate::connections::caller::Awaited;
-use crate::round::request::RequestError;
+use crate::round::request_error::RequestError;
 use crate::serve::service::{blocking, Service};
 use std::fs::File;
 use tracing::{Instrument, Span};

@@ -1,8 +1,8 @@
 //! Who sends a request, by its head.
 
 use crate::round::aggregator::Aggregator;
-use crate::round::recording::statements::read_signed;
-use crate::round::request::RequestError;
+use crate::round::intake::statements::read_signed;
+use crate::round::request_error::RequestError;
 use crate::serve::senders::heads::{Head, Message};
 use crate::serve::service::{blocking, Service};
 use zk0_circuits::{Digest, NodeId};

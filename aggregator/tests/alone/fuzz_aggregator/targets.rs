@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use borsh::BorshDeserialize;
-use zk0_aggregator::round::request::RequestError;
+use zk0_aggregator::round::request_error::RequestError;
 use zk0_aggregator::{Aggregator, Config, Progress};
 use zk0_audit::{Auditor, Depth};
 use zk0_circuits::{Digest, NodeId};

@@ -21,7 +21,7 @@ mod votes;
 pub use crate::rules::upper_bounds::MAX_COMMITS;
 pub use members::{MAX_EPISODES, MAX_ROTATIONS};
 
-use crate::challenge::closing::Closing;
+use crate::challenge::closing::CommitmentsClosing;
 use crate::entries::authentic::AuthenticEntry;
 use crate::entries::codec::EntryError;
 use crate::entries::entry::{Body, Entry, ENTRY_VERSION};
@@ -158,7 +158,7 @@ impl State {
                 self.judge(resolved.dispute, resolved.upheld.is_some());
             }
             Body::CommitmentsClosed(closed) => {
-                self.close_commitments(Closing {
+                self.close_commitments(CommitmentsClosing {
                     entry: index,
                     time_ms: now,
                     root: *root,

@@ -4,7 +4,7 @@
 //! first, by a rule, and the randomness is drawn after that, from the source that the rules name. What the source depends on is fixed
 //! by the closing.
 
-use crate::challenge::closing::{commitments, Closing};
+use crate::challenge::closing::{commitments, CommitmentsClosing};
 use crate::challenge::drawing::DrawContext;
 use crate::entries::entry::{CommitmentsClosed, RandomnessDrawn};
 use crate::rules::state::{Randomness, Round, State};
@@ -26,7 +26,7 @@ impl State {
     }
 
     /// The closing of the open round's commitments, if its randomness can and has to be drawn at `time_ms`.
-    pub fn to_draw(&self, time_ms: u64) -> Option<&Closing> {
+    pub fn to_draw(&self, time_ms: u64) -> Option<&CommitmentsClosing> {
         let round = self.round.as_ref()?;
         let closing = round.closing.as_ref()?;
         let in_time = time_ms <= self.randomness_deadline_ms(closing);
@@ -35,7 +35,7 @@ impl State {
     }
 
     /// Last moment for drawing the randomness, in Unix milliseconds.
-    pub(super) fn randomness_deadline_ms(&self, closing: &Closing) -> u64 {
+    pub(super) fn randomness_deadline_ms(&self, closing: &CommitmentsClosing) -> u64 {
         closing
             .time_ms
             .saturating_add(self.rules.randomness_window_ms)
@@ -72,7 +72,7 @@ impl State {
         }
     }
 
-    pub(super) fn close_commitments(&mut self, closing: Closing) {
+    pub(super) fn close_commitments(&mut self, closing: CommitmentsClosing) {
         if let Some(round) = &mut self.round {
             round.closing = Some(closing);
         }

@@ -2,12 +2,12 @@
 
 use crate::connections::caller::{Awaited, Caller};
 use crate::file_parts::{file_parts, Pace};
-use crate::round::recording::arrivals::Arrival;
-use crate::round::recording::group::ToRecord;
-use crate::round::recording::statements::{
-    decode, AllowedCommitment, AllowedRegistration, AllowedSaying, Begun, Said,
+use crate::round::intake::arrivals::Arrival;
+use crate::round::intake::group::ToRecord;
+use crate::round::intake::statements::{
+    decode, Admission, AllowedCommitment, AllowedRegistration, AllowedStatement, MemberStatement,
 };
-use crate::round::request::RequestError;
+use crate::round::request_error::RequestError;
 use crate::serve::senders::heads::{sent_by, taken, Message};
 use crate::serve::senders::sender::read_hashed;
 use crate::serve::service::Service;
@@ -96,7 +96,7 @@ impl Federation for Service {
     async fn record(&self, request: Request<RecordRequest>) -> Result<Response<Receipt>, Status> {
         let arrival = self.arrivals.stamp()?;
         let (head, RecordRequest { body }) = taken(request);
-        let said = Arc::new(Said::read(&body)?);
+        let said = Arc::new(MemberStatement::read(&body)?);
         let message = Message {
             method: Method::Record,
             round: None,
@@ -106,14 +106,16 @@ impl Federation for Service {
         let sender = self.sender(head, message, arrival.at_ms()).await?;
         let begin = || {
             let (said, arrived_ms) = (said.clone(), arrival.at_ms());
-            self.with(move |aggregator| aggregator.begin_saying(&said, arrived_ms))
+            self.with(move |aggregator| aggregator.begin_statement(&said, arrived_ms))
         };
         let begun = begin().await?;
-        let recorded = self.recorded(&arrival, begun, AllowedSaying::check).await;
+        let recorded = self
+            .recorded(&arrival, begun, AllowedStatement::check)
+            .await;
         // If it came twice at once, the second one gets the receipt of the first one.
         let receipt = match recorded {
             Err(refused) => match begin().await {
-                Ok(Begun::Recorded(receipt)) => receipt,
+                Ok(Admission::Recorded(receipt)) => receipt,
                 _ => return Err(refused.into()),
             },
             recorded => recorded?,
@@ -321,12 +323,12 @@ impl Service {
     async fn recorded<T: Send + 'static>(
         &self,
         arrival: &Arrival,
-        begun: Begun<T>,
+        begun: Admission<T>,
         keep: impl FnOnce(T) -> Result<Body, RequestError> + Send + 'static,
     ) -> Result<receipt::Receipt, RequestError> {
         match begun {
-            Begun::Recorded(receipt) => Ok(receipt),
-            Begun::New(new) => {
+            Admission::Recorded(receipt) => Ok(receipt),
+            Admission::New(new) => {
                 let span = info_span!("keep blobs");
                 let body = self.storing(span, move || keep(new)).await?;
                 let statement = ToRecord::Statement(Box::new(body));

@@ -5,7 +5,7 @@
 //! deadline that has passed, and a request is stamped only when it is here as a whole.
 
 use crate::round::clock::Clock;
-use crate::round::request::RequestError;
+use crate::round::request_error::RequestError;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::Notify;

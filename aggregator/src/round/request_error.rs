@@ -1,6 +1,6 @@
 //! Why the aggregator turns a request down, and the gRPC status that says so.
 
-use crate::round::recording::staging::StagingError;
+use crate::round::intake::staging::StagingError;
 use tonic::{Code, Status};
 use zk0_ledger::blobs::BlobError;
 use zk0_ledger::clock::ClockError;

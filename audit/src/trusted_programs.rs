@@ -6,7 +6,7 @@ use zk0_circuits::Digest;
 
 /// Guest programs and evaluations that the auditor has named, besides those of this release.
 #[derive(Clone, Debug, Default, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
-pub struct Named {
+pub struct TrustedPrograms {
     /// Verifying keys of guest programs, as a genesis holds them.
     pub programs: BTreeSet<Vec<u8>>,
     /// Digests of evaluations.

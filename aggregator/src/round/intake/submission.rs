@@ -2,14 +2,14 @@
 //!
 //! 1. [`Aggregator::begin_submission`] compares the claim with the ledger. Whoever sends again what an earlier round decided is turned away
 //!    here, before anybody hashes a proof or verifies a signature.
-//! 2. [`Undecided::authenticate`] checks that the node signed this claim and this proof.
-//! 3. [`Undecided::judge`] reads the weights, and verifies the SP1 proof and the weights.
-//! 4. [`Unkept::keep`] keeps the proof.
-//! 5. [`crate::round::recording::group`] records the decision.
+//! 2. [`PendingSubmission::authenticate`] checks that the node signed this claim and this proof.
+//! 3. [`PendingSubmission::judge`] reads the weights, and verifies the SP1 proof and the weights.
+//! 4. [`VerifiedSubmission::keep`] keeps the proof.
+//! 5. [`crate::round::intake::group`] records the decision.
 
 use crate::round::aggregator::Aggregator;
-use crate::round::recording::statements::Begun;
-use crate::round::request::RequestError;
+use crate::round::intake::statements::Admission;
+use crate::round::request_error::RequestError;
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::Blobs;
 use zk0_protocol::entries::authentic::AuthenticSubmission;
@@ -31,7 +31,7 @@ pub struct Decided {
 }
 
 /// What a submission is judged by.
-pub struct Undecided {
+pub struct PendingSubmission {
     /// The ledger, as far as it concerns the node's claims.
     before: State,
     /// The update that the node has committed to, and the weights that the round starts from. The digests on the ledger count, because a
@@ -42,13 +42,13 @@ pub struct Undecided {
 }
 
 /// A decision whose proof is not among the ledger's blobs yet.
-pub struct Unkept {
-    judged: Judged,
+pub struct VerifiedSubmission {
+    judged: DecidedSubmission,
     blobs: Blobs,
 }
 
 /// A decision that is to be recorded. Its proof is kept.
-pub struct Judged {
+pub struct DecidedSubmission {
     contribution: AuthenticContribution,
     decision: Decision,
 }
@@ -63,11 +63,11 @@ impl Aggregator {
         &self,
         submission: &Signed<Submission>,
         arrived_ms: u64,
-    ) -> Result<Begun<Undecided, Decided>, RequestError> {
+    ) -> Result<Admission<PendingSubmission, Decided>, RequestError> {
         let claim = &submission.statement.claim;
         let node = claim.terms.node;
         if let Some(decided) = self.decided(&node, submission)? {
-            return Ok(Begun::Recorded(decided));
+            return Ok(Admission::Recorded(decided));
         }
         let state = self.state();
         let time_ms = self.ledger.time_ms(arrived_ms);
@@ -81,7 +81,7 @@ impl Aggregator {
             .commits
             .get(&node)
             .ok_or(Refusal::NotCommitted(node))?;
-        Ok(Begun::New(Undecided {
+        Ok(Admission::New(PendingSubmission {
             weights: [commit.update.blob, round.opened.base.blob],
             before: state.for_claims_of(&node),
             blobs: self.ledger.blobs().clone(),
@@ -113,7 +113,7 @@ impl Aggregator {
     }
 }
 
-impl Undecided {
+impl PendingSubmission {
     /// Checks that an enrolled node signed this claim and this proof.
     pub fn authenticate(
         &self,
@@ -134,14 +134,17 @@ impl Undecided {
     }
 
     /// Decides on the contribution. The weights are read only if nothing is wrong with the claim by the ledger.
-    pub fn judge(self, contribution: AuthenticContribution) -> Result<Unkept, RequestError> {
+    pub fn judge(
+        self,
+        contribution: AuthenticContribution,
+    ) -> Result<VerifiedSubmission, RequestError> {
         let decision = match self.before.check_claim(contribution.claim(), self.time_ms) {
             Ok(()) => self.verify(&contribution)?,
             Err(reason) if is_recorded(&reason) => Decision::Rejected(reason),
             Err(reason) => return Err(reason.into()),
         };
-        Ok(Unkept {
-            judged: Judged {
+        Ok(VerifiedSubmission {
+            judged: DecidedSubmission {
                 contribution,
                 decision,
             },
@@ -157,15 +160,15 @@ impl Undecided {
     }
 }
 
-impl Unkept {
+impl VerifiedSubmission {
     /// Keeps the proof among the ledger's blobs.
-    pub fn keep(self) -> Result<Judged, RequestError> {
+    pub fn keep(self) -> Result<DecidedSubmission, RequestError> {
         self.blobs.put(self.judged.contribution.proof())?;
         Ok(self.judged)
     }
 }
 
-impl Judged {
+impl DecidedSubmission {
     /// Why the contribution does not count; `None` if it counts.
     pub fn rejected(&self) -> Option<&Refusal> {
         match &self.decision {

@@ -1,7 +1,7 @@
 //! What is not called missing, because the log's operator has signed that it was pruned; and of which rounds nobody can repeat the
 //! combination because of that.
 
-use crate::account::Why;
+use crate::account::SkipReason;
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::fmt;
 use zk0_protocol::pruning::Pruning;
@@ -12,9 +12,9 @@ const LISTED: usize = 16;
 
 /// What the operator says of the blobs that one entry of one round needs.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Excuse(Option<(Pruning, u64, u64)>);
+pub struct PruningWaiver(Option<(Pruning, u64, u64)>);
 
-impl Excuse {
+impl PruningWaiver {
     /// What `pruning` says of the blobs that entry `index` needs, in this round.
     pub fn of(pruning: Option<Pruning>, round: u64, index: u64) -> Self {
         Self(pruning.map(|pruning| (pruning, round, index)))
@@ -27,10 +27,10 @@ impl Excuse {
     }
 
     /// Why a check is left out that needs a missing blob of this kind.
-    pub fn why(&self, kind: &BlobKind) -> Why {
+    pub fn why(&self, kind: &BlobKind) -> SkipReason {
         match self.covers(kind) {
-            true => Why::Pruned,
-            false => Why::NotAtHand,
+            true => SkipReason::Pruned,
+            false => SkipReason::NotAtHand,
         }
     }
 }

@@ -3,8 +3,8 @@
 //! [`Ledger::commit`]: zk0_ledger::log::Ledger::commit
 
 use crate::round::aggregator::Aggregator;
-use crate::round::recording::submission::Judged;
-use crate::round::request::RequestError;
+use crate::round::intake::submission::DecidedSubmission;
+use crate::round::request_error::RequestError;
 use zk0_ledger::error::LedgerError;
 use zk0_ledger::group::Wanted;
 use zk0_protocol::entries::entry::Body;
@@ -16,7 +16,7 @@ pub enum ToRecord {
     /// A statement.
     Statement(Box<Body>),
     /// The decision on a submission.
-    Decision(Box<Judged>),
+    Decision(Box<DecidedSubmission>),
 }
 
 impl Aggregator {
@@ -50,7 +50,7 @@ impl Aggregator {
     }
 
     /// Takes a recorded decision into account.
-    fn take(&mut self, judged: Judged) {
+    fn take(&mut self, judged: DecidedSubmission) {
         let terms = judged.submission().statement.claim.terms;
         let (node, round) = (terms.node, terms.round);
         match judged.decision() {

@@ -1,14 +1,14 @@
 //! Recording what nodes and members send, in three steps. The first one compares a request with the ledger. The second one reads and writes
-//! files, and needs no aggregator, so that the rounds go on meanwhile. The third one records ([`crate::round::recording::group`]), and compares once more.
+//! files, and needs no aggregator, so that the rounds go on meanwhile. The third one records ([`crate::round::intake::group`]), and compares once more.
 //!
-//! What is recorded already is not recorded again: whoever sends it again gets the same receipt. [`crate::round::recording::submission`] has the
+//! What is recorded already is not recorded again: whoever sends it again gets the same receipt. [`crate::round::intake::submission`] has the
 //! same steps for submissions.
 
 use crate::round::aggregator::Aggregator;
+use crate::round::intake::registrations::{MAX_REGISTRATIONS, PERIOD_MS};
+use crate::round::intake::staging::Staging;
 use crate::round::public_samples::check_public_samples;
-use crate::round::recording::registrations::{MAX_REGISTRATIONS, PERIOD_MS};
-use crate::round::recording::staging::Staging;
-use crate::round::request::RequestError;
+use crate::round::request_error::RequestError;
 use borsh::BorshDeserialize;
 use zk0_circuits::NodeId;
 use zk0_ledger::blobs::{BlobError, Blobs};
@@ -27,7 +27,7 @@ use zk0_protocol::Refusal;
 use zk0_verifier::dataset::check_leaf_list;
 
 /// What the first step finds.
-pub enum Begun<T, R = Receipt> {
+pub enum Admission<T, R = Receipt> {
     /// It is recorded already: this is the answer.
     Recorded(R),
     /// It is new, and the rules allow it so far. This is what the second step needs.
@@ -35,13 +35,13 @@ pub enum Begun<T, R = Receipt> {
 }
 
 /// What a member says about the network itself: a proposal, a vote, a dispute, a change of key, or that it leaves, as it was signed.
-pub struct Said {
+pub struct MemberStatement {
     body: Body,
     signer: NodeId,
 }
 
 /// Something said that the rules allow, and the samples that it proposes.
-pub struct AllowedSaying {
+pub struct AllowedStatement {
     body: Body,
     genesis: Genesis,
     blobs: Blobs,
@@ -60,7 +60,7 @@ pub struct AllowedCommitment {
     blobs: Blobs,
 }
 
-impl Said {
+impl MemberStatement {
     /// Reads the bytes of an entry's body.
     ///
     /// # Errors
@@ -88,7 +88,7 @@ impl Said {
     }
 }
 
-impl AllowedSaying {
+impl AllowedStatement {
     /// Refuses a proposal of public samples that are not at hand or cannot be used, because no round could be closed with them.
     pub fn check(self) -> Result<Body, RequestError> {
         if let Body::Proposed(signed) = &self.body {
@@ -140,19 +140,19 @@ impl AllowedCommitment {
 
 impl Aggregator {
     /// Begins to record what a member says.
-    pub fn begin_saying(
+    pub fn begin_statement(
         &self,
-        said: &Said,
+        said: &MemberStatement,
         arrived_ms: u64,
-    ) -> Result<Begun<AllowedSaying>, RequestError> {
+    ) -> Result<Admission<AllowedStatement>, RequestError> {
         // A node may leave, be enrolled again, and leave once more.
         let undone = matches!(said.body, Body::NodeLeft(_)) && !self.has_left(&said.signer);
         if let Some(index) = self.index.said(&said.body).filter(|_| !undone) {
-            return Ok(Begun::Recorded(self.ledger.first_receipt(index)?));
+            return Ok(Admission::Recorded(self.ledger.first_receipt(index)?));
         }
         self.check(arrived_ms, said.body.clone())?;
         self.check_at_hand(&said.body)?;
-        Ok(Begun::New(AllowedSaying {
+        Ok(Admission::New(AllowedStatement {
             body: said.body.clone(),
             genesis: self.state().genesis().clone(),
             blobs: self.ledger.blobs().clone(),
@@ -186,22 +186,22 @@ impl Aggregator {
     /// Begins to record a dataset commitment.
     ///
     /// # Errors
-    /// The rules do not allow it, or the node has registered too often ([`crate::round::recording::registrations`]).
+    /// The rules do not allow it, or the node has registered too often ([`crate::round::intake::registrations`]).
     pub fn begin_registration(
         &self,
         signed: &Signed<DatasetRegistration>,
         arrived_ms: u64,
-    ) -> Result<Begun<AllowedRegistration>, RequestError> {
+    ) -> Result<Admission<AllowedRegistration>, RequestError> {
         let known = self.state().node(&signed.statement.node);
         let body = Body::DatasetCommitted(signed.clone());
         if let Some(known) = known.and_then(|known| known.dataset) {
             if self.ledger.entry(known.entry)?.body == body {
-                return Ok(Begun::Recorded(self.ledger.first_receipt(known.entry)?));
+                return Ok(Admission::Recorded(self.ledger.first_receipt(known.entry)?));
             }
         }
         self.check(arrived_ms, body)?;
         self.check_registrations(&signed.statement.node, arrived_ms)?;
-        Ok(Begun::New(AllowedRegistration {
+        Ok(Admission::New(AllowedRegistration {
             signed: signed.clone(),
             blobs: self.ledger.blobs().clone(),
         }))
@@ -230,7 +230,7 @@ impl Aggregator {
         &self,
         signed: &Signed<Enrolment>,
         arrived_ms: u64,
-    ) -> Result<Begun<Body>, RequestError> {
+    ) -> Result<Admission<Body>, RequestError> {
         let Enrolment {
             network,
             operator,
@@ -254,10 +254,10 @@ impl Aggregator {
         });
         let left = self.has_left(node);
         if let Some(index) = self.index.said(&body).filter(|_| !left) {
-            return Ok(Begun::Recorded(self.ledger.first_receipt(index)?));
+            return Ok(Admission::Recorded(self.ledger.first_receipt(index)?));
         }
         self.check(arrived_ms, body.clone())?;
-        Ok(Begun::New(body))
+        Ok(Admission::New(body))
     }
 
     /// Begins an upload. Whoever may not commit may not upload. If it is new, this says where it waits. The caller reads and writes there, away
@@ -265,7 +265,7 @@ impl Aggregator {
     pub fn begin_upload(
         &self,
         request: &UploadRequest,
-    ) -> Result<Begun<Staging, ()>, RequestError> {
+    ) -> Result<Admission<Staging, ()>, RequestError> {
         let (state, limit) = (
             self.state(),
             BlobKind::Update.max_bytes(self.state().rules()),
@@ -281,7 +281,7 @@ impl Aggregator {
         let committed = open.and_then(|open| open.commits.get(node));
         let is_here = committed.is_some_and(|commit| commit.update.blob == *blob);
         if is_here && network == state.network() {
-            return Ok(Begun::Recorded(()));
+            return Ok(Admission::Recorded(()));
         }
         state.check_may_commit(network, *round, node)?;
         if *size > limit {
@@ -292,7 +292,7 @@ impl Aggregator {
             }
             .into());
         }
-        Ok(Begun::New(self.staging.clone()))
+        Ok(Admission::New(self.staging.clone()))
     }
 
     /// Begins to record a commitment to an uploaded update.
@@ -300,17 +300,19 @@ impl Aggregator {
         &self,
         signed: &Signed<UpdateCommitment>,
         arrived_ms: u64,
-    ) -> Result<Begun<AllowedCommitment>, RequestError> {
+    ) -> Result<Admission<AllowedCommitment>, RequestError> {
         let UpdateCommitment { node, round, .. } = signed.statement;
         let body = Body::UpdateCommitted(signed.clone());
         let open = self.state().round().filter(|open| open.number() == round);
         if let Some(commit) = open.and_then(|open| open.commits.get(&node)) {
             if self.ledger.entry(commit.entry)?.body == body {
-                return Ok(Begun::Recorded(self.ledger.first_receipt(commit.entry)?));
+                return Ok(Admission::Recorded(
+                    self.ledger.first_receipt(commit.entry)?,
+                ));
             }
         }
         self.check(arrived_ms, body)?;
-        Ok(Begun::New(AllowedCommitment {
+        Ok(Admission::New(AllowedCommitment {
             signed: signed.clone(),
             staged: self.staging.of(round, &node),
             blobs: self.ledger.blobs().clone(),
