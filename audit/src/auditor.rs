@@ -12,11 +12,11 @@
 mod found;
 mod saved;
 
-use crate::account::{Account, CheckKind, Checked, NotChecked, SkipReason};
+use crate::account::{CheckKind, Checked, Coverage, NotChecked, SkipReason};
 use crate::auditor::found::Found;
 use crate::checks::closings;
 use crate::checks::pruning_waiver::{PruningWaiver, Rounds};
-use crate::checks::{self, Check, Examined, Missing, Recorded};
+use crate::checks::{self, Check, Examined, Missing, RecordedClaim};
 use crate::depth::Depth;
 use crate::queue::{Panicked, Queue};
 use crate::trusted_programs::TrustedPrograms;
@@ -42,17 +42,17 @@ pub struct Auditor {
     depth: Depth,
     named: TrustedPrograms,
     /// What was checked, without the contributions that the open round accepted.
-    account: Account,
+    account: Coverage,
     /// What was checked of the contributions that the open round accepted.
-    open: Account,
+    open: Coverage,
     /// What the open round accepted.
-    accepted: Vec<Recorded>,
+    accepted: Vec<RecordedClaim>,
     /// The contributions among them that verify.
     contributions: Vec<VerifiedContribution>,
     /// What is not at hand of them.
     missing: Vec<Missing>,
     /// What the open round refused, and why, where the proof or the update is not at hand. Both are private until the round closes.
-    refused: Vec<(Recorded, Refusal)>,
+    refused: Vec<(RecordedClaim, Refusal)>,
     /// Accepted contributions that may still be disputed, and of which this audit has not found that they verify: what verification
     /// says, or `None` where not all of it was checked.
     doubtful: BTreeMap<u64, Option<Refusal>>,
@@ -60,18 +60,18 @@ pub struct Auditor {
     pruning: Option<Pruning>,
     /// The rounds whose average nobody can compute again from these blobs, because some of them were pruned.
     unrepeatable: Rounds,
-    queue: Queue<Outcome>,
+    queue: Queue<JobOutcome>,
     found: Found,
 }
 
 /// The outcome of a job of the queue.
-enum Outcome {
+enum JobOutcome {
     /// The check of an entry.
     Check(u64, Check),
     /// The checks of an accepted contribution.
     Accepted(u64, Box<Examined>),
     /// The check of a refusal in the open round.
-    Refused(Box<(Recorded, Refusal)>, Check),
+    Refused(Box<(RecordedClaim, Refusal)>, Check),
 }
 
 impl Default for Auditor {
@@ -92,8 +92,8 @@ impl Auditor {
         Self {
             depth,
             named: TrustedPrograms::default(),
-            account: Account::default(),
-            open: Account::default(),
+            account: Coverage::default(),
+            open: Coverage::default(),
             accepted: Vec::new(),
             contributions: Vec::new(),
             missing: Vec::new(),
@@ -160,7 +160,7 @@ impl Auditor {
         self.whole_account().not_checked()
     }
 
-    fn whole_account(&self) -> Account {
+    fn whole_account(&self) -> Coverage {
         let mut account = self.account.clone();
         account.add(self.open.clone());
         for Missing {
@@ -186,24 +186,24 @@ impl Auditor {
     }
 
     /// Begins to verify a contribution that the open round accepted.
-    fn examine(&mut self, recorded: Recorded, blobs: &Blobs) {
+    fn examine(&mut self, recorded: RecordedClaim, blobs: &Blobs) {
         self.accepted.push(recorded.clone());
         let (depth, blobs) = (self.depth, blobs.clone());
         self.begin(move || {
             let examined = Box::new(recorded.accepted(depth, &blobs));
-            Outcome::Accepted(recorded.index, examined)
+            JobOutcome::Accepted(recorded.index, examined)
         });
     }
 
     /// Begins a check of the blobs of entry `index`. A light audit reads no blobs here, so the check takes no time.
     fn check(&mut self, index: u64, check: impl FnOnce() -> Check + Send + 'static) {
         match self.depth {
-            Depth::Light => self.queue.push(Outcome::Check(index, check())),
-            Depth::Full => self.begin(move || Outcome::Check(index, check())),
+            Depth::Light => self.queue.push(JobOutcome::Check(index, check())),
+            Depth::Full => self.begin(move || JobOutcome::Check(index, check())),
         }
     }
 
-    fn begin(&mut self, check: impl FnOnce() -> Outcome + Send + 'static) {
+    fn begin(&mut self, check: impl FnOnce() -> JobOutcome + Send + 'static) {
         while self.queue.is_full() {
             let outcome = self.queue.take();
             self.take(outcome);
@@ -211,21 +211,21 @@ impl Auditor {
         self.queue.begin(check);
     }
 
-    fn take(&mut self, outcome: Option<Result<Outcome, Panicked>>) {
+    fn take(&mut self, outcome: Option<Result<JobOutcome, Panicked>>) {
         match outcome {
             None => {}
             Some(Err(Panicked)) => self.found.push(Finding::fault(
                 None,
                 "a check panicked, so something is not verified: the log says what",
             )),
-            Some(Ok(Outcome::Check(index, check))) => {
+            Some(Ok(JobOutcome::Check(index, check))) => {
                 self.found.enter(&mut self.account, index, check);
             }
-            Some(Ok(Outcome::Refused(refused, check))) => match check {
+            Some(Ok(JobOutcome::Refused(refused, check))) => match check {
                 Check::NotAtHand(..) => self.refused.push(*refused),
                 check => self.found.enter(&mut self.account, refused.0.index, check),
             },
-            Some(Ok(Outcome::Accepted(index, examined))) => {
+            Some(Ok(JobOutcome::Accepted(index, examined))) => {
                 for check in examined.checks {
                     self.found.enter(&mut self.open, index, check);
                 }
@@ -252,7 +252,7 @@ impl Auditor {
             let (depth, blobs) = (self.depth, blobs.clone());
             self.begin(move || {
                 let check = recorded.rejected(&reason, depth, waiver, &blobs);
-                Outcome::Check(recorded.index, check)
+                JobOutcome::Check(recorded.index, check)
             });
         }
         self.finish_all();
@@ -344,7 +344,7 @@ impl Recheck for Auditor {
     fn entry(&mut self, before: &State, index: u64, entry: &Entry, blobs: &Blobs) -> Vec<Finding> {
         let depth = self.depth;
         let waiver = |round| PruningWaiver::of(self.pruning, round, index);
-        let recorded = |submission: &Signed<Submission>| Recorded {
+        let recorded = |submission: &Signed<Submission>| RecordedClaim {
             index,
             time_ms: entry.time_ms,
             submission: submission.clone(),
@@ -376,7 +376,7 @@ impl Recheck for Auditor {
                 let blobs = blobs.clone();
                 self.begin(move || {
                     let check = refused.0.rejected(&refused.1, depth, waiver, &blobs);
-                    Outcome::Refused(refused, check)
+                    JobOutcome::Refused(refused, check)
                 });
             }
             Body::RoundClosed(closed) => {
@@ -503,7 +503,7 @@ mod tests {
         let mut checks = 0;
         while !again.queue.is_full() {
             let check = Check::Passed(CheckKind::Program);
-            again.queue.push(Outcome::Check(0, check));
+            again.queue.push(JobOutcome::Check(0, check));
             checks += 1;
         }
         assert_eq!(checks, 2 * threads.get());

@@ -33,7 +33,7 @@ pub use crate::checks::check::Check;
 
 /// A recorded claim, and what its verification reads of the state that it was recorded on.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
-pub struct Recorded {
+pub struct RecordedClaim {
     pub index: u64,
     pub time_ms: u64,
     pub submission: Signed<Submission>,
@@ -67,7 +67,7 @@ pub struct Examined {
     pub missing: Option<Missing>,
 }
 
-impl Recorded {
+impl RecordedClaim {
     /// Verifies again the contribution that the ledger accepted.
     pub fn accepted(&self, depth: Depth, blobs: &Blobs) -> Examined {
         let node = self.node();

@@ -26,7 +26,7 @@ use zk0_protocol::{Body, Entry};
 
 /// Which blobs to fetch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wanted {
+pub enum WantedBlobs {
     /// None.
     Entries,
     /// The proofs, which are what a light audit reads.
@@ -35,7 +35,7 @@ pub enum Wanted {
     Everything,
 }
 
-impl From<Depth> for Wanted {
+impl From<Depth> for WantedBlobs {
     fn from(depth: Depth) -> Self {
         match depth {
             Depth::Light => Self::Proofs,
@@ -59,7 +59,12 @@ pub struct Located {
 ///
 /// # Errors
 /// [`WrongUsage`] if `keep` or `trust` does not fit the ledger; otherwise the ledger cannot be read, or [something is wrong](is_fault).
-pub fn locate(ledger: &str, keep: Option<&Path>, trust: &Trust, wanted: Wanted) -> Result<Located> {
+pub fn locate(
+    ledger: &str,
+    keep: Option<&Path>,
+    trust: &Trust,
+    wanted: WantedBlobs,
+) -> Result<Located> {
     let dir = Path::new(ledger);
     let network = trust.network.as_ref();
     if folder::database(dir).exists() {
@@ -155,21 +160,21 @@ pub fn fetch(
     dir: &Path,
     policy: Option<&WitnessPolicy>,
     network: Option<&Digest>,
-    wanted: Wanted,
+    wanted: WantedBlobs,
 ) -> Result<(), MirrorError> {
     let mut selection = Selection {
         source,
         blobs: BTreeSet::new(),
     };
     match wanted {
-        Wanted::Everything => {
+        WantedBlobs::Everything => {
             mirror(source, dir, policy, network)?;
         }
-        Wanted::Entries => {
+        WantedBlobs::Entries => {
             mirror(&selection, dir, policy, network)?;
         }
         // The entries say which proofs there are, and new entries may come meanwhile.
-        Wanted::Proofs => {
+        WantedBlobs::Proofs => {
             mirror(&selection, dir, policy, network)?;
             loop {
                 selection.blobs = proofs(dir)?;

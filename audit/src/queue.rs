@@ -7,11 +7,11 @@ use std::thread;
 
 /// A queue of checks with outcomes `T`.
 pub struct Queue<T> {
-    slots: VecDeque<Slot<T>>,
+    slots: VecDeque<QueueSlot<T>>,
     most: usize,
 }
 
-enum Slot<T> {
+enum QueueSlot<T> {
     Done(T),
     Running(Receiver<T>),
 }
@@ -38,10 +38,10 @@ impl<T: Send + 'static> Queue<T> {
             }
         };
         let slot = match thread::Builder::new().spawn(run) {
-            Ok(_) => Slot::Running(outcome),
+            Ok(_) => QueueSlot::Running(outcome),
             Err(_) => match check.lock().ok().and_then(|mut check| check.take()) {
-                Some(check) => Slot::Done(check()),
-                None => Slot::Running(outcome),
+                Some(check) => QueueSlot::Done(check()),
+                None => QueueSlot::Running(outcome),
             },
         };
         self.slots.push_back(slot);
@@ -49,7 +49,7 @@ impl<T: Send + 'static> Queue<T> {
 
     /// Adds an outcome that took no time.
     pub fn push(&mut self, outcome: T) {
-        self.slots.push_back(Slot::Done(outcome));
+        self.slots.push_back(QueueSlot::Done(outcome));
     }
 
     /// Whether an outcome has to be taken out before the next check begins.
@@ -60,8 +60,8 @@ impl<T: Send + 'static> Queue<T> {
     /// The first outcome, if the check is done. It is an error if its thread panicked.
     pub fn take_ready(&mut self) -> Option<Result<T, Panicked>> {
         let outcome = match self.slots.front()? {
-            Slot::Done(_) => return self.take(),
-            Slot::Running(outcome) => match outcome.try_recv() {
+            QueueSlot::Done(_) => return self.take(),
+            QueueSlot::Running(outcome) => match outcome.try_recv() {
                 Ok(outcome) => Ok(outcome),
                 Err(TryRecvError::Disconnected) => Err(Panicked),
                 Err(TryRecvError::Empty) => return None,
@@ -74,8 +74,8 @@ impl<T: Send + 'static> Queue<T> {
     /// The first outcome. Waits until the check is done.
     pub fn take(&mut self) -> Option<Result<T, Panicked>> {
         Some(match self.slots.pop_front()? {
-            Slot::Done(outcome) => Ok(outcome),
-            Slot::Running(outcome) => outcome.recv().map_err(|_| Panicked),
+            QueueSlot::Done(outcome) => Ok(outcome),
+            QueueSlot::Running(outcome) => outcome.recv().map_err(|_| Panicked),
         })
     }
 }

@@ -28,7 +28,7 @@ pub enum Look {
 
 /// What a watch reports while it looks.
 #[derive(Debug)]
-pub enum Seen<'a> {
+pub enum WatchEvent<'a> {
     /// The first look has checked the whole log.
     First {
         /// Whether everything was checked.
@@ -65,7 +65,7 @@ pub struct WatchOptions {
 }
 
 /// A watch over one log.
-pub struct Watch {
+pub struct LogWatch {
     options: WatchOptions,
     /// Where the log is fetched to; `None` when it is read where it lies.
     mirror: Option<PathBuf>,
@@ -75,7 +75,7 @@ pub struct Watch {
     _made: Temporary,
 }
 
-impl Watch {
+impl LogWatch {
     /// Begins to watch. Nothing is fetched yet.
     ///
     /// # Errors
@@ -132,7 +132,7 @@ impl Watch {
     pub fn look(
         &mut self,
         progress: Option<&(dyn Fn(u64, u64) + Sync)>,
-        mut seen: impl FnMut(Seen<'_>),
+        mut seen: impl FnMut(WatchEvent<'_>),
     ) -> Result<Look> {
         let network = self.options.trust.network;
         let saved = Saved::read(&self.state)?;
@@ -232,10 +232,10 @@ fn report(
     dir: &Path,
     before: Option<u64>,
     audited: &Audited,
-    seen: &mut impl FnMut(Seen<'_>),
+    seen: &mut impl FnMut(WatchEvent<'_>),
 ) -> Result<()> {
     let Some(before) = before else {
-        seen(Seen::First {
+        seen(WatchEvent::First {
             verdict: audited.verdict,
             entries: audited.entries,
             network: audited.network.as_deref().unwrap_or("unknown"),
@@ -248,7 +248,7 @@ fn report(
     let root = audited.root.as_deref().unwrap_or_default();
     history::read(dir, audited.entries, root, |index, entry| {
         if index >= before {
-            seen(Seen::New { index, entry });
+            seen(WatchEvent::New { index, entry });
         }
     })
 }

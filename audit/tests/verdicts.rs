@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tempfile::TempDir;
-use zk0_audit::fetch::{fetch, is_fault, Wanted};
+use zk0_audit::fetch::{fetch, is_fault, WantedBlobs};
 use zk0_audit::log_source::source;
 use zk0_audit::run::Audit;
 use zk0_audit::verified_entries::verified_entries;
@@ -255,7 +255,7 @@ fn a_damaged_blob_of_a_copy_is_fetched_again_before_anybody_judges() {
     let (ledger, mirror) = (copy_of(Path::new(REAL)), tempfile::tempdir().unwrap());
     let from = source(ledger.path().to_str().unwrap(), None).unwrap();
     let again = || -> anyhow::Result<()> {
-        let everything = Wanted::Everything;
+        let everything = WantedBlobs::Everything;
         Ok(fetch(from.as_ref(), mirror.path(), None, None, everything)?)
     };
     again().unwrap();

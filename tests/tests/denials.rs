@@ -3,7 +3,7 @@
 
 use crate::real_ledger::{accepted, ledger_copy};
 use zk0_audit::checks::pruning_waiver::PruningWaiver;
-use zk0_audit::checks::{disputed, Check, Recorded};
+use zk0_audit::checks::{disputed, Check, RecordedClaim};
 use zk0_audit::Depth;
 use zk0_ledger::blobs::Blobs;
 use zk0_protocol::Refusal;
@@ -12,7 +12,7 @@ use zk0_protocol::Refusal;
 fn a_good_contribution_that_was_refused_is_a_fault() {
     let dir = ledger_copy();
     let real = accepted(dir.path());
-    let recorded = Recorded {
+    let recorded = RecordedClaim {
         index: real.index,
         time_ms: real.time_ms,
         submission: real.contribution.submission,

@@ -1,8 +1,8 @@
 //! What a state file keeps of an auditor.
 
-use crate::account::Account;
+use crate::account::Coverage;
 use crate::checks::pruning_waiver::Rounds;
-use crate::checks::Recorded;
+use crate::checks::RecordedClaim;
 use crate::depth::Depth;
 use crate::trusted_programs::TrustedPrograms;
 use std::collections::{BTreeMap, BTreeSet};
@@ -11,14 +11,14 @@ use zk0_protocol::Refusal;
 
 /// What a state file keeps of an auditor: how they audit, what was checked, what the open round accepted, what may still be disputed, of which
 /// rounds nobody can repeat the combination, what the open round refused, and which blobs were missing or damaged.
-pub type Saved = (
+pub type SavedAuditor = (
     Depth,
     TrustedPrograms,
-    Account,
-    Vec<Recorded>,
+    Coverage,
+    Vec<RecordedClaim>,
     BTreeMap<u64, Option<Refusal>>,
     Rounds,
-    Vec<(Recorded, Refusal)>,
+    Vec<(RecordedClaim, Refusal)>,
     BTreeSet<Digest>,
 );
 
@@ -26,8 +26,8 @@ pub type Saved = (
 ///
 /// # Errors
 /// Another version has written it, or an auditor of another depth, or one who had named something else.
-pub fn read(saved: &[u8], depth: Depth, named: &TrustedPrograms) -> Result<Saved, String> {
-    let saved: Saved = borsh::from_slice(saved)
+pub fn read(saved: &[u8], depth: Depth, named: &TrustedPrograms) -> Result<SavedAuditor, String> {
+    let saved: SavedAuditor = borsh::from_slice(saved)
         .map_err(|error| format!("another version of zk0 wrote the state file ({error})"))?;
     let (was, had_named, ..) = &saved;
     if *was != depth {

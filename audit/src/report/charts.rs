@@ -1,9 +1,9 @@
 //! The charts of a report: contributions, reasons of refusals, credits and losses, by round.
 
-use crate::report::history::{History, Losses, Round};
-use crate::report::page::Page;
+use crate::report::history::{History, LossHistory, RoundHistory};
+use crate::report::page::HtmlPage;
 use crate::report::public_losses::PublicLosses;
-use crate::report::svg::{lines, lying, stacked, Axis, Series, BAD, COLOURS, GOOD};
+use crate::report::svg::{lines, lying, stacked, PlotAxis, Series, BAD, COLOURS, GOOD};
 
 /// Most bars or points in a chart. Where there are more rounds, each stands for several.
 const MOST_PLACES: usize = 120;
@@ -11,7 +11,7 @@ const MOST_PLACES: usize = 120;
 /// How many nodes have a line of their own. The others share one.
 const MOST_NODES: usize = 7;
 
-impl Page {
+impl HtmlPage {
     /// All charts, if a round was opened.
     pub fn charts(&mut self, history: &History) {
         if history.rounds.is_empty() {
@@ -20,12 +20,12 @@ impl Page {
         self.heading("Charts");
         self.markup("<div class=\"charts\">");
         let groups = groups(&history.rounds);
-        let rounds = Axis {
+        let rounds = PlotAxis {
             name: "round",
             places: groups.iter().map(|group| label(group)).collect(),
         };
-        let sum = |of: fn(&Round) -> u64| -> Vec<Option<f64>> {
-            let sum = |group: &&[Round]| Some(group.iter().map(of).sum::<u64>() as f64);
+        let sum = |of: fn(&RoundHistory) -> u64| -> Vec<Option<f64>> {
+            let sum = |group: &&[RoundHistory]| Some(group.iter().map(of).sum::<u64>() as f64);
             groups.iter().map(sum).collect()
         };
         let decided = [
@@ -52,7 +52,7 @@ impl Page {
         self.reasons(history);
         let (name, series) = credits(history, &groups);
         self.figure(&name, &lines(&name, &rounds, "credits", &series, true));
-        let loss = |of: fn(&Losses) -> f64| -> Vec<Option<f64>> {
+        let loss = |of: fn(&LossHistory) -> f64| -> Vec<Option<f64>> {
             groups.iter().map(|group| mean_loss(group, of)).collect()
         };
         let (before, after) = (loss(|losses| losses.before), loss(|losses| losses.after));
@@ -82,9 +82,9 @@ impl Page {
     }
 
     /// The losses on the public samples. Where a place stands for several rounds, it shows the last of them that has a loss.
-    fn public_losses(&mut self, groups: &[&[Round]], rounds: &Axis<'_>) {
+    fn public_losses(&mut self, groups: &[&[RoundHistory]], rounds: &PlotAxis<'_>) {
         let last = |of: fn(&PublicLosses) -> Option<f64>| -> Vec<Option<f64>> {
-            let last = |group: &&[Round]| {
+            let last = |group: &&[RoundHistory]| {
                 let mut rounds = group.iter().rev();
                 rounds.find_map(|round| round.public.as_ref().and_then(of))
             };
@@ -138,13 +138,13 @@ impl Page {
 }
 
 /// The rounds, in as many groups of equal size as a chart has room for.
-fn groups(rounds: &[Round]) -> Vec<&[Round]> {
+fn groups(rounds: &[RoundHistory]) -> Vec<&[RoundHistory]> {
     rounds
         .chunks(rounds.len().div_ceil(MOST_PLACES).max(1))
         .collect()
 }
 
-fn label(group: &[Round]) -> String {
+fn label(group: &[RoundHistory]) -> String {
     match (group.first(), group.last()) {
         (Some(first), Some(last)) if first.round != last.round => {
             format!("{}–{}", first.round, last.round)
@@ -155,7 +155,7 @@ fn label(group: &[Round]) -> String {
 }
 
 /// The mean over the claims of a group of rounds.
-fn mean_loss(group: &[Round], of: fn(&Losses) -> f64) -> Option<f64> {
+fn mean_loss(group: &[RoundHistory], of: fn(&LossHistory) -> f64) -> Option<f64> {
     let losses = || group.iter().filter_map(|round| round.losses.as_ref());
     let claims: u64 = losses().map(|losses| losses.claims).sum();
     let sum: f64 = losses().map(|one| of(one) * one.claims as f64).sum();
@@ -163,7 +163,7 @@ fn mean_loss(group: &[Round], of: fn(&Losses) -> f64) -> Option<f64> {
 }
 
 /// What the nodes have earned after each group of rounds. Those that earned most have a line of their own.
-fn credits(history: &History, groups: &[&[Round]]) -> (String, Vec<Series<'static>>) {
+fn credits(history: &History, groups: &[&[RoundHistory]]) -> (String, Vec<Series<'static>>) {
     let mut order: Vec<usize> = (0..history.nodes.len())
         .filter(|place| history.nodes[*place].credits > 0)
         .collect();

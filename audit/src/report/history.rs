@@ -27,19 +27,19 @@ pub struct History {
     /// Time of the last of them, Unix milliseconds.
     pub last_ms: u64,
     /// How the network was founded.
-    pub network: Option<Network>,
+    pub network: Option<NetworkSummary>,
     /// The guest program that it began with, and those that votes put in force, in order.
     pub programs: Vec<ProgramInForce>,
     /// Each round.
-    pub rounds: Vec<Round>,
+    pub rounds: Vec<RoundHistory>,
     /// Each node, in the order of enrolment.
-    pub nodes: Vec<Node>,
+    pub nodes: Vec<NodeHistory>,
     /// Refused contributions, by kind of reason.
     pub refusals: BTreeMap<&'static str, u64>,
     /// Proposals, by number.
-    pub proposals: Vec<Proposal>,
+    pub proposals: Vec<ProposalHistory>,
     /// Disputes about accepted contributions.
-    pub disputes: Vec<Dispute>,
+    pub disputes: Vec<DisputeHistory>,
     /// Accepted contributions by entry: the places of round and node.
     #[serde(skip)]
     contributions: BTreeMap<u64, (usize, usize)>,
@@ -53,7 +53,7 @@ pub struct History {
 
 /// How a network was founded.
 #[derive(Clone, Debug, Serialize)]
-pub struct Network {
+pub struct NetworkSummary {
     /// Its name.
     pub name: String,
     /// Its id.
@@ -74,7 +74,7 @@ pub struct Network {
 
 /// A round.
 #[derive(Clone, Debug, Serialize)]
-pub struct Round {
+pub struct RoundHistory {
     /// Its number.
     pub round: u64,
     /// The entry that opened it.
@@ -100,7 +100,7 @@ pub struct Round {
     /// What each contributor earned in it.
     pub shares: Vec<Share>,
     /// Mean losses of the weights that the round began with and of the updates, over the accepted claims that disclose them.
-    pub losses: Option<Losses>,
+    pub losses: Option<LossHistory>,
     /// How its result did on the public samples, if the rules name some and somebody contributed.
     pub public: Option<PublicLosses>,
 }
@@ -118,7 +118,7 @@ pub struct Share {
 
 /// Mean squared errors per element.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub struct Losses {
+pub struct LossHistory {
     /// Under the round's base weights.
     pub before: f64,
     /// Under the updates.
@@ -129,7 +129,7 @@ pub struct Losses {
 
 /// A proposal.
 #[derive(Clone, Debug, Serialize)]
-pub struct Proposal {
+pub struct ProposalHistory {
     /// Its number.
     pub proposal: u64,
     /// The entry that recorded it.
@@ -150,7 +150,7 @@ pub struct Proposal {
 
 /// A dispute about an accepted contribution.
 #[derive(Clone, Debug, Serialize)]
-pub struct Dispute {
+pub struct DisputeHistory {
     /// The entry that raised it.
     pub disputed_entry: u64,
     /// Who raised it.
@@ -163,7 +163,7 @@ pub struct Dispute {
 
 /// A node.
 #[derive(Clone, Debug, Serialize, Default)]
-pub struct Node {
+pub struct NodeHistory {
     /// Its identity.
     pub id: String,
     /// What it calls itself.
@@ -184,7 +184,7 @@ pub struct Node {
     pub credits: u64,
 }
 
-impl Node {
+impl NodeHistory {
     /// Accepted among decided contributions.
     pub fn acceptance(&self) -> Option<f64> {
         let decided = self.accepted + self.refused;
@@ -205,7 +205,7 @@ impl History {
                     node.samples = signed.statement.dataset.samples;
                 }
             }
-            Body::RoundOpened(opened) => self.rounds.push(Round {
+            Body::RoundOpened(opened) => self.rounds.push(RoundHistory {
                 round: opened.round,
                 opened_entry: index,
                 opened_ms: entry.time_ms,
@@ -276,7 +276,7 @@ impl History {
             Body::KeyRotated { rotation, .. } => {
                 self.replace_key(&rotation.statement.node, rotation.statement.with);
             }
-            Body::Proposed(signed) => self.proposals.push(Proposal {
+            Body::Proposed(signed) => self.proposals.push(ProposalHistory {
                 proposal: signed.statement.number,
                 proposed_entry: index,
                 proposer: signed.statement.proposer.to_string(),
@@ -301,7 +301,7 @@ impl History {
                     self.executed(index, &does);
                 }
             }
-            Body::Disputed(signed) => self.disputes.push(Dispute {
+            Body::Disputed(signed) => self.disputes.push(DisputeHistory {
                 disputed_entry: index,
                 disputer: signed.statement.disputer.to_string(),
                 contribution: signed.statement.contribution,
@@ -320,11 +320,11 @@ impl History {
             return;
         }
         self.places.insert(enrolled.node, self.nodes.len());
-        self.nodes.push(Node {
+        self.nodes.push(NodeHistory {
             id: enrolled.node.to_string(),
             name: enrolled.name.clone(),
             enrolled_entry: index,
-            ..Node::default()
+            ..NodeHistory::default()
         });
     }
 
@@ -359,7 +359,7 @@ impl History {
 
     /// Ends a dispute. The node loses what a false contribution had earned.
     fn judged(&mut self, dispute: u64, upheld: bool) {
-        let is = |one: &&mut Dispute| one.disputed_entry == dispute;
+        let is = |one: &&mut DisputeHistory| one.disputed_entry == dispute;
         let Some(dispute) = self.disputes.iter_mut().find(is) else {
             return;
         };
@@ -376,8 +376,8 @@ impl History {
         }
     }
 
-    fn proposal(&mut self, number: u64) -> Option<&mut Proposal> {
-        let is = |one: &&mut Proposal| one.proposal == number;
+    fn proposal(&mut self, number: u64) -> Option<&mut ProposalHistory> {
+        let is = |one: &&mut ProposalHistory| one.proposal == number;
         self.proposals.iter_mut().rev().find(is)
     }
 
@@ -385,7 +385,7 @@ impl History {
         self.spec = genesis.evaluation_spec().ok();
         self.mode = Some(genesis.mode);
         self.program(0, &Program::founding(&genesis.program));
-        self.network = Some(Network {
+        self.network = Some(NetworkSummary {
             name: genesis.name.clone(),
             id: genesis.network_id().to_string(),
             log_key: genesis
@@ -411,7 +411,7 @@ impl History {
         };
         round.accepted += 1;
         if let Some((before, after)) = means {
-            let losses = round.losses.get_or_insert(Losses {
+            let losses = round.losses.get_or_insert(LossHistory {
                 before: 0.0,
                 after: 0.0,
                 claims: 0,
@@ -433,7 +433,7 @@ impl History {
         }
     }
 
-    fn node(&mut self, id: &NodeId) -> Option<&mut Node> {
+    fn node(&mut self, id: &NodeId) -> Option<&mut NodeHistory> {
         let place = *self.places.get(id)?;
         self.nodes.get_mut(place)
     }
@@ -441,7 +441,7 @@ impl History {
     /// The place of the node whose identity begins with `prefix`, or whose name it is.
     pub fn find(&self, prefix: &str) -> Result<usize> {
         let wanted = prefix.to_lowercase();
-        let is = |node: &Node| {
+        let is = |node: &NodeHistory| {
             node.name == prefix || (wanted.len() >= 4 && node.id.starts_with(&wanted))
         };
         let found: Vec<_> = (0..self.nodes.len())

@@ -1,11 +1,11 @@
 //! The report as one HTML file: no script, nothing loaded, readable offline and on paper.
 //!
-//! Names, reasons and findings come from strangers. [`Page`] escapes them, and if it ever failed to, the page's own security policy
+//! Names, reasons and findings come from strangers. [`HtmlPage`] escapes them, and if it ever failed to, the page's own security policy
 //! forbids scripts and addresses.
 
 use crate::report::describe::time;
-use crate::report::history::{History, Network};
-use crate::report::page::Page;
+use crate::report::history::{History, NetworkSummary};
+use crate::report::page::HtmlPage;
 use crate::report::rollouts::Rollouts;
 use crate::report::verdict::{counts, sentence, Audited};
 use serde::Serialize;
@@ -17,7 +17,7 @@ const MOST_ROWS: usize = 500;
 
 /// The data that is written beside the page.
 #[derive(Serialize)]
-pub struct Data<'a> {
+pub struct PageData<'a> {
     /// The audit.
     pub audit: &'a Audited,
     /// What happened.
@@ -45,7 +45,7 @@ figcaption { font-weight: 600; } .small { color: #555; font-size: .9rem; } .faul
 
 /// The page.
 pub fn page(audited: &Audited, history: &History, rollouts: &[Rollouts]) -> String {
-    let mut page = Page::default();
+    let mut page = HtmlPage::default();
     page.markup("<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
         <meta name=\"viewport\" content=\"width=device-width\">\
         <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; style-src 'unsafe-inline'\"><title>");
@@ -74,7 +74,7 @@ fn name(audited: &Audited) -> &str {
     audited.name.as_deref().unwrap_or("an unknown network")
 }
 
-impl Page {
+impl HtmlPage {
     fn verdict(&mut self, audited: &Audited, history: &History) {
         self.markup(match audited.verdict {
             Verdict::Verified => "<div class=\"verdict good\"><b>",
@@ -332,7 +332,7 @@ fn of(findings: &[Finding], severity: Severity) -> Vec<&Finding> {
 }
 
 /// The rules, by their names in a genesis with spaces for underscores.
-fn rules(network: &Network) -> Vec<(String, String)> {
+fn rules(network: &NetworkSummary) -> Vec<(String, String)> {
     let Ok(serde_json::Value::Object(rules)) = serde_json::to_value(&network.rules) else {
         return Vec::new();
     };

@@ -1,4 +1,4 @@
-//! HTML that is being written. Names, reasons and findings come from strangers: [`Page`] takes markup only as literals of this
+//! HTML that is being written. Names, reasons and findings come from strangers: [`HtmlPage`] takes markup only as literals of this
 //! program, and escapes everything else.
 
 use crate::report::svg::{escape, Svg};
@@ -6,9 +6,9 @@ use std::fmt::Display;
 
 /// HTML that is being written.
 #[derive(Default)]
-pub struct Page(String);
+pub struct HtmlPage(String);
 
-impl Page {
+impl HtmlPage {
     /// Markup: a literal, never a value.
     pub fn markup(&mut self, markup: &'static str) {
         self.0.push_str(markup);

@@ -1,7 +1,7 @@
 //! What exported policies did in a simulation, in the report. Nothing of that is proven: the section says so.
 
 use crate::report::history;
-use crate::report::page::Page;
+use crate::report::page::HtmlPage;
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -36,14 +36,14 @@ pub struct Results {
     /// How many of them succeeded.
     pub successes: u64,
     /// Between which shares the success rate lies.
-    pub interval: Interval,
+    pub interval: ShareInterval,
     /// The policy.
-    pub policy: Policy,
+    pub policy: RolloutPolicy,
 }
 
 /// An interval of shares from 0 to 1.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Interval {
+pub struct ShareInterval {
     /// How sure it is.
     pub confidence: f64,
     /// Its low end.
@@ -54,16 +54,16 @@ pub struct Interval {
 
 /// Which policy it was.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Policy {
+pub struct RolloutPolicy {
     /// SHA-256 of its weights; none for the scripted expert.
     pub model_sha256: Option<String>,
     /// The receipt of `zk0 export lerobot`.
-    pub receipt: Option<Receipt>,
+    pub receipt: Option<ReceiptSummary>,
 }
 
 /// The part of a receipt that the report compares with the ledger.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Receipt {
+pub struct ReceiptSummary {
     /// The network's id.
     pub network: String,
     /// The round.
@@ -105,7 +105,7 @@ impl Rollouts {
     }
 }
 
-impl Page {
+impl HtmlPage {
     /// The section of the rollouts, if there are any.
     pub(super) fn rollouts(&mut self, all: &[Rollouts]) {
         if all.is_empty() {

@@ -61,7 +61,7 @@ pub struct Series<'a> {
 }
 
 /// The axis of the places.
-pub struct Axis<'a> {
+pub struct PlotAxis<'a> {
     /// What the places are.
     pub name: &'a str,
     /// The name of each place.
@@ -69,7 +69,7 @@ pub struct Axis<'a> {
 }
 
 /// Bars over the places of `x`, one series on top of the other. `y` names what is counted.
-pub fn stacked(title: &str, x: &Axis<'_>, y: &str, series: &[Series<'_>]) -> Svg {
+pub fn stacked(title: &str, x: &PlotAxis<'_>, y: &str, series: &[Series<'_>]) -> Svg {
     let labels = &x.places;
     let total = |at: usize| -> f64 {
         let at = |one: &Series<'_>| one.values.get(at).copied().flatten();
@@ -98,7 +98,13 @@ pub fn stacked(title: &str, x: &Axis<'_>, y: &str, series: &[Series<'_>]) -> Svg
 }
 
 /// Lines over the places of `x`. `y` names what is measured. `from_zero` is for counts.
-pub fn lines(title: &str, x: &Axis<'_>, y: &str, series: &[Series<'_>], from_zero: bool) -> Svg {
+pub fn lines(
+    title: &str,
+    x: &PlotAxis<'_>,
+    y: &str,
+    series: &[Series<'_>],
+    from_zero: bool,
+) -> Svg {
     let labels = &x.places;
     let values = || {
         series
@@ -242,7 +248,7 @@ impl Chart {
     }
 
     /// The names of both axes, and those of as many places as there is room for.
-    fn axes(&mut self, x: &Axis<'_>, y: &str) {
+    fn axes(&mut self, x: &PlotAxis<'_>, y: &str) {
         let labels = &x.places;
         let every = labels.len().div_ceil(12).max(1);
         for (at, label) in labels.iter().enumerate().step_by(every) {
@@ -365,7 +371,7 @@ mod tests {
 
     #[test]
     fn every_chart_names_both_axes() {
-        let axis = Axis {
+        let axis = PlotAxis {
             name: "the x axis",
             places: vec!["one".into()],
         };
@@ -397,7 +403,7 @@ mod tests {
                 values,
             }]
         };
-        let axis = |count: usize| Axis {
+        let axis = |count: usize| PlotAxis {
             name: hostile,
             places: vec![hostile.to_owned(); count],
         };

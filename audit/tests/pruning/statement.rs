@@ -3,7 +3,7 @@
 use super::*;
 use std::fs;
 use std::time::Duration;
-use zk0_audit::fetch::{fetch, is_wrong, rolled_back, Wanted};
+use zk0_audit::fetch::{fetch, is_wrong, rolled_back, WantedBlobs};
 use zk0_audit::log_source::source;
 use zk0_audit::run::Audit;
 use zk0_audit::trusted_programs::TrustedPrograms;
@@ -35,7 +35,7 @@ fn signed(statement: Pruning, key: &ed25519_dalek::SigningKey) -> Vec<u8> {
 /// Brings the mirror `to` up to date from the log in the folder `from`.
 fn follow(from: &Path, to: &Path) -> Result<(), MirrorError> {
     let source = source(from.to_str().unwrap(), None).unwrap();
-    fetch(source.as_ref(), to, None, None, Wanted::Everything)
+    fetch(source.as_ref(), to, None, None, WantedBlobs::Everything)
 }
 
 #[test]

@@ -9,7 +9,7 @@ use crate::policy::{cache_failed, CacheOptions};
 use anyhow::{Context, Error, Result};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use zk0_audit::fetch::{locate, Wanted};
+use zk0_audit::fetch::{locate, WantedBlobs};
 use zk0_audit::log_source::WrongUsage;
 use zk0_audit::report::history;
 use zk0_audit::run::{mend, unjudged};
@@ -66,7 +66,7 @@ pub fn run(options: &Options) -> Result<bool> {
     // Fetching and reading the ledger may take hours, so a wrong file is named before it.
     let secrets = secrets(&options.secret)?;
     let mirror = options.mirror.as_deref();
-    let located = locate(&options.ledger, mirror, &trust, Wanted::Everything)?;
+    let located = locate(&options.ledger, mirror, &trust, WantedBlobs::Everything)?;
     let dir = &located.dir;
     let replaying = replay::Options {
         opened: replay::open(dir)?,

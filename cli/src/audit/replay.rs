@@ -221,7 +221,7 @@ fn write_page(path: &Path, rollouts: &[PathBuf], dir: &Path, audited: &Audited) 
     let rollouts = rollouts.map(|folder| Rollouts::read(folder, dir, audited.entries, root));
     let rollouts: Vec<Rollouts> = rollouts.collect::<Result<_>>()?;
     let data = data_of(path);
-    let json = serde_json::to_vec_pretty(&html::Data {
+    let json = serde_json::to_vec_pretty(&html::PageData {
         audit: audited,
         history: &history,
         rollouts: &rollouts,

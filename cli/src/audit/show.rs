@@ -5,7 +5,7 @@ use crate::output::{print, println};
 use anyhow::{bail, Result};
 use serde_json::json;
 use sha2::{Digest as _, Sha256};
-use zk0_audit::fetch::{locate, Wanted};
+use zk0_audit::fetch::{locate, WantedBlobs};
 use zk0_audit::log_source::open_log;
 use zk0_audit::report::describe::{describe, details, kind, nodes, printable, round, time};
 use zk0_audit::report::history::{self, History};
@@ -45,7 +45,7 @@ pub fn run(options: &Options) -> Result<bool> {
         return Ok(true);
     }
     let trust = options.trust.read()?;
-    let located = locate(&options.ledger, None, &trust, Wanted::Entries)?;
+    let located = locate(&options.ledger, None, &trust, WantedBlobs::Entries)?;
     let dir = &located.dir;
     let report = zk0_ledger::replay(dir, trust.network.as_ref(), &mut ());
     if let Some(unread) = &report.unread {

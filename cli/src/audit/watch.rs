@@ -12,7 +12,7 @@ use std::path::PathBuf;
 use std::thread::sleep;
 use std::time::Duration;
 use zk0_audit::report::describe::printable;
-use zk0_audit::watch::{Look, Seen, Watch, WatchOptions};
+use zk0_audit::watch::{LogWatch, Look, WatchEvent, WatchOptions};
 use zk0_audit::Depth;
 use zk0_ledger::replay::Verdict;
 use zk0_protocol::counted::counted;
@@ -55,7 +55,7 @@ const UNHEARD: &str = "what the watch finds cannot be written to standard output
 
 /// Runs the command. Returns `false` if something is wrong with the log.
 pub fn run(options: &Options) -> Result<bool> {
-    let mut watch = Watch::begin(WatchOptions {
+    let mut watch = LogWatch::begin(WatchOptions {
         ledger: options.ledger.clone(),
         trust: options.trust.read()?,
         depth: Depth::of(options.light),
@@ -108,9 +108,9 @@ pub fn run(options: &Options) -> Result<bool> {
 }
 
 impl Options {
-    fn tell(&self, seen: Seen<'_>) -> io::Result<()> {
+    fn tell(&self, seen: WatchEvent<'_>) -> io::Result<()> {
         match seen {
-            Seen::First {
+            WatchEvent::First {
                 verdict,
                 entries,
                 network,
@@ -126,7 +126,7 @@ impl Options {
                 };
                 self.say(label, &format!("{entries} of network {network}{left_out}"))
             }
-            Seen::New { index, entry } => match self.json {
+            WatchEvent::New { index, entry } => match self.json {
                 true => write(&show::as_json(index, entry).to_string()),
                 false => write(&show::line(index, entry)),
             },

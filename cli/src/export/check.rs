@@ -7,7 +7,7 @@ use crate::output::println;
 use crate::policy::network_folder::{founded_with, other_tensors};
 use anyhow::Result;
 use std::path::PathBuf;
-use zk0_audit::fetch::{locate, Wanted};
+use zk0_audit::fetch::{locate, WantedBlobs};
 use zk0_audit::log_source::Trust;
 use zk0_circuits::EvalSpec;
 use zk0_ledger::blobs::Blobs;
@@ -30,7 +30,7 @@ pub struct Options {
 pub fn run(options: &Options) -> Result<bool> {
     let receipt = Receipt::read(&options.folder)?;
     let trust = options.trust.read()?;
-    let located = locate(&options.ledger, None, &trust, Wanted::Everything)?;
+    let located = locate(&options.ledger, None, &trust, WantedBlobs::Everything)?;
     let closing = ClosingProof::find(&located.dir, &Trust { ca: None, ..trust }, receipt.round)?;
     let wrong = wrong(options, &receipt, &closing, &Blobs::at(&located.dir))?;
     for what in &wrong {

@@ -9,7 +9,7 @@ use crate::policy::network_folder::NetworkFolder;
 use anyhow::{bail, Context, Result};
 use std::fs;
 use std::path::{Path, PathBuf};
-use zk0_audit::fetch::{locate, Wanted};
+use zk0_audit::fetch::{locate, WantedBlobs};
 use zk0_audit::log_source::Trust;
 use zk0_ledger::blobs::Blobs;
 
@@ -51,7 +51,7 @@ pub fn run(options: &Options) -> Result<()> {
         false => parent,
     };
     let trust = options.trust.read()?;
-    let located = locate(&options.ledger, None, &trust, Wanted::Everything)?;
+    let located = locate(&options.ledger, None, &trust, WantedBlobs::Everything)?;
     let closing = ClosingProof::find(&located.dir, &Trust { ca: None, ..trust }, options.round)?;
     let blobs = Blobs::at(&located.dir);
     let statistics_of = options.statistics_of.as_ref();

@@ -7,7 +7,7 @@ use ed25519_dalek::SigningKey;
 use std::fs;
 use std::path::{Path, PathBuf};
 use zk0_audit::log_source::Trust;
-use zk0_audit::watch::{Look, Watch, WatchOptions};
+use zk0_audit::watch::{LogWatch, Look, WatchOptions};
 use zk0_audit::{Depth, TrustedPrograms};
 use zk0_ledger::Ledger;
 
@@ -63,7 +63,7 @@ fn rolled_back(state: &Path, lose: impl Fn(&Path)) -> (anyhow::Result<Look>, Loo
     };
     made.round();
     drop(made.ledger);
-    let mut watch = Watch::begin(WatchOptions {
+    let mut watch = LogWatch::begin(WatchOptions {
         ledger: text(&dir).into(),
         trust: Trust::default(),
         depth: Depth::Light,
