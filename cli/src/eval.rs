@@ -28,7 +28,7 @@ use zk0_smolvla::{PolicyError, Profile};
 /// Measure policies on recordings: the flow-matching loss by both of LeRobot's definitions, and how far sampled actions are from the
 /// demonstrated ones, for each joint, in the recording's units.
 #[derive(Debug, clap::Args)]
-pub struct Options {
+pub struct EvalOptions {
     /// Measure this policy: a policy file, such as `model.safetensors` of `zk0 train`, or a LeRobot policy folder. Repeat the option for
     /// more policies.
     #[arg(
@@ -62,7 +62,7 @@ pub struct Options {
     seed: u64,
     /// Normalise states and actions with the statistics that the policy was trained with, or with each recording's own
     #[arg(long, value_enum, default_value_t)]
-    statistics: Statistics,
+    statistics: StatisticsChoice,
     #[command(flatten)]
     device: DeviceOptions,
     /// Print JSON instead of a table.
@@ -78,7 +78,7 @@ pub struct Options {
 /// The statistics that states and actions are normalised with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Serialize)]
 #[serde(rename_all = "lowercase")]
-enum Statistics {
+enum StatisticsChoice {
     /// Those of the policy, or those of the recording where the policy has none.
     #[default]
     Policy,
@@ -91,12 +91,12 @@ const BATCH: usize = 8;
 
 /// One policy on one recording.
 #[derive(Debug, Serialize)]
-struct Row {
+struct EvaluationRow {
     policy: String,
     dataset: String,
     frames: usize,
     /// The statistics that states and actions were normalised with.
-    statistics: Statistics,
+    statistics: StatisticsChoice,
     /// The number of Euler steps in which actions were sampled.
     num_steps: usize,
     /// LeRobot 0.6's mean: real dimensions of frames that are not padding.
@@ -104,17 +104,17 @@ struct Row {
     /// LeRobot 0.4's mean: everything.
     loss: f64,
     /// Mean absolute error of sampled actions.
-    action_error: Vec<Joint>,
+    action_error: Vec<JointErrors>,
 }
 
 #[derive(Debug, Serialize)]
-struct Joint {
+struct JointErrors {
     joint: String,
     mean_absolute_error: f64,
 }
 
 /// Runs the command.
-pub fn run(options: &Options) -> Result<()> {
+pub fn run(options: &EvalOptions) -> Result<()> {
     let mut sources: Vec<PolicySource> = options
         .policies
         .iter()
@@ -151,7 +151,7 @@ pub fn run(options: &Options) -> Result<()> {
 }
 
 /// The frames of a recording that are used.
-fn chosen(options: &Options, dataset: &Dataset) -> Result<Vec<usize>> {
+fn chosen(options: &EvalOptions, dataset: &Dataset) -> Result<Vec<usize>> {
     let episodes = dataset.episodes();
     let mut all = Vec::new();
     if options.episodes.is_empty() {
@@ -178,15 +178,15 @@ fn chosen(options: &Options, dataset: &Dataset) -> Result<Vec<usize>> {
 
 /// Measures one policy on all recordings.
 fn measure(
-    options: &Options,
+    options: &EvalOptions,
     source: &PolicySource,
     datasets: &mut [Dataset],
     chosen: &[Vec<usize>],
-) -> Result<Vec<Row>> {
+) -> Result<Vec<EvaluationRow>> {
     let inference = source.inference()?;
     let (statistics, policys) = match (options.statistics, &inference.stats) {
-        (Statistics::Policy, Some(stats)) => (Statistics::Policy, Some(stats)),
-        _ => (Statistics::Recording, None),
+        (StatisticsChoice::Policy, Some(stats)) => (StatisticsChoice::Policy, Some(stats)),
+        _ => (StatisticsChoice::Recording, None),
     };
     for dataset in datasets.iter_mut() {
         let own = || inference.fitted(dataset.stats());
@@ -229,7 +229,7 @@ fn measure(
         }
         let names = &dataset.info().action.names;
         let joints = error.means().into_iter().enumerate();
-        rows.push(Row {
+        rows.push(EvaluationRow {
             policy: source.name(),
             dataset: dataset.root().display().to_string(),
             frames: samples.len(),
@@ -238,7 +238,7 @@ fn measure(
             loss_valid_only: errors.valid_only.loss(),
             loss: errors.plain.loss(),
             action_error: joints
-                .map(|(i, mean_absolute_error)| Joint {
+                .map(|(i, mean_absolute_error)| JointErrors {
                     joint: names
                         .get(i)
                         .cloned()
@@ -252,7 +252,7 @@ fn measure(
 }
 
 /// The results, for people.
-fn table(rows: &[Row]) -> String {
+fn table(rows: &[EvaluationRow]) -> String {
     let mut text = String::new();
     for row in rows {
         let _ = writeln!(
@@ -261,8 +261,8 @@ fn table(rows: &[Row]) -> String {
             row.policy, row.dataset, row.frames
         );
         let whose = match row.statistics {
-            Statistics::Policy => "policy's",
-            Statistics::Recording => "recording's",
+            StatisticsChoice::Policy => "policy's",
+            StatisticsChoice::Recording => "recording's",
         };
         let _ = writeln!(text, "  normalised with the {whose} statistics");
         let _ = writeln!(
@@ -287,7 +287,7 @@ fn table(rows: &[Row]) -> String {
 }
 
 /// The charts of each recording: its losses, and the errors of its joints, with a bar for each policy.
-fn panels(rows: &[Row], datasets: usize) -> Vec<[Panel; 2]> {
+fn panels(rows: &[EvaluationRow], datasets: usize) -> Vec<[Panel; 2]> {
     let of_dataset = |number: usize| rows.iter().skip(number).step_by(datasets);
     let name = |path: &str| {
         let path = PathBuf::from(path);
@@ -299,7 +299,7 @@ fn panels(rows: &[Row], datasets: usize) -> Vec<[Panel; 2]> {
     (0..datasets.min(rows.len()))
         .map(|number| {
             let first = &rows[number];
-            let series = |values: fn(&Row) -> Vec<f64>| {
+            let series = |values: fn(&EvaluationRow) -> Vec<f64>| {
                 let rows = of_dataset(number);
                 rows.map(|row| (row.policy.clone(), values(row))).collect()
             };

@@ -60,7 +60,7 @@ pub fn init(format: LogFormat, traces: Option<impl Layer<Registry> + Send + Sync
                     .with_filter(filter_fn(|meta| meta.target() != PROGRESS))
                     .with_filter(filter()),
             )
-            .with(terminal.then(|| BarLayer(Bars::default())))
+            .with(terminal.then(|| BarLayer(ProgressBars::default())))
             .init(),
     }
 }
@@ -80,7 +80,7 @@ pub fn with_causes(error: &anyhow::Error) -> String {
 
 /// One progress event.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Deserialize)]
-pub struct Progress {
+pub struct ProgressEvent {
     /// The work: `training`, `proving` and so on.
     pub phase: String,
     /// Units done.
@@ -92,7 +92,7 @@ pub struct Progress {
     pub eta_ms: Option<u64>,
 }
 
-impl Visit for Progress {
+impl Visit for ProgressEvent {
     fn record_u64(&mut self, field: &Field, value: u64) {
         match field.name() {
             "done" => self.done = value,
@@ -113,14 +113,14 @@ impl Visit for Progress {
 
 /// Progress bars, one per key, drawn together.
 #[derive(Debug, Default)]
-pub struct Bars {
+pub struct ProgressBars {
     all: MultiProgress,
     by_key: Mutex<HashMap<String, ProgressBar>>,
 }
 
-impl Bars {
+impl ProgressBars {
     /// Draws the bar of `key` again. A finished bar disappears.
-    pub fn show(&self, key: &str, progress: &Progress) {
+    pub fn show(&self, key: &str, progress: &ProgressEvent) {
         let mut bars = self.by_key.lock().unwrap_or_else(PoisonError::into_inner);
         if progress.done >= progress.total {
             if let Some(bar) = bars.remove(key) {
@@ -165,12 +165,12 @@ pub fn minutes(ms: u64) -> String {
     }
 }
 
-struct BarLayer(Bars);
+struct BarLayer(ProgressBars);
 
 impl<S: Subscriber + for<'a> LookupSpan<'a>> Layer<S> for BarLayer {
     fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
         if event.metadata().target() == PROGRESS {
-            let mut progress = Progress::default();
+            let mut progress = ProgressEvent::default();
             event.record(&mut progress);
             self.0.show(&progress.phase.clone(), &progress);
         }

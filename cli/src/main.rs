@@ -42,10 +42,10 @@ enum Command {
     Full(Box<Full>),
     /// Check a ledger without trusting anybody.
     #[command(subcommand)]
-    Audit(audit::Command),
+    Audit(audit::AuditCommand),
     /// Publish, mirror, back up and check a ledger as files.
     #[command(subcommand)]
-    Ledger(ledger::Command),
+    Ledger(ledger::LedgerCommand),
 }
 
 /// What an auditor's light build cannot do.
@@ -53,46 +53,46 @@ enum Command {
 #[derive(Subcommand)]
 enum Full {
     /// Run a whole network on this machine: an aggregator, a prover, nodes, and an audit at the end.
-    Demo(zk0::demo::Options),
+    Demo(zk0::demo::DemoOptions),
     /// The demo's node that cheats. `zk0 demo` starts it.
     #[command(hide = true)]
-    DemoLazyNode(zk0::demo::lazy_node::Options),
+    DemoLazyNode(zk0::demo::lazy_node::LazyNodeOptions),
     /// Take part in a network with your own recordings.
     #[command(subcommand)]
-    Node(zk0::node::Command),
+    Node(zk0::node::NodeCommand),
     /// Found a network and run its rounds.
     #[command(subcommand)]
-    Aggregator(zk0::aggregator::Command),
+    Aggregator(zk0::aggregator::AggregatorCommand),
     /// Propose changes, vote on them, dispute contributions, or change a node's key.
     #[command(subcommand)]
-    Governance(Box<zk0::governance::Command>),
+    Governance(Box<zk0::governance::GovernanceCommand>),
     /// Show how an aggregator is doing: its rounds, nodes, queue and disk.
-    Status(zk0::status::Options),
+    Status(zk0::status::StatusOptions),
     /// Publish what a network has trained.
     #[command(subcommand)]
-    Publish(zk0::publish::Command),
+    Publish(zk0::publish::PublishCommand),
     /// Make proofs for the nodes of this machine.
     #[command(subcommand)]
-    Prover(zk0::prover::Command),
+    Prover(zk0::prover::ProverCommand),
     /// Train a policy on recordings.
-    Train(Box<zk0::train::Options>),
+    Train(Box<zk0::train::TrainRunOptions>),
     /// Simulate a federation on this machine without proofs, to choose rounds, rates and strategies.
-    Simulate(Box<zk0::simulate::Options>),
+    Simulate(Box<zk0::simulate::SimulateOptions>),
     /// Compare federated training with centralised training and with each node alone, without proofs.
-    Compare(Box<zk0::compare::Options>),
+    Compare(Box<zk0::compare::CompareOptions>),
     /// Measure policies on recordings.
-    Eval(zk0::eval::Options),
+    Eval(zk0::eval::EvalOptions),
     /// Look at recordings, and check them, before you train on them.
     #[command(subcommand)]
-    Dataset(zk0::dataset::Command),
+    Dataset(zk0::dataset::DatasetCommand),
     /// Compare the loss in fixed-point numbers, which proofs use, with the loss in floating-point numbers.
-    Fidelity(zk0::fidelity::Options),
+    Fidelity(zk0::fidelity::FidelityOptions),
     /// Take the policy of a round out of a ledger, for LeRobot, with a receipt that names the entry of the log.
     #[command(subcommand)]
-    Export(zk0::export::Command),
+    Export(zk0::export::ExportCommand),
     /// Cosign the logs of others, so that none of them can show two histories.
     #[command(subcommand)]
-    Witness(zk0::witness::Command),
+    Witness(zk0::witness::WitnessCommand),
 }
 
 fn main() -> ExitCode {

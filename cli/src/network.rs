@@ -18,7 +18,7 @@ use zk0_tls::service_address::ServiceAddress;
 
 /// The network that is meant.
 #[derive(Debug, clap::Args)]
-pub struct Network {
+pub struct NetworkChoice {
     /// The aggregator's address, such as https://aggregator.example:7071. With http:// nothing is encrypted.
     #[arg(long, value_name = "ADDRESS")]
     aggregator: String,
@@ -34,7 +34,7 @@ pub struct Network {
 #[derive(Debug, clap::Args)]
 pub struct Signer {
     #[command(flatten)]
-    network: Network,
+    network: NetworkChoice,
     /// The file of the key that signs: a node's, made by `zk0 node keygen`, or a governor's, made by `zk0 governance keygen`.
     #[arg(long, value_name = "FILE")]
     key: PathBuf,
@@ -74,7 +74,7 @@ pub struct Membership {
     cache: CacheOptions,
 }
 
-impl Network {
+impl NetworkChoice {
     /// Connects to the network.
     pub async fn connect(&self, key: SigningKey) -> Result<Node> {
         let address = ServiceAddress::from(self.aggregator.clone()).with_ca(self.ca.clone());

@@ -26,7 +26,7 @@ const BEYOND_QUEUE: usize = 64;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
-pub enum Command {
+pub enum ProverCommand {
     /// Make proofs for the nodes of this machine, one at a time. On a CPU this needs 20 GiB of free memory.
     Serve {
         /// Listen on this address; port 0 takes a free port. Requests carry a private input, which holds samples of a recording (mode direct)
@@ -66,7 +66,7 @@ pub struct NetworkArguments {
     network_minutes: u64,
 }
 
-impl Command {
+impl ProverCommand {
     /// The traces of the command, if it has any.
     pub fn traces(&self) -> Result<Option<Traces>> {
         match self {
@@ -77,9 +77,9 @@ impl Command {
 }
 
 /// Runs the command.
-pub fn run(command: &Command) -> Result<()> {
+pub fn run(command: &ProverCommand) -> Result<()> {
     match command {
-        Command::Serve {
+        ProverCommand::Serve {
             listen,
             certificate,
             queue,
@@ -90,7 +90,7 @@ pub fn run(command: &Command) -> Result<()> {
             let serving = serve(*listen, certificate, *queue as usize, *device, network);
             online_until(ENDING, serving)
         }
-        Command::Cycles => online(cycles()),
+        ProverCommand::Cycles => online(cycles()),
     }
 }
 

@@ -1,7 +1,7 @@
 //! `zk0 status`: how an aggregator is doing.
 
 use crate::keys;
-use crate::network::Network;
+use crate::network::NetworkChoice;
 use anyhow::{Context, Result};
 use ed25519_dalek::SigningKey;
 use serde::Serialize;
@@ -16,9 +16,9 @@ use zk0_protocol::rpc::federation::StatusInfo;
 
 /// `zk0 status`.
 #[derive(Debug, clap::Args)]
-pub struct Options {
+pub struct StatusOptions {
     #[command(flatten)]
-    network: Network,
+    network: NetworkChoice,
     /// Show the status again whenever the round comes further, and every two seconds, until you press Ctrl-C.
     #[arg(long)]
     watch: bool,
@@ -31,11 +31,11 @@ pub struct Options {
 const REFRESH: Duration = Duration::from_secs(2);
 
 /// Runs the command.
-pub async fn run(options: &Options) -> Result<()> {
+pub async fn run(options: &StatusOptions) -> Result<()> {
     // Nothing is signed, so any key will do.
     let key = SigningKey::from_bytes(&keys::random()?);
     let mut node = options.network.connect(key.clone()).await?;
-    let status = Shown::ask(&mut node).await?;
+    let status = StatusView::ask(&mut node).await?;
     if !options.write(&status)? || !options.watch {
         return Ok(());
     }
@@ -47,7 +47,7 @@ pub async fn run(options: &Options) -> Result<()> {
             changed = follower.changed(&mut watch) => changed?,
             () = sleep(REFRESH) => {}
         }
-        match Shown::ask(&mut node).await {
+        match StatusView::ask(&mut node).await {
             Ok(status) => {
                 silent = false;
                 if !options.write(&status)? {
@@ -64,9 +64,9 @@ pub async fn run(options: &Options) -> Result<()> {
     }
 }
 
-impl Options {
+impl StatusOptions {
     /// Prints a status. Returns `false` if its reader, such as `head`, has left.
-    fn write(&self, status: &Shown) -> Result<bool> {
+    fn write(&self, status: &StatusView) -> Result<bool> {
         let mut text = match self.json {
             true => serde_json::to_string(&status.facts())? + "\n",
             false => status.text(),
@@ -85,7 +85,7 @@ impl Options {
 }
 
 /// What is shown.
-struct Shown {
+struct StatusView {
     network: Digest,
     name: String,
     /// Entries that the newest checkpoint covers.
@@ -124,7 +124,7 @@ struct Facts {
     blob_store_failing_ms: Option<u64>,
 }
 
-impl Shown {
+impl StatusView {
     async fn ask(node: &mut Node) -> Result<Self> {
         Ok(Self {
             network: *node.network(),

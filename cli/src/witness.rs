@@ -18,7 +18,7 @@ use zk0_traces::export::Traces;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
-pub enum Command {
+pub enum WitnessCommand {
     /// Make the key of a witness and print its verifier key. Others put the verifier key into their witness policies.
     Keygen {
         /// Write the key to this file. An existing file is kept.
@@ -51,7 +51,7 @@ pub enum Command {
     },
 }
 
-impl Command {
+impl WitnessCommand {
     /// The traces of the command, if it has any.
     pub fn traces(&self) -> Result<Option<Traces>> {
         match self {
@@ -62,14 +62,14 @@ impl Command {
 }
 
 /// Runs the command.
-pub fn run(command: &Command) -> Result<()> {
+pub fn run(command: &WitnessCommand) -> Result<()> {
     match command {
-        Command::Keygen { file, name } => {
+        WitnessCommand::Keygen { file, name } => {
             keys::generate(file)?;
             println!("{}", Cosigner::new(name, keys::read(file)?)?.key());
             Ok(())
         }
-        Command::Serve {
+        WitnessCommand::Serve {
             dir,
             key,
             name,

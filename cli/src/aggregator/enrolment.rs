@@ -1,7 +1,7 @@
 //! `zk0 aggregator enrol`: nodes that the operator lets into the network.
 
 use crate::keys;
-use crate::network::Network;
+use crate::network::NetworkChoice;
 use crate::serve::online;
 use anyhow::{bail, Context, Result};
 use ed25519_dalek::SigningKey;
@@ -17,16 +17,19 @@ use zk0_protocol::entries::member::NodeEnrolled;
 #[derive(Debug, clap::Args)]
 pub struct Enrol {
     /// The ledger's folder, if the aggregator is not running.
-    #[arg(conflicts_with = "Network", required_unless_present = "Network")]
+    #[arg(
+        conflicts_with = "NetworkChoice",
+        required_unless_present = "NetworkChoice"
+    )]
     dir: Option<PathBuf>,
     #[command(flatten)]
-    network: Option<Network>,
+    network: Option<NetworkChoice>,
     /// The file of the log's signing key.
     #[arg(long)]
     key: PathBuf,
     /// NAME=IDENTITY. `zk0 node keygen` prints the identity; the name is for people.
     #[arg(long = "node", value_name = "NAME=IDENTITY", required = true)]
-    nodes: Vec<Enrolment>,
+    nodes: Vec<NodeToEnrol>,
 }
 
 /// Runs the command.
@@ -39,7 +42,7 @@ pub fn enrol(options: &Enrol) -> Result<()> {
     }
 }
 
-fn in_folder(dir: &Path, key: SigningKey, nodes: &[Enrolment]) -> Result<()> {
+fn in_folder(dir: &Path, key: SigningKey, nodes: &[NodeToEnrol]) -> Result<()> {
     let mut ledger = match Ledger::open(dir, None, key) {
         Err(LedgerError::Locked(_)) => bail!(
             "the ledger in {} is in use, most likely by its running aggregator: enrol through that, with --aggregator ADDRESS --network ID in \
@@ -53,9 +56,9 @@ fn in_folder(dir: &Path, key: SigningKey, nodes: &[Enrolment]) -> Result<()> {
     Ok(founding::enrol(&mut ledger, nodes, &SystemClock)?)
 }
 
-async fn through(network: &Network, key: SigningKey, nodes: &[Enrolment]) -> Result<()> {
+async fn through(network: &NetworkChoice, key: SigningKey, nodes: &[NodeToEnrol]) -> Result<()> {
     let mut aggregator = network.connect(key).await?;
-    for Enrolment { name, node } in nodes {
+    for NodeToEnrol { name, node } in nodes {
         let entry = aggregator
             .enrol(*node, name.clone())
             .await
@@ -67,14 +70,14 @@ async fn through(network: &Network, key: SigningKey, nodes: &[Enrolment]) -> Res
 
 /// A node to enrol, `NAME=IDENTITY`.
 #[derive(Clone, Debug)]
-pub struct Enrolment {
+pub struct NodeToEnrol {
     /// A name for people.
     pub name: String,
     /// Its identity: the public half of its key.
     pub node: NodeId,
 }
 
-impl FromStr for Enrolment {
+impl FromStr for NodeToEnrol {
     type Err = anyhow::Error;
 
     fn from_str(text: &str) -> Result<Self> {
@@ -88,8 +91,8 @@ impl FromStr for Enrolment {
     }
 }
 
-impl From<&Enrolment> for NodeEnrolled {
-    fn from(Enrolment { name, node }: &Enrolment) -> Self {
+impl From<&NodeToEnrol> for NodeEnrolled {
+    fn from(NodeToEnrol { name, node }: &NodeToEnrol) -> Self {
         Self {
             node: *node,
             name: name.clone(),

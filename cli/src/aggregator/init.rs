@@ -2,7 +2,7 @@
 
 use super::public_samples::PublicSampleOptions;
 use super::rules::{read_rules, CommonRules, LEAST_UPDATE_LIMIT};
-use super::Enrolment;
+use super::NodeToEnrol;
 use crate::dataset::RecordingName;
 use crate::keys;
 use crate::policy::calibration::{calibrated, samples};
@@ -39,7 +39,7 @@ pub struct Init {
     key: PathBuf,
     /// Enrol this node. `zk0 node keygen` prints its identity; the name is for people. Repeat the option for more nodes.
     #[arg(long = "node", value_name = "NAME=IDENTITY")]
-    nodes: Vec<Enrolment>,
+    nodes: Vec<NodeToEnrol>,
     /// How the evaluation is proven. direct: the proven program evaluates, which costs least for small policies; nodes send the samples of each
     /// claim to their proving service. succinct: it verifies an argument that the node makes before, which shows the proving service no sample,
     /// and costs less for all larger policies, up to the published size. Without this option, zk0 takes the mode that costs fewer cycles, and

@@ -15,7 +15,7 @@ mod serve;
 
 use crate::output::println;
 use enrolment::Enrol;
-pub use enrolment::Enrolment;
+pub use enrolment::NodeToEnrol;
 pub use rules::read_rules;
 
 use crate::keys;
@@ -23,14 +23,14 @@ use anyhow::Result;
 use init::Init;
 use public_samples::MakeSamples;
 use rules::{CommonRules, LEAST_UPDATE_LIMIT};
-use serve::Serve;
+use serve::AggregatorServeOptions;
 use std::path::PathBuf;
 use zk0_tls::local_authority::{LocalAuthority, CA, CA_KEY, CERTIFICATE, KEY};
 use zk0_traces::export::Traces;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
-pub enum Command {
+pub enum AggregatorCommand {
     /// Make the signing key of a network's log.
     Keygen {
         /// Write the key to this file. An existing file is kept.
@@ -56,10 +56,10 @@ pub enum Command {
         names: Vec<String>,
     },
     /// Run a network: open rounds, verify contributions, and average those that are accepted.
-    Serve(Box<Serve>),
+    Serve(Box<AggregatorServeOptions>),
 }
 
-impl Command {
+impl AggregatorCommand {
     /// The traces of the command, if it has any.
     pub fn traces(&self) -> Result<Option<Traces>> {
         match self {
@@ -70,17 +70,17 @@ impl Command {
 }
 
 /// Runs the command.
-pub fn run(command: &Command) -> Result<()> {
+pub fn run(command: &AggregatorCommand) -> Result<()> {
     match command {
-        Command::Keygen { file } => println!("{}", keys::generate(file)?),
-        Command::Rules(common) => {
+        AggregatorCommand::Keygen { file } => println!("{}", keys::generate(file)?),
+        AggregatorCommand::Rules(common) => {
             let rules = common.rules(LEAST_UPDATE_LIMIT)?;
             println!("{}", serde_json::to_string_pretty(&rules)?);
         }
-        Command::Init(options) => init::found(options)?,
-        Command::Enrol(options) => enrolment::enrol(options)?,
-        Command::Samples(options) => public_samples::make(options)?,
-        Command::Certificate { dir, names } => {
+        AggregatorCommand::Init(options) => init::found(options)?,
+        AggregatorCommand::Enrol(options) => enrolment::enrol(options)?,
+        AggregatorCommand::Samples(options) => public_samples::make(options)?,
+        AggregatorCommand::Certificate { dir, names } => {
             LocalAuthority::new(names)?.write(dir)?;
             let path = |name: &str| dir.join(name).display().to_string();
             println!(
@@ -94,7 +94,7 @@ pub fn run(command: &Command) -> Result<()> {
                 path(CA_KEY)
             );
         }
-        Command::Serve(options) => serve::serve(options)?,
+        AggregatorCommand::Serve(options) => serve::serve(options)?,
     }
     Ok(())
 }

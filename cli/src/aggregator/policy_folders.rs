@@ -46,12 +46,12 @@ pub struct PolicyFolders {
     interval: u64,
     /// The number of rounds after which the aggregator opens no more.
     rounds: u64,
-    writer: Arc<Writer>,
+    writer: Arc<FolderWriter>,
     /// The rounds before this one are done.
     next: u64,
 }
 
-struct Writer {
+struct FolderWriter {
     out: PathBuf,
     folder: NetworkFolder,
 }
@@ -88,7 +88,7 @@ impl PolicyFolderOptions {
         Ok(Some(PolicyFolders {
             interval,
             rounds,
-            writer: Arc::new(Writer {
+            writer: Arc::new(FolderWriter {
                 out: out.clone(),
                 folder,
             }),
@@ -143,7 +143,7 @@ impl PolicyFolders {
     }
 }
 
-impl Writer {
+impl FolderWriter {
     fn write(&self, round: u64, weights: &Digest) -> Result<()> {
         // It is of this network: `open` refuses the folder of another one.
         if checkpoints_folder::round_folder(&self.out, round).exists() {

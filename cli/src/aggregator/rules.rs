@@ -1,6 +1,6 @@
 //! A network's rules, from the options of a command or from a JSON file.
 
-use super::enrolment::Enrolment;
+use super::enrolment::NodeToEnrol;
 use super::recordings_like;
 use crate::dataset::RecordingName;
 use anyhow::{Context, Result};
@@ -54,13 +54,13 @@ pub struct CommonRules {
     submit_minutes: u64,
     /// Where the randomness of the challenges comes from. docs/claim.md says what each source resists.
     #[arg(long, value_enum, default_value = "log-vrf")]
-    randomness: Randomness,
+    randomness: RandomnessChoice,
     /// Let this governor vote on changes of the rules. `zk0 governance keygen` prints the identity; the name is for people. Repeat the
     /// option for more governors. Each has one vote. A vote counts if half of the governors take part, and more than half of the votes
     /// decide. Voting takes three days. For one more day, a third of the governors can stop the change. Without governors, the rules
     /// never change.
     #[arg(long = "governor", value_name = "NAME=IDENTITY")]
-    governors: Vec<Enrolment>,
+    governors: Vec<NodeToEnrol>,
     /// Ask of all nodes' recordings what this one has: the unit of its joints, their names and order, its cameras and its frames per second. A node
     /// whose recording differs is refused before it registers. Without this option, each node may have others.
     #[arg(long, value_name = "RECORDING")]
@@ -69,7 +69,7 @@ pub struct CommonRules {
 
 /// A source of randomness. A file of rules can also name another drand network.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
-pub enum Randomness {
+pub enum RandomnessChoice {
     /// A verifiable random function of the log's key: for networks that trust their aggregator not to conspire with a node.
     LogVrf,
     /// The public beacon "quicknet" of drand: the aggregator needs access to the internet.
@@ -78,7 +78,7 @@ pub enum Randomness {
     Witnesses,
 }
 
-impl Randomness {
+impl RandomnessChoice {
     fn source(self) -> RandomnessSource {
         match self {
             Self::LogVrf => RandomnessSource::LogVrf,
@@ -94,7 +94,7 @@ impl CommonRules {
         if self.governors.is_empty() {
             return Governance::none();
         }
-        let governor = |Enrolment { name, node }: &Enrolment| Governor {
+        let governor = |NodeToEnrol { name, node }: &NodeToEnrol| Governor {
             key: *node,
             name: name.clone(),
             weight: 1,

@@ -31,7 +31,7 @@ use zk0_tls::server_certificate::ServerCertificate;
 
 /// `zk0 aggregator serve`.
 #[derive(Debug, clap::Args)]
-pub struct Serve {
+pub struct AggregatorServeOptions {
     /// The ledger's folder.
     dir: PathBuf,
     /// The file of the log's signing key.
@@ -106,7 +106,7 @@ pub struct Serve {
 const LAST_FILES: Duration = Duration::from_secs(10);
 
 /// Runs the command.
-pub fn serve(options: &Serve) -> Result<()> {
+pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
     let config = Config {
         rounds: Some(options.rounds).filter(|rounds| *rounds != u64::MAX),
         min_nodes: options.min_nodes,

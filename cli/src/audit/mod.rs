@@ -12,26 +12,26 @@ mod watch;
 
 use crate::output;
 use anyhow::Result;
-use failed::Failed;
+use failed::AuditFailed;
 use std::process::ExitCode;
 use zk0_audit::fetch::is_fault;
 use zk0_audit::log_source::WrongUsage;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
-pub enum Command {
+pub enum AuditCommand {
     /// Check a ledger from its first entry: signatures, the tree, checkpoints, rules, proofs, refusals, and the averaged weights. The exit
     /// code is 0 if everything was checked and is right (VERIFIED), 1 if anything is wrong (FAILED), 3 if something was not checked
     /// (INCOMPLETE), 2 if an option is wrong, and 4 if there is no verdict, because the ledger cannot be read.
-    Replay(replay::Options),
+    Replay(replay::AuditReplayOptions),
     /// Show what happened: the network, its rounds and nodes, or an entry. This checks no proofs; `zk0 audit replay` does.
-    Show(show::Options),
+    Show(show::AuditShowOptions),
     /// Check a log again and again. Each time, new entries are checked, and the log must continue what was seen before. This prints a line
     /// for each new entry. It ends with exit code 1 when the log shows two histories, loses entries, breaks a rule, or lacks
     /// cosignatures.
-    Watch(watch::Options),
+    Watch(watch::AuditWatchOptions),
     /// Make a file that proves that an entry is in a log (C2SP tlog-proof). `zk0 audit verify-proof` checks it without a network.
-    Prove(proof::Prove),
+    Prove(proof::AuditProveOptions),
     /// Check such a file. The exit code is 0 if the entry is in the log, 1 if the file does not prove it, 2 if an option is wrong, and 4 if
     /// the file cannot be read.
     VerifyProof(proof::Verify),
@@ -39,19 +39,19 @@ pub enum Command {
     /// makes their samples with the network's policy, and compares their leaves with those that the node registered. The exit code is 0
     /// if they are the same, 1 if not, 2 if an option is wrong, and 4 if there is no verdict, because something cannot be read.
     #[cfg(feature = "full")]
-    Recording(Box<recording::Options>),
+    Recording(Box<recording::AuditRecordingOptions>),
 }
 
 /// Runs the command. All but `replay` end with 1 if the ledger or the proof is not right.
-pub fn run(command: &Command) -> Result<ExitCode> {
+pub fn run(command: &AuditCommand) -> Result<ExitCode> {
     let holds = match command {
-        Command::Replay(options) => return replay::run(options),
-        Command::Show(options) => show::run(options)?,
-        Command::Watch(options) => watch::run(options)?,
-        Command::Prove(options) => proof::prove(options).map(|()| true)?,
-        Command::VerifyProof(options) => proof::verify(options)?,
+        AuditCommand::Replay(options) => return replay::run(options),
+        AuditCommand::Show(options) => show::run(options)?,
+        AuditCommand::Watch(options) => watch::run(options)?,
+        AuditCommand::Prove(options) => proof::prove(options).map(|()| true)?,
+        AuditCommand::VerifyProof(options) => proof::verify(options)?,
         #[cfg(feature = "full")]
-        Command::Recording(options) => recording::run(options)?,
+        AuditCommand::Recording(options) => recording::run(options)?,
     };
     if holds {
         return Ok(ExitCode::SUCCESS);
@@ -59,17 +59,17 @@ pub fn run(command: &Command) -> Result<ExitCode> {
     // If the verdict cannot be written, it stands all the same.
     output::finish().map_err(|error| {
         let why = "the verdict is FAILED, but not all that this audit found could be written";
-        error.context(Failed(why.into()))
+        error.context(AuditFailed(why.into()))
     })?;
     Ok(ExitCode::FAILURE)
 }
 
-impl Command {
+impl AuditCommand {
     /// The exit code of an error. If an audit cannot read what it is of, there is no verdict.
     pub fn error_code(&self, error: &anyhow::Error) -> ExitCode {
         ExitCode::from(match self {
             _ if error.is::<WrongUsage>() => 2,
-            _ if is_fault(error) || error.is::<Failed>() => 1,
+            _ if is_fault(error) || error.is::<AuditFailed>() => 1,
             Self::Replay(_) | Self::Watch(_) | Self::VerifyProof(_) => 4,
             #[cfg(feature = "full")]
             Self::Recording(_) => 4,

@@ -9,7 +9,7 @@ pub struct NamedOptions {
     /// Accept proofs of the guest program with this verifying key, besides that of this release. `zk0 audit show` prints a network's key.
     /// Use it only if you know what that program proves. Repeat the option for more programs.
     #[arg(long = "program", value_name = "KEY", value_parser = program)]
-    programs: Vec<Program>,
+    programs: Vec<ProgramVkey>,
     /// Accept an evaluation with this digest, besides that of this release. `zk0 audit show` prints a network's. Repeat the option for
     /// more evaluations.
     #[arg(long = "evaluation", value_name = "DIGEST")]
@@ -29,10 +29,10 @@ impl NamedOptions {
 
 /// The verifying key of a guest program.
 #[derive(Clone, Debug)]
-struct Program(Vec<u8>);
+struct ProgramVkey(Vec<u8>);
 
 /// Reads a verifying key.
-fn program(text: &str) -> Result<Program, String> {
+fn program(text: &str) -> Result<ProgramVkey, String> {
     let key = hex::decode(text).map_err(|error| format!("it is not hexadecimal: {error}"))?;
-    Ok(Program(key))
+    Ok(ProgramVkey(key))
 }

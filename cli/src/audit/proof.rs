@@ -15,7 +15,7 @@ use zk0_protocol::tlog::witness_policy::WitnessPolicy;
 
 /// `zk0 audit prove`.
 #[derive(Debug, clap::Args)]
-pub struct Prove {
+pub struct AuditProveOptions {
     /// A ledger's folder, an export of one, or the address of a served log.
     from: String,
     /// The number of the entry, counted from 0.
@@ -41,7 +41,7 @@ pub struct Verify {
 }
 
 /// Makes a proof.
-pub fn prove(options: &Prove) -> Result<()> {
+pub fn prove(options: &AuditProveOptions) -> Result<()> {
     let index = options.index;
     let proof = open_log(&options.from, &options.trust.read()?, |log, key, policy| {
         let proof = log.prove(index)?;

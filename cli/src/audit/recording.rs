@@ -1,7 +1,7 @@
 //! `zk0 audit recording`: compares a registered dataset with the recording that it is of. For an auditor to whom the node has given both
 //! the recording and its secret.
 
-use super::failed::Failed;
+use super::failed::AuditFailed;
 use crate::dataset::RecordingName;
 use crate::ledger::TrustOptions;
 use crate::output::println;
@@ -30,7 +30,7 @@ use zk0_protocol::evaluation_set::{distinct, DRAWN_LEAF_BYTES};
 
 /// `zk0 audit recording`.
 #[derive(Debug, clap::Args)]
-pub struct Options {
+pub struct AuditRecordingOptions {
     /// The ledger's folder or a copy of it, an export, or the address of a served log.
     ledger: String,
     /// The number of the entry that registered the dataset. `zk0 audit show LEDGER --node NAME` lists a node's entries.
@@ -61,7 +61,7 @@ pub struct Options {
 }
 
 /// Runs the command. Returns `false` if the registered samples are not those of the recording.
-pub fn run(options: &Options) -> Result<bool> {
+pub fn run(options: &AuditRecordingOptions) -> Result<bool> {
     let trust = options.trust.read()?;
     // Fetching and reading the ledger may take hours, so a wrong file is named before it.
     let secrets = secrets(&options.secret)?;
@@ -77,7 +77,7 @@ pub fn run(options: &Options) -> Result<bool> {
     let mut faults = report.findings.iter();
     if let Some(fault) = faults.find(|finding| finding.severity == Severity::Fault) {
         let why = format!("the ledger is not right: {}", fault.text);
-        return Err(Error::msg(Failed(why)));
+        return Err(Error::msg(AuditFailed(why)));
     }
     if let Some(unread) = &report.unread {
         return Err(unjudged(unread));
@@ -99,7 +99,7 @@ pub fn run(options: &Options) -> Result<bool> {
         blobs.get(&registration.leaves, most),
         "reading the list of drawn frames",
     )?;
-    let not_right = || Failed("the registered list of drawn frames is not right".into());
+    let not_right = || AuditFailed("the registered list of drawn frames is not right".into());
     let list = registration.read_list(&list).with_context(not_right)?;
     check_leaves(&registration.dataset, &distinct(&list)).with_context(not_right)?;
     whole(
@@ -171,9 +171,8 @@ fn whole<T>(read: Result<T, BlobError>, what: &'static str) -> Result<T> {
     );
     let read = read.context(what);
     match wrong {
-        true => {
-            read.with_context(|| Failed("a file of the ledger is not what its name says".into()))
-        }
+        true => read
+            .with_context(|| AuditFailed("a file of the ledger is not what its name says".into())),
         false => read,
     }
 }
@@ -190,7 +189,11 @@ fn secrets(path: &Path) -> Result<Secrets, WrongUsage> {
 }
 
 /// The result in words.
-fn verdict(found: &Recomputed, options: &Options, registration: &DatasetRegistration) -> String {
+fn verdict(
+    found: &Recomputed,
+    options: &AuditRecordingOptions,
+    registration: &DatasetRegistration,
+) -> String {
     let (entry, node, recording) = (options.entry, registration.node, &options.recording);
     let failed = |why: String| {
         format!("FAILED      the dataset of node {node} (entry {entry}) is not that of {recording}: {why}")

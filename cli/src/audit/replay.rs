@@ -1,6 +1,6 @@
 //! `zk0 audit replay`: an audit of the whole ledger, or of what an earlier audit has not seen.
 
-use super::failed::Failed;
+use super::failed::AuditFailed;
 use super::named_options::NamedOptions;
 use super::progress_bar::Bar;
 use crate::ledger::TrustOptions;
@@ -24,7 +24,7 @@ use zk0_ledger::replay::{Finding, Keep, Saved, Verdict};
 
 /// `zk0 audit replay`.
 #[derive(Debug, clap::Args)]
-pub struct Options {
+pub struct AuditReplayOptions {
     /// The ledger's folder or a copy of it, an export, or the address of a served log. A served log is fetched into a temporary folder
     /// first.
     ledger: String,
@@ -63,7 +63,7 @@ pub struct Options {
 }
 
 /// Runs the command. Each verdict has an exit code of its own.
-pub fn run(options: &Options) -> Result<ExitCode> {
+pub fn run(options: &AuditReplayOptions) -> Result<ExitCode> {
     // An audit may take hours, so a wrong path is named before it.
     options.check_paths()?;
     let depth = Depth::of(options.light);
@@ -119,7 +119,7 @@ pub fn run(options: &Options) -> Result<ExitCode> {
             Verdict::Failed => {
                 let why =
                     "the verdict is FAILED, but not all that this audit found could be written";
-                error.context(Failed(why.into()))
+                error.context(AuditFailed(why.into()))
             }
             Verdict::Verified | Verdict::Incomplete => error,
         })?;
@@ -130,7 +130,7 @@ pub fn run(options: &Options) -> Result<ExitCode> {
     }))
 }
 
-impl Options {
+impl AuditReplayOptions {
     /// Adds to an error that the log was rolled back, if the state file shows that.
     fn rolled_back(&self, error: anyhow::Error) -> anyhow::Error {
         let saved = self.state.as_deref().map(Saved::read);
@@ -138,7 +138,7 @@ impl Options {
             return error;
         };
         match rolled_back(&error, &saved) {
-            Some(why) => error.context(Failed(why)),
+            Some(why) => error.context(AuditFailed(why)),
             None => error,
         }
     }

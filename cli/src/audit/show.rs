@@ -16,7 +16,7 @@ use zk0_protocol::Entry;
 
 /// `zk0 audit show`.
 #[derive(Debug, clap::Args)]
-pub struct Options {
+pub struct AuditShowOptions {
     /// A ledger's folder, an export of one, or the address of a served log.
     ledger: String,
     /// Show the entry of this number, counted from 0.
@@ -39,7 +39,7 @@ pub struct Options {
 }
 
 /// Runs the command. Returns `false` if the ledger is not right.
-pub fn run(options: &Options) -> Result<bool> {
+pub fn run(options: &AuditShowOptions) -> Result<bool> {
     if let Some(index) = options.index {
         one(options, index)?;
         return Ok(true);
@@ -124,7 +124,7 @@ pub fn run(options: &Options) -> Result<bool> {
 }
 
 /// Shows one entry. Its place in the signed tree is checked, and nothing else.
-fn one(options: &Options, index: u64) -> Result<()> {
+fn one(options: &AuditShowOptions, index: u64) -> Result<()> {
     let bytes = open_log(&options.ledger, &options.trust.read()?, |log, _, _| {
         let size = log.checkpoint().size;
         match index < size {

@@ -19,7 +19,7 @@ use zk0_protocol::counted::counted;
 
 /// `zk0 audit watch`.
 #[derive(Debug, clap::Args)]
-pub struct Options {
+pub struct AuditWatchOptions {
     /// A ledger's folder, an export of one, or the address of a served log.
     ledger: String,
     /// Check the log every this many seconds.
@@ -54,7 +54,7 @@ const PATIENCE: u32 = 5;
 const UNHEARD: &str = "what the watch finds cannot be written to standard output";
 
 /// Runs the command. Returns `false` if something is wrong with the log.
-pub fn run(options: &Options) -> Result<bool> {
+pub fn run(options: &AuditWatchOptions) -> Result<bool> {
     let mut watch = LogWatch::begin(WatchOptions {
         ledger: options.ledger.clone(),
         trust: options.trust.read()?,
@@ -107,7 +107,7 @@ pub fn run(options: &Options) -> Result<bool> {
     }
 }
 
-impl Options {
+impl AuditWatchOptions {
     fn tell(&self, seen: WatchEvent<'_>) -> io::Result<()> {
         match seen {
             WatchEvent::First {

@@ -1,6 +1,6 @@
 //! Groups of bars.
 
-use crate::chart::colours::{Drawn, PaletteForAll};
+use crate::chart::colours::{DrawResult, PaletteForAll};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
@@ -26,7 +26,11 @@ fn highest(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// Draws bars. `x` says what their groups are.
-pub fn bars<B: DrawingBackend>(area: &DrawingArea<B, Shift>, x: &str, bars: &Bars) -> Drawn<B> {
+pub fn bars<B: DrawingBackend>(
+    area: &DrawingArea<B, Shift>,
+    x: &str,
+    bars: &Bars,
+) -> DrawResult<B> {
     let count = bars.groups.len();
     let values = bars.series.iter().flat_map(|(_, values)| values);
     // The names of the series have room above the bars.

@@ -4,7 +4,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 
 /// What drawing on a backend gives.
-pub type Drawn<B, T = ()> = Result<T, DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
+pub type DrawResult<B, T = ()> = Result<T, DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
 /// Eight colours that people with any kind of colour vision can tell apart (Okabe and Ito, Color Universal Design, 2008).
 pub struct PaletteForAll;
@@ -26,7 +26,7 @@ impl Palette for PaletteForAll {
 pub const GREY: RGBColor = RGBColor(150, 150, 150);
 
 /// The name of what is drawn in a colour.
-pub struct Key {
+pub struct LegendEntry {
     /// The name.
     pub name: String,
     /// The colour.
@@ -44,8 +44,8 @@ const GAP: i32 = 6;
 /// Writes the names right of what is left of `area`, which it returns. Names that have no room are counted.
 pub fn beside<B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
-    keys: &[Key],
-) -> Drawn<B, DrawingArea<B, Shift>> {
+    keys: &[LegendEntry],
+) -> DrawResult<B, DrawingArea<B, Shift>> {
     let font = ("sans-serif", 13).into_text_style(area);
     let (width, height) = area.dim_in_pixel();
     let mut widest = 0;

@@ -1,6 +1,6 @@
 //! Curves of losses, and bands of intervals around curves.
 
-use crate::chart::colours::{beside, Drawn, Key, PaletteForAll, GREY};
+use crate::chart::colours::{beside, DrawResult, LegendEntry, PaletteForAll, GREY};
 use plotters::coord::types::RangedCoordf64;
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -46,7 +46,7 @@ fn axes<'a, B: DrawingBackend + 'a>(
     area: &'a DrawingArea<B, Shift>,
     [caption, x]: Titles,
     points: &[(f64, f64)],
-) -> Drawn<B, Axes<'a, B>> {
+) -> DrawResult<B, Axes<'a, B>> {
     let last = points.iter().map(|point| point.0).fold(1.0, f64::max);
     let finite = points
         .iter()
@@ -74,7 +74,7 @@ pub fn lines<B: DrawingBackend>(
     titles: Titles,
     curves: &[Curve],
     nodes: Range<usize>,
-) -> Drawn<B> {
+) -> DrawResult<B> {
     let behind = match nodes.len() > NAMED_NODES {
         true => nodes,
         false => 0..0,
@@ -84,16 +84,16 @@ pub fn lines<B: DrawingBackend>(
         .enumerate()
         .partition(|(number, _)| behind.contains(number));
     let colours = (0..named.len()).map(|number| PaletteForAll::pick(number).to_rgba());
-    let mut keys: Vec<Key> = named
+    let mut keys: Vec<LegendEntry> = named
         .iter()
         .zip(colours)
-        .map(|((_, curve), colour)| Key {
+        .map(|((_, curve), colour)| LegendEntry {
             name: curve.name.clone(),
             colour,
         })
         .collect();
     if !grey.is_empty() {
-        keys.push(Key {
+        keys.push(LegendEntry {
             name: format!("each of {} nodes", grey.len()),
             colour: GREY.to_rgba(),
         });
@@ -121,12 +121,12 @@ pub fn bands<B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     titles: Titles,
     bands: &[Band],
-) -> Drawn<B> {
-    let keys = bands.iter().enumerate().map(|(number, band)| Key {
+) -> DrawResult<B> {
+    let keys = bands.iter().enumerate().map(|(number, band)| LegendEntry {
         name: band.name.clone(),
         colour: PaletteForAll::pick(number).to_rgba(),
     });
-    let keys: Vec<Key> = keys.collect();
+    let keys: Vec<LegendEntry> = keys.collect();
     let area = beside(area, &keys)?;
     let all = bands.iter().flat_map(|band| &band.points);
     let points: Vec<_> = all.map(|(round, [_, _, high])| (*round, *high)).collect();

@@ -1,12 +1,12 @@
 //! Differences with their intervals, one below the other.
 
-use crate::chart::colours::{Drawn, PaletteForAll, GREY};
+use crate::chart::colours::{DrawResult, PaletteForAll, GREY};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 /// A difference, and its interval.
-pub struct Row {
+pub struct DifferenceRow {
     /// What differs from what.
     pub name: String,
     /// Where the interval begins.
@@ -18,7 +18,10 @@ pub struct Row {
 }
 
 /// Draws the rows from top to bottom, with a line where there is no difference. An interval that does not hold 0 has a colour.
-pub fn differences<B: DrawingBackend>(area: &DrawingArea<B, Shift>, rows: &[Row]) -> Drawn<B> {
+pub fn differences<B: DrawingBackend>(
+    area: &DrawingArea<B, Shift>,
+    rows: &[DifferenceRow],
+) -> DrawResult<B> {
     let right = Pos::new(HPos::Right, VPos::Center);
     let font = ("sans-serif", 13).into_text_style(area).pos(right);
     let mut widest = 0;

@@ -8,7 +8,7 @@ mod differences;
 
 use anyhow::{anyhow, Context, Result};
 use bars::bars;
-use colours::Drawn;
+use colours::DrawResult;
 use curves::{bands, lines, PROGRESS, ROUNDS, TRAINING};
 use differences::differences;
 use plotters::coord::Shift;
@@ -21,11 +21,11 @@ use zk0_files::atomic_file;
 
 pub use bars::Bars;
 pub use curves::{Band, Curve};
-pub use differences::Row;
+pub use differences::DifferenceRow;
 
 /// A proven pair of losses.
 #[derive(Clone, Debug, serde::Serialize)]
-pub struct Proven {
+pub struct ProvenLosses {
     /// The node.
     pub name: String,
     /// The round.
@@ -46,8 +46,8 @@ pub struct Panel {
 }
 
 /// Draws `curves`, `proven` losses and those of the `global` weights on each recording, from left to right, to `stem.png` and `stem.svg`.
-pub fn draw(stem: &Path, curves: &[Curve], proven: &[Proven], global: &Bars) -> Result<()> {
-    let pair = |of: fn(&Proven) -> f64| proven.iter().map(of).collect();
+pub fn draw(stem: &Path, curves: &[Curve], proven: &[ProvenLosses], global: &Bars) -> Result<()> {
+    let pair = |of: fn(&ProvenLosses) -> f64| proven.iter().map(of).collect();
     let bars = Bars {
         caption: "Proven: base and update".into(),
         unit: "mean squared error".into(),
@@ -63,33 +63,33 @@ pub fn draw(stem: &Path, curves: &[Curve], proven: &[Proven], global: &Bars) -> 
     save(
         stem,
         (1600, 500),
-        &Picture::Federation(curves, [("node and round", &bars), ("recording", global)]),
+        &Figure::Federation(curves, [("node and round", &bars), ("recording", global)]),
     )
 }
 
 /// Draws the curves of one run to `stem.png` and `stem.svg`, and writes them to `stem.json`.
 pub fn draw_training(stem: &Path, curves: &[Curve]) -> Result<()> {
     write_json(stem, &curves)?;
-    save(stem, (900, 500), &Picture::Training(curves))
+    save(stem, (900, 500), &Figure::Training(curves))
 }
 
 /// Draws losses by round to `stem.png` and `stem.svg`, and writes them to `stem.json`. The curves in `nodes` are those of single nodes: where there
 /// are many, they are drawn thin and in grey, behind the others.
 pub fn draw_rounds(stem: &Path, curves: &[Curve], nodes: Range<usize>) -> Result<()> {
     write_json(stem, &curves)?;
-    save(stem, (900, 500), &Picture::Rounds(curves, nodes))
+    save(stem, (900, 500), &Figure::Rounds(curves, nodes))
 }
 
 /// Draws losses by round with their intervals, and beside them differences with theirs, to `stem.png` and `stem.svg`.
-pub fn draw_comparison(stem: &Path, progress: &[Band], rows: &[Row]) -> Result<()> {
+pub fn draw_comparison(stem: &Path, progress: &[Band], rows: &[DifferenceRow]) -> Result<()> {
     let height = 180 + 30 * rows.len().clamp(11, 100) as u32;
-    save(stem, (1500, height), &Picture::Comparison(progress, rows))
+    save(stem, (1500, height), &Figure::Comparison(progress, rows))
 }
 
 /// Draws rows of two groups of bars each to `stem.png` and `stem.svg`, the rows below one another.
 pub fn draw_bars(stem: &Path, rows: &[[Panel; 2]]) -> Result<()> {
     let height = 360 * rows.len().clamp(1, 50) as u32;
-    save(stem, (1200, height), &Picture::Rows(rows))
+    save(stem, (1200, height), &Figure::Rows(rows))
 }
 
 fn write_json(stem: &Path, data: &impl serde::Serialize) -> Result<()> {
@@ -99,17 +99,17 @@ fn write_json(stem: &Path, data: &impl serde::Serialize) -> Result<()> {
 }
 
 /// What is drawn, on any backend.
-enum Picture<'a> {
+enum Figure<'a> {
     /// The bars with the names of their axes.
     Federation(&'a [Curve], [(&'a str, &'a Bars); 2]),
     Training(&'a [Curve]),
     Rounds(&'a [Curve], Range<usize>),
     Rows(&'a [[Panel; 2]]),
-    Comparison(&'a [Band], &'a [Row]),
+    Comparison(&'a [Band], &'a [DifferenceRow]),
 }
 
-impl Picture<'_> {
-    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Drawn<B> {
+impl Figure<'_> {
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> DrawResult<B> {
         match self {
             Self::Federation(curves, [proven, global]) => {
                 let (left, rest) = area.split_horizontally((42).percent_width());
@@ -137,7 +137,7 @@ impl Picture<'_> {
     }
 }
 
-fn save(stem: &Path, size: (u32, u32), picture: &Picture) -> Result<()> {
+fn save(stem: &Path, size: (u32, u32), picture: &Figure) -> Result<()> {
     for style in [FontStyle::Normal, FontStyle::Bold] {
         register_font("sans-serif", style, epaint_default_fonts::UBUNTU_LIGHT)
             .map_err(|_| anyhow!("the chart's font is broken"))?;
@@ -158,7 +158,7 @@ fn save(stem: &Path, size: (u32, u32), picture: &Picture) -> Result<()> {
         .with_context(|| format!("writing {}", svg.display()))
 }
 
-fn draw_on<B: DrawingBackend>(area: DrawingArea<B, Shift>, picture: &Picture) -> Result<()> {
+fn draw_on<B: DrawingBackend>(area: DrawingArea<B, Shift>, picture: &Figure) -> Result<()> {
     let failed = |error: String| anyhow!("drawing the chart: {error}");
     area.fill(&WHITE).map_err(|e| failed(e.to_string()))?;
     picture.draw(&area).map_err(|e| failed(e.to_string()))?;
@@ -199,7 +199,7 @@ mod tests {
             name: "node".into(),
             points: vec![(0.0, 2.0), (25.0, 1.0)],
         };
-        let proven = Proven {
+        let proven = ProvenLosses {
             name: "node".into(),
             round: 0,
             before: 2.0,
@@ -287,7 +287,7 @@ mod tests {
             name: "federated".into(),
             points: vec![(0.0, [2.0, 2.1, 2.2]), (10.0, [0.9, 1.0, 1.1])],
         };
-        let row = |name: &str, [low, mean, high]: [f64; 3]| Row {
+        let row = |name: &str, [low, mean, high]: [f64; 3]| DifferenceRow {
             name: name.into(),
             low,
             mean,

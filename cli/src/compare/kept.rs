@@ -16,9 +16,9 @@ use zk0_simulate::compare::variant::{Kind, Variant};
 const MAX_BYTES: u64 = 256 << 20;
 
 /// The folder of a comparison.
-pub struct Kept<'a>(&'a Path);
+pub struct ComparisonFolder<'a>(&'a Path);
 
-impl<'a> Kept<'a> {
+impl<'a> ComparisonFolder<'a> {
     /// Begins a comparison in `out`, or goes on with it. `of` says what it is of: policy, recordings and options.
     pub fn open(out: &'a Path, of: Digest, resume: bool) -> Result<Self> {
         for folder in ["runs", "trials"] {

@@ -7,12 +7,12 @@ mod prepared;
 mod report;
 mod search;
 
-pub use options::Options;
+pub use options::CompareOptions;
 
 use crate::output::println;
 use anyhow::{Context, Result};
-use kept::Kept;
-use prepared::Prepared;
+use kept::ComparisonFolder;
+use prepared::PreparedRuns;
 use std::fs;
 use std::sync::Mutex;
 use std::time::Instant;
@@ -30,16 +30,16 @@ const NOT_PROVEN: &str =
 const MEASURED: u64 = 10;
 
 /// Runs the command.
-pub fn run(options: &Options) -> Result<()> {
+pub fn run(options: &CompareOptions) -> Result<()> {
     let out = &options.out;
     options.check()?;
     fs::create_dir_all(out).with_context(|| format!("creating {}", out.display()))?;
     println!("{NOT_PROVEN}");
     let clock = Instant::now();
-    let prepared = Prepared::open(options)?;
+    let prepared = PreparedRuns::open(options)?;
     let measured = measured_rounds(options.federation.rounds, MEASURED);
     let setting = prepared.setting(options, &options.dealing(), measured)?;
-    let kept = Kept::open(out, prepared.of, options.resume)?;
+    let kept = ComparisonFolder::open(out, prepared.of, options.resume)?;
     let (values, searched) = match options.search {
         true => {
             let (values, searched) = search::search(options, &prepared, &kept)?;
@@ -64,10 +64,10 @@ pub fn run(options: &Options) -> Result<()> {
 
 /// Makes the runs that are not made yet, and gives all of them.
 fn make(
-    options: &Options,
-    prepared: &Prepared,
+    options: &CompareOptions,
+    prepared: &PreparedRuns,
     setting: &Setting,
-    kept: &Kept,
+    kept: &ComparisonFolder,
     values: &[Values],
 ) -> Result<Vec<Run>> {
     let first = options.federation.seed;

@@ -14,7 +14,7 @@ use zk0_simulate::robots::data::Dealing;
 /// Losses are measured on held-out episodes and on unseen recordings. The folder `--out` gets `comparison.json`, `comparison.svg` and
 /// `comparison.png`.
 #[derive(Debug, clap::Args)]
-pub struct Options {
+pub struct CompareOptions {
     #[command(flatten)]
     pub federation: FederationOptions,
     /// Train with this many seeds: `--seed` and those that follow it. The held-out episodes are the same for all of them.
@@ -62,7 +62,7 @@ fn same_steps(given: &str) -> Result<SameSteps, String> {
     }
 }
 
-impl Options {
+impl CompareOptions {
     /// Refuses what makes no sense.
     pub fn check(&self) -> Result<()> {
         if !(self.eval_episodes > 0.0 && self.eval_episodes < 1.0) {

@@ -1,7 +1,7 @@
 //! The policy and the recordings of a comparison.
 
-use crate::compare::options::Options;
-use crate::simulate::federation_options::Opened;
+use crate::compare::options::CompareOptions;
+use crate::simulate::federation_options::StartingPoint;
 use anyhow::{bail, Result};
 use sha2::{Digest as _, Sha256};
 use std::collections::BTreeMap;
@@ -14,8 +14,8 @@ use zk0_smolvla::ExpertWeights;
 use zk0_weights::Format;
 
 /// What is the same for all runs of a comparison and of its search.
-pub struct Prepared {
-    opened: Opened,
+pub struct PreparedRuns {
+    opened: StartingPoint,
     format: Format,
     /// What the comparison is of: policy, recordings and options.
     pub of: Digest,
@@ -23,9 +23,9 @@ pub struct Prepared {
     pub threads: usize,
 }
 
-impl Prepared {
+impl PreparedRuns {
     /// Reads the policy and the recordings.
-    pub fn open(options: &Options) -> Result<Self> {
+    pub fn open(options: &CompareOptions) -> Result<Self> {
         let opened = options.federation.open()?;
         let all = || opened.recordings.iter().chain(&opened.unseen);
         no_episode_twice(all())?;
@@ -49,11 +49,11 @@ impl Prepared {
     /// What the runs with these data share.
     pub fn setting(
         &self,
-        options: &Options,
+        options: &CompareOptions,
         dealing: &Dealing,
         measured: Vec<u64>,
     ) -> Result<Setting> {
-        let Opened {
+        let StartingPoint {
             file,
             recordings,
             unseen: others,
@@ -76,7 +76,7 @@ impl Prepared {
     }
 
     /// What all variants start from with this seed. Where the policy has random weights, each seed has others; the frozen half stays the same.
-    pub fn start(&self, options: &Options, seed: u64) -> Result<ExpertWeights> {
+    pub fn start(&self, options: &CompareOptions, seed: u64) -> Result<ExpertWeights> {
         if options.federation.starts_at_random() {
             return Ok(options.federation.source(seed)?.policy()?.expert);
         }

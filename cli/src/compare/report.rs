@@ -1,9 +1,9 @@
 //! The results of a comparison: JSON, a figure, and tables for people.
 
-use crate::chart::{self, Band, Row};
+use crate::chart::{self, Band, DifferenceRow};
 use crate::compare::kept::write_json;
-use crate::compare::options::Options;
-use crate::compare::search::{in_words, Searched};
+use crate::compare::options::CompareOptions;
+use crate::compare::search::{in_words, SearchReport};
 use crate::output::println;
 use anyhow::Result;
 use serde::Serialize;
@@ -16,7 +16,7 @@ use zk0_simulate::compare::variant::{Kind, SameSteps, Values, Variant};
 
 /// `comparison.json`.
 #[derive(Serialize)]
-struct Report<'a> {
+struct ComparisonReport<'a> {
     /// Always false: a comparison proves nothing.
     proven: bool,
     confidence: f64,
@@ -25,17 +25,17 @@ struct Report<'a> {
     rounds: u64,
     steps_in_a_round_and_node: usize,
     same_steps: SameSteps,
-    variants: Vec<Trained<'a>>,
-    nodes: Vec<Data<'a>>,
+    variants: Vec<TrainedVariant<'a>>,
+    nodes: Vec<NodeRecordings<'a>>,
     unseen: Vec<&'a str>,
     #[serde(flatten)]
     summary: Summary,
-    search: Option<Searched>,
+    search: Option<SearchReport>,
 }
 
 /// How a kind of variant trained.
 #[derive(Serialize)]
-struct Trained<'a> {
+struct TrainedVariant<'a> {
     variant: &'static str,
     /// The steps of one seed: of all nodes together, or of one machine.
     steps: u64,
@@ -44,7 +44,7 @@ struct Trained<'a> {
 
 /// What a node had.
 #[derive(Serialize)]
-struct Data<'a> {
+struct NodeRecordings<'a> {
     name: &'a str,
     recordings: &'a [String],
     frames_trained_on: usize,
@@ -54,11 +54,11 @@ struct Data<'a> {
 
 /// Writes the results of these runs into the folder of the comparison, and prints them.
 pub fn report(
-    options: &Options,
+    options: &CompareOptions,
     setting: &Setting,
     values: &[Values],
     runs: &[Run],
-    search: Option<Searched>,
+    search: Option<SearchReport>,
 ) -> Result<()> {
     let out = &options.out;
     let summary = summary(runs, &setting.nodes, &setting.unseen)?;
@@ -82,14 +82,14 @@ pub fn report(
         let steps = counted(steps, "step", "steps");
         println!("{kind:<12} {steps}{each}, {}", in_words(values)?);
     }
-    let nodes = setting.nodes.iter().map(|node| Data {
+    let nodes = setting.nodes.iter().map(|node| NodeRecordings {
         name: &node.name,
         recordings: &node.recordings,
         frames_trained_on: node.trained_on.len(),
         frames_measured_on: node.evaluated.len(),
         held_out_episodes: &node.held_out,
     });
-    let report = Report {
+    let report = ComparisonReport {
         proven: false,
         confidence: CONFIDENCE,
         seeds: options.seeds,
@@ -98,7 +98,7 @@ pub fn report(
         steps_in_a_round_and_node: setting.training.steps,
         same_steps: setting.same_steps,
         variants: trained
-            .map(|(variant, steps, values)| Trained {
+            .map(|(variant, steps, values)| TrainedVariant {
                 variant,
                 steps,
                 values,
@@ -123,7 +123,7 @@ fn draw(stem: &Path, summary: &Summary) -> Result<()> {
             .collect(),
     });
     let rows = summary.differences.iter().chain(&summary.each_node);
-    let rows = rows.map(|one| Row {
+    let rows = rows.map(|one| DifferenceRow {
         name: format!("{}: minus {}", one.on, one.federated_minus),
         low: one.difference.low,
         mean: one.difference.mean,

@@ -1,8 +1,8 @@
 //! The search for values before a comparison. Its trials are measured on validation episodes, which are not those that the comparison reports on.
 
-use crate::compare::kept::Kept;
-use crate::compare::options::Options;
-use crate::compare::prepared::Prepared;
+use crate::compare::kept::ComparisonFolder;
+use crate::compare::options::CompareOptions;
+use crate::compare::prepared::PreparedRuns;
 use crate::output::println;
 use anyhow::{bail, Result};
 use std::time::Instant;
@@ -20,7 +20,7 @@ const SEED: u64 = u32::MAX as u64;
 
 /// What a search did.
 #[derive(serde::Serialize)]
-pub struct Searched {
+pub struct SearchReport {
     /// What it tried.
     pub space: Space,
     /// The validation episodes of each node.
@@ -31,10 +31,10 @@ pub struct Searched {
 
 /// Makes the trials that are not made yet, and gives the values of each kind, in the order of [`Kind::ALL`].
 pub fn search(
-    options: &Options,
-    prepared: &Prepared,
-    kept: &Kept,
-) -> Result<(Vec<Values>, Searched)> {
+    options: &CompareOptions,
+    prepared: &PreparedRuns,
+    kept: &ComparisonFolder,
+) -> Result<(Vec<Values>, SearchReport)> {
     let space = options.space();
     let measured = vec![options.federation.rounds];
     let setting = prepared.setting(options, &options.searching(), measured)?;
@@ -65,7 +65,7 @@ pub fn search(
         trials.extend(of_kind);
     }
     let episodes = setting.nodes.iter().map(|node| node.held_out.clone());
-    let searched = Searched {
+    let searched = SearchReport {
         space,
         validation_episodes: episodes.collect(),
         trials,
@@ -75,9 +75,9 @@ pub fn search(
 
 /// Makes trials until there are enough, or the time is over. Each kind gets as many as the others.
 fn make(
-    options: &Options,
-    prepared: &Prepared,
-    kept: &Kept,
+    options: &CompareOptions,
+    prepared: &PreparedRuns,
+    kept: &ComparisonFolder,
     space: &Space,
     setting: &Setting,
 ) -> Result<u64> {

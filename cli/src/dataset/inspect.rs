@@ -10,7 +10,7 @@ use zk0_protocol::counted::counted;
 /// Prints what `recording` holds.
 pub fn run(recording: &RecordingName, chunk: usize, json: bool) -> Result<()> {
     let dataset = Dataset::open(recording.locate()?)?;
-    let summary = Summary::of(&dataset, chunk)?;
+    let summary = RecordingSummary::of(&dataset, chunk)?;
     match json {
         true => println!("{}", serde_json::to_string_pretty(&summary)?),
         false => print!("{}", summary.table(recording)),
@@ -20,7 +20,7 @@ pub fn run(recording: &RecordingName, chunk: usize, json: bool) -> Result<()> {
 
 /// What a recording holds.
 #[derive(Serialize)]
-struct Summary {
+struct RecordingSummary {
     folder: String,
     format: &'static str,
     robot: Option<String>,
@@ -30,26 +30,26 @@ struct Summary {
     episode_frames: [usize; 2],
     frames: usize,
     seconds: f64,
-    cameras: Vec<Camera>,
+    cameras: Vec<CameraSummary>,
     /// Features with distances, which are not read.
     depth_maps: Vec<String>,
     joint_unit: JointUnit,
     /// What the unit was concluded from.
     joint_unit_because: String,
-    state: Vec<Joint>,
-    action: Vec<Joint>,
+    state: Vec<JointSummary>,
+    action: Vec<JointSummary>,
     tasks: Vec<Task>,
     repairs: Vec<String>,
     /// Episodes that are no part of the frames, because they have fewer pictures than rows.
     left_out: Vec<String>,
-    sample: Sample,
+    sample: SampleSummary,
 }
 
 /// In place of a codec, where pictures are stored one by one, as PNG or JPEG.
 const PICTURES: &str = "pictures";
 
 #[derive(Serialize)]
-struct Camera {
+struct CameraSummary {
     name: String,
     height: usize,
     width: usize,
@@ -61,7 +61,7 @@ struct Camera {
 
 /// One dimension of the state or the action: its statistics as normalisation uses them, and the range of its values.
 #[derive(Serialize)]
-struct Joint {
+struct JointSummary {
     name: String,
     mean: f32,
     std: f32,
@@ -77,13 +77,13 @@ struct Task {
 
 /// What training sees of the first frame.
 #[derive(Serialize)]
-struct Sample {
+struct SampleSummary {
     task: String,
-    tensors: Vec<Tensor>,
+    tensors: Vec<TensorSummary>,
 }
 
 #[derive(Serialize)]
-struct Tensor {
+struct TensorSummary {
     name: String,
     dtype: &'static str,
     shape: Vec<usize>,
@@ -91,7 +91,7 @@ struct Tensor {
     range: [f32; 2],
 }
 
-impl Summary {
+impl RecordingSummary {
     fn of(dataset: &Dataset, chunk: usize) -> Result<Self> {
         let info = dataset.info();
         let lengths = || dataset.episodes().iter().map(|e| e.frames.len());
@@ -226,7 +226,7 @@ fn longest_name<'a>(names: impl Iterator<Item = &'a String>) -> usize {
     names.map(|name| name.chars().count()).max().unwrap_or(0)
 }
 
-fn cameras(dataset: &Dataset) -> Result<Vec<Camera>> {
+fn cameras(dataset: &Dataset) -> Result<Vec<CameraSummary>> {
     let first = dataset.episodes().first();
     dataset
         .cameras()
@@ -246,7 +246,7 @@ fn cameras(dataset: &Dataset) -> Result<Vec<Camera>> {
                 }
                 None => (PICTURES, 1.0),
             };
-            Ok(Camera {
+            Ok(CameraSummary {
                 name: camera.name.clone(),
                 height: camera.height,
                 width: camera.width,
@@ -262,12 +262,12 @@ fn joints<'a>(
     normalizer: &Normalizer,
     frames: usize,
     row: impl Fn(usize) -> Option<&'a [f32]>,
-) -> Vec<Joint> {
+) -> Vec<JointSummary> {
     (0..feature.dim)
         .map(|dim| {
             let values = (0..frames).filter_map(|frame| Some(row(frame)?[dim]));
             let [min, max] = range(values);
-            Joint {
+            JointSummary {
                 name: feature
                     .names
                     .get(dim)
@@ -284,40 +284,40 @@ fn joints<'a>(
 
 /// The first frame as training sees it. The pictures have their own size, because the policy resizes them. States and actions are
 /// normalised.
-fn sample(dataset: &Dataset, mut frame: Frame) -> Sample {
+fn sample(dataset: &Dataset, mut frame: Frame) -> SampleSummary {
     let stats = dataset.stats();
     stats.state.normalize(&mut frame.state);
     stats.action.normalize(&mut frame.actions);
-    let mut tensors: Vec<Tensor> = dataset
+    let mut tensors: Vec<TensorSummary> = dataset
         .cameras()
         .iter()
         .zip(&frame.images)
-        .map(|(camera, image)| Tensor {
+        .map(|(camera, image)| TensorSummary {
             name: camera.name.clone(),
             dtype: "uint8",
             shape: vec![3, image.height, image.width],
             range: range(image.pixels.iter().map(|&p| p.into())),
         })
         .collect();
-    tensors.push(Tensor {
+    tensors.push(TensorSummary {
         name: "observation.state".into(),
         dtype: "float32",
         shape: vec![frame.state.len()],
         range: range(frame.state.iter().copied()),
     });
-    tensors.push(Tensor {
+    tensors.push(TensorSummary {
         name: "action".into(),
         dtype: "float32",
         shape: vec![frame.action_is_pad.len(), dataset.info().action.dim],
         range: range(frame.actions.iter().copied()),
     });
-    tensors.push(Tensor {
+    tensors.push(TensorSummary {
         name: "action_is_pad".into(),
         dtype: "bool",
         shape: vec![frame.action_is_pad.len()],
         range: range(frame.action_is_pad.iter().map(|&p| u8::from(p).into())),
     });
-    Sample {
+    SampleSummary {
         task: frame.task,
         tensors,
     }

@@ -12,7 +12,7 @@ pub use recording_name::{refuse_left_out, RecordingName};
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
-pub enum Command {
+pub enum DatasetCommand {
     /// Show what a recording holds: the robot, the cameras, the joints with their statistics, the tasks, and a sample as training sees it.
     Inspect {
         /// The recording: a LeRobotDataset folder (v2.0, v2.1, v3.0), or hub:owner/name[@revision] on the Hugging Face Hub.
@@ -44,14 +44,14 @@ pub enum Command {
 }
 
 /// Runs the command. Returns `false` if a recording has a fault.
-pub fn run(command: &Command) -> Result<bool> {
+pub fn run(command: &DatasetCommand) -> Result<bool> {
     match command {
-        Command::Inspect {
+        DatasetCommand::Inspect {
             recording,
             chunk,
             json,
         } => inspect::run(recording, *chunk, *json).map(|()| true),
-        Command::Validate { recordings } => validate::run(recordings),
-        Command::Recover { folder, out } => recover::run(folder, out).map(|()| true),
+        DatasetCommand::Validate { recordings } => validate::run(recordings),
+        DatasetCommand::Recover { folder, out } => recover::run(folder, out).map(|()| true),
     }
 }

@@ -28,7 +28,7 @@ pub fn run(recordings: &[RecordingName]) -> Result<bool> {
 
 /// What was found in one recording.
 #[derive(Default)]
-struct Report {
+struct ValidationReport {
     /// What the recording holds, if it could be opened.
     size: Option<String>,
     /// Faults that zk0 repairs while it reads, because there is only one right way to do so.
@@ -36,8 +36,8 @@ struct Report {
     faults: Vec<String>,
 }
 
-fn check(recording: &RecordingName) -> (Report, Option<Dataset>) {
-    let mut report = Report::default();
+fn check(recording: &RecordingName) -> (ValidationReport, Option<Dataset>) {
+    let mut report = ValidationReport::default();
     let opened = recording
         .locate()
         .and_then(|folder| Ok(Dataset::open(folder)?));
@@ -76,7 +76,7 @@ fn check(recording: &RecordingName) -> (Report, Option<Dataset>) {
     (report, Some(dataset))
 }
 
-impl Report {
+impl ValidationReport {
     fn text(&self, recording: &RecordingName) -> String {
         let verdict = if self.faults.is_empty() {
             "ok"

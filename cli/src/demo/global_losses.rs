@@ -21,7 +21,7 @@ use zk0_weights::Format;
 const MAX_WEIGHTS: u64 = 1 << 30;
 
 /// A recording to evaluate on.
-pub struct Evaluated {
+pub struct EvaluationRecording {
     /// The recording.
     pub path: PathBuf,
     /// The node that it is the recording of; `None` if it is no node's.
@@ -32,7 +32,7 @@ pub struct Evaluated {
 
 /// A round's result.
 #[derive(Serialize)]
-pub struct Global {
+pub struct RoundResult {
     /// The round.
     pub round: u64,
     /// SHA-256 of the new weights.
@@ -103,11 +103,11 @@ pub fn global(
     entries: &[Entry],
     genesis: &Genesis,
     weights: &GlobalWeights<'_>,
-    recordings: &[Evaluated],
-) -> Result<Vec<Global>> {
+    recordings: &[EvaluationRecording],
+) -> Result<Vec<RoundResult>> {
     let recordings = recordings
         .iter()
-        .map(|one| Prepared::new(one, genesis, weights.blobs))
+        .map(|one| PreparedRecording::new(one, genesis, weights.blobs))
         .collect::<Result<Vec<_>>>()?;
     let losses = |digest: &Digest| {
         let weights = weights.read(digest)?;
@@ -130,7 +130,7 @@ pub fn global(
             before: *before,
             after: *after,
         });
-        global.push(Global {
+        global.push(RoundResult {
             round: closed.round,
             weights: closed.global.blob.to_string(),
             contributors: closed.contributors.len(),
@@ -146,7 +146,7 @@ pub fn global(
 }
 
 /// A recording, with fixed noise and times.
-struct Prepared {
+struct PreparedRecording {
     name: String,
     node: Option<String>,
     trains: bool,
@@ -155,8 +155,8 @@ struct Prepared {
     draws: Vec<evaluate::FlowDraw>,
 }
 
-impl Prepared {
-    fn new(recording: &Evaluated, genesis: &Genesis, blobs: &Blobs) -> Result<Self> {
+impl PreparedRecording {
+    fn new(recording: &EvaluationRecording, genesis: &Genesis, blobs: &Blobs) -> Result<Self> {
         let path = &recording.path;
         blobs.check(&genesis.policy)?;
         let file = policy_file::load(&blobs.path(&genesis.policy))?;

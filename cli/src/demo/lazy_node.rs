@@ -17,7 +17,7 @@ const MAX_PROOF_BYTES: u64 = 16 << 20;
 
 /// What the demo tells its lazy node.
 #[derive(Debug, clap::Args)]
-pub struct Options {
+pub struct LazyNodeOptions {
     #[command(flatten)]
     member: Membership,
     /// A real proof of another claim.
@@ -26,7 +26,7 @@ pub struct Options {
 }
 
 /// Takes part in the rounds. The demo expects a refusal, so a refusal is logged and is not an error.
-pub async fn run(options: &Options) -> Result<()> {
+pub async fn run(options: &LazyNodeOptions) -> Result<()> {
     let proof = bounded_file::read(&options.stolen_proof, MAX_PROOF_BYTES)
         .with_context(|| format!("reading the proof {}", options.stolen_proof.display()))?;
     let (participant, mut node) = options.member.begin().await?;

@@ -10,8 +10,8 @@ mod results;
 use crate::keys;
 use crate::network::make_state;
 use anyhow::{bail, Context, Result};
-use global_losses::Evaluated;
-use process::{Console, Process};
+use global_losses::EvaluationRecording;
+use process::{ChildProcess, Console};
 use std::ffi::OsStr;
 use std::fs;
 use std::path::PathBuf;
@@ -29,7 +29,7 @@ const LEARNING_RATE: &str = "1e-3";
 
 /// What to run.
 #[derive(Debug, clap::Args)]
-pub struct Options {
+pub struct DemoOptions {
     /// Run this many rounds.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=100))]
     rounds: u64,
@@ -64,7 +64,7 @@ pub struct Options {
 }
 
 /// Runs the demo. It is an error if the audit fails, if no contribution is accepted, or if the one that cheats is not refused.
-pub async fn run(options: &Options) -> Result<()> {
+pub async fn run(options: &DemoOptions) -> Result<()> {
     let count = options.nodes as usize;
     if options.datasets.len() < count {
         bail!(
@@ -92,7 +92,7 @@ pub async fn run(options: &Options) -> Result<()> {
     console.say(&format!("the results go to {}", out.display()));
 
     let start = |name: &str, command: &str, options: &[(&str, &dyn AsRef<OsStr>)]| {
-        Process::start(name, command, options, &console)
+        ChildProcess::start(name, command, options, &console)
     };
     let free_port = ("--listen", &"127.0.0.1:0" as &dyn AsRef<OsStr>);
     // The prover starts first, because it takes longest.
@@ -184,12 +184,12 @@ pub async fn run(options: &Options) -> Result<()> {
 
     console.say("the ledger is audited, as an outsider would do it");
     let own = options.datasets.iter().zip(&names).enumerate();
-    let own = own.map(|(number, (path, name))| Evaluated {
+    let own = own.map(|(number, (path, name))| EvaluationRecording {
         path: path.clone(),
         node: Some(name.clone()),
         trains: number + 1 < count,
     });
-    let unseen = unseen.map(|path| Evaluated {
+    let unseen = unseen.map(|path| EvaluationRecording {
         path: path.clone(),
         node: None,
         trains: false,
@@ -198,7 +198,7 @@ pub async fn run(options: &Options) -> Result<()> {
     results::finish(&out, &network, &names, &recordings, &console)
 }
 
-async fn url(process: &mut Process) -> Result<String> {
+async fn url(process: &mut ChildProcess) -> Result<String> {
     // To start the prover takes minutes on a small machine.
     let address = tokio::time::timeout(Duration::from_secs(900), process.address())
         .await

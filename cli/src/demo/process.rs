@@ -1,6 +1,6 @@
 //! The demo's child processes. Each runs this binary, and its JSON log lines go to one log file and to the screen.
 
-use crate::logging::{Bars, Progress, PROGRESS};
+use crate::logging::{ProgressBars, ProgressEvent, PROGRESS};
 use anyhow::{bail, Context, Result};
 use serde_json::{Map, Value};
 use std::ffi::OsStr;
@@ -20,7 +20,7 @@ pub struct Console(Arc<Inner>);
 #[derive(Debug)]
 struct Inner {
     log: Mutex<File>,
-    bars: Bars,
+    bars: ProgressBars,
     started: Instant,
 }
 
@@ -29,7 +29,7 @@ impl Console {
     pub fn new(log: File) -> Self {
         Self(Arc::new(Inner {
             log: Mutex::new(log),
-            bars: Bars::default(),
+            bars: ProgressBars::default(),
             started: Instant::now(),
         }))
     }
@@ -69,7 +69,8 @@ impl Console {
             return self.print(process, line);
         };
         if fields.get("target").and_then(Value::as_str) == Some(PROGRESS) {
-            if let Ok(progress) = serde_json::from_value::<Progress>(Value::Object(fields.clone()))
+            if let Ok(progress) =
+                serde_json::from_value::<ProgressEvent>(Value::Object(fields.clone()))
             {
                 self.progress(process, &progress, last_progress);
             }
@@ -80,7 +81,7 @@ impl Console {
     }
 
     /// Shows a bar on a terminal, and elsewhere a line for each tenth of the work.
-    fn progress(&self, process: &str, progress: &Progress, last: &mut (String, u64)) {
+    fn progress(&self, process: &str, progress: &ProgressEvent, last: &mut (String, u64)) {
         use std::io::IsTerminal;
         if std::io::stderr().is_terminal() {
             return self
@@ -109,13 +110,13 @@ impl Console {
 
 /// A child process.
 #[derive(Debug)]
-pub struct Process {
+pub struct ChildProcess {
     name: String,
     child: Child,
     listening: watch::Receiver<Option<String>>,
 }
 
-impl Process {
+impl ChildProcess {
     /// Starts this binary with a command and its options. An option without a name is an argument. The process is killed when the value
     /// is dropped.
     pub fn start(

@@ -1,8 +1,8 @@
 //! The results of a demo: the audit's verdict, `metrics.json`, the chart, and `global.safetensors`.
 
-use super::global_losses::{global, Evaluated, Global, GlobalLoss, GlobalWeights};
+use super::global_losses::{global, EvaluationRecording, GlobalLoss, GlobalWeights, RoundResult};
 use super::process::Console;
-use crate::chart::{self, Bars, Curve, Proven};
+use crate::chart::{self, Bars, Curve, ProvenLosses};
 use crate::output::{print, println};
 use anyhow::{bail, Context, Result};
 use serde::Serialize;
@@ -24,16 +24,16 @@ use zk0_protocol::entries::signed::{Signed, Submission};
 const WINDOW: usize = 20;
 
 #[derive(Serialize)]
-struct Metrics {
+struct ContributionMetrics {
     network: String,
-    contributions: Vec<Contribution>,
-    global: Vec<Global>,
+    contributions: Vec<ContributionResult>,
+    global: Vec<RoundResult>,
     training: Vec<Curve>,
     audit: Audited,
 }
 
 #[derive(Serialize)]
-struct Contribution {
+struct ContributionResult {
     round: u64,
     node: String,
     accepted: bool,
@@ -52,7 +52,7 @@ pub fn finish(
     out: &Path,
     network: &Path,
     names: &[String],
-    recordings: &[Evaluated],
+    recordings: &[EvaluationRecording],
     console: &Console,
 ) -> Result<()> {
     let (entries, report) = verified_entries(network)?;
@@ -74,11 +74,11 @@ pub fn finish(
         atomic_file::replace(&out.join("global.safetensors"), &last.to_safetensors()?)
             .context("writing global.safetensors")?;
     }
-    let proven: Vec<Proven> = contributions
+    let proven: Vec<ProvenLosses> = contributions
         .iter()
         .filter(|contribution| contribution.accepted)
         .filter_map(|contribution| {
-            Some(Proven {
+            Some(ProvenLosses {
                 name: contribution.node.clone(),
                 round: contribution.round,
                 before: contribution.loss_before?,
@@ -93,7 +93,7 @@ pub fn finish(
         .filter(|contribution| contribution.accepted)
         .count();
     let refused = contributions.len() - accepted;
-    let metrics = Metrics {
+    let metrics = ContributionMetrics {
         network: report.network.clone().unwrap_or_default(),
         contributions,
         global,
@@ -120,7 +120,7 @@ pub fn finish(
     Ok(())
 }
 
-fn contributions(entries: &[Entry], spec: &EvalSpec) -> Vec<Contribution> {
+fn contributions(entries: &[Entry], spec: &EvalSpec) -> Vec<ContributionResult> {
     let mut names: BTreeMap<NodeId, &str> = BTreeMap::new();
     let mut contributions = Vec::new();
     for entry in entries {
@@ -150,10 +150,10 @@ fn contribution(
     names: &BTreeMap<NodeId, &str>,
     spec: &EvalSpec,
     reason: Option<String>,
-) -> Contribution {
+) -> ContributionResult {
     let claim = &submission.statement.claim;
     let losses = claim.losses.means(spec);
-    Contribution {
+    ContributionResult {
         round: claim.terms.round,
         node: names
             .get(&claim.terms.node)
@@ -197,11 +197,12 @@ fn training_curves(nodes: &Path, names: &[String]) -> Result<Vec<Curve>> {
 }
 
 /// The losses of the global weights: a group for each recording, a bar for the first weights and for each round's result.
-fn global_bars(global: &[Global]) -> Bars {
-    let losses = |of: fn(&GlobalLoss) -> f64, one: &Global| one.losses.iter().map(of).collect();
+fn global_bars(global: &[RoundResult]) -> Bars {
+    let losses =
+        |of: fn(&GlobalLoss) -> f64, one: &RoundResult| one.losses.iter().map(of).collect();
     let first = global.first();
     let start = first.map(|one| ("start".into(), losses(|loss| loss.before, one)));
-    let after = |one: &Global| {
+    let after = |one: &RoundResult| {
         let name = format!("after round {}", one.round);
         (name, losses(|loss| loss.after, one))
     };
@@ -215,7 +216,7 @@ fn global_bars(global: &[Global]) -> Bars {
     }
 }
 
-fn summary(contributions: &[Contribution], global: &[Global]) {
+fn summary(contributions: &[ContributionResult], global: &[RoundResult]) {
     let loss = |loss: Option<f64>| loss.map_or("hidden".into(), |loss| format!("{loss:.4}"));
     for one in contributions {
         let (before, after) = (loss(one.loss_before), loss(one.loss_after));

@@ -1,7 +1,7 @@
 //! `zk0 export check`: whether a policy folder is what a ledger says.
 
 use super::closing::ClosingProof;
-use super::receipt::Receipt;
+use super::receipt::ExportReceipt;
 use crate::ledger::TrustOptions;
 use crate::output::println;
 use crate::policy::network_folder::{founded_with, other_tensors};
@@ -17,7 +17,7 @@ use zk0_weights::Format;
 
 /// `zk0 export check`.
 #[derive(Debug, clap::Args)]
-pub struct Options {
+pub struct ExportCheckOptions {
     /// The policy folder.
     folder: PathBuf,
     /// The ledger's folder or a copy of it, an export, or the address of a served log. The latter two are fetched into a temporary folder first.
@@ -27,8 +27,8 @@ pub struct Options {
 }
 
 /// Compares them. Returns `false` if the folder does not hold the policy that its receipt names.
-pub fn run(options: &Options) -> Result<bool> {
-    let receipt = Receipt::read(&options.folder)?;
+pub fn run(options: &ExportCheckOptions) -> Result<bool> {
+    let receipt = ExportReceipt::read(&options.folder)?;
     let trust = options.trust.read()?;
     let located = locate(&options.ledger, None, &trust, WantedBlobs::Everything)?;
     let closing = ClosingProof::find(&located.dir, &Trust { ca: None, ..trust }, receipt.round)?;
@@ -49,13 +49,13 @@ pub fn run(options: &Options) -> Result<bool> {
 
 /// What is not as the ledger says.
 fn wrong(
-    options: &Options,
-    receipt: &Receipt,
+    options: &ExportCheckOptions,
+    receipt: &ExportReceipt,
     closing: &ClosingProof,
     blobs: &Blobs,
 ) -> Result<Vec<String>> {
     let mut wrong = Vec::new();
-    let found = Receipt::of(closing, &options.folder)?;
+    let found = ExportReceipt::of(closing, &options.folder)?;
     for (what, says, is) in [
         ("network", &receipt.network, &found.network),
         ("log", &receipt.log, &found.log),

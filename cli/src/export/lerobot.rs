@@ -1,7 +1,7 @@
 //! `zk0 export lerobot`: the policy folder of a round.
 
 use super::closing::ClosingProof;
-use super::receipt::Receipt;
+use super::receipt::ExportReceipt;
 use crate::dataset::RecordingName;
 use crate::ledger::TrustOptions;
 use crate::output::println;
@@ -15,7 +15,7 @@ use zk0_ledger::blobs::Blobs;
 
 /// `zk0 export lerobot`.
 #[derive(Debug, clap::Args)]
-pub struct Options {
+pub struct ExportLeRobotOptions {
     /// The ledger's folder or a copy of it, an export, or the address of a served log. The latter two are fetched into a temporary folder first.
     ledger: String,
     /// The round: the weights are those that the network had when it closed.
@@ -37,7 +37,7 @@ pub struct Options {
 }
 
 /// Writes the folder.
-pub fn run(options: &Options) -> Result<()> {
+pub fn run(options: &ExportLeRobotOptions) -> Result<()> {
     let out = &options.out;
     if out.exists() {
         bail!("{} exists already: choose another --out", out.display());
@@ -58,7 +58,7 @@ pub fn run(options: &Options) -> Result<()> {
     let founding = NetworkFolder::open(&options.policy, &closing.genesis, &blobs, statistics_of)?;
     fs::create_dir_all(parent).with_context(|| format!("creating {}", parent.display()))?;
     founding.write(parent, name, &closing.weights(), |folder| {
-        Receipt::of(&closing, folder)?.write(&closing, folder)
+        ExportReceipt::of(&closing, folder)?.write(&closing, folder)
     })?;
     println!("network      {}", closing.genesis.network_id());
     println!(

@@ -9,20 +9,20 @@ use anyhow::Result;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
-pub enum Command {
+pub enum ExportCommand {
     /// Write the global weights after a round as a policy folder, which LeRobot loads, with a receipt. This checks that the log's checkpoint is
     /// signed, that the round's closing is in the log, and that the weights are those that it names. It checks no proofs; `zk0 audit replay`
     /// does.
-    Lerobot(lerobot::Options),
+    Lerobot(lerobot::ExportLeRobotOptions),
     /// Compare a policy folder that `zk0 export lerobot` wrote with a ledger: its receipt, its files, and each weight. The exit code is 0 if the
     /// folder holds the policy of that round, and 1 if it does not.
-    Check(check::Options),
+    Check(check::ExportCheckOptions),
 }
 
 /// Runs the command. Returns `false` if a folder does not hold what its receipt says.
-pub fn run(command: &Command) -> Result<bool> {
+pub fn run(command: &ExportCommand) -> Result<bool> {
     match command {
-        Command::Lerobot(options) => lerobot::run(options).map(|()| true),
-        Command::Check(options) => check::run(options),
+        ExportCommand::Lerobot(options) => lerobot::run(options).map(|()| true),
+        ExportCommand::Check(options) => check::run(options),
     }
 }

@@ -22,7 +22,7 @@ const MAX_RECEIPT: u64 = 1 << 20;
 /// What a receipt says.
 #[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Receipt {
+pub struct ExportReceipt {
     /// The network's id.
     pub network: String,
     /// The log's name.
@@ -39,7 +39,7 @@ pub struct Receipt {
     pub files_sha256: BTreeMap<String, String>,
 }
 
-impl Receipt {
+impl ExportReceipt {
     /// The receipt of the files that are in `folder`.
     ///
     /// # Errors

@@ -8,7 +8,7 @@ use crate::output::{eprintln, println};
 use crate::policy::calibration::{calibrated, samples};
 use crate::policy::{self, PolicySource};
 use anyhow::{bail, Result};
-use report::{print_ranges, table, Outcome, Row};
+use report::{print_ranges, table, ComparisonOutcome, ComparisonRow};
 use std::path::PathBuf;
 use zk0_circuits::{Digest, EvalSpec};
 use zk0_protocol::counted::counted;
@@ -22,7 +22,7 @@ use zk0_smolvla::{ExpertWeights, Policy, PolicyConfig, Profile};
 /// Compare the loss in fixed-point numbers with the loss in floating-point numbers. This prints a JSON line for each comparison to
 /// standard output, and a table of all comparisons to standard error. It fails if a difference is too large.
 #[derive(Debug, clap::Args)]
-pub struct Options {
+pub struct FidelityOptions {
     /// The recordings: LeRobotDataset folders, or hub:owner/name[@revision]. Every other frame is used for training and for calibrating
     /// ranges, and the frames between are used for the comparison.
     #[arg(required = true)]
@@ -61,7 +61,7 @@ struct Effort {
 }
 
 impl Effort {
-    fn of(policy: &Policy, options: &Options) -> Self {
+    fn of(policy: &Policy, options: &FidelityOptions) -> Self {
         let values = policy.expert.tensors().values().map(|t| t.data.len());
         let large = values.sum::<usize>() > 10_000_000;
         let (frames, samples, steps, batch_size, learning_rate) = if large {
@@ -84,7 +84,7 @@ impl Effort {
 }
 
 /// Runs the command. It is an error if a comparison fails or is beyond the limit.
-pub fn run(options: &Options) -> Result<()> {
+pub fn run(options: &FidelityOptions) -> Result<()> {
     if options.profiles.is_empty() && options.folders.is_empty() {
         bail!("zk0 fidelity needs a policy: add --profile NAME or --lerobot DIR");
     }
@@ -106,7 +106,7 @@ pub fn run(options: &Options) -> Result<()> {
         compare(profile.name().into(), untrained, policy)?;
     }
     eprintln!("{}{}", table(&rows), notes.trim_end());
-    let beyond = |row: &&Row| !row.outcome.is_within(options.limit / 100.0);
+    let beyond = |row: &&ComparisonRow| !row.outcome.is_within(options.limit / 100.0);
     match rows.iter().filter(beyond).count() {
         0 => Ok(()),
         count => bail!(
@@ -117,7 +117,11 @@ pub fn run(options: &Options) -> Result<()> {
 }
 
 /// The four rows of a policy: untrained and trained, with default and with calibrated ranges. Also tells how it was trained.
-fn compare(options: &Options, name: &str, file: PolicyFile) -> Result<(Vec<Row>, String)> {
+fn compare(
+    options: &FidelityOptions,
+    name: &str,
+    file: PolicyFile,
+) -> Result<(Vec<ComparisonRow>, String)> {
     let effort = Effort::of(&file.policy, options);
     tracing::info!("{name}: preparing samples");
     let all = samples(&file, &options.datasets, effort.frames)?;
@@ -141,11 +145,11 @@ fn compare(options: &Options, name: &str, file: PolicyFile) -> Result<(Vec<Row>,
         for (ranges, spec) in &specs {
             tracing::info!("{name}, {weights}, {ranges} ranges: comparing");
             let measured = measure(spec, &config, expert, &others, &CHALLENGE, effort.samples);
-            let row = Row {
+            let row = ComparisonRow {
                 policy: name.into(),
                 weights,
                 ranges,
-                outcome: Outcome::of(&measured),
+                outcome: ComparisonOutcome::of(&measured),
             };
             println!("{}", serde_json::to_string(&row)?);
             if let (true, Ok(fidelity)) = (options.ranges, &measured) {

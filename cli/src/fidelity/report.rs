@@ -7,7 +7,7 @@ use zk0_smolvla::measure::fidelity::{Fidelity, FidelityError};
 
 /// One comparison.
 #[derive(Clone, Debug, Serialize)]
-pub struct Row {
+pub struct ComparisonRow {
     /// Name of the policy.
     pub policy: String,
     /// `untrained` or `trained`.
@@ -16,13 +16,13 @@ pub struct Row {
     pub ranges: &'static str,
     /// The outcome of the comparison.
     #[serde(flatten)]
-    pub outcome: Outcome,
+    pub outcome: ComparisonOutcome,
 }
 
 /// The outcome of a comparison.
 #[derive(Clone, Debug, Serialize)]
 #[serde(untagged)]
-pub enum Outcome {
+pub enum ComparisonOutcome {
     /// The losses, their differences as fractions, and the least headroom as a factor.
     Compared {
         samples: usize,
@@ -49,7 +49,7 @@ struct RangeLine<'a> {
     headroom: f64,
 }
 
-impl Outcome {
+impl ComparisonOutcome {
     /// The outcome of a measurement that succeeded or failed.
     pub fn of(measured: &Result<Fidelity, FidelityError>) -> Self {
         let fidelity = match measured {
@@ -84,7 +84,7 @@ impl Outcome {
 }
 
 /// Prints a JSON line for each place to standard output, and for each kind of place a line about its tightest layer to standard error.
-pub fn print_ranges(row: &Row, ranges: &[Range]) -> serde_json::Result<()> {
+pub fn print_ranges(row: &ComparisonRow, ranges: &[Range]) -> serde_json::Result<()> {
     let mut kinds: Vec<(String, Range)> = Vec::new();
     for range in ranges {
         let place = range.place.to_string();
@@ -126,7 +126,7 @@ pub fn print_ranges(row: &Row, ranges: &[Range]) -> serde_json::Result<()> {
 }
 
 /// A table of all rows, for people.
-pub fn table(rows: &[Row]) -> String {
+pub fn table(rows: &[ComparisonRow]) -> String {
     let mut text = format!(
         "{:<13} {:<9} {:<10} {:>7} {:>9} {:>11} {:>10} {:>12}  {}\n",
         "policy",
@@ -140,7 +140,7 @@ pub fn table(rows: &[Row]) -> String {
         "least headroom"
     );
     for row in rows {
-        let Row {
+        let ComparisonRow {
             policy,
             weights,
             ranges,
@@ -148,8 +148,8 @@ pub fn table(rows: &[Row]) -> String {
         } = row;
         text += &format!("{policy:<13} {weights:<9} {ranges:<10} ");
         text += &match &row.outcome {
-            Outcome::Failed { error } => format!("failed: {error}\n"),
-            Outcome::Compared {
+            ComparisonOutcome::Failed { error } => format!("failed: {error}\n"),
+            ComparisonOutcome::Compared {
                 samples,
                 float32_loss,
                 fixed_point_loss,

@@ -1,6 +1,6 @@
 //! The changes that can be proposed.
 
-use crate::aggregator::{read_rules, Enrolment};
+use crate::aggregator::{read_rules, NodeToEnrol};
 use anyhow::{Context, Result};
 use std::path::PathBuf;
 use zk0_circuits::claim::program::verifying_key;
@@ -20,7 +20,7 @@ pub enum Change {
     /// Let a node join.
     Enrol {
         /// NAME=IDENTITY. `zk0 node keygen` prints the identity; the name is for people.
-        node: Enrolment,
+        node: NodeToEnrol,
     },
     /// Let a node contribute no more until it is reinstated.
     Suspend {
@@ -49,7 +49,7 @@ pub enum Change {
         /// The number of the entry that raised the dispute.
         dispute: u64,
         /// Whether the contribution was false.
-        verdict: Verdict,
+        verdict: DisputeVerdict,
     },
     /// Let proofs be of another guest program from the next round on. Nodes and the aggregator need a release of zk0 that has it.
     Program {
@@ -68,7 +68,7 @@ pub enum Change {
 
 /// The decision on a dispute.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Verdict {
+pub enum DisputeVerdict {
     /// The contribution was false. Its credits are taken back, and its node is suspended.
     Upheld,
     /// The contribution stands.
@@ -87,7 +87,7 @@ impl Change {
                 Action::ChangeRules(Box::new(rules))
             }
             Self::Enrol {
-                node: Enrolment { name, node },
+                node: NodeToEnrol { name, node },
             } => Action::Enrol(NodeEnrolled {
                 node: *node,
                 name: name.clone(),
@@ -101,7 +101,7 @@ impl Change {
             },
             Self::Judge { dispute, verdict } => Action::JudgeDispute {
                 dispute: *dispute,
-                upheld: *verdict == Verdict::Upheld,
+                upheld: *verdict == DisputeVerdict::Upheld,
             },
             Self::Program { key, sp1 } => {
                 let program = Program {

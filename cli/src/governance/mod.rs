@@ -4,7 +4,7 @@ mod change;
 mod status;
 
 use crate::keys;
-use crate::network::{Network, Signer};
+use crate::network::{NetworkChoice, Signer};
 use crate::output::{print, println};
 use crate::serve::online;
 use anyhow::{Context, Result};
@@ -18,7 +18,7 @@ use zk0_protocol::entries::signed::Evidence;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
-pub enum Command {
+pub enum GovernanceCommand {
     /// Make a governor's key and print its identity. A network's rules name its governors by their identities.
     Keygen {
         /// Write the key to this file. An existing file is kept.
@@ -28,7 +28,7 @@ pub enum Command {
     /// but it only says how the votes stand; `zk0 audit replay` counts the votes again.
     Status {
         #[command(flatten)]
-        network: Network,
+        network: NetworkChoice,
         /// Print only the rules, as JSON. You can edit them, and propose them with `zk0 governance propose rules`.
         #[arg(long)]
         rules: bool,
@@ -102,14 +102,14 @@ impl From<BallotArg> for Ballot {
 }
 
 /// Runs the command.
-pub fn run(command: &Command) -> Result<()> {
+pub fn run(command: &GovernanceCommand) -> Result<()> {
     online(answer(command))
 }
 
-async fn answer(command: &Command) -> Result<()> {
+async fn answer(command: &GovernanceCommand) -> Result<()> {
     match command {
-        Command::Keygen { file } => println!("{}", keys::generate(file)?),
-        Command::Status { network, rules } => {
+        GovernanceCommand::Keygen { file } => println!("{}", keys::generate(file)?),
+        GovernanceCommand::Status { network, rules } => {
             // Nothing is signed, so any key will do.
             let key = SigningKey::from_bytes(&keys::random()?);
             let info = network.connect(key).await?.governance().await?;
@@ -118,7 +118,7 @@ async fn answer(command: &Command) -> Result<()> {
                 false => print!("{}", status::status(&info)?),
             }
         }
-        Command::Propose {
+        GovernanceCommand::Propose {
             signer,
             title,
             text,
@@ -129,7 +129,7 @@ async fn answer(command: &Command) -> Result<()> {
             let proposed = node.propose(title.clone(), text.clone(), action).await?;
             println!("proposal {} is entry {}", proposed.number, proposed.entry);
         }
-        Command::Vote {
+        GovernanceCommand::Vote {
             signer,
             proposal,
             ballot,
@@ -144,7 +144,7 @@ async fn answer(command: &Command) -> Result<()> {
             let entry = node.vote(proposal, (*ballot).into()).await?;
             println!("the vote is entry {entry}");
         }
-        Command::Dispute {
+        GovernanceCommand::Dispute {
             signer,
             contribution,
             document,
@@ -157,7 +157,7 @@ async fn answer(command: &Command) -> Result<()> {
             let entry = node.dispute(*contribution, evidence).await?;
             println!("the dispute is entry {entry}");
         }
-        Command::RotateKey { signer, new_key } => {
+        GovernanceCommand::RotateKey { signer, new_key } => {
             let new = keys::read(new_key)?;
             let (entry, identity) = signer.connect().await?.rotate_key(&new).await?;
             println!("entry {entry}: the node is {identity} from now on; join with its new key");

@@ -28,7 +28,7 @@ use zk0_protocol::counted::counted;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
-pub enum Command {
+pub enum LedgerCommand {
     /// Print the verifier key of a ledger's log. With it, anyone can check the log's checkpoints and proofs.
     Vkey {
         /// A ledger's folder, an export of one, or the address of a served log.
@@ -74,7 +74,7 @@ pub enum Command {
     Prune(prune::Prune),
     /// Serve a ledger's files over HTTP, for reading (C2SP tlog-tiles).
     #[cfg(feature = "full")]
-    Serve(serve::Serve),
+    Serve(serve::LedgerServeOptions),
     /// Check that a ledger's folder is not damaged: its entries, tree and checkpoints, and all files of weights and proofs that are there.
     /// This checks no proofs; `zk0 audit replay` does. The exit code is 0 if the folder is whole, and 1 if it is not.
     Fsck {
@@ -124,12 +124,12 @@ pub struct Restore {
 }
 
 /// Runs the command. Returns `false` if the ledger is damaged.
-pub fn run(command: &Command) -> Result<bool> {
+pub fn run(command: &LedgerCommand) -> Result<bool> {
     match command {
-        Command::Vkey { from, ca } => {
+        LedgerCommand::Vkey { from, ca } => {
             println!("{}", genesis_at(from, ca.as_deref())?.verifier_key()?);
         }
-        Command::Export {
+        LedgerCommand::Export {
             dir,
             out,
             #[cfg(feature = "full")]
@@ -154,8 +154,8 @@ pub fn run(command: &Command) -> Result<bool> {
             }
             name_damaged(&done.damaged)?;
         }
-        Command::Import(options) => import(options)?,
-        Command::Backup {
+        LedgerCommand::Import(options) => import(options)?,
+        LedgerCommand::Backup {
             dir,
             out,
             check,
@@ -182,7 +182,7 @@ pub fn run(command: &Command) -> Result<bool> {
             println!("backed up to {}", out.display());
             name_damaged(&done.damaged)?;
         }
-        Command::Restore(options) => {
+        LedgerCommand::Restore(options) => {
             let known = options
                 .checkpoint
                 .iter()
@@ -201,17 +201,17 @@ pub fn run(command: &Command) -> Result<bool> {
             }
         }
         #[cfg(feature = "full")]
-        Command::Prune(options) => prune::prune(options)?,
+        LedgerCommand::Prune(options) => prune::prune(options)?,
         #[cfg(feature = "full")]
-        Command::Serve(options) => serve::serve(options)?,
-        Command::Fsck { dir } if is_export(dir) => bail!(
+        LedgerCommand::Serve(options) => serve::serve(options)?,
+        LedgerCommand::Fsck { dir } if is_export(dir) => bail!(
             "{0} is an export: `zk0 ledger import {0} FOLDER` makes a ledger's folder of it, which can be checked",
             dir.display()
         ),
-        Command::Fsck { dir } if !folder::database(dir).exists() => {
+        LedgerCommand::Fsck { dir } if !folder::database(dir).exists() => {
             return Err(LedgerError::NoLedger(dir.clone()).into())
         }
-        Command::Fsck { dir } => return Ok(check(dir)),
+        LedgerCommand::Fsck { dir } => return Ok(check(dir)),
     }
     Ok(true)
 }

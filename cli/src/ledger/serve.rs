@@ -12,7 +12,7 @@ use zk0_ledger::published::publication::PublicationError;
 
 /// `zk0 ledger serve`.
 #[derive(Debug, clap::Args)]
-pub struct Serve {
+pub struct LedgerServeOptions {
     /// The ledger's folder. Its aggregator may be running.
     dir: PathBuf,
     /// Listen on this address; port 0 takes a free port. Traffic is encrypted only with --tls-certificate.
@@ -29,7 +29,7 @@ pub struct Serve {
 }
 
 /// Runs the command.
-pub fn serve(options: &Serve) -> Result<()> {
+pub fn serve(options: &LedgerServeOptions) -> Result<()> {
     let blobs = options.store.blobs_beside_writer(&options.dir)?;
     let mut server = LogServer::new(&options.dir).with_blobs(blobs);
     if let Some(bytes) = options.blob_cache_bytes {

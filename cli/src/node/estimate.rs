@@ -18,7 +18,7 @@ use zk0_smolvla::{PolicyConfig, Profile};
 
 /// `zk0 node estimate`.
 #[derive(Debug, clap::Args)]
-pub struct Estimate {
+pub struct EstimateOptions {
     /// The size of the policy: micro, tiny or full (the published size); or a network's policy file.
     #[arg(long, default_value = "micro")]
     model: String,
@@ -46,7 +46,7 @@ pub struct Estimate {
 }
 
 /// Runs the command.
-pub async fn run(options: &Estimate) -> Result<()> {
+pub async fn run(options: &EstimateOptions) -> Result<()> {
     let config = match Profile::from_name(&options.model) {
         Ok(profile) => profile.config(),
         Err(unknown) => match policy_file::load(Path::new(&options.model)) {

@@ -8,14 +8,14 @@ use crate::network::Signer;
 use crate::output::println;
 use crate::serve::online;
 use anyhow::Result;
-use estimate::Estimate;
+use estimate::EstimateOptions;
 use join::Join;
 use std::path::PathBuf;
 use zk0_traces::export::Traces;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
-pub enum Command {
+pub enum NodeCommand {
     /// Make a node's key and print its identity. The network's operator enrols the identity.
     Keygen {
         /// Write the key to this file. An existing file is kept.
@@ -27,7 +27,7 @@ pub enum Command {
         file: PathBuf,
     },
     /// Say what a claim will cost on this machine, before you spend anything: guest cycles, memory, time.
-    Estimate(Estimate),
+    Estimate(EstimateOptions),
     /// Leave a network. The node is not invited any more, and no round waits for it. What it has contributed stays. To come back, it has to be
     /// enrolled again.
     Leave(Signer),
@@ -35,7 +35,7 @@ pub enum Command {
     Join(Box<Join>),
 }
 
-impl Command {
+impl NodeCommand {
     /// The traces of the command, if it has any.
     pub fn traces(&self) -> Result<Option<Traces>> {
         match self {
@@ -46,22 +46,22 @@ impl Command {
 }
 
 /// Runs the command.
-pub fn run(command: &Command) -> Result<()> {
+pub fn run(command: &NodeCommand) -> Result<()> {
     match command {
-        Command::Keygen { file } => {
+        NodeCommand::Keygen { file } => {
             println!("{}", keys::generate(file)?);
             Ok(())
         }
-        Command::Identity { file } => {
+        NodeCommand::Identity { file } => {
             println!("{}", keys::identity(&keys::read(file)?));
             Ok(())
         }
-        Command::Estimate(options) => online(estimate::run(options)),
-        Command::Leave(signer) => online(async {
+        NodeCommand::Estimate(options) => online(estimate::run(options)),
+        NodeCommand::Leave(signer) => online(async {
             let entry = signer.connect().await?.leave().await?;
             println!("entry {entry}: the node has left");
             Ok(())
         }),
-        Command::Join(options) => online(join::run(options)),
+        NodeCommand::Join(options) => online(join::run(options)),
     }
 }

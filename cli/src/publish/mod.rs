@@ -10,15 +10,15 @@ use anyhow::Result;
 
 /// Where to publish.
 #[derive(Debug, clap::Subcommand)]
-pub enum Command {
+pub enum PublishCommand {
     /// Publish the global weights of a round on the Hugging Face Hub: a policy folder, which LeRobot loads, with a model card that says who contributed
     /// and how anybody verifies it. HF_TOKEN holds a token that may write, or `hf auth login` has left one. HF_ENDPOINT names another Hub.
     Hub(Hub),
 }
 
 /// Runs the command.
-pub fn run(command: &Command) -> Result<()> {
+pub fn run(command: &PublishCommand) -> Result<()> {
     match command {
-        Command::Hub(options) => options.run(),
+        PublishCommand::Hub(options) => options.run(),
     }
 }

@@ -1,6 +1,6 @@
 //! The model card of a policy folder on the Hub: `README.md`, with the header that the Hub reads.
 
-use crate::publish::round_facts::{Contribution, RoundFacts};
+use crate::publish::round_facts::{AcceptedContribution, RoundFacts};
 use anyhow::{bail, Context, Result};
 use sha2::{Digest as _, Sha256};
 use std::fs::File;
@@ -137,7 +137,7 @@ sha256sum again/model.safetensors    # {model}
     }
 }
 
-fn table(contributions: &[Contribution]) -> String {
+fn table(contributions: &[AcceptedContribution]) -> String {
     if contributions.is_empty() {
         return String::new();
     }
@@ -189,7 +189,7 @@ mod tests {
             closed_entry: 99,
             weights: Digest([2; 32]),
             is_taken: true,
-            contributions: vec![Contribution {
+            contributions: vec![AcceptedContribution {
                 node: NodeId([3; 32]),
                 name: "<b>|`Zoë's arm`\n---".into(),
                 entry: 97,

@@ -25,12 +25,12 @@ pub struct RoundFacts {
     /// Whether the contributions changed the global weights.
     pub is_taken: bool,
     /// Who contributed.
-    pub contributions: Vec<Contribution>,
+    pub contributions: Vec<AcceptedContribution>,
 }
 
 /// An accepted contribution.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Contribution {
+pub struct AcceptedContribution {
     /// The node.
     pub node: NodeId,
     /// What it is called; empty if the ledger does not say it.
@@ -47,7 +47,7 @@ pub struct Collector {
     spec: EvalSpec,
     round: u64,
     names: BTreeMap<NodeId, String>,
-    contributions: Vec<Contribution>,
+    contributions: Vec<AcceptedContribution>,
     closed: Option<(u64, Digest, bool)>,
 }
 
@@ -85,7 +85,7 @@ impl Collector {
             Body::ContributionAccepted(submission) => {
                 let claim = &submission.statement.claim;
                 if claim.terms.round == self.round {
-                    self.contributions.push(Contribution {
+                    self.contributions.push(AcceptedContribution {
                         node: claim.terms.node,
                         name: self
                             .names

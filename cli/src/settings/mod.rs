@@ -173,10 +173,10 @@ struct FromFile {
     at: usize,
     file: SettingsFile,
     /// The settings that count, with their flags as clap names them in errors.
-    counting: Vec<Counting>,
+    counting: Vec<CountingSettings>,
 }
 
-struct Counting {
+struct CountingSettings {
     line: usize,
     shown: String,
     arguments: Vec<OsString>,
@@ -236,7 +236,7 @@ fn from_file(
             }
         };
         if !is_given(arg, given) {
-            counting.push(Counting {
+            counting.push(CountingSettings {
                 line: setting.line,
                 shown: arg.to_string(),
                 arguments,

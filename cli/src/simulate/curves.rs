@@ -11,7 +11,7 @@ use zk0_tensorboard::{metrics, EventFile};
 const MAX_NODES: usize = 500;
 
 /// The files.
-pub struct Curves {
+pub struct CurveFiles {
     /// Optimiser steps of a round.
     steps: u64,
     global: EventFile,
@@ -19,7 +19,7 @@ pub struct Curves {
     unseen: Vec<EventFile>,
 }
 
-impl Curves {
+impl CurveFiles {
     /// In `folder`, of a simulation with these nodes and unseen recordings. One that goes on goes on with its curves.
     ///
     /// # Errors

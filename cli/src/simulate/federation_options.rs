@@ -75,7 +75,7 @@ pub struct FederationOptions {
 }
 
 /// The policy to start from, and the recordings as its samples.
-pub struct Opened {
+pub struct StartingPoint {
     /// The policy.
     pub file: PolicyFile,
     /// What nodes have.
@@ -112,7 +112,7 @@ impl FederationOptions {
     }
 
     /// Reads the policy and all recordings.
-    pub fn open(&self) -> Result<Opened> {
+    pub fn open(&self) -> Result<StartingPoint> {
         let file = self.source(self.seed)?.load()?;
         let cache = self.cache.open()?;
         let names = || self.datasets.iter().chain(&self.unseen);
@@ -124,7 +124,7 @@ impl FederationOptions {
         });
         let mut recordings = recorded.collect::<Result<Vec<_>>>()?;
         let unseen = recordings.split_off(self.datasets.len());
-        Ok(Opened {
+        Ok(StartingPoint {
             file,
             recordings,
             unseen,

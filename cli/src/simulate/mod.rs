@@ -6,12 +6,12 @@ pub mod federation_options;
 mod options;
 mod report;
 
-pub use options::Options;
+pub use options::SimulateOptions;
 
 use crate::output::println;
 use anyhow::{bail, Context, Result};
-use curves::Curves;
-use federation_options::Opened;
+use curves::CurveFiles;
+use federation_options::StartingPoint;
 use sha2::{Digest as _, Sha256};
 use std::fs;
 use std::time::Instant;
@@ -34,7 +34,7 @@ const NOT_PROVEN: &str =
     "nothing in this simulation is proven, signed or recorded: `zk0 demo` and real networks do that";
 
 /// Runs the command.
-pub fn run(options: &Options) -> Result<()> {
+pub fn run(options: &SimulateOptions) -> Result<()> {
     let out = &options.out;
     fs::create_dir_all(out).with_context(|| format!("creating {}", out.display()))?;
     println!("{NOT_PROVEN}");
@@ -65,7 +65,7 @@ pub fn run(options: &Options) -> Result<()> {
 
 /// What is simulated.
 struct Simulation<'a> {
-    options: &'a Options,
+    options: &'a SimulateOptions,
     robots: Robots,
     unseen: Vec<NodeData>,
     /// What the first round starts from, before it is rounded.
@@ -73,14 +73,14 @@ struct Simulation<'a> {
     /// What the simulation is of: policy, recordings and options.
     of: Digest,
     threads: usize,
-    curves: Option<Curves>,
+    curves: Option<CurveFiles>,
 }
 
 impl<'a> Simulation<'a> {
-    fn prepare(options: &'a Options) -> Result<Self> {
+    fn prepare(options: &'a SimulateOptions) -> Result<Self> {
         options.check()?;
         let federation = &options.federation;
-        let Opened {
+        let StartingPoint {
             file,
             recordings,
             unseen: others,

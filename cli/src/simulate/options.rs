@@ -1,6 +1,6 @@
 //! The options of `zk0 simulate`.
 
-use crate::simulate::curves::Curves;
+use crate::simulate::curves::CurveFiles;
 use crate::simulate::federation_options::FederationOptions;
 use anyhow::{bail, Result};
 use serde_json::json;
@@ -11,7 +11,7 @@ use zk0_simulate::robots::federation::Robots;
 /// Simulate a federation on this machine without proofs, to choose rounds, rates and strategies before you spend proofs. The folder `--out` gets
 /// `round_N.json` for each round, `loss.svg`, `loss.png` and `loss.json`, and `global.safetensors`.
 #[derive(Debug, clap::Args)]
-pub struct Options {
+pub struct SimulateOptions {
     #[command(flatten)]
     pub federation: FederationOptions,
     /// Let this share of the nodes take part in a round, chosen anew for each.
@@ -33,7 +33,7 @@ pub struct Options {
     tensorboard: Option<PathBuf>,
 }
 
-impl Options {
+impl SimulateOptions {
     /// Refuses what makes no sense.
     pub fn check(&self) -> Result<()> {
         if !(self.share > 0.0 && self.share <= 1.0) {
@@ -51,12 +51,12 @@ impl Options {
     }
 
     /// Where the curves go, if the user wants them.
-    pub fn curves(&self, robots: &Robots, unseen: &[NodeData]) -> Result<Option<Curves>> {
+    pub fn curves(&self, robots: &Robots, unseen: &[NodeData]) -> Result<Option<CurveFiles>> {
         let Some(folder) = &self.tensorboard else {
             return Ok(None);
         };
         let (nodes, unseen) = (robots.nodes.iter().map(name), unseen.iter().map(name));
-        Curves::open(
+        CurveFiles::open(
             folder,
             self.resume,
             self.federation.steps as u64,

@@ -16,7 +16,7 @@ const WINDOW: usize = 10;
 /// A line of the file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
-pub enum Line {
+pub enum MetricsLine {
     /// A step.
     Step {
         /// Steps made.
@@ -47,7 +47,7 @@ pub enum Line {
     },
 }
 
-impl Line {
+impl MetricsLine {
     /// The line of a step of `samples` samples that took `seconds`.
     pub fn of(step: &Step, samples: usize, seconds: f64) -> Self {
         Self::Step {
@@ -102,17 +102,17 @@ impl Line {
 }
 
 /// The file, open for more lines.
-pub struct Metrics {
+pub struct MetricsFile {
     path: PathBuf,
     file: File,
     events: Option<EventFile>,
 }
 
-impl Metrics {
+impl MetricsFile {
     /// Opens `path` for a run that has made `step` steps. Lines of later steps are removed, and so is a line that a stopped process left
     /// unfinished. TensorBoard reads `events`.
     pub fn open(path: &Path, step: usize, events: Option<EventFile>) -> Result<Self> {
-        let kept: Vec<Line> = match step {
+        let kept: Vec<MetricsLine> = match step {
             0 => Vec::new(),
             _ => read(path)?
                 .into_iter()
@@ -135,7 +135,7 @@ impl Metrics {
     }
 
     /// Adds a line.
-    pub fn add(&mut self, line: &Line) -> Result<()> {
+    pub fn add(&mut self, line: &MetricsLine) -> Result<()> {
         let mut text = serde_json::to_vec(line)?;
         text.push(b'\n');
         if let Some(events) = &self.events {
@@ -147,7 +147,7 @@ impl Metrics {
 }
 
 /// All whole lines of the file; none if there is no file.
-pub fn read(path: &Path) -> Result<Vec<Line>> {
+pub fn read(path: &Path) -> Result<Vec<MetricsLine>> {
     if !path.exists() {
         return Ok(Vec::new());
     }
@@ -159,10 +159,10 @@ pub fn read(path: &Path) -> Result<Vec<Line>> {
 }
 
 /// The loss curves: training, smoothed, and the held-out episodes, if there are any.
-pub fn curves(lines: &[Line]) -> Vec<Curve> {
-    let step = |line: &Line| match line {
-        Line::Step { step, loss, .. } => Some((*step as f64, *loss)),
-        Line::Eval { .. } => None,
+pub fn curves(lines: &[MetricsLine]) -> Vec<Curve> {
+    let step = |line: &MetricsLine| match line {
+        MetricsLine::Step { step, loss, .. } => Some((*step as f64, *loss)),
+        MetricsLine::Eval { .. } => None,
     };
     let steps: Vec<(f64, f64)> = lines.iter().filter_map(step).collect();
     let window = WINDOW.max(steps.len() / 400);
@@ -177,10 +177,10 @@ pub fn curves(lines: &[Line]) -> Vec<Curve> {
         points: steps.chunks(window).map(mean).collect(),
     };
     let evaluated = lines.iter().filter_map(|line| match line {
-        Line::Eval {
+        MetricsLine::Eval {
             step, eval_loss, ..
         } => Some((*step as f64, *eval_loss)),
-        Line::Step { .. } => None,
+        MetricsLine::Step { .. } => None,
     });
     let held_out = Curve {
         name: "held-out episodes".into(),
@@ -194,8 +194,8 @@ pub fn curves(lines: &[Line]) -> Vec<Curve> {
 mod tests {
     use super::*;
 
-    fn step(step: usize) -> Line {
-        Line::Step {
+    fn step(step: usize) -> MetricsLine {
+        MetricsLine::Step {
             step,
             loss: 1.0 / step as f64,
             prox: 0.0,
@@ -206,8 +206,8 @@ mod tests {
         }
     }
 
-    fn eval(step: usize) -> Line {
-        Line::Eval {
+    fn eval(step: usize) -> MetricsLine {
+        MetricsLine::Eval {
             step,
             eval_loss: 0.5,
             eval_loss_plain: 0.4,
@@ -219,7 +219,7 @@ mod tests {
     fn a_resumed_run_goes_on_after_its_snapshot() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("metrics.jsonl");
-        let mut metrics = Metrics::open(&path, 0, None).unwrap();
+        let mut metrics = MetricsFile::open(&path, 0, None).unwrap();
         for line in [step(1), step(2), eval(2), step(3)] {
             metrics.add(&line).unwrap();
         }
@@ -230,18 +230,18 @@ mod tests {
         .unwrap();
         assert_eq!(read(&path).unwrap().len(), 4);
 
-        let mut metrics = Metrics::open(&path, 2, None).unwrap();
+        let mut metrics = MetricsFile::open(&path, 2, None).unwrap();
         metrics.add(&step(3)).unwrap();
         assert_eq!(read(&path).unwrap(), [step(1), step(2), eval(2), step(3)]);
         assert_eq!(fs::read_to_string(&path).unwrap().lines().count(), 4);
 
-        Metrics::open(&path, 0, None).unwrap();
+        MetricsFile::open(&path, 0, None).unwrap();
         assert_eq!(read(&path).unwrap(), []);
     }
 
     #[test]
     fn curves_are_smoothed_and_none_is_empty() {
-        let lines: Vec<Line> = (1..=25).map(step).collect();
+        let lines: Vec<MetricsLine> = (1..=25).map(step).collect();
         let training = curves(&lines);
         assert_eq!(training.len(), 1);
         let at: Vec<f64> = training[0].points.iter().map(|point| point.0).collect();

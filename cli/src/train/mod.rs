@@ -6,15 +6,15 @@ mod metrics;
 mod options;
 mod report;
 
-pub use options::Options;
+pub use options::TrainRunOptions;
 
 use crate::chart;
 use crate::dataset::{refuse_left_out, RecordingName};
 use crate::output::println;
 use crate::policy::cache_failed;
 use anyhow::{bail, Context, Result};
-use metrics::{Line, Metrics};
-use report::{Ended, Evaluated, Recording, Report};
+use metrics::{MetricsFile, MetricsLine};
+use report::{Ended, HeldOutLosses, TrainingRecording, TrainingReport};
 use std::fs::{self, File, TryLockError};
 use std::mem;
 use std::path::Path;
@@ -42,14 +42,14 @@ use zk0_smolvla::{ExpertWeights, Policy, PolicyConfig, PolicyError};
 use zk0_tensors::TensorSet;
 
 /// Runs the command.
-pub fn run(options: &Options) -> Result<()> {
+pub fn run(options: &TrainRunOptions) -> Result<()> {
     match options.train_state_proj {
         true => train::<ObservedSample>(options),
         false => train::<PreparedSample>(options),
     }
 }
 
-fn train<S: SampleKind>(options: &Options) -> Result<()> {
+fn train<S: SampleKind>(options: &TrainRunOptions) -> Result<()> {
     let training = options.training()?;
     let variants = options.transforms.variants(options.seed)?;
     let at = options.device.open()?;
@@ -115,7 +115,7 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
     };
 
     let lines = out.join("metrics.jsonl");
-    let run = |samples: Samples<'_>| -> Result<Run> {
+    let run = |samples: Samples<'_>| -> Result<TrainingRun> {
         let start = |training: TrainOptions| {
             let (frozen, expert) = (frozen.as_ref(), &policy.expert);
             Trainer::on(&at, &config, expert, frozen, samples, training)
@@ -131,7 +131,7 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
             })?;
         }
         let identity = RunIdentity::of(&trainer, &data)?;
-        let report = Report::new(
+        let report = TrainingReport::new(
             options,
             &at,
             &trainer,
@@ -156,7 +156,7 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
             tracing::info!("the run goes on after step {resumed}");
         }
         report.write(out)?;
-        let mut metrics = Metrics::open(&lines, resumed, events)?;
+        let mut metrics = MetricsFile::open(&lines, resumed, events)?;
         let clock = Instant::now();
         let evaluated = steps(
             options,
@@ -165,7 +165,7 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
             held_out.as_ref(),
             &mut metrics,
         )?;
-        Ok(Run {
+        Ok(TrainingRun {
             seconds: clock.elapsed().as_secs_f64(),
             steps: trainer.steps_done() - resumed,
             values: trainer.values()?,
@@ -173,7 +173,7 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
             report,
         })
     };
-    let Run {
+    let TrainingRun {
         values,
         mut report,
         steps,
@@ -197,25 +197,25 @@ fn train<S: SampleKind>(options: &Options) -> Result<()> {
 }
 
 /// What making the steps gave.
-struct Run {
+struct TrainingRun {
     /// The trained tensors.
     values: TensorSet,
-    report: Report,
+    report: TrainingReport,
     /// Steps made, without those of the run that was resumed.
     steps: usize,
     seconds: f64,
-    evaluated: Option<Evaluated>,
+    evaluated: Option<HeldOutLosses>,
 }
 
 /// The frames of all recordings that are trained on, and those that are held out.
 struct Chosen {
     train: Vec<FrameRef>,
     held_out: Vec<FrameRef>,
-    recordings: Vec<Recording>,
+    recordings: Vec<TrainingRecording>,
 }
 
 impl Chosen {
-    fn of(options: &Options, datasets: &[Dataset], mut names: FrameNames) -> Result<Self> {
+    fn of(options: &TrainRunOptions, datasets: &[Dataset], mut names: FrameNames) -> Result<Self> {
         let mut chosen = Self {
             train: Vec::new(),
             held_out: Vec::new(),
@@ -233,7 +233,7 @@ impl Chosen {
                     .with_context(|| format!("recording {}", dataset.root().display()))
             };
             let (train, eval) = (named(&split.train)?, named(&split.eval)?);
-            chosen.recordings.push(Recording {
+            chosen.recordings.push(TrainingRecording {
                 path: dataset.root().display().to_string(),
                 train_frames: train.len(),
                 eval_frames: eval.len(),
@@ -262,11 +262,11 @@ struct HeldOut<'c, 'a, S> {
 }
 
 impl<S: SampleKind> HeldOut<'_, '_, S> {
-    fn evaluate(&self, trainer: &Trainer) -> Result<Evaluated> {
+    fn evaluate(&self, trainer: &Trainer) -> Result<HeldOutLosses> {
         let (models, samples) = (trainer.evaluation_models()?, S::samples(&self.samples));
         let all: Vec<usize> = (0..samples.len()).collect();
         let errors = evaluate_samples(&models, samples, &all, &self.draws)?;
-        Ok(Evaluated {
+        Ok(HeldOutLosses {
             loss: errors.valid_only.loss(),
             loss_plain: errors.plain.loss(),
         })
@@ -275,30 +275,31 @@ impl<S: SampleKind> HeldOut<'_, '_, S> {
 
 /// Makes the steps that are left. Returns the losses on the held-out episodes after the last one.
 fn steps<S: SampleKind>(
-    options: &Options,
+    options: &TrainRunOptions,
     trainer: &mut Trainer,
     snapshots: &Snapshots,
     held_out: Option<&HeldOut<S>>,
-    metrics: &mut Metrics,
-) -> Result<Option<Evaluated>> {
+    metrics: &mut MetricsFile,
+) -> Result<Option<HeldOutLosses>> {
     let (first, of) = (trainer.steps_done(), trainer.options().steps);
-    let evaluate = |trainer: &Trainer, metrics: &mut Metrics| -> Result<Option<Evaluated>> {
-        let Some(held_out) = held_out else {
-            return Ok(None);
+    let evaluate =
+        |trainer: &Trainer, metrics: &mut MetricsFile| -> Result<Option<HeldOutLosses>> {
+            let Some(held_out) = held_out else {
+                return Ok(None);
+            };
+            let (step, evaluated) = (trainer.steps_done(), held_out.evaluate(trainer)?);
+            metrics.add(&MetricsLine::Eval {
+                step,
+                eval_loss: evaluated.loss,
+                eval_loss_plain: evaluated.loss_plain,
+                eval_frames: held_out.draws.len(),
+            })?;
+            tracing::info!(
+                "step {step}: loss on held-out episodes {:.4}",
+                evaluated.loss
+            );
+            Ok(Some(evaluated))
         };
-        let (step, evaluated) = (trainer.steps_done(), held_out.evaluate(trainer)?);
-        metrics.add(&Line::Eval {
-            step,
-            eval_loss: evaluated.loss,
-            eval_loss_plain: evaluated.loss_plain,
-            eval_frames: held_out.draws.len(),
-        })?;
-        tracing::info!(
-            "step {step}: loss on held-out episodes {:.4}",
-            evaluated.loss
-        );
-        Ok(Some(evaluated))
-    };
     if first == 0 {
         evaluate(trainer, metrics)?;
     }
@@ -315,7 +316,7 @@ fn steps<S: SampleKind>(
         let step = trainer.step()?;
         let seconds = clock.elapsed().as_secs_f64();
         let batch = trainer.options().batch_size;
-        metrics.add(&Line::of(&step, batch, seconds))?;
+        metrics.add(&MetricsLine::of(&step, batch, seconds))?;
         progress.reached((step.step - first) as u64);
         if step.step % of.div_ceil(20) == 0 {
             tracing::info!("step {} of {of}, loss {:.4}", step.step, step.loss);
@@ -396,7 +397,7 @@ fn fits(config: &PolicyConfig, dataset: &Dataset) -> Result<()> {
 }
 
 /// The factor for the learning rate of a client whose loss is high.
-fn boosted(options: &Options, trainer: &Trainer, samples: Samples) -> Result<f64> {
+fn boosted(options: &TrainRunOptions, trainer: &Trainer, samples: Samples) -> Result<f64> {
     let (Some(factor), Some(prior)) = (options.lr_boost, options.prior_loss) else {
         return Ok(1.0);
     };

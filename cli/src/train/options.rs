@@ -17,7 +17,7 @@ use zk0_tensorboard::EventFile;
 /// Train a policy on recordings. The folder `--out` gets `model.safetensors`, `run.json`, `metrics.jsonl`, the loss chart, and snapshots of
 /// the run. If the run starts from a LeRobot policy folder, it also gets `lerobot/`, which LeRobot loads.
 #[derive(Debug, clap::Args)]
-pub struct Options {
+pub struct TrainRunOptions {
     /// Train on this recording: a LeRobotDataset folder, or hub:owner/name[@revision]. Repeat the option to train on several recordings
     /// together. They are normalised with the mean and the standard deviation over all their frames.
     #[arg(long = "dataset", value_name = "RECORDING", required = true)]
@@ -137,7 +137,7 @@ enum Course {
     WarmRestarts,
 }
 
-impl Options {
+impl TrainRunOptions {
     /// The policy to start from.
     pub fn source(&self) -> Result<PolicySource> {
         policy::one(self.policy.as_ref(), self.profile, self.seed)

@@ -1,6 +1,6 @@
 //! `run.json`: what was trained, on which recordings, how, and with which result.
 
-use super::Options;
+use super::TrainRunOptions;
 use crate::policy::Transforms;
 use anyhow::{Context, Result};
 use serde::Serialize;
@@ -16,7 +16,7 @@ use zk0_smolvla::train::{TrainOptions, TrainScope, Trainer};
 
 /// The file's content.
 #[derive(Serialize)]
-pub struct Report {
+pub struct TrainingReport {
     version: &'static str,
     policy: String,
     scope: TrainScope,
@@ -29,7 +29,7 @@ pub struct Report {
     trend: Trend,
     /// The factor for the learning rate because of a high loss at the start.
     lr_boost: f64,
-    recordings: Vec<Recording>,
+    recordings: Vec<TrainingRecording>,
     /// How the pictures of training frames are transformed, if they are.
     image_transforms: Option<Transforms>,
     /// How the policy is used afterwards. It contains the statistics that samples are normalised with.
@@ -41,7 +41,7 @@ pub struct Report {
 
 /// One recording and how it was split.
 #[derive(Serialize)]
-pub struct Recording {
+pub struct TrainingRecording {
     /// Its folder.
     pub path: String,
     /// Frames of the episodes trained on.
@@ -54,7 +54,7 @@ pub struct Recording {
 
 /// Losses on the held-out episodes.
 #[derive(Clone, Copy, Serialize)]
-pub struct Evaluated {
+pub struct HeldOutLosses {
     /// `loss_valid_only`.
     pub loss: f64,
     /// LeRobot 0.4's mean.
@@ -72,7 +72,7 @@ pub struct Ended {
     steps: usize,
     /// How long these steps took, with evaluations and snapshots.
     seconds: f64,
-    held_out: Option<Evaluated>,
+    held_out: Option<HeldOutLosses>,
 }
 
 impl Ended {
@@ -82,7 +82,7 @@ impl Ended {
         lerobot: Option<PathBuf>,
         steps: usize,
         seconds: f64,
-        held_out: Option<Evaluated>,
+        held_out: Option<HeldOutLosses>,
     ) -> Self {
         Self {
             model_sha256: hex::encode(model),
@@ -94,14 +94,14 @@ impl Ended {
     }
 }
 
-impl Report {
+impl TrainingReport {
     /// Of a run that begins.
     pub fn new(
-        options: &Options,
+        options: &TrainRunOptions,
         place: &FrozenPlace,
         trainer: &Trainer,
         identity: &RunIdentity,
-        recordings: Vec<Recording>,
+        recordings: Vec<TrainingRecording>,
         inference: &Inference,
         lr_boost: f64,
     ) -> Result<Self> {
