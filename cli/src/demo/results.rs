@@ -24,7 +24,7 @@ use zk0_protocol::entries::signed::{Signed, Submission};
 const WINDOW: usize = 20;
 
 #[derive(Serialize)]
-struct ContributionMetrics {
+struct DemoMetrics {
     network: String,
     contributions: Vec<ContributionResult>,
     global: Vec<RoundResult>,
@@ -93,7 +93,7 @@ pub fn finish(
         .filter(|contribution| contribution.accepted)
         .count();
     let refused = contributions.len() - accepted;
-    let metrics = ContributionMetrics {
+    let metrics = DemoMetrics {
         network: report.network.clone().unwrap_or_default(),
         contributions,
         global,
