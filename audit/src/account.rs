@@ -98,12 +98,12 @@ pub struct NotChecked {
 
 /// What was checked and left out so far.
 #[derive(Clone, Debug, Default, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
-pub struct Coverage {
+pub struct Account {
     passed: BTreeMap<CheckKind, u64>,
     left_out: BTreeMap<(CheckKind, SkipReason), (u64, u64, String)>,
 }
 
-impl Coverage {
+impl Account {
     /// Counts a check that passed.
     pub fn passed(&mut self, what: CheckKind) {
         *self.passed.entry(what).or_default() += 1;

@@ -12,7 +12,7 @@
 mod found;
 mod saved;
 
-use crate::account::{CheckKind, Checked, Coverage, NotChecked, SkipReason};
+use crate::account::{Account, CheckKind, Checked, NotChecked, SkipReason};
 use crate::auditor::found::Found;
 use crate::checks::closings;
 use crate::checks::pruning_waiver::{PruningWaiver, Rounds};
@@ -42,9 +42,9 @@ pub struct Auditor {
     depth: Depth,
     named: TrustedPrograms,
     /// What was checked, without the contributions that the open round accepted.
-    account: Coverage,
+    account: Account,
     /// What was checked of the contributions that the open round accepted.
-    open: Coverage,
+    open: Account,
     /// What the open round accepted.
     accepted: Vec<RecordedClaim>,
     /// The contributions among them that verify.
@@ -92,8 +92,8 @@ impl Auditor {
         Self {
             depth,
             named: TrustedPrograms::default(),
-            account: Coverage::default(),
-            open: Coverage::default(),
+            account: Account::default(),
+            open: Account::default(),
             accepted: Vec::new(),
             contributions: Vec::new(),
             missing: Vec::new(),
@@ -160,7 +160,7 @@ impl Auditor {
         self.whole_account().not_checked()
     }
 
-    fn whole_account(&self) -> Coverage {
+    fn whole_account(&self) -> Account {
         let mut account = self.account.clone();
         account.add(self.open.clone());
         for Missing {

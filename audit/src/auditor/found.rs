@@ -1,7 +1,7 @@
 //! What an audit has found so far, and what it could not settle: a blob that is missing or damaged may be put right later, and what a
 //! failing disk gives says nothing about the ledger.
 
-use crate::account::{Coverage, SkipReason};
+use crate::account::{Account, SkipReason};
 use crate::checks::check::Check;
 use std::collections::BTreeSet;
 use std::mem::take;
@@ -46,7 +46,7 @@ impl Found {
     }
 
     /// Takes down the outcome of a check of entry `index`.
-    pub fn enter(&mut self, account: &mut Coverage, index: u64, check: Check) {
+    pub fn enter(&mut self, account: &mut Account, index: u64, check: Check) {
         match check {
             Check::Passed(what) => account.passed(what),
             Check::LeftOut(what, why, example) => account.left_out(what, why, index, example),

@@ -1,6 +1,6 @@
 //! What a state file keeps of an auditor.
 
-use crate::account::Coverage;
+use crate::account::Account;
 use crate::checks::pruning_waiver::Rounds;
 use crate::checks::RecordedClaim;
 use crate::depth::Depth;
@@ -14,7 +14,7 @@ use zk0_protocol::Refusal;
 pub type SavedAuditor = (
     Depth,
     TrustedPrograms,
-    Coverage,
+    Account,
     Vec<RecordedClaim>,
     BTreeMap<u64, Option<Refusal>>,
     Rounds,
