@@ -57,7 +57,7 @@ pub trait Federation: Sync {
 }
 
 /// Whose turn it is to add an update.
-struct Turns<F: Federation> {
+struct UpdateTurns<F: Federation> {
     next: usize,
     collected: F::Collected,
     failed: Option<F::Error>,
@@ -75,7 +75,7 @@ pub fn round<F: Federation>(
     threads: usize,
 ) -> Result<F::Global, F::Error> {
     let taken = AtomicUsize::new(0);
-    let turns = Mutex::new(Turns::<F> {
+    let turns = Mutex::new(UpdateTurns::<F> {
         next: 0,
         collected: federation.begin(&global),
         failed: None,

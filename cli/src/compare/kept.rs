@@ -10,7 +10,7 @@ use zk0_circuits::Digest;
 use zk0_files::{atomic_file, bounded_file};
 use zk0_simulate::compare::run::Run;
 use zk0_simulate::compare::search::Trial;
-use zk0_simulate::compare::variant::{Kind, Variant};
+use zk0_simulate::compare::variant::{Variant, VariantKind};
 
 /// Largest file that is read. The losses of a hundred thousand nodes take some tens of megabytes.
 const MAX_BYTES: u64 = 256 << 20;
@@ -57,7 +57,7 @@ impl<'a> ComparisonFolder<'a> {
         self.0.join(format!("runs/seed-{seed}-{name}.json"))
     }
 
-    fn trial_path(&self, kind: Kind, number: u64) -> PathBuf {
+    fn trial_path(&self, kind: VariantKind, number: u64) -> PathBuf {
         self.0
             .join(format!("trials/{}-{}.json", kind.name(), number + 1))
     }
@@ -89,7 +89,7 @@ impl<'a> ComparisonFolder<'a> {
     }
 
     /// Whether a trial is done.
-    pub fn has_trial(&self, kind: Kind, number: u64) -> bool {
+    pub fn has_trial(&self, kind: VariantKind, number: u64) -> bool {
         self.trial_path(kind, number).exists()
     }
 
@@ -99,7 +99,7 @@ impl<'a> ComparisonFolder<'a> {
     }
 
     /// The first trials of a kind.
-    pub fn trials(&self, kind: Kind, count: u64) -> Result<Vec<Trial>> {
+    pub fn trials(&self, kind: VariantKind, count: u64) -> Result<Vec<Trial>> {
         (0..count)
             .map(|number| read(&self.trial_path(kind, number)))
             .collect()

@@ -18,8 +18,8 @@ use std::sync::Mutex;
 use std::time::Instant;
 use zk0_node::progress::Progress;
 use zk0_protocol::counted::counted;
-use zk0_simulate::compare::run::{measured_rounds, Run, Setting};
-use zk0_simulate::compare::variant::{Kind, Values, Variant};
+use zk0_simulate::compare::run::{measured_rounds, ComparisonSetting, Run};
+use zk0_simulate::compare::variant::{Hyperparameters, Variant, VariantKind};
 use zk0_simulate::rounds;
 
 /// Said at the beginning and at the end.
@@ -47,7 +47,7 @@ pub fn run(options: &CompareOptions) -> Result<()> {
         }
         false => {
             let space = options.space();
-            let given = Kind::ALL.map(|kind| space.given(kind));
+            let given = VariantKind::ALL.map(|kind| space.given(kind));
             (given.to_vec(), None)
         }
     };
@@ -66,9 +66,9 @@ pub fn run(options: &CompareOptions) -> Result<()> {
 fn make(
     options: &CompareOptions,
     prepared: &PreparedRuns,
-    setting: &Setting,
+    setting: &ComparisonSetting,
     kept: &ComparisonFolder,
-    values: &[Values],
+    values: &[Hyperparameters],
 ) -> Result<Vec<Run>> {
     let first = options.federation.seed;
     let seeds = first..first + options.seeds;
@@ -85,7 +85,7 @@ fn make(
     let progress = Mutex::new((0, Progress::start("comparing", missing.len() as u64)));
     rounds::parallel(missing.len(), prepared.threads, |number| {
         let (variant, seed) = missing[number];
-        let values = Kind::ALL.iter().zip(values);
+        let values = VariantKind::ALL.iter().zip(values);
         let values = values.filter(|(kind, _)| **kind == variant.kind());
         let start = prepared.start(options, seed)?;
         for (_, values) in values {

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_simulate::compare::search::Space;
-use zk0_simulate::compare::variant::{SameSteps, Values};
+use zk0_simulate::compare::variant::{Hyperparameters, SameSteps};
 use zk0_simulate::robots::data::Dealing;
 
 /// Compare federated training with centralised training on the frames of all nodes, and with each node alone, over several seeds, without proofs.
@@ -127,7 +127,7 @@ impl CompareOptions {
             strategies.push(federation.strategy);
         }
         Space {
-            given: Values {
+            given: Hyperparameters {
                 learning_rate: federation.learning_rate,
                 fedprox_mu: Some(federation.fedprox_mu),
                 strategy: Some(federation.strategy),

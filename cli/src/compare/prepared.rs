@@ -6,8 +6,8 @@ use anyhow::{bail, Result};
 use sha2::{Digest as _, Sha256};
 use std::collections::BTreeMap;
 use zk0_circuits::{Digest, EvalSpec};
-use zk0_simulate::compare::run::Setting;
-use zk0_simulate::robots::data::{deal, unseen, Dealing, Recorded};
+use zk0_simulate::compare::run::ComparisonSetting;
+use zk0_simulate::robots::data::{deal, unseen, Dealing, SampledRecording};
 use zk0_simulate::robots::error::SimulationError;
 use zk0_smolvla::measure::fixed_point::dims;
 use zk0_smolvla::ExpertWeights;
@@ -52,7 +52,7 @@ impl PreparedRuns {
         options: &CompareOptions,
         dealing: &Dealing,
         measured: Vec<u64>,
-    ) -> Result<Setting> {
+    ) -> Result<ComparisonSetting> {
         let StartingPoint {
             file,
             recordings,
@@ -63,7 +63,7 @@ impl PreparedRuns {
             bail!("a federation of one node has nobody to be compared with: name more recordings with --dataset, or add --nodes 2");
         }
         let unseen = others.iter().map(|one| unseen(one, file, dealing));
-        Ok(Setting {
+        Ok(ComparisonSetting {
             config: file.policy.config.clone(),
             format: self.format.clone(),
             nodes: nodes.into(),
@@ -85,7 +85,7 @@ impl PreparedRuns {
 }
 
 /// Refuses recordings that share an episode: one node would train on what is held out of another, or on what nobody is to have seen.
-fn no_episode_twice<'a>(recordings: impl Iterator<Item = &'a Recorded>) -> Result<()> {
+fn no_episode_twice<'a>(recordings: impl Iterator<Item = &'a SampledRecording>) -> Result<()> {
     let mut known = BTreeMap::new();
     for recorded in recordings {
         for (number, digest) in recorded.episode_digests.iter().enumerate() {

@@ -10,9 +10,9 @@ use serde::Serialize;
 use std::path::Path;
 use zk0_protocol::counted::counted;
 use zk0_simulate::compare::interval::{Interval, CONFIDENCE};
-use zk0_simulate::compare::run::{Run, Setting};
-use zk0_simulate::compare::summary::{summary, Difference, Summary};
-use zk0_simulate::compare::variant::{Kind, SameSteps, Values, Variant};
+use zk0_simulate::compare::run::{ComparisonSetting, Run};
+use zk0_simulate::compare::summary::{summary, ComparisonSummary, Difference};
+use zk0_simulate::compare::variant::{Hyperparameters, SameSteps, Variant, VariantKind};
 
 /// `comparison.json`.
 #[derive(Serialize)]
@@ -29,7 +29,7 @@ struct ComparisonReport<'a> {
     nodes: Vec<NodeRecordings<'a>>,
     unseen: Vec<&'a str>,
     #[serde(flatten)]
-    summary: Summary,
+    summary: ComparisonSummary,
     search: Option<SearchReport>,
 }
 
@@ -39,7 +39,7 @@ struct TrainedVariant<'a> {
     variant: &'static str,
     /// The steps of one seed: of all nodes together, or of one machine.
     steps: u64,
-    values: &'a Values,
+    values: &'a Hyperparameters,
 }
 
 /// What a node had.
@@ -55,8 +55,8 @@ struct NodeRecordings<'a> {
 /// Writes the results of these runs into the folder of the comparison, and prints them.
 pub fn report(
     options: &CompareOptions,
-    setting: &Setting,
-    values: &[Values],
+    setting: &ComparisonSetting,
+    values: &[Hyperparameters],
     runs: &[Run],
     search: Option<SearchReport>,
 ) -> Result<()> {
@@ -75,7 +75,7 @@ pub fn report(
     });
     println!();
     for (kind, steps, values) in trained.clone() {
-        let each = match kind == Kind::Alone.name() {
+        let each = match kind == VariantKind::Alone.name() {
             true => " each",
             false => "",
         };
@@ -112,7 +112,7 @@ pub fn report(
     write_json(&out.join("comparison.json"), &report)
 }
 
-fn draw(stem: &Path, summary: &Summary) -> Result<()> {
+fn draw(stem: &Path, summary: &ComparisonSummary) -> Result<()> {
     let ends = |interval: &Interval| [interval.low, interval.mean, interval.high];
     let bands = summary.progress.iter().map(|progress| Band {
         name: progress.variant.into(),
@@ -133,13 +133,13 @@ fn draw(stem: &Path, summary: &Summary) -> Result<()> {
     chart::draw_comparison(stem, &bands, &rows)
 }
 
-fn print(summary: &Summary, seeds: u64) {
+fn print(summary: &ComparisonSummary, seeds: u64) {
     println!("\nloss at the end: mean of {seeds} seeds, and its 95 % interval");
-    let kinds = Kind::ALL
+    let kinds = VariantKind::ALL
         .map(|kind| format!("{:<26}", kind.name()))
         .concat();
     println!("{:<44}{}", "measured on", kinds.trim_end());
-    for row in summary.losses.chunks(Kind::ALL.len()) {
+    for row in summary.losses.chunks(VariantKind::ALL.len()) {
         let on = row.first().map_or("", |loss| &loss.on[..]);
         let losses = row.iter().map(|loss| {
             let Interval { mean, low, high } = loss.loss;

@@ -8,9 +8,9 @@ use anyhow::{bail, Result};
 use std::time::Instant;
 use zk0_node::progress::Progress;
 use zk0_protocol::counted::counted;
-use zk0_simulate::compare::run::Setting;
+use zk0_simulate::compare::run::ComparisonSetting;
 use zk0_simulate::compare::search::{best, Space, Trial};
-use zk0_simulate::compare::variant::{Kind, Values};
+use zk0_simulate::compare::variant::{Hyperparameters, VariantKind};
 use zk0_simulate::robots::error::SimulationError;
 use zk0_simulate::rounds;
 use zk0_smolvla::ExpertWeights;
@@ -29,12 +29,12 @@ pub struct SearchReport {
     pub trials: Vec<Trial>,
 }
 
-/// Makes the trials that are not made yet, and gives the values of each kind, in the order of [`Kind::ALL`].
+/// Makes the trials that are not made yet, and gives the values of each kind, in the order of [`VariantKind::ALL`].
 pub fn search(
     options: &CompareOptions,
     prepared: &PreparedRuns,
     kept: &ComparisonFolder,
-) -> Result<(Vec<Values>, SearchReport)> {
+) -> Result<(Vec<Hyperparameters>, SearchReport)> {
     let space = options.space();
     let measured = vec![options.federation.rounds];
     let setting = prepared.setting(options, &options.searching(), measured)?;
@@ -43,7 +43,7 @@ pub fn search(
         None => make(options, prepared, kept, &space, &setting)?,
     };
     let (mut values, mut trials) = (Vec::new(), Vec::new());
-    for kind in Kind::ALL {
+    for kind in VariantKind::ALL {
         let of_kind = kept.trials(kind, count)?;
         let Some(chosen) = best(&of_kind) else {
             let why = of_kind.first().and_then(|trial| trial.failed.clone());
@@ -79,14 +79,14 @@ fn make(
     prepared: &PreparedRuns,
     kept: &ComparisonFolder,
     space: &Space,
-    setting: &Setting,
+    setting: &ComparisonSetting,
 ) -> Result<u64> {
     let start = prepared.start(options, SEED)?;
     let clock = Instant::now();
     let mut progress = Progress::start("searching", options.search_trials);
     let mut made = 0;
     while made < options.search_trials && (made == 0 || clock.elapsed() < options.search_time()) {
-        let missing = Kind::ALL.into_iter();
+        let missing = VariantKind::ALL.into_iter();
         let missing: Vec<_> = missing
             .filter(|kind| !kept.has_trial(*kind, made))
             .collect();
@@ -106,9 +106,9 @@ fn make(
 
 /// Trains with some values. Training that diverges is a result, too.
 fn trial(
-    kind: Kind,
-    values: Values,
-    setting: &Setting,
+    kind: VariantKind,
+    values: Hyperparameters,
+    setting: &ComparisonSetting,
     start: &ExpertWeights,
 ) -> Result<Trial, SimulationError> {
     let (loss, failed) = match setting.own_loss(kind, &values, SEED, start) {
@@ -125,7 +125,7 @@ fn trial(
 }
 
 /// Values as options of the command.
-pub fn in_words(values: &Values) -> Result<String> {
+pub fn in_words(values: &Hyperparameters) -> Result<String> {
     let mut words = format!("--learning-rate {}", values.learning_rate);
     if let Some(mu) = values.fedprox_mu {
         words += &format!(" --fedprox-mu {mu}");

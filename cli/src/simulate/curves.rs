@@ -4,7 +4,7 @@
 use anyhow::{bail, Context, Result};
 use std::collections::BTreeMap;
 use std::path::Path;
-use zk0_simulate::robots::outcome::{Round, Trained};
+use zk0_simulate::robots::outcome::{SimulatedRound, TrainedNode};
 use zk0_tensorboard::{metrics, EventFile};
 
 /// Each node has an open file, and more would be no use in TensorBoard.
@@ -56,7 +56,7 @@ impl CurveFiles {
     }
 
     /// Adds what a round came to.
-    pub fn add(&self, round: &Round) {
+    pub fn add(&self, round: &SimulatedRound) {
         let step = round.round.saturating_mul(self.steps);
         let number = (metrics::ROUND, round.round as f64);
         let mut values = vec![(metrics::EVAL_LOSS, round.mean_loss), number];
@@ -81,7 +81,7 @@ impl CurveFiles {
 }
 
 /// The means over a node's steps in a round.
-fn trained(told: &Trained) -> Vec<(&'static str, f64)> {
+fn trained(told: &TrainedNode) -> Vec<(&'static str, f64)> {
     let mut values = vec![
         (metrics::LOSS, told.loss),
         (metrics::GRAD_NORM, told.grad_norm),

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::thread;
 use zk0_lerobot::dataset::{refuse_different, RenameMap};
 use zk0_protocol::rules::network_rules::Strategy;
-use zk0_simulate::robots::data::{Dealing, Recorded};
+use zk0_simulate::robots::data::{Dealing, SampledRecording};
 use zk0_simulate::robots::federation::Training;
 use zk0_smolvla::policy::policy_file::PolicyFile;
 use zk0_smolvla::{ExpertWeights, Profile};
@@ -79,9 +79,9 @@ pub struct StartingPoint {
     /// The policy.
     pub file: PolicyFile,
     /// What nodes have.
-    pub recordings: Vec<Recorded>,
+    pub recordings: Vec<SampledRecording>,
     /// What no node has.
-    pub unseen: Vec<Recorded>,
+    pub unseen: Vec<SampledRecording>,
 }
 
 /// Reads a strategy as the options take it.
@@ -119,7 +119,7 @@ impl FederationOptions {
         let datasets = RecordingName::open_together(names(), &self.rename_map)?;
         refuse_different(datasets.iter().map(|d| (d.root(), d.info())))?;
         let recorded = datasets.iter().zip(names()).map(|(dataset, name)| {
-            let recorded = Recorded::of(dataset, &file, cache.as_ref());
+            let recorded = SampledRecording::of(dataset, &file, cache.as_ref());
             recorded.with_context(|| format!("recording {name}"))
         });
         let mut recordings = recorded.collect::<Result<Vec<_>>>()?;

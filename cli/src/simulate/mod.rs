@@ -21,8 +21,8 @@ use zk0_protocol::blob::blob_digest;
 use zk0_protocol::counted::counted;
 use zk0_simulate::robots::data::{deal, unseen, NodeData};
 use zk0_simulate::robots::error::SimulationError;
-use zk0_simulate::robots::federation::{Global, Robots};
-use zk0_simulate::robots::outcome::{Aggregated, Evaluated, Round};
+use zk0_simulate::robots::federation::{GlobalState, Robots};
+use zk0_simulate::robots::outcome::{Aggregated, EvaluationLoss, SimulatedRound};
 use zk0_simulate::robots::saved;
 use zk0_simulate::rounds;
 use zk0_smolvla::measure::fixed_point::dims;
@@ -119,7 +119,7 @@ impl<'a> Simulation<'a> {
     }
 
     /// The rounds that are done, and what the next one starts from.
-    fn begin(&self) -> Result<(u64, Global)> {
+    fn begin(&self) -> Result<(u64, GlobalState)> {
         let out = &self.options.out;
         if saved::exists(out) {
             if !self.options.resume {
@@ -145,7 +145,7 @@ impl<'a> Simulation<'a> {
     }
 
     /// Makes a round, and keeps what it came to.
-    fn round(&self, round: u64, global: Global) -> Result<Global> {
+    fn round(&self, round: u64, global: GlobalState) -> Result<GlobalState> {
         let count = self.robots.nodes.len();
         let chosen = rounds::sample(
             count,
@@ -161,19 +161,19 @@ impl<'a> Simulation<'a> {
     }
 
     /// Keeps what `rounds` rounds came to.
-    fn keep(&self, rounds: u64, global: &Global, moved: Option<f64>) -> Result<()> {
+    fn keep(&self, rounds: u64, global: &GlobalState, moved: Option<f64>) -> Result<()> {
         let weights = &global.base.weights;
         let all: Vec<&NodeData> = self.robots.nodes.iter().chain(&self.unseen).collect();
         let losses = rounds::parallel(all.len(), self.threads, |number| {
             self.robots.loss(all[number], weights)
         })?;
-        let evaluated = all.iter().zip(&losses).map(|(data, loss)| Evaluated {
+        let evaluated = all.iter().zip(&losses).map(|(data, loss)| EvaluationLoss {
             name: data.name.clone(),
             loss: *loss,
         });
         let mut nodes: Vec<_> = evaluated.collect();
         let unseen = nodes.split_off(self.robots.nodes.len());
-        let round = Round {
+        let round = SimulatedRound {
             round: rounds,
             proven: false,
             mean_loss: nodes.iter().map(|node| node.loss).sum::<f64>() / nodes.len() as f64,

@@ -5,7 +5,7 @@ use crate::output::println;
 use anyhow::{Context, Result};
 use std::path::{Path, PathBuf};
 use zk0_files::{atomic_file, bounded_file};
-use zk0_simulate::robots::outcome::Round;
+use zk0_simulate::robots::outcome::SimulatedRound;
 use zk0_smolvla::ExpertWeights;
 
 /// Largest file of a round that is read. A hundred thousand nodes take some tens of megabytes.
@@ -16,7 +16,7 @@ fn path(out: &Path, round: u64) -> PathBuf {
 }
 
 /// Writes `round_N.json`.
-pub fn keep(out: &Path, round: &Round) -> Result<()> {
+pub fn keep(out: &Path, round: &SimulatedRound) -> Result<()> {
     write(&path(out, round.round), &serde_json::to_vec_pretty(round)?)
 }
 
@@ -26,7 +26,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<()> {
 }
 
 /// Reads the rounds 0 to `rounds`.
-pub fn read(out: &Path, rounds: u64) -> Result<Vec<Round>> {
+pub fn read(out: &Path, rounds: u64) -> Result<Vec<SimulatedRound>> {
     let round = |number| {
         let path = path(out, number);
         let read = bounded_file::read(&path, MAX_ROUND_BYTES).map_err(anyhow::Error::from);
@@ -37,11 +37,11 @@ pub fn read(out: &Path, rounds: u64) -> Result<Vec<Round>> {
 }
 
 /// Draws the losses by round, and prints the first and the last.
-pub fn finish(out: &Path, history: &[Round]) -> Result<()> {
+pub fn finish(out: &Path, history: &[SimulatedRound]) -> Result<()> {
     let (Some(first), Some(last)) = (history.first(), history.last()) else {
         return Ok(());
     };
-    let curve = |name: &str, loss: &dyn Fn(&Round) -> f64| Curve {
+    let curve = |name: &str, loss: &dyn Fn(&SimulatedRound) -> f64| Curve {
         name: name.into(),
         points: history
             .iter()

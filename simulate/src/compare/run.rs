@@ -1,7 +1,7 @@
 //! A run of a comparison: a variant trains with a seed, and is measured along the way. All variants start from the same weights, train on the
 //! same samples, and are measured on the same frames with the same noise and times, as int16 weights.
 
-use crate::compare::variant::{Kind, SameSteps, Values, Variant};
+use crate::compare::variant::{Hyperparameters, SameSteps, Variant, VariantKind};
 use crate::robots::data::NodeData;
 use crate::robots::error::SimulationError;
 use crate::robots::federation::{Robots, Training};
@@ -18,7 +18,7 @@ use zk0_smolvla::{ExpertWeights, PolicyConfig, PolicyError};
 use zk0_weights::Format;
 
 /// What all runs of a comparison share.
-pub struct Setting {
+pub struct ComparisonSetting {
     /// The dimensions of the policy.
     pub config: PolicyConfig,
     /// How its weights travel.
@@ -39,7 +39,7 @@ pub struct Setting {
 
 /// The losses after some rounds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Point {
+pub struct CurvePoint {
     /// The rounds; for a variant without rounds, as many steps as its share of those.
     pub round: u64,
     /// The losses on the held-out frames of each node, then those on each unseen recording.
@@ -54,11 +54,11 @@ pub struct Run {
     /// The seed.
     pub seed: u64,
     /// How it trained.
-    pub values: Values,
+    pub values: Hyperparameters,
     /// The steps of all who trained, together.
     pub steps: u64,
     /// The losses along the way, the last of them after the last step.
-    pub points: Vec<Point>,
+    pub points: Vec<CurvePoint>,
 }
 
 /// Which rounds losses are measured after: the first, the last, and some between, evenly spread.
@@ -89,7 +89,7 @@ impl SampleSource<PreparedSample> for Union<'_> {
     }
 }
 
-impl Setting {
+impl ComparisonSetting {
     /// Trains `variant` from `start`, on `threads` threads.
     ///
     /// # Errors
@@ -97,7 +97,7 @@ impl Setting {
     pub fn run(
         &self,
         variant: Variant,
-        values: &Values,
+        values: &Hyperparameters,
         seed: u64,
         start: &ExpertWeights,
         threads: usize,
@@ -136,8 +136,8 @@ impl Setting {
     /// As [`Self::run`].
     pub fn own_loss(
         &self,
-        kind: Kind,
-        values: &Values,
+        kind: VariantKind,
+        values: &Hyperparameters,
         seed: u64,
         start: &ExpertWeights,
     ) -> Result<f64, SimulationError> {
@@ -167,7 +167,7 @@ impl Setting {
         robots: &Robots,
         start: &ExpertWeights,
         threads: usize,
-    ) -> Result<Vec<Point>, SimulationError> {
+    ) -> Result<Vec<CurvePoint>, SimulationError> {
         let all: Vec<usize> = (0..robots.nodes.len()).collect();
         let mut global = robots.start(start)?;
         let mut points = Vec::new();
@@ -188,10 +188,10 @@ impl Setting {
         &self,
         robots: &Robots,
         variant: Variant,
-        values: &Values,
+        values: &Hyperparameters,
         seed: u64,
         start: &ExpertWeights,
-    ) -> Result<Vec<Point>, SimulationError> {
+    ) -> Result<Vec<CurvePoint>, SimulationError> {
         let steps = self.steps_in_a_round(variant);
         let who = match variant {
             Variant::Alone(node) => &self.nodes[node..=node],
@@ -232,10 +232,10 @@ impl Setting {
         robots: &Robots,
         round: u64,
         weights: &ExpertWeights,
-    ) -> Result<Point, SimulationError> {
+    ) -> Result<CurvePoint, SimulationError> {
         let all = self.nodes.iter().chain(&self.unseen);
         let losses: Result<Vec<_>, _> = all.map(|data| robots.loss(data, weights)).collect();
-        Ok(Point {
+        Ok(CurvePoint {
             round,
             losses: losses?,
         })

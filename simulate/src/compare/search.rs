@@ -1,7 +1,7 @@
 //! Chooses learning rates, FedProx's μ and strategies by trying some, with the tree-structured Parzen estimator (Bergstra et al. 2011) of the
 //! crate `tpe`. What is tried next depends on the seed and the trials so far alone, so a search goes on where it was stopped.
 
-use crate::compare::variant::{Kind, Values};
+use crate::compare::variant::{Hyperparameters, VariantKind};
 use rand_0_10::rngs::StdRng;
 use rand_0_10::SeedableRng;
 use serde::{Deserialize, Serialize};
@@ -20,7 +20,7 @@ const GOOD: f64 = 0.25;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Space {
     /// The values that the user gave.
-    pub given: Values,
+    pub given: Hyperparameters,
     /// Learning rates from the given one divided by this factor to the given one times this factor.
     pub factor: f64,
     /// FedProx's μ is one of these.
@@ -33,9 +33,9 @@ pub struct Space {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
     /// What it was a trial of.
-    pub kind: Kind,
+    pub kind: VariantKind,
     /// The values.
-    pub values: Values,
+    pub values: Hyperparameters,
     /// The loss on the validation episodes; `None` if training failed.
     pub loss: Option<f64>,
     /// Why training failed.
@@ -51,15 +51,15 @@ impl Trial {
 }
 
 /// One value that is searched for.
-struct Searched {
-    of: fn(&Values, &Space) -> Option<f64>,
+struct SearchedValue {
+    of: fn(&Hyperparameters, &Space) -> Option<f64>,
     range: Option<Range>,
     estimator: fn() -> DefaultEstimatorBuilder,
 }
 
 impl Space {
     /// The values of the next trial of a kind, after these trials of the same kind.
-    pub fn next(&self, kind: Kind, seed: u64, trials: &[Trial]) -> Values {
+    pub fn next(&self, kind: VariantKind, seed: u64, trials: &[Trial]) -> Hyperparameters {
         if trials.is_empty() {
             return self.given(kind);
         }
@@ -72,9 +72,9 @@ impl Space {
             true => &[],
             false => trials,
         };
-        let mut ask = |searched: Searched| self.ask(&searched, known, &mut rng);
+        let mut ask = |searched: SearchedValue| self.ask(&searched, known, &mut rng);
         let mut values = self.given(kind);
-        let rate = ask(Searched {
+        let rate = ask(SearchedValue {
             of: |values, _| Some(values.learning_rate.ln()),
             range: self.rates(),
             estimator: tpe::parzen_estimator,
@@ -84,13 +84,13 @@ impl Space {
             let digits = format!("{:.3e}", rate.exp());
             values.learning_rate = digits.parse().unwrap_or(values.learning_rate);
         }
-        if kind == Kind::Federated {
-            let mu = ask(Searched {
+        if kind == VariantKind::Federated {
+            let mu = ask(SearchedValue {
                 of: |values, space| place(&space.mus, &values.fedprox_mu?),
                 range: tpe::categorical_range(self.mus.len()).ok(),
                 estimator: tpe::histogram_estimator,
             });
-            let strategy = ask(Searched {
+            let strategy = ask(SearchedValue {
                 of: |values, space| place(&space.strategies, &values.strategy?),
                 range: tpe::categorical_range(self.strategies.len()).ok(),
                 estimator: tpe::histogram_estimator,
@@ -103,10 +103,10 @@ impl Space {
     }
 
     /// What the user gave for a kind.
-    pub fn given(&self, kind: Kind) -> Values {
+    pub fn given(&self, kind: VariantKind) -> Hyperparameters {
         match kind {
-            Kind::Federated => self.given.clone(),
-            Kind::Centralised | Kind::Alone => Values {
+            VariantKind::Federated => self.given.clone(),
+            VariantKind::Centralised | VariantKind::Alone => Hyperparameters {
                 fedprox_mu: None,
                 strategy: None,
                 ..self.given
@@ -120,7 +120,7 @@ impl Space {
         tpe::range(given - factor, given + factor).ok()
     }
 
-    fn ask(&self, searched: &Searched, known: &[Trial], rng: &mut StdRng) -> Option<f64> {
+    fn ask(&self, searched: &SearchedValue, known: &[Trial], rng: &mut StdRng) -> Option<f64> {
         let mut builder = TpeOptimizerBuilder::new();
         let builder = builder.gamma(GOOD);
         let mut optimizer: TpeOptimizer = builder
@@ -152,7 +152,7 @@ mod tests {
 
     fn space() -> Space {
         Space {
-            given: Values {
+            given: Hyperparameters {
                 learning_rate: 1e-3,
                 fedprox_mu: Some(0.0),
                 strategy: Some(Strategy::FedAvg),
@@ -168,7 +168,7 @@ mod tests {
     }
 
     /// The best rate is 3e-3, the best μ 0.01, and the best strategy the median.
-    fn loss(values: &Values) -> f64 {
+    fn loss(values: &Hyperparameters) -> f64 {
         let rate = (values.learning_rate / 3e-3).ln().powi(2);
         let mu = f64::from(u8::from(values.fedprox_mu != Some(0.01)));
         let strategy = f64::from(u8::from(values.strategy != Some(Strategy::Median)));
@@ -176,10 +176,10 @@ mod tests {
     }
 
     fn trials(
-        kind: Kind,
+        kind: VariantKind,
         seed: u64,
         count: usize,
-        outcome: fn(&Values) -> Option<f64>,
+        outcome: fn(&Hyperparameters) -> Option<f64>,
     ) -> Vec<Trial> {
         let mut trials = Vec::new();
         for _ in 0..count {
@@ -198,7 +198,9 @@ mod tests {
     #[test]
     fn a_search_finds_what_is_good() {
         for seed in 0..5 {
-            let trials = trials(Kind::Federated, seed, 60, |values| Some(loss(values)));
+            let trials = trials(VariantKind::Federated, seed, 60, |values| {
+                Some(loss(values))
+            });
             assert_eq!(trials[0].values, space().given);
             for trial in &trials {
                 assert!((0.99e-4..=1.01e-2).contains(&trial.values.learning_rate));
@@ -216,18 +218,25 @@ mod tests {
 
     #[test]
     fn the_seed_and_the_trials_decide_what_is_tried() {
-        let of = |seed| trials(Kind::Federated, seed, 12, |values| Some(loss(values)));
+        let of = |seed| {
+            trials(VariantKind::Federated, seed, 12, |values| {
+                Some(loss(values))
+            })
+        };
         assert_eq!(of(3), of(3));
         assert_ne!(of(3), of(4));
         let all = of(3);
-        assert_eq!(space().next(Kind::Federated, 3, &all[..9]), all[9].values);
+        assert_eq!(
+            space().next(VariantKind::Federated, 3, &all[..9]),
+            all[9].values
+        );
     }
 
     #[test]
     fn what_failed_is_worse_than_all_else() {
         let diverges =
-            |values: &Values| (values.learning_rate < 1e-3).then(|| -values.learning_rate);
-        let trials = trials(Kind::Alone, 0, 40, diverges);
+            |values: &Hyperparameters| (values.learning_rate < 1e-3).then(|| -values.learning_rate);
+        let trials = trials(VariantKind::Alone, 0, 40, diverges);
         assert!(trials.iter().any(|trial| trial.loss.is_none()));
         let best = best(&trials).unwrap();
         assert!(
@@ -243,7 +252,7 @@ mod tests {
 
     #[test]
     fn without_a_federation_there_is_only_a_rate() {
-        for kind in [Kind::Centralised, Kind::Alone] {
+        for kind in [VariantKind::Centralised, VariantKind::Alone] {
             for trial in trials(kind, 0, 8, |_| Some(1.0)) {
                 assert_eq!(
                     (trial.values.fedprox_mu, trial.values.strategy),

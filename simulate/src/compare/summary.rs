@@ -2,7 +2,7 @@
 
 use crate::compare::interval::Interval;
 use crate::compare::run::{own, Run};
-use crate::compare::variant::{Kind, Variant};
+use crate::compare::variant::{Variant, VariantKind};
 use crate::robots::data::NodeData;
 use crate::robots::error::SimulationError;
 use serde::Serialize;
@@ -32,13 +32,13 @@ pub struct Difference {
     /// The difference at each seed.
     pub by_seed: Vec<f64>,
     /// What the interval says.
-    pub shows: Verdict,
+    pub shows: FederationVerdict,
 }
 
 /// What an interval of differences says about the federation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Verdict {
+pub enum FederationVerdict {
     /// Its loss is lower: the interval lies below 0.
     FederationIsBetter,
     /// Its loss is higher: the interval lies above 0.
@@ -49,7 +49,7 @@ pub enum Verdict {
 
 /// The losses after some rounds on the held-out episodes of those who trained.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Progress {
+pub struct LossProgress {
     /// What trained.
     pub variant: &'static str,
     /// The rounds, and the mean over the seeds.
@@ -58,7 +58,7 @@ pub struct Progress {
 
 /// What the runs come to.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Summary {
+pub struct ComparisonSummary {
     /// The losses at the end.
     pub losses: Vec<Loss>,
     /// The federation against centralised training and against nodes alone, on average over the nodes.
@@ -66,7 +66,7 @@ pub struct Summary {
     /// The federation against each node alone.
     pub each_node: Vec<Difference>,
     /// The losses along the way.
-    pub progress: Vec<Progress>,
+    pub progress: Vec<LossProgress>,
 }
 
 /// What losses are measured on.
@@ -123,7 +123,7 @@ impl Runs<'_> {
         self.seeds.iter().map(of_seed).collect()
     }
 
-    fn kind(&self, kind: Kind, measure: Measure) -> Vec<f64> {
+    fn kind(&self, kind: VariantKind, measure: Measure) -> Vec<f64> {
         self.by_seed(&|variant| variant.kind() == kind, measure, 0)
     }
 
@@ -140,14 +140,14 @@ impl Runs<'_> {
         Ok(Difference {
             on,
             federated_minus: against,
-            shows: Verdict::of(&difference),
+            shows: FederationVerdict::of(&difference),
             difference,
             by_seed,
         })
     }
 }
 
-impl Verdict {
+impl FederationVerdict {
     fn of(difference: &Interval) -> Self {
         match (difference.low, difference.high) {
             (_, high) if high < 0.0 => Self::FederationIsBetter,
@@ -182,7 +182,7 @@ pub fn summary(
     runs: &[Run],
     nodes: &[NodeData],
     unseen: &[NodeData],
-) -> Result<Summary, SimulationError> {
+) -> Result<ComparisonSummary, SimulationError> {
     let mut seeds: Vec<u64> = runs.iter().map(|run| run.seed).collect();
     seeds.sort_unstable();
     seeds.dedup();
@@ -206,10 +206,10 @@ pub fn summary(
     }
     let (mut losses, mut differences) = (Vec::new(), Vec::new());
     for (measure, on) in &measures {
-        let federated = all.kind(Kind::Federated, *measure);
-        for kind in Kind::ALL {
+        let federated = all.kind(VariantKind::Federated, *measure);
+        for kind in VariantKind::ALL {
             let by_seed = all.kind(kind, *measure);
-            if kind != Kind::Federated {
+            if kind != VariantKind::Federated {
                 let against = kind.name().to_owned();
                 differences.push(all.difference(on.clone(), against, &federated, &by_seed)?);
             }
@@ -223,7 +223,7 @@ pub fn summary(
     }
     // Where all train, the nodes themselves and the others are the same episodes.
     differences.retain(|one| {
-        !(one.on == measures[1].1 && one.federated_minus == Kind::Centralised.name())
+        !(one.on == measures[1].1 && one.federated_minus == VariantKind::Centralised.name())
     });
     let mut each_node = Vec::new();
     for (number, node) in nodes.iter().enumerate() {
@@ -248,7 +248,7 @@ pub fn summary(
             &by_seed(alone),
         )?);
     }
-    Ok(Summary {
+    Ok(ComparisonSummary {
         losses,
         differences,
         each_node,
@@ -256,28 +256,28 @@ pub fn summary(
     })
 }
 
-fn progress(all: &Runs) -> Result<Vec<Progress>, SimulationError> {
+fn progress(all: &Runs) -> Result<Vec<LossProgress>, SimulationError> {
     let points = all.runs.first().map_or(&[][..], |run| &run.points[..]);
-    let of_kind = |kind: Kind| {
+    let of_kind = |kind: VariantKind| {
         let count = points.len();
         let points = points.iter().enumerate().map(|(number, point)| {
             let of = |variant: &Variant| variant.kind() == kind;
             let by_seed = all.by_seed(&of, Measure::Own, count - 1 - number);
             Ok((point.round, interval(&by_seed)?))
         });
-        Ok(Progress {
+        Ok(LossProgress {
             variant: kind.name(),
             points: points.collect::<Result<_, SimulationError>>()?,
         })
     };
-    Kind::ALL.into_iter().map(of_kind).collect()
+    VariantKind::ALL.into_iter().map(of_kind).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::compare::run::Point;
-    use crate::compare::variant::Values;
+    use crate::compare::run::CurvePoint;
+    use crate::compare::variant::Hyperparameters;
 
     fn data(name: &str) -> NodeData {
         NodeData {
@@ -291,18 +291,18 @@ mod tests {
     }
 
     fn run(variant: Variant, seed: u64, losses: [f64; 3]) -> Run {
-        let first = Point {
+        let first = CurvePoint {
             round: 0,
             losses: vec![9.0; 3],
         };
-        let last = Point {
+        let last = CurvePoint {
             round: 4,
             losses: losses.to_vec(),
         };
         Run {
             variant,
             seed,
-            values: Values {
+            values: Hyperparameters {
                 learning_rate: 1.0,
                 fedprox_mu: None,
                 strategy: None,
@@ -328,7 +328,7 @@ mod tests {
         runs
     }
 
-    fn made() -> Summary {
+    fn made() -> ComparisonSummary {
         summary(&runs(), &[data("node-1"), data("node-2")], &[data("c")]).unwrap()
     }
 
@@ -372,13 +372,13 @@ mod tests {
         assert_eq!(own.by_seed, [0.5, 0.5]);
         // The losses vary between the seeds; their differences do not.
         assert_eq!((own.difference.low, own.difference.high), (0.5, 0.5));
-        assert_eq!(own.shows, Verdict::FederationIsWorse);
+        assert_eq!(own.shows, FederationVerdict::FederationIsWorse);
         let others = of("held-out episodes of the other nodes", "alone");
         assert_eq!(others.by_seed, [-3.5, -3.25]);
-        assert_eq!(others.shows, Verdict::FederationIsBetter);
+        assert_eq!(others.shows, FederationVerdict::FederationIsBetter);
         let unseen = of("unseen c", "centralised");
         assert_eq!(unseen.by_seed, [-0.5, 0.0]);
-        assert_eq!(unseen.shows, Verdict::NoDifferenceShown);
+        assert_eq!(unseen.shows, FederationVerdict::NoDifferenceShown);
         let node = of("held-out episodes of node-2", "node-2 alone");
         assert_eq!(node.by_seed, [0.5, 1.0]);
     }

@@ -36,11 +36,11 @@ impl Variant {
     }
 
     /// What its values are chosen as.
-    pub fn kind(self) -> Kind {
+    pub fn kind(self) -> VariantKind {
         match self {
-            Self::Federated => Kind::Federated,
-            Self::Centralised => Kind::Centralised,
-            Self::Alone(_) => Kind::Alone,
+            Self::Federated => VariantKind::Federated,
+            Self::Centralised => VariantKind::Centralised,
+            Self::Alone(_) => VariantKind::Alone,
         }
     }
 }
@@ -48,7 +48,7 @@ impl Variant {
 /// Variants that train with the same values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Kind {
+pub enum VariantKind {
     /// The federation.
     Federated,
     /// Centralised training.
@@ -57,7 +57,7 @@ pub enum Kind {
     Alone,
 }
 
-impl Kind {
+impl VariantKind {
     /// All kinds, in the order in which they are shown.
     pub const ALL: [Self; 3] = [Self::Federated, Self::Centralised, Self::Alone];
 
@@ -73,7 +73,7 @@ impl Kind {
 
 /// How a kind of variant trains.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Values {
+pub struct Hyperparameters {
     /// Learning rate.
     pub learning_rate: f64,
     /// FedProx's μ; `None` without a federation.

@@ -45,7 +45,7 @@ pub struct Dealing {
 }
 
 /// A recording, and all its frames as samples.
-pub struct Recorded {
+pub struct SampledRecording {
     /// The name of its folder.
     pub name: String,
     /// Digest of its episodes.
@@ -56,7 +56,7 @@ pub struct Recorded {
     samples: Vec<PreparedSample>,
 }
 
-impl Recorded {
+impl SampledRecording {
     /// Makes samples of the recording's frames with the policy of `file`, as a node does.
     ///
     /// # Errors
@@ -88,7 +88,7 @@ type Dealt = (usize, usize);
 /// # Errors
 /// There are fewer episodes than nodes, or a node has too few to divide.
 pub fn deal(
-    recordings: &[Recorded],
+    recordings: &[SampledRecording],
     file: &PolicyFile,
     dealing: &Dealing,
 ) -> Result<Vec<NodeData>, SimulationError> {
@@ -123,7 +123,7 @@ pub fn deal(
 }
 
 /// A recording that no node has, to measure losses on.
-pub fn unseen(recorded: &Recorded, file: &PolicyFile, dealing: &Dealing) -> NodeData {
+pub fn unseen(recorded: &SampledRecording, file: &PolicyFile, dealing: &Dealing) -> NodeData {
     let evaluated = spread(&recorded.samples, dealing.evaluated);
     NodeData {
         name: recorded.name.clone(),
@@ -171,7 +171,7 @@ fn divided(
 /// The episodes of each node. With a number of nodes, the episodes of all recordings are counted through, and number `i` goes to node
 /// `i % nodes`.
 fn shares(
-    recordings: &[Recorded],
+    recordings: &[SampledRecording],
     nodes: Option<usize>,
 ) -> Result<Vec<Vec<Dealt>>, SimulationError> {
     let episodes =
@@ -194,7 +194,7 @@ fn shares(
     Ok(shares)
 }
 
-fn frames(recordings: &[Recorded], episodes: &[Dealt]) -> Vec<PreparedSample> {
+fn frames(recordings: &[SampledRecording], episodes: &[Dealt]) -> Vec<PreparedSample> {
     let frames = episodes.iter().flat_map(|(recording, episode)| {
         let recording = &recordings[*recording];
         &recording.samples[recording.episodes[*episode].clone()]
@@ -216,7 +216,7 @@ mod tests {
     use zk0_smolvla::policy::init::init_policy;
     use zk0_smolvla::Profile;
 
-    fn recorded(name: &str, episodes: usize) -> Recorded {
+    fn recorded(name: &str, episodes: usize) -> SampledRecording {
         let frame = |number: usize| PreparedSample {
             prefix_tokens: 1,
             keys: Vec::new(),
@@ -224,7 +224,7 @@ mod tests {
             actions: vec![number as f32],
             is_pad: Vec::new(),
         };
-        Recorded {
+        SampledRecording {
             name: name.into(),
             digest: [0; 32],
             episode_digests: vec![[0; 32]; episodes],
@@ -233,7 +233,10 @@ mod tests {
         }
     }
 
-    fn dealt(recordings: &[Recorded], dealing: &Dealing) -> Result<Vec<NodeData>, SimulationError> {
+    fn dealt(
+        recordings: &[SampledRecording],
+        dealing: &Dealing,
+    ) -> Result<Vec<NodeData>, SimulationError> {
         let policy = init_policy(&Profile::Micro.config(), 0).unwrap();
         deal(recordings, &PolicyFile::hashing_words(policy), dealing)
     }

@@ -2,7 +2,7 @@
 
 use crate::robots::data::NodeData;
 use crate::robots::error::SimulationError;
-use crate::robots::outcome::Trained;
+use crate::robots::outcome::TrainedNode;
 use crate::rounds::Federation;
 use std::sync::Arc;
 use zk0_circuits::{Digest, NodeId, QuantisedWeights};
@@ -51,7 +51,7 @@ pub struct Robots {
 }
 
 /// The weights after some rounds, and what the next round needs besides.
-pub struct Global {
+pub struct GlobalState {
     /// The weights, as they travel and in float32.
     pub base: Base,
     /// What the last round started from; `None` before the first round.
@@ -59,13 +59,13 @@ pub struct Global {
     /// FedAdam's moments and their file.
     pub moments: Option<(ServerMoments, Vec<u8>)>,
     /// What the nodes of the last round told.
-    pub trained: Vec<Trained>,
+    pub trained: Vec<TrainedNode>,
 }
 
 /// What a node sends, and what it tells about its training.
 pub struct Update {
     weights: QuantisedWeights,
-    trained: Trained,
+    trained: TrainedNode,
 }
 
 impl Robots {
@@ -111,10 +111,10 @@ impl Robots {
     ///
     /// # Errors
     /// A weight is too large for every scale.
-    pub fn start(&self, expert: &ExpertWeights) -> Result<Global, SimulationError> {
+    pub fn start(&self, expert: &ExpertWeights) -> Result<GlobalState, SimulationError> {
         let rounded =
             quantise_weights(self.format.spec(), expert).map_err(ParticipantError::from)?;
-        Ok(Global {
+        Ok(GlobalState {
             base: Base::read(&self.format, &self.config, &self.format.write(&rounded))?,
             earlier: None,
             moments: None,
@@ -135,7 +135,7 @@ impl Robots {
         &self,
         round: u64,
         node: usize,
-        global: &Global,
+        global: &GlobalState,
     ) -> Result<Update, ParticipantError> {
         let (data, how) = (&self.nodes[node], &self.training);
         let options = TrainOptions {
@@ -161,7 +161,7 @@ impl Robots {
                 earlier: &earlier.weights,
             })?;
         }
-        let mut trained = Trained::of(data);
+        let mut trained = TrainedNode::of(data);
         while !trainer.is_done() {
             trained.stepped(&trainer.step()?);
         }
@@ -172,7 +172,7 @@ impl Robots {
     /// The new weights, and FedAdam's moments if it is the strategy.
     fn combined(
         &self,
-        global: &Global,
+        global: &GlobalState,
         updates: &[(usize, QuantisedWeights)],
     ) -> Result<(Vec<u8>, Option<(ServerMoments, Vec<u8>)>), SimulationError> {
         let sources: Vec<_> = updates
@@ -235,13 +235,18 @@ fn id(node: usize) -> NodeId {
 }
 
 impl Federation for Robots {
-    type Global = Global;
+    type GlobalState = GlobalState;
     type Update = Update;
     /// The strategies are exact, and some need all updates. They take 2 bytes for each weight.
-    type Collected = (Vec<(usize, QuantisedWeights)>, Vec<Trained>);
+    type Collected = (Vec<(usize, QuantisedWeights)>, Vec<TrainedNode>);
     type Error = SimulationError;
 
-    fn train(&self, round: u64, node: usize, global: &Global) -> Result<Update, SimulationError> {
+    fn train(
+        &self,
+        round: u64,
+        node: usize,
+        global: &GlobalState,
+    ) -> Result<Update, SimulationError> {
         let trained = self.trained(round, node, global);
         trained.map_err(|error| SimulationError::Node {
             round,
@@ -250,7 +255,7 @@ impl Federation for Robots {
         })
     }
 
-    fn begin(&self, _: &Global) -> Self::Collected {
+    fn begin(&self, _: &GlobalState) -> Self::Collected {
         Self::Collected::default()
     }
 
@@ -267,11 +272,11 @@ impl Federation for Robots {
 
     fn combine(
         &self,
-        global: Global,
+        global: GlobalState,
         (updates, trained): Self::Collected,
-    ) -> Result<Global, SimulationError> {
+    ) -> Result<GlobalState, SimulationError> {
         let (file, moments) = self.combined(&global, &updates)?;
-        Ok(Global {
+        Ok(GlobalState {
             base: Base::read(&self.format, &self.config, &file)?,
             earlier: Some(global.base),
             moments,

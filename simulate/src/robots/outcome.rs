@@ -6,7 +6,7 @@ use zk0_smolvla::train::Step;
 
 /// What a node tells about its training in a round.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Trained {
+pub struct TrainedNode {
     /// The node's name.
     pub client_id: String,
     /// Its recordings.
@@ -26,7 +26,7 @@ pub struct Trained {
     steps: usize,
 }
 
-impl Trained {
+impl TrainedNode {
     /// Before the first step.
     pub fn of(data: &NodeData) -> Self {
         Self {
@@ -55,7 +55,7 @@ impl Trained {
 
 /// The loss of weights on the evaluation samples of a node, or of a recording that no node has.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Evaluated {
+pub struct EvaluationLoss {
     /// The node, or the recording.
     pub name: String,
     /// The flow-matching loss: a mean squared error.
@@ -81,7 +81,7 @@ pub struct Aggregated {
 
 /// A round. In round 0 nobody has trained yet.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Round {
+pub struct SimulatedRound {
     /// Its number; the first round that trains is 1.
     pub round: u64,
     /// Always false: a simulation proves nothing.
@@ -89,25 +89,25 @@ pub struct Round {
     /// The mean loss of the global weights over all nodes.
     pub mean_loss: f64,
     /// Their loss on the evaluation samples of each node.
-    pub nodes: Vec<Evaluated>,
+    pub nodes: Vec<EvaluationLoss>,
     /// Their loss on recordings that no node has.
-    pub unseen: Vec<Evaluated>,
+    pub unseen: Vec<EvaluationLoss>,
     /// What the nodes told.
     pub aggregated_client_metrics: Option<Aggregated>,
     /// What each of them told.
-    pub individual_client_metrics: Vec<Trained>,
+    pub individual_client_metrics: Vec<TrainedNode>,
     /// SHA-256 of the global weights, as a network's ledger would name them.
     pub weights: String,
 }
 
 impl Aggregated {
     /// Of the nodes that took part; `None` if nobody did.
-    pub fn of(trained: &[Trained], param_update_norm: f64) -> Option<Self> {
+    pub fn of(trained: &[TrainedNode], param_update_norm: f64) -> Option<Self> {
         if trained.is_empty() {
             return None;
         }
         let count = trained.len() as f64;
-        let mean = |of: fn(&Trained) -> f64| trained.iter().map(of).sum::<f64>() / count;
+        let mean = |of: fn(&TrainedNode) -> f64| trained.iter().map(of).sum::<f64>() / count;
         let loss = mean(|one| one.loss);
         let squares = trained.iter().map(|one| (one.loss - loss).powi(2));
         Some(Self {

@@ -1,7 +1,7 @@
 //! A simulation on disk, so that it goes on where it was stopped.
 
 use crate::robots::error::SimulationError;
-use crate::robots::federation::{Global, Robots};
+use crate::robots::federation::{GlobalState, Robots};
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
@@ -14,7 +14,7 @@ const FIELDS_BYTES: u64 = 1 << 20;
 
 /// What the next round needs.
 #[derive(BorshSerialize, BorshDeserialize)]
-struct Saved {
+struct SavedRound {
     /// What the simulation is of.
     of: Digest,
     /// The rounds that are done.
@@ -42,10 +42,10 @@ pub fn keep(
     of: Digest,
     rounds: u64,
     robots: &Robots,
-    global: &Global,
+    global: &GlobalState,
 ) -> Result<(), SimulationError> {
     let file = |base: &Base| robots.format().write(&base.quantised);
-    let saved = Saved {
+    let saved = SavedRound {
         of,
         rounds,
         base: file(&global.base),
@@ -61,11 +61,15 @@ pub fn keep(
 ///
 /// # Errors
 /// The file cannot be read, or the simulation is of something else than `of`.
-pub fn read(out: &Path, of: Digest, robots: &Robots) -> Result<(u64, Global), SimulationError> {
+pub fn read(
+    out: &Path,
+    of: Digest,
+    robots: &Robots,
+) -> Result<(u64, GlobalState), SimulationError> {
     let path = path(out);
     let limit = 8 * robots.format().file_bytes() + FIELDS_BYTES;
     let bytes = bounded_file::read(&path, limit).map_err(|error| failed(&path, error))?;
-    let saved: Saved = borsh::from_slice(&bytes).map_err(|error| failed(&path, error))?;
+    let saved: SavedRound = borsh::from_slice(&bytes).map_err(|error| failed(&path, error))?;
     if saved.of != of {
         return Err(SimulationError::Saved(format!(
             "{} is a simulation with another policy, other recordings or other options: go on with those, or choose another --out",
@@ -73,7 +77,7 @@ pub fn read(out: &Path, of: Digest, robots: &Robots) -> Result<(u64, Global), Si
         )));
     }
     let base = |file: &Vec<u8>| Base::read(robots.format(), &robots.config, file);
-    let global = Global {
+    let global = GlobalState {
         base: base(&saved.base)?,
         earlier: saved.earlier.as_ref().map(base).transpose()?,
         moments: saved.moments,

@@ -6,6 +6,7 @@ mod links;
 mod map;
 mod paths;
 mod tokens;
+mod type_names;
 
 use std::path::Path;
 use std::process::Command;
