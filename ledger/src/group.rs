@@ -10,9 +10,8 @@ use ed25519_dalek::SigningKey;
 use rayon::prelude::*;
 use tlog_tiles::tlog::{record_hash, Hash};
 use zk0_circuits::Digest;
-use zk0_protocol::entries::authentic::{AuthenticEntry, AuthenticSubmission};
-use zk0_protocol::entries::entry::{needs_checkpoint, Body, Entry};
-use zk0_protocol::entries::known_keys::KnownKeys;
+use zk0_protocol::entries::authentic::{AuthenticBody, AuthenticEntry, DatedBody};
+use zk0_protocol::entries::entry::{needs_checkpoint, Entry};
 use zk0_protocol::rules::state::State;
 use zk0_protocol::rules::violation::RuleViolation;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
@@ -27,21 +26,8 @@ const UNUSED_ROOT: Digest = Digest([0; 32]);
 pub struct Wanted {
     /// The time that it gets, in Unix milliseconds, or the time of the entry before it if that is later.
     pub time_ms: u64,
-    /// What it says.
-    pub body: Body,
-    /// The submission that it is a decision about, if its signature is verified already. It is not verified again.
-    pub known: Option<AuthenticSubmission>,
-}
-
-impl Wanted {
-    /// An entry of this time, whose signatures nobody has verified yet.
-    pub fn at(time_ms: u64, body: Body) -> Self {
-        Self {
-            time_ms,
-            body,
-            known: None,
-        }
-    }
+    /// What it states.
+    pub body: AuthenticBody,
 }
 
 /// A group of entries, ready to be written. Entries that the rules refuse are not in it.
@@ -57,14 +43,12 @@ pub(crate) struct Group {
     pub checkpoint: Vec<u8>,
 }
 
-/// Makes a group of at least one entry that follows `tree`. The signatures of the submissions in `known` are not verified again: there is
-/// one place in it for each entry. Each entry has to be allowed by `state` and the entries before it that are allowed.
+/// Makes a group of at least one entry that follows `tree`. Each entry has to be allowed by `state` and the entries before it that are
+/// allowed.
 pub(crate) fn group(
-    entries: &[Entry],
-    known: &[Option<AuthenticSubmission>],
+    entries: &[DatedBody],
     tree: &Frontier,
     state: &mut Trial<'_>,
-    keys: &KnownKeys,
     key: &SigningKey,
 ) -> Result<Group, LedgerError> {
     let mut group = Group {
@@ -74,7 +58,7 @@ pub(crate) fn group(
         checkpoint: Vec::new(),
     };
     let mut covered = tree.size();
-    for checked in check_all(entries, known, keys) {
+    for checked in encode_all(entries) {
         let allowed = checked.and_then(|alone| state.check(&alone.2).map(|()| alone));
         let (bytes, leaf, entry) = match allowed {
             Ok(alone) => alone,
@@ -112,30 +96,20 @@ impl Group {
     }
 }
 
-/// An entry's bytes, its leaf, and the entry with its signatures verified.
+/// An entry's bytes, its leaf, and the entry.
 type Alone<'a> = (Vec<u8>, Hash, AuthenticEntry<'a>);
 
-/// Makes the checks that need only the entry itself, on all cores if there are several entries.
-fn check_all<'a>(
-    entries: &'a [Entry],
-    known: &[Option<AuthenticSubmission>],
-    keys: &KnownKeys,
-) -> Vec<Result<Alone<'a>, RuleViolation>> {
-    let check_alone = |(entry, known): (&'a Entry, &Option<AuthenticSubmission>)| {
+/// Encodes and hashes the entries, on all cores if there are several.
+fn encode_all(entries: &[DatedBody]) -> Vec<Result<Alone<'_>, RuleViolation>> {
+    fn encode(dated: &DatedBody) -> Result<Alone<'_>, RuleViolation> {
+        let entry = dated.entry();
         let bytes = entry.encode()?;
         let leaf = record_hash(&bytes);
-        let authentic = known.as_ref().and_then(|known| known.decided_by(entry));
-        let authentic = authentic.map_or_else(|| entry.authenticate(keys), Ok)?;
-        Ok((bytes, leaf, authentic))
-    };
+        Ok((bytes, leaf, entry))
+    }
     match entries.len() {
-        1 => entries.iter().zip(known).map(check_alone).collect(),
-        _ => entries
-            .par_iter()
-            .zip(known)
-            .with_min_len(16)
-            .map(check_alone)
-            .collect(),
+        1 => entries.iter().map(encode).collect(),
+        _ => entries.par_iter().with_min_len(16).map(encode).collect(),
     }
 }
 

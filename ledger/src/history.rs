@@ -25,8 +25,6 @@ const CHUNK: u64 = 512;
 pub(crate) struct History {
     pub state: State,
     pub tree: Frontier,
-    /// The keys that its entries use.
-    pub keys: KnownKeys,
     /// The newest checkpoint in the database. It is the published one, or a newer one.
     pub checkpoint: Vec<u8>,
 }
@@ -91,7 +89,6 @@ impl History {
         Ok(Self {
             state,
             tree,
-            keys,
             checkpoint,
         })
     }

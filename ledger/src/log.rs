@@ -29,9 +29,9 @@ use tlog_tiles::tlog::{prove_record, prove_tree};
 use zk0_circuits::Digest;
 use zk0_files::atomic_file::{create_folder, folder_of};
 use zk0_protocol::challenge::vrf::VrfProof;
+use zk0_protocol::entries::authentic::AuthenticBody;
 use zk0_protocol::entries::entry::{Body, Entry, ENTRY_VERSION};
 use zk0_protocol::entries::genesis::Genesis;
-use zk0_protocol::entries::known_keys::KnownKeys;
 use zk0_protocol::entries::signed::{Signed, Statement};
 use zk0_protocol::rules::state::State;
 use zk0_protocol::rules::violation::RuleViolation;
@@ -47,7 +47,6 @@ pub struct Ledger {
     key: SigningKey,
     tree: Frontier,
     state: State,
-    keys: KnownKeys,
     /// A second copy of the state, made when the first group is appended. The next group is tried on it.
     trial: Option<Box<State>>,
     checkpoint: Vec<u8>,
@@ -88,7 +87,6 @@ impl Ledger {
             key,
             tree: Frontier::default(),
             state,
-            keys: KnownKeys::default(),
             trial: None,
             checkpoint: Vec::new(),
             clock: None,
@@ -168,7 +166,6 @@ impl Ledger {
             key,
             tree: history.tree,
             state,
-            keys: history.keys,
             trial: None,
             checkpoint: history.checkpoint,
             clock: None,
@@ -179,7 +176,8 @@ impl Ledger {
     /// Appends an entry if the rules allow it. When this returns, entry and checkpoint are on disk, and the receipt may be handed out. The
     /// entry's time is `time_ms`, or the time of the entry before it if the clock went back.
     pub fn append(&mut self, time_ms: u64, body: Body) -> Result<Receipt, LedgerError> {
-        match self.commit(vec![Wanted::at(time_ms, body)])?.pop() {
+        let body = AuthenticBody::of(body)?;
+        match self.commit(vec![Wanted { time_ms, body }])?.pop() {
             Some(outcome) => self.first_receipt(outcome?),
             None => Err(LedgerError::NoEntry(self.size())),
         }
@@ -205,15 +203,10 @@ impl Ledger {
             clock.check(latest_ms)?;
         }
         let mut time_ms = self.state.time_ms();
-        let (mut entries, mut known) = (Vec::new(), Vec::new());
+        let mut entries = Vec::with_capacity(wanted.len());
         for one in wanted {
             time_ms = time_ms.max(one.time_ms);
-            entries.push(Entry {
-                version: ENTRY_VERSION,
-                time_ms,
-                body: one.body,
-            });
-            known.push(one.known);
+            entries.push(one.body.at(time_ms));
         }
         if entries.is_empty() {
             return Ok(Vec::new());
@@ -226,9 +219,7 @@ impl Ledger {
                     .unwrap_or_else(|| Box::new(self.state.clone())),
             ),
         };
-        let group = group(
-            &entries, &known, &self.tree, &mut trial, &self.keys, &self.key,
-        )?;
+        let group = group(&entries, &self.tree, &mut trial, &self.key)?;
         let tried = match trial {
             Trial::Single(_) => None,
             Trial::Copy(state) => Some(state),
@@ -240,11 +231,11 @@ impl Ledger {
         }
         let mut outcomes = Vec::with_capacity(entries.len());
         for (outcome, entry) in group.outcomes.into_iter().zip(&entries) {
+            let entry = entry.entry();
             outcomes.push(outcome.map(|root| {
-                self.state.enact(&root, entry);
-                self.keys.learn(entry);
+                self.state.enact(&root, &entry);
                 if let Some(behind) = &mut self.trial {
-                    behind.enact(&root, entry);
+                    behind.enact(&root, &entry);
                 }
                 index += 1;
                 index - 1

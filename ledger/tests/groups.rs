@@ -11,7 +11,6 @@ use rocksdb::DB;
 use std::collections::BTreeSet;
 use std::path::Path;
 use zk0_circuits::NodeId;
-use zk0_ledger::group::Wanted;
 use zk0_ledger::published::mirror::{mirror, MirrorError};
 use zk0_ledger::published::tiles;
 use zk0_ledger::replay::{replay, Verdict};
@@ -120,7 +119,6 @@ fn a_refused_entry_of_a_group_leaves_no_trace_and_the_others_are_recorded() {
     for (at, refused) in [
         (2, enrolled(5)),
         (1, enrolled(1)),
-        (1, forged),
         (0, Body::Genesis(genesis())),
     ] {
         let dir = tempfile::tempdir().unwrap();
@@ -128,8 +126,8 @@ fn a_refused_entry_of_a_group_leaves_no_trace_and_the_others_are_recorded() {
         ledger.append_all(T0, joining(0..2)).unwrap();
         let mut bodies = joining(5..6);
         bodies.insert(at, refused.clone());
-        let wanted = bodies.into_iter().map(|body| Wanted::at(T0, body));
-        let outcomes = ledger.commit(wanted.collect()).unwrap();
+        let wanted_all = bodies.into_iter().map(|body| wanted(T0, body).unwrap());
+        let outcomes = ledger.commit(wanted_all.collect()).unwrap();
         let refusals: Vec<_> = outcomes.iter().map(Result::is_err).collect();
         let expected_refusals: Vec<_> = (0..3).map(|place| place == at).collect();
         assert_eq!(refusals, expected_refusals);
@@ -138,8 +136,8 @@ fn a_refused_entry_of_a_group_leaves_no_trace_and_the_others_are_recorded() {
         // A group of which nothing is left writes nothing.
         let before = ledger.checkpoint().to_vec();
         for times in [1, 2] {
-            let wanted = vec![Wanted::at(T0, refused.clone()); times];
-            let outcomes = ledger.commit(wanted).unwrap();
+            let again = vec![wanted(T0, refused.clone()).unwrap(); times];
+            let outcomes = ledger.commit(again).unwrap();
             assert!(outcomes.iter().all(Result::is_err), "{outcomes:?}");
         }
         assert_eq!(ledger.checkpoint(), before);
@@ -158,9 +156,9 @@ fn entries_of_a_group_have_their_own_times_which_never_go_back() {
     let dir = tempfile::tempdir().unwrap();
     let mut ledger = founded(dir.path());
     let times = [T0 + 5, T0 + 3, T0 + 9];
-    let wanted = times.iter().zip(strangers(0..3));
-    let wanted = wanted.map(|(time_ms, body)| Wanted::at(*time_ms, body));
-    ledger.commit(wanted.collect()).unwrap();
+    let all = times.iter().zip(strangers(0..3));
+    let all = all.map(|(time_ms, body)| wanted(*time_ms, body).unwrap());
+    ledger.commit(all.collect()).unwrap();
     let recorded: Vec<_> = (1..4).map(|at| ledger.entry(at).unwrap().time_ms).collect();
     assert_eq!(recorded, [T0 + 5, T0 + 5, T0 + 9]);
     drop(ledger);

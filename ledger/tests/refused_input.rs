@@ -6,7 +6,7 @@ use zk0_ledger::group::Wanted;
 use zk0_ledger::replay::{replay, Verdict};
 use zk0_ledger::store::{Batch, Store};
 use zk0_ledger::{Ledger, LedgerError};
-use zk0_protocol::entries::authentic::AuthenticSubmission;
+use zk0_protocol::entries::authentic::{Authentic, AuthenticBody};
 use zk0_protocol::entries::codec::EntryError;
 use zk0_protocol::entries::entry::MAX_ENTRY_BYTES;
 use zk0_protocol::entries::member::NodeEnrolled;
@@ -154,26 +154,18 @@ fn only_the_submission_that_was_verified_is_not_verified_again() {
     ledger.append(T0, drawing).unwrap();
     let verified = submission(claim(ledger.state(), 0), 0);
     let mut others = [verified.clone(), submission(claim(ledger.state(), 1), 1)];
-    let verified = AuthenticSubmission::of(verified).unwrap();
-    let decided = |body: Body| Wanted {
-        known: Some(verified.clone()),
-        ..Wanted::at(T0, body)
-    };
     for other in &mut others {
         other.signature[0] ^= 1;
-        assert!(AuthenticSubmission::of(other.clone()).is_err());
-        let forged = decided(Body::ContributionAccepted(other.clone()));
-        let refused = ledger.commit(vec![forged]).unwrap();
+        assert!(Authentic::of(other.clone()).is_err());
+        let forged = Body::ContributionAccepted(other.clone());
+        let refused = AuthenticBody::of(forged).unwrap_err();
         assert!(
-            matches!(
-                refused[..],
-                [Err(RuleViolation::Refused(Refusal::Signature(_)))]
-            ),
+            matches!(refused, RuleViolation::Refused(Refusal::Signature(_))),
             "{refused:?}"
         );
     }
-    let accepted = Body::ContributionAccepted((*verified).clone());
-    let recorded = ledger.commit(vec![decided(accepted)]).unwrap();
+    let body = AuthenticBody::decided(&Authentic::of(verified).unwrap(), None);
+    let recorded = ledger.commit(vec![Wanted { time_ms: T0, body }]).unwrap();
     assert!(recorded[0].is_ok(), "{recorded:?}");
     let report = replay(dir.path(), None, &mut ());
     assert_eq!(report.verdict, Verdict::Verified);

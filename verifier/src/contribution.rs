@@ -7,7 +7,7 @@ use crate::releases::check_proof_of;
 use crate::update::Evaluation;
 use zk0_circuits::{Claim, NodeId};
 use zk0_protocol::blob::Blob;
-use zk0_protocol::entries::authentic::AuthenticSubmission;
+use zk0_protocol::entries::authentic::Authentic;
 use zk0_protocol::entries::proof_blob::ProofBlob;
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::rules::state::State;
@@ -17,20 +17,20 @@ use zk0_weights::Unread;
 /// A submission that an enrolled node signed, with the proof that it signed. Only [`authenticate`] makes one:
 ///
 /// ```compile_fail
-/// use zk0_protocol::{blob::Blob, entries::authentic::AuthenticSubmission};
-/// fn forge(submission: AuthenticSubmission, proof: Blob<'static>) -> zk0_verifier::AuthenticContribution {
+/// use zk0_protocol::{blob::Blob, entries::authentic::Authentic, entries::signed::Submission};
+/// fn forge(submission: Authentic<Submission>, proof: Blob<'static>) -> zk0_verifier::AuthenticContribution {
 ///     zk0_verifier::AuthenticContribution { submission, proof }
 /// }
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AuthenticContribution {
-    submission: AuthenticSubmission,
+    submission: Authentic<Submission>,
     proof: Blob<'static>,
 }
 
 impl AuthenticContribution {
     /// The signed claim, and the digest of its proof.
-    pub fn submission(&self) -> &AuthenticSubmission {
+    pub fn submission(&self) -> &Authentic<Submission> {
         &self.submission
     }
 
@@ -111,8 +111,8 @@ pub fn authenticate(
     state: &State,
 ) -> Result<AuthenticContribution, Refusal> {
     check_size("the proof", &proof, state.rules().max_proof_bytes)?;
-    let submission = AuthenticSubmission::of(submission)
-        .map_err(|error| Refusal::Signature(error.to_string()))?;
+    let submission =
+        Authentic::of(submission).map_err(|error| Refusal::Signature(error.to_string()))?;
     let statement = &submission.statement;
     let node = statement.claim.terms.node;
     if state.node(&node).is_none() {

@@ -2,7 +2,7 @@
 //! records nothing.
 
 use crate::{verify, AuthenticContribution, VerifiedContribution, WeightFiles};
-use zk0_protocol::entries::entry::{Body, Entry, ENTRY_VERSION};
+use zk0_protocol::entries::authentic::AuthenticBody;
 use zk0_protocol::rules::state::State;
 use zk0_protocol::rules::violation::RuleViolation;
 use zk0_protocol::Refusal;
@@ -18,15 +18,12 @@ pub enum Decision {
 
 impl Decision {
     /// The body of the entry that records the decision.
-    pub fn body(&self, contribution: &AuthenticContribution) -> Body {
-        let submission = (**contribution.submission()).clone();
-        match self {
-            Self::Accepted(_) => Body::ContributionAccepted(submission),
-            Self::Rejected(reason) => Body::ContributionRejected {
-                submission,
-                reason: reason.clone(),
-            },
-        }
+    pub fn body(&self, contribution: &AuthenticContribution) -> AuthenticBody {
+        let refused = match self {
+            Self::Accepted(_) => None,
+            Self::Rejected(reason) => Some(reason.clone()),
+        };
+        AuthenticBody::decided(contribution.submission(), refused)
     }
 }
 
@@ -50,14 +47,8 @@ pub fn decide(
         return Err(reason);
     }
     let decision = Decision::Rejected(reason);
-    let entry = Entry {
-        version: ENTRY_VERSION,
-        time_ms,
-        body: decision.body(contribution),
-    };
-    let authentic = contribution.submission().decided_by(&entry);
-    let checked = authentic.map_or_else(|| state.check(&entry), |e| state.check_authentic(&e));
-    match checked {
+    let body = decision.body(contribution).at(time_ms);
+    match state.check_authentic(&body.entry()) {
         Ok(()) => Ok(decision),
         Err(RuleViolation::Refused(refusal)) => Err(refusal),
         Err(violation) => Err(Refusal::InvalidProof(violation.to_string())),

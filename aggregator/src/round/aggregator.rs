@@ -23,7 +23,8 @@ use zk0_ledger::blobs::Blobs;
 use zk0_ledger::clock::ClockError;
 use zk0_ledger::log::Ledger;
 use zk0_ledger::pruned;
-use zk0_protocol::entries::entry::{Body, DisputeResolved, Entry, ProposalSettled, ENTRY_VERSION};
+use zk0_protocol::entries::authentic::AuthenticBody;
+use zk0_protocol::entries::entry::{Body, DisputeResolved, ProposalSettled};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::pruning::rounds_before;
@@ -447,13 +448,9 @@ impl Aggregator {
     }
 
     /// Checks that the rules allow an entry that arrived at `arrived_ms`.
-    pub(super) fn check(&self, arrived_ms: u64, body: Body) -> Result<(), RequestError> {
-        let time_ms = self.ledger.time_ms(arrived_ms);
-        Ok(self.state().check(&Entry {
-            version: ENTRY_VERSION,
-            time_ms,
-            body,
-        })?)
+    pub(super) fn check(&self, arrived_ms: u64, body: &AuthenticBody) -> Result<(), RequestError> {
+        let dated = body.clone().at(self.ledger.time_ms(arrived_ms));
+        Ok(self.state().check_authentic(&dated.entry())?)
     }
 
     pub(super) fn append(&mut self, body: Body) -> Result<Receipt, RequestError> {

@@ -10,7 +10,7 @@ use crate::round::intake::statements::{
 use crate::round::request_error::RequestError;
 use crate::serve::senders::heads::{sent_by, taken, Message};
 use crate::serve::senders::sender::read_hashed;
-use crate::serve::service::Service;
+use crate::serve::service::{blocking, Service};
 use std::io::{ErrorKind, SeekFrom};
 use std::pin::Pin;
 use std::sync::Arc;
@@ -21,7 +21,7 @@ use tonic::{Request, Response, Status, Streaming};
 use tracing::info_span;
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::blob::blob_digest;
-use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::authentic::AuthenticBody;
 use zk0_protocol::entries::signed::{
     DatasetRegistration, Enrolment, Signed, Submission, UpdateCommitment,
 };
@@ -96,12 +96,14 @@ impl Federation for Service {
     async fn record(&self, request: Request<RecordRequest>) -> Result<Response<Receipt>, Status> {
         let arrival = self.arrivals.stamp()?;
         let (head, RecordRequest { body }) = taken(request);
-        let said = Arc::new(MemberStatement::read(&body)?);
+        let (said, digest) =
+            blocking(move || Ok((MemberStatement::read(&body)?, blob_digest(&body)))).await?;
+        let said = Arc::new(said);
         let message = Message {
             method: Method::Record,
             round: None,
             signer: said.signer(),
-            body: blob_digest(&body),
+            body: digest,
         };
         let sender = self.sender(head, message, arrival.at_ms()).await?;
         let begin = || {
@@ -235,7 +237,7 @@ impl Federation for Service {
         let _turn = self.turn_of(node, &arrival).await?;
         let arrived_ms = arrival.at_ms();
         let begun = self
-            .with(move |aggregator| aggregator.begin_registration(&signed, arrived_ms))
+            .with(move |aggregator| aggregator.begin_registration(signed, arrived_ms))
             .await?;
         let keep = move |allowed: AllowedRegistration| allowed.keep(&leaves);
         let receipt = self.recorded(&arrival, begun, keep).await?;
@@ -280,7 +282,7 @@ impl Federation for Service {
         let _turn = self.turn_of(node, &arrival).await?;
         let arrived_ms = arrival.at_ms();
         let begun = self
-            .with(move |aggregator| aggregator.begin_commitment(&signed, arrived_ms))
+            .with(move |aggregator| aggregator.begin_commitment(signed, arrived_ms))
             .await?;
         let receipt = self
             .recorded(&arrival, begun, AllowedCommitment::keep)
@@ -324,7 +326,7 @@ impl Service {
         &self,
         arrival: &Arrival,
         begun: Admission<T>,
-        keep: impl FnOnce(T) -> Result<Body, RequestError> + Send + 'static,
+        keep: impl FnOnce(T) -> Result<AuthenticBody, RequestError> + Send + 'static,
     ) -> Result<receipt::Receipt, RequestError> {
         match begun {
             Admission::Recorded(receipt) => Ok(receipt),

@@ -65,7 +65,7 @@ impl Service {
             }
         };
         let (signed, body) = read_hashed::<UploadRequest>("upload request", first).await?;
-        let upload = signed.statement;
+        let upload = signed.statement.clone();
         let message = Message {
             method: Method::Upload,
             round: Some(upload.round),
@@ -108,7 +108,7 @@ impl Service {
     /// How many bytes of an upload are here, and where the node may put the update instead of sending it.
     pub(super) async fn held(&self, request: Vec<u8>) -> Result<UploadInfo, RequestError> {
         let (signed, _) = read_hashed::<UploadRequest>("upload request", request).await?;
-        let upload = signed.statement;
+        let upload = signed.statement.clone();
         let Admission::New(staging) = self.begun(upload.clone()).await? else {
             return Ok(UploadInfo {
                 held: upload.size,

@@ -9,10 +9,11 @@ use zk0_circuits::{Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDige
 use zk0_ledger::group::Wanted;
 use zk0_ledger::Ledger;
 use zk0_protocol::challenge::closing::commitments;
+use zk0_protocol::entries::authentic::AuthenticBody;
 use zk0_protocol::entries::entry::{CommitmentsClosed, RoundClosed, RoundOpened};
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::signed::{DatasetRegistration, Episode, Submission, UpdateCommitment};
-use zk0_protocol::{Body, Signed, State};
+use zk0_protocol::{Body, RuleViolation, Signed, State};
 use zk0_testkit::network::{
     closed, commitments_closed, drawn, genesis, invalid_proof, log_key, opened, T0,
 };
@@ -130,8 +131,12 @@ fn dataset(node: u64) -> DatasetCommitment {
 
 /// Records entries as one group, and returns their indexes. The rules have to allow all of them.
 pub fn record(ledger: &mut Ledger, time_ms: u64, bodies: Vec<Body>) -> Result<Vec<u64>> {
-    let wanted = bodies.into_iter().map(|body| Wanted::at(time_ms, body));
-    let outcomes = ledger.commit(wanted.collect())?;
+    // A service verifies signatures on all cores, before it has its turn.
+    let wanted = bodies.into_par_iter().map(|body| {
+        let body = AuthenticBody::of(body)?;
+        Ok(Wanted { time_ms, body })
+    });
+    let outcomes = ledger.commit(wanted.collect::<Result<_, RuleViolation>>()?)?;
     Ok(outcomes.into_iter().collect::<Result<_, _>>()?)
 }
 

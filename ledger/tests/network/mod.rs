@@ -13,6 +13,7 @@ use zk0_files::atomic_file::{self, create_folder};
 use zk0_ledger::folder::database;
 use zk0_ledger::group::Wanted;
 use zk0_ledger::{Ledger, LedgerError};
+use zk0_protocol::entries::authentic::AuthenticBody;
 use zk0_protocol::{Body, Receipt, RuleViolation};
 
 /// Puts an empty database of plain files where the ledger in `dir` has its own. It then goes on with that.
@@ -25,6 +26,12 @@ pub fn plain_files(dir: &Path) -> io::Result<()> {
     Ok(())
 }
 
+/// An entry that somebody wants, if its signatures are valid.
+pub fn wanted(time_ms: u64, body: Body) -> Result<Wanted, RuleViolation> {
+    let body = AuthenticBody::of(body)?;
+    Ok(Wanted { time_ms, body })
+}
+
 /// Appends several entries as one group.
 pub trait AppendAll {
     /// Appends the entries, and returns the receipt of each, or why the rules refuse the first one that they refuse.
@@ -33,8 +40,8 @@ pub trait AppendAll {
 
 impl AppendAll for Ledger {
     fn append_all(&mut self, time_ms: u64, bodies: Vec<Body>) -> Result<Vec<Receipt>, LedgerError> {
-        let wanted = bodies.into_iter().map(|body| Wanted::at(time_ms, body));
-        let outcomes = self.commit(wanted.collect())?;
+        let wanted = bodies.into_iter().map(|body| wanted(time_ms, body));
+        let outcomes = self.commit(wanted.collect::<Result<_, _>>()?)?;
         let receipt = |outcome: Result<u64, RuleViolation>| self.first_receipt(outcome?);
         outcomes.into_iter().map(receipt).collect()
     }

@@ -1,87 +1,111 @@
-//! Entries whose signatures and new keys were verified. This takes most of the time of a replay, and it needs nothing but the entry.
-//! So it is separate from the rules: the rules take one entry after the other, while several threads can verify signatures.
+//! Statements, bodies and entries whose signatures and new keys were verified. This takes most of the time of a replay, and it needs nothing
+//! but the entry. So it is separate from the rules: the rules take one entry after the other, while several threads can verify signatures.
+//! A type says what was verified, so that nothing is verified twice.
 
-use crate::entries::entry::{Body, Entry};
+use crate::entries::entry::{Body, Entry, ENTRY_VERSION};
 use crate::entries::identity::NOT_A_KEY;
 use crate::entries::known_keys::KnownKeys;
 use crate::entries::refusal::Refusal;
-use crate::entries::signed::{SignatureError, Signed, Statement, Submission};
+use crate::entries::signed::{
+    DatasetRegistration, SignatureError, Signed, Statement, Submission, UpdateCommitment,
+};
 use crate::rules::violation::RuleViolation;
 use std::ops::Deref;
 
-/// An entry whose signatures are all valid, and whose new keys are all usable. Only [`Entry::authenticate`] and
-/// [`AuthenticSubmission::decided_by`] make one.
+/// A statement whose signature is valid. Only [`Authentic::of`] makes one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Authentic<T>(Signed<T>);
+
+impl<T: Statement> Authentic<T> {
+    /// Verifies the signature.
+    ///
+    /// # Errors
+    /// Those of [`Signed::verify`].
+    pub fn of(signed: Signed<T>) -> Result<Self, SignatureError> {
+        signed.verify()?;
+        Ok(Self(signed))
+    }
+}
+
+impl<T> Deref for Authentic<T> {
+    type Target = Signed<T>;
+
+    fn deref(&self) -> &Signed<T> {
+        &self.0
+    }
+}
+
+/// A body of an entry whose signatures are all valid, and whose new keys are all usable. It is made of [`Authentic`] statements, or by
+/// [`AuthenticBody::of`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct AuthenticBody(Body);
+
+impl AuthenticBody {
+    /// Verifies all signatures in `body`, and the key that it enrols.
+    pub fn of(body: Body) -> Result<Self, RuleViolation> {
+        check_body(&body, &KnownKeys::default())?;
+        Ok(Self(body))
+    }
+
+    /// The decision on a submission: it is refused for this reason, or else accepted.
+    pub fn decided(submission: &Authentic<Submission>, refused: Option<Refusal>) -> Self {
+        let submission = submission.0.clone();
+        Self(match refused {
+            None => Body::ContributionAccepted(submission),
+            Some(reason) => Body::ContributionRejected { submission, reason },
+        })
+    }
+
+    /// The entry with this body and this time.
+    pub fn at(self, time_ms: u64) -> DatedBody {
+        DatedBody(Entry {
+            version: ENTRY_VERSION,
+            time_ms,
+            body: self.0,
+        })
+    }
+}
+
+impl From<Authentic<DatasetRegistration>> for AuthenticBody {
+    fn from(registration: Authentic<DatasetRegistration>) -> Self {
+        Self(Body::DatasetCommitted(registration.0))
+    }
+}
+
+impl From<Authentic<UpdateCommitment>> for AuthenticBody {
+    fn from(commitment: Authentic<UpdateCommitment>) -> Self {
+        Self(Body::UpdateCommitted(commitment.0))
+    }
+}
+
+impl Deref for AuthenticBody {
+    type Target = Body;
+
+    fn deref(&self) -> &Body {
+        &self.0
+    }
+}
+
+/// An entry that is made of an [`AuthenticBody`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DatedBody(Entry);
+
+impl DatedBody {
+    /// The entry.
+    pub fn entry(&self) -> AuthenticEntry<'_> {
+        AuthenticEntry(&self.0)
+    }
+}
+
+/// An entry whose signatures are all valid, and whose new keys are all usable. Only [`Entry::authenticate`] and [`DatedBody::entry`] make one.
 #[derive(Clone, Copy, Debug)]
 pub struct AuthenticEntry<'a>(&'a Entry);
 
 impl Entry {
     /// Verifies all signatures in this entry, and the key that it enrols. `keys` only saves time: the result does not depend on it.
     pub fn authenticate(&self, keys: &KnownKeys) -> Result<AuthenticEntry<'_>, RuleViolation> {
-        match &self.body {
-            Body::DatasetCommitted(signed) => verify(signed, keys)?,
-            Body::UpdateCommitted(signed) => verify(signed, keys)?,
-            Body::ContributionAccepted(submission)
-            | Body::ContributionRejected { submission, .. } => verify(submission, keys)?,
-            Body::KeyRotated { rotation, takeover } => {
-                verify(rotation, keys)?;
-                verify(takeover, keys)?;
-            }
-            Body::Proposed(signed) => verify(signed, keys)?,
-            Body::Voted(signed) => verify(signed, keys)?,
-            Body::Disputed(signed) => verify(signed, keys)?,
-            Body::NodeLeft(signed) => verify(signed, keys)?,
-            Body::NodeEnrolled(enrolled) => {
-                let node = enrolled.node;
-                if keys.key(&node).is_none() {
-                    let why = NOT_A_KEY.into();
-                    return Err(RuleViolation::BadNode { node, why });
-                }
-            }
-            // The aggregator makes these entries, and signs the checkpoint that covers them.
-            Body::Genesis(_)
-            | Body::RoundOpened(_)
-            | Body::RoundClosed(_)
-            | Body::ProposalSettled(_)
-            | Body::DisputeResolved(_)
-            | Body::CommitmentsClosed(_)
-            | Body::RandomnessDrawn(_)
-            | Body::MomentsComputed(_) => {}
-        }
+        check_body(&self.body, keys)?;
         Ok(AuthenticEntry(self))
-    }
-}
-
-/// A submission whose signature is valid. Only [`AuthenticSubmission::of`] makes one, so whoever takes one need not verify again.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct AuthenticSubmission(Signed<Submission>);
-
-impl AuthenticSubmission {
-    /// Verifies the signature.
-    ///
-    /// # Errors
-    /// Those of [`Signed::verify`].
-    pub fn of(submission: Signed<Submission>) -> Result<Self, SignatureError> {
-        submission.verify()?;
-        Ok(Self(submission))
-    }
-
-    /// `entry`, if it records a decision about this submission, which is its only signature. `None` for every other entry.
-    pub fn decided_by<'a>(&self, entry: &'a Entry) -> Option<AuthenticEntry<'a>> {
-        match &entry.body {
-            Body::ContributionAccepted(submission)
-            | Body::ContributionRejected { submission, .. } => {
-                (*submission == self.0).then_some(AuthenticEntry(entry))
-            }
-            _ => None,
-        }
-    }
-}
-
-impl Deref for AuthenticSubmission {
-    type Target = Signed<Submission>;
-
-    fn deref(&self) -> &Signed<Submission> {
-        &self.0
     }
 }
 
@@ -91,6 +115,41 @@ impl Deref for AuthenticEntry<'_> {
     fn deref(&self) -> &Entry {
         self.0
     }
+}
+
+fn check_body(body: &Body, keys: &KnownKeys) -> Result<(), RuleViolation> {
+    match body {
+        Body::DatasetCommitted(signed) => verify(signed, keys)?,
+        Body::UpdateCommitted(signed) => verify(signed, keys)?,
+        Body::ContributionAccepted(submission) | Body::ContributionRejected { submission, .. } => {
+            verify(submission, keys)?
+        }
+        Body::KeyRotated { rotation, takeover } => {
+            verify(rotation, keys)?;
+            verify(takeover, keys)?;
+        }
+        Body::Proposed(signed) => verify(signed, keys)?,
+        Body::Voted(signed) => verify(signed, keys)?,
+        Body::Disputed(signed) => verify(signed, keys)?,
+        Body::NodeLeft(signed) => verify(signed, keys)?,
+        Body::NodeEnrolled(enrolled) => {
+            let node = enrolled.node;
+            if keys.key(&node).is_none() {
+                let why = NOT_A_KEY.into();
+                return Err(RuleViolation::BadNode { node, why });
+            }
+        }
+        // The aggregator makes these entries, and signs the checkpoint that covers them.
+        Body::Genesis(_)
+        | Body::RoundOpened(_)
+        | Body::RoundClosed(_)
+        | Body::ProposalSettled(_)
+        | Body::DisputeResolved(_)
+        | Body::CommitmentsClosed(_)
+        | Body::RandomnessDrawn(_)
+        | Body::MomentsComputed(_) => {}
+    }
+    Ok(())
 }
 
 fn verify<T: Statement>(signed: &Signed<T>, keys: &KnownKeys) -> Result<(), Refusal> {

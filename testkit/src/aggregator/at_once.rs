@@ -6,8 +6,9 @@ use zk0_aggregator::round::intake::submission::Decided;
 use zk0_aggregator::round::request_error::RequestError;
 use zk0_aggregator::{Aggregator, Progress};
 use zk0_ledger::blobs::partial::PartialBlob;
+use zk0_protocol::entries::authentic::{Authentic, AuthenticBody};
 use zk0_protocol::entries::signed::{Signed, Submission, UploadRequest};
-use zk0_protocol::{Body, Receipt};
+use zk0_protocol::Receipt;
 
 /// Requests as their bytes, one after the other.
 pub trait AtOnce {
@@ -46,14 +47,14 @@ impl AtOnce for Aggregator {
 
     fn register(&mut self, registration: &[u8], leaves: &[u8]) -> Result<Receipt, RequestError> {
         let signed = read_signed("dataset registration", registration)?;
-        match self.begin_registration(&signed, self.now_ms())? {
+        match self.begin_registration(signed, self.now_ms())? {
             Admission::Recorded(receipt) => Ok(receipt),
             Admission::New(allowed) => recorded(self, allowed.keep(leaves)?),
         }
     }
 
     fn upload(&self, request: &[u8]) -> Result<Option<PartialBlob>, RequestError> {
-        let signed: Signed<UploadRequest> = read_signed("upload request", request)?;
+        let signed: Authentic<UploadRequest> = read_signed("upload request", request)?;
         match self.begin_upload(&signed.statement)? {
             Admission::Recorded(()) => Ok(None),
             Admission::New(staging) => Ok(staging.go_on(&signed.statement, 0)?),
@@ -62,7 +63,7 @@ impl AtOnce for Aggregator {
 
     fn commit(&mut self, commitment: &[u8]) -> Result<Receipt, RequestError> {
         let signed = read_signed("commitment", commitment)?;
-        match self.begin_commitment(&signed, self.now_ms())? {
+        match self.begin_commitment(signed, self.now_ms())? {
             Admission::Recorded(receipt) => Ok(receipt),
             Admission::New(allowed) => recorded(self, allowed.keep()?),
         }
@@ -103,7 +104,7 @@ impl AtOnce for Aggregator {
     }
 }
 
-fn recorded(aggregator: &mut Aggregator, body: Body) -> Result<Receipt, RequestError> {
+fn recorded(aggregator: &mut Aggregator, body: AuthenticBody) -> Result<Receipt, RequestError> {
     one(aggregator, ToRecord::Statement(Box::new(body)))
 }
 

@@ -7,14 +7,14 @@ use crate::round::intake::submission::DecidedSubmission;
 use crate::round::request_error::RequestError;
 use zk0_ledger::error::LedgerError;
 use zk0_ledger::group::Wanted;
-use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::authentic::AuthenticBody;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_verifier::decide::Decision;
 
 /// What is to be recorded for a request.
 pub enum ToRecord {
     /// A statement.
-    Statement(Box<Body>),
+    Statement(Box<AuthenticBody>),
     /// The decision on a submission.
     Decision(Box<DecidedSubmission>),
 }
@@ -25,7 +25,6 @@ impl Aggregator {
         let wanted = all.iter().map(|(time_ms, one)| Wanted {
             time_ms: *time_ms,
             body: one.body(),
-            known: one.known(),
         });
         let outcomes = match self.ledger.commit(wanted.collect()) {
             Ok(outcomes) => outcomes,
@@ -66,17 +65,10 @@ impl Aggregator {
 }
 
 impl ToRecord {
-    fn body(&self) -> Body {
+    fn body(&self) -> AuthenticBody {
         match self {
             Self::Statement(body) => (**body).clone(),
-            Self::Decision(judged) => judged.body(),
-        }
-    }
-
-    fn known(&self) -> Option<zk0_protocol::entries::authentic::AuthenticSubmission> {
-        match self {
-            Self::Statement(_) => None,
-            Self::Decision(judged) => Some(judged.submission().clone()),
+            Self::Decision(decided) => decided.body(),
         }
     }
 }

@@ -13,12 +13,13 @@ use borsh::BorshDeserialize;
 use zk0_circuits::NodeId;
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_protocol::blob::Blob;
+use zk0_protocol::entries::authentic::{Authentic, AuthenticBody};
 use zk0_protocol::entries::entry::{Body, MAX_ENTRY_BYTES};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::proposal::Action;
 use zk0_protocol::entries::signed::{
-    DatasetRegistration, Enrolment, Signed, Statement, UpdateCommitment, UploadRequest,
+    DatasetRegistration, Enrolment, Statement, UpdateCommitment, UploadRequest,
 };
 use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::rules::state::Standing;
@@ -36,35 +37,35 @@ pub enum Admission<T, R = Receipt> {
 
 /// What a member says about the network itself: a proposal, a vote, a dispute, a change of key, or that it leaves, as it was signed.
 pub struct MemberStatement {
-    body: Body,
+    body: AuthenticBody,
     signer: NodeId,
 }
 
 /// Something said that the rules allow, and the samples that it proposes.
 pub struct AllowedStatement {
-    body: Body,
+    body: AuthenticBody,
     genesis: Genesis,
     blobs: Blobs,
 }
 
 /// A dataset commitment that the rules allow.
 pub struct AllowedRegistration {
-    signed: Signed<DatasetRegistration>,
+    signed: Authentic<DatasetRegistration>,
     blobs: Blobs,
 }
 
 /// A commitment that the rules allow, to an update that its node has uploaded.
 pub struct AllowedCommitment {
-    signed: Signed<UpdateCommitment>,
+    signed: Authentic<UpdateCommitment>,
     staged: Blobs,
     blobs: Blobs,
 }
 
 impl MemberStatement {
-    /// Reads the bytes of an entry's body.
+    /// Reads the bytes of an entry's body, and verifies its signatures.
     ///
     /// # Errors
-    /// It is not something that a member may say.
+    /// It is not something that a member may state, or a signature is wrong.
     pub fn read(bytes: &[u8]) -> Result<Self, RequestError> {
         let body: Body = decode("entry to record", bytes)?;
         let signer = match &body {
@@ -79,10 +80,11 @@ impl MemberStatement {
                 ))
             }
         };
+        let body = AuthenticBody::of(body)?;
         Ok(Self { body, signer })
     }
 
-    /// Who says it. The signature is not verified yet.
+    /// Who states it.
     pub fn signer(&self) -> NodeId {
         self.signer
     }
@@ -90,8 +92,8 @@ impl MemberStatement {
 
 impl AllowedStatement {
     /// Refuses a proposal of public samples that are not at hand or cannot be used, because no round could be closed with them.
-    pub fn check(self) -> Result<Body, RequestError> {
-        if let Body::Proposed(signed) = &self.body {
+    pub fn check(self) -> Result<AuthenticBody, RequestError> {
+        if let Body::Proposed(signed) = &*self.body {
             if let Action::ChangeRules(rules) = &signed.statement.action {
                 let checked = check_public_samples(&self.genesis, rules, &self.blobs);
                 checked.map_err(RequestError::PublicSamples)?;
@@ -107,7 +109,7 @@ impl AllowedStatement {
 
 impl AllowedRegistration {
     /// Keeps the list of drawn frames as a blob, if it is the one that the registration names.
-    pub fn keep(self, leaves: &[u8]) -> Result<Body, RequestError> {
+    pub fn keep(self, leaves: &[u8]) -> Result<AuthenticBody, RequestError> {
         let registration = &self.signed.statement;
         let list = Blob::from(leaves);
         if list.digest() != registration.leaves {
@@ -120,19 +122,19 @@ impl AllowedRegistration {
         }
         check_leaf_list(registration, leaves)?;
         self.blobs.put(&list)?;
-        Ok(Body::DatasetCommitted(self.signed))
+        Ok(self.signed.into())
     }
 }
 
 impl AllowedCommitment {
     /// Puts the uploaded update among the ledger's blobs.
-    pub fn keep(self) -> Result<Body, RequestError> {
+    pub fn keep(self) -> Result<AuthenticBody, RequestError> {
         let update = self.signed.statement.update.blob;
         match self.blobs.link(&self.staged, &update) {
             Err(BlobError::Missing(_)) => Err(Refusal::MissingUpdate(update).into()),
             kept => {
                 kept?;
-                Ok(Body::UpdateCommitted(self.signed))
+                Ok(self.signed.into())
             }
         }
     }
@@ -146,11 +148,11 @@ impl Aggregator {
         arrived_ms: u64,
     ) -> Result<Admission<AllowedStatement>, RequestError> {
         // A node may leave, be enrolled again, and leave once more.
-        let undone = matches!(said.body, Body::NodeLeft(_)) && !self.has_left(&said.signer);
+        let undone = matches!(*said.body, Body::NodeLeft(_)) && !self.has_left(&said.signer);
         if let Some(index) = self.index.said(&said.body).filter(|_| !undone) {
             return Ok(Admission::Recorded(self.ledger.first_receipt(index)?));
         }
-        self.check(arrived_ms, said.body.clone())?;
+        self.check(arrived_ms, &said.body)?;
         self.check_at_hand(&said.body)?;
         Ok(Admission::New(AllowedStatement {
             body: said.body.clone(),
@@ -189,20 +191,20 @@ impl Aggregator {
     /// The rules do not allow it, or the node has registered too often ([`crate::round::intake::registrations`]).
     pub fn begin_registration(
         &self,
-        signed: &Signed<DatasetRegistration>,
+        signed: Authentic<DatasetRegistration>,
         arrived_ms: u64,
     ) -> Result<Admission<AllowedRegistration>, RequestError> {
         let known = self.state().node(&signed.statement.node);
-        let body = Body::DatasetCommitted(signed.clone());
+        let body = AuthenticBody::from(signed.clone());
         if let Some(known) = known.and_then(|known| known.dataset) {
-            if self.ledger.entry(known.entry)?.body == body {
+            if self.ledger.entry(known.entry)?.body == *body {
                 return Ok(Admission::Recorded(self.ledger.first_receipt(known.entry)?));
             }
         }
-        self.check(arrived_ms, body)?;
+        self.check(arrived_ms, &body)?;
         self.check_registrations(&signed.statement.node, arrived_ms)?;
         Ok(Admission::New(AllowedRegistration {
-            signed: signed.clone(),
+            signed,
             blobs: self.ledger.blobs().clone(),
         }))
     }
@@ -228,9 +230,9 @@ impl Aggregator {
     /// Somebody else than the network's operator has signed it, or the rules do not let the operator enrol this node.
     pub fn begin_enrolment(
         &self,
-        signed: &Signed<Enrolment>,
+        signed: &Authentic<Enrolment>,
         arrived_ms: u64,
-    ) -> Result<Admission<Body>, RequestError> {
+    ) -> Result<Admission<AuthenticBody>, RequestError> {
         let Enrolment {
             network,
             operator,
@@ -248,15 +250,15 @@ impl Aggregator {
         if operator.0 != genesis.log_key {
             return Err(RequestError::NotOperator(*operator));
         }
-        let body = Body::NodeEnrolled(NodeEnrolled {
+        let body = AuthenticBody::of(Body::NodeEnrolled(NodeEnrolled {
             node: *node,
             name: name.clone(),
-        });
+        }))?;
         let left = self.has_left(node);
         if let Some(index) = self.index.said(&body).filter(|_| !left) {
             return Ok(Admission::Recorded(self.ledger.first_receipt(index)?));
         }
-        self.check(arrived_ms, body.clone())?;
+        self.check(arrived_ms, &body)?;
         Ok(Admission::New(body))
     }
 
@@ -298,33 +300,31 @@ impl Aggregator {
     /// Begins to record a commitment to an uploaded update.
     pub fn begin_commitment(
         &self,
-        signed: &Signed<UpdateCommitment>,
+        signed: Authentic<UpdateCommitment>,
         arrived_ms: u64,
     ) -> Result<Admission<AllowedCommitment>, RequestError> {
         let UpdateCommitment { node, round, .. } = signed.statement;
-        let body = Body::UpdateCommitted(signed.clone());
+        let body = AuthenticBody::from(signed.clone());
         let open = self.state().round().filter(|open| open.number() == round);
         if let Some(commit) = open.and_then(|open| open.commits.get(&node)) {
-            if self.ledger.entry(commit.entry)?.body == body {
+            if self.ledger.entry(commit.entry)?.body == *body {
                 return Ok(Admission::Recorded(
                     self.ledger.first_receipt(commit.entry)?,
                 ));
             }
         }
-        self.check(arrived_ms, body)?;
+        self.check(arrived_ms, &body)?;
         Ok(Admission::New(AllowedCommitment {
-            signed: signed.clone(),
             staged: self.staging.of(round, &node),
+            signed,
             blobs: self.ledger.blobs().clone(),
         }))
     }
 }
 
 /// Decodes a signed statement, and verifies its signature.
-pub fn read_signed<T: Statement>(what: &str, bytes: &[u8]) -> Result<Signed<T>, RequestError> {
-    let signed: Signed<T> = decode(what, bytes)?;
-    signed.verify()?;
-    Ok(signed)
+pub fn read_signed<T: Statement>(what: &str, bytes: &[u8]) -> Result<Authentic<T>, RequestError> {
+    Ok(Authentic::of(decode(what, bytes)?)?)
 }
 
 /// Decodes a statement as it was signed: exactly these bytes, and not too many of them.

@@ -12,7 +12,7 @@ use crate::round::intake::statements::Admission;
 use crate::round::request_error::RequestError;
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::Blobs;
-use zk0_protocol::entries::authentic::AuthenticSubmission;
+use zk0_protocol::entries::authentic::{Authentic, AuthenticBody};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::rules::state::State;
@@ -178,12 +178,12 @@ impl DecidedSubmission {
     }
 
     /// The body of the entry that records the decision.
-    pub(super) fn body(&self) -> Body {
+    pub(super) fn body(&self) -> AuthenticBody {
         self.decision.body(&self.contribution)
     }
 
     /// The submission, whose signature is verified.
-    pub(super) fn submission(&self) -> &AuthenticSubmission {
+    pub(super) fn submission(&self) -> &Authentic<Submission> {
         self.contribution.submission()
     }
 

@@ -7,7 +7,8 @@ use crate::serve::senders::heads::{Head, Message};
 use crate::serve::service::{blocking, Service};
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::blob::blob_digest;
-use zk0_protocol::entries::signed::{Signed, Statement};
+use zk0_protocol::entries::authentic::Authentic;
+use zk0_protocol::entries::signed::Statement;
 use zk0_traces::request;
 
 impl Service {
@@ -46,6 +47,6 @@ impl Service {
 pub(in crate::serve) async fn read_hashed<T: Statement + Send + 'static>(
     what: &'static str,
     bytes: Vec<u8>,
-) -> Result<(Signed<T>, Digest), RequestError> {
+) -> Result<(Authentic<T>, Digest), RequestError> {
     blocking(move || Ok((read_signed(what, &bytes)?, blob_digest(&bytes)))).await
 }
