@@ -22,6 +22,8 @@ pub struct Metrics {
     pub(crate) message_bytes: Gauge,
     pub(crate) verification: Verification,
     appending: Histogram,
+    turn_waiting: Histogram,
+    turn_held: Histogram,
     pub(super) sampled: Sampled,
     pub(super) blobs: BlobMetrics,
 }
@@ -44,6 +46,21 @@ impl Default for Metrics {
             "Time to append what waits to the ledger, to the end of its write to disk",
             appending.clone(),
         );
+        let turn = |registry: &mut Registry, name: &str, help: &str| {
+            let seconds = Histogram::new(exponential_buckets(0.00001, 4.0, 11));
+            registry.register(name, help, seconds.clone());
+            seconds
+        };
+        let turn_waiting = turn(
+            &mut registry,
+            "turn_waiting_seconds",
+            "Time that a step of a request waits for the aggregator, which one step has at a time",
+        );
+        let turn_held = turn(
+            &mut registry,
+            "turn_held_seconds",
+            "Time that a step of a request has the aggregator for itself",
+        );
         let sampled = Sampled::registered(&mut registry);
         let blobs = BlobMetrics::registered(&mut registry);
         Self {
@@ -53,6 +70,8 @@ impl Default for Metrics {
             message_bytes,
             verification,
             appending,
+            turn_waiting,
+            turn_held,
             sampled,
             blobs,
         }
@@ -70,6 +89,16 @@ impl Metrics {
     /// An update came to its end: in messages of its node, or from the blob store.
     pub(crate) fn uploaded(&self, from: &'static str) {
         self.blobs.uploaded(from);
+    }
+
+    /// A step waited for the aggregator.
+    pub(crate) fn turn_waited(&self, waited: Duration) {
+        self.turn_waiting.observe(waited.as_secs_f64());
+    }
+
+    /// A step had the aggregator.
+    pub(crate) fn turn_held(&self, held: Duration) {
+        self.turn_held.observe(held.as_secs_f64());
     }
 
     /// Something was appended to the ledger since `begun`.

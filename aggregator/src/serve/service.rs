@@ -389,7 +389,10 @@ impl Service {
         &self,
         work: impl FnOnce(&mut Aggregator) -> Result<T, RequestError> + Send + 'static,
     ) -> Result<T, RequestError> {
+        let asked = Instant::now();
         let mut aggregator = self.aggregator.clone().lock_owned().await;
+        self.metrics.turn_waited(asked.elapsed());
+        let metrics = self.metrics.clone();
         let failed = || RequestError::Internal("an earlier request panicked".into());
         if self.panicked.load(Ordering::Acquire) {
             return Err(failed());
@@ -398,7 +401,9 @@ impl Service {
         blocking(move || {
             // This is put back before anybody else has the aggregator.
             panicked.store(true, Ordering::Release);
+            let begun = Instant::now();
             let done = work(&mut aggregator);
+            metrics.turn_held(begun.elapsed());
             panicked.store(false, Ordering::Release);
             done
         })

@@ -36,7 +36,14 @@ impl<T> Deref for Authentic<T> {
 }
 
 /// A body of an entry whose signatures are all valid, and whose new keys are all usable. It is made of [`Authentic`] statements, or by
-/// [`AuthenticBody::of`].
+/// [`AuthenticBody::of`], and nothing else makes one:
+///
+/// ```compile_fail
+/// use zk0_protocol::entries::{authentic::AuthenticBody, entry::Body};
+/// fn forge(body: Body) -> AuthenticBody {
+///     AuthenticBody(body)
+/// }
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AuthenticBody(Body);
 
