@@ -38,7 +38,9 @@ use zk0_smolvla::measure::fixed_point::dequantise_weights;
 use zk0_smolvla::policy::device::Device;
 use zk0_smolvla::train::adaptive::{adapted, Adaptation, Rates};
 use zk0_smolvla::train::measured_loss::loss_of;
-use zk0_smolvla::train::{train_on, FedCm, Samples, Step, TrainOptions, Trained};
+use zk0_smolvla::train::{
+    train_on, FedCm, TrainOptions, TrainingResult, TrainingSamples, TrainingStep,
+};
 use zk0_smolvla::{ExpertWeights, PolicyConfig, PolicyError};
 use zk0_tensorboard::EventFile;
 use zk0_weights::Format;
@@ -365,7 +367,12 @@ impl Turn<'_> {
         // Samples, noise and times are the same in every round. A recording may have too many frames to measure on all of them.
         let measure = || {
             let drawn = self.entered.evaluation.drawn(self.entered.samples);
-            let loss = loss_of(self.entered.config, base, Samples::Prepared(&drawn), 0)?;
+            let loss = loss_of(
+                self.entered.config,
+                base,
+                TrainingSamples::Prepared(&drawn),
+                0,
+            )?;
             Ok(loss)
         };
         let losses = kept.up_to(round, &self.opened.base.blob, measure)?;
@@ -390,7 +397,7 @@ impl Turn<'_> {
             seed: round,
             ..TrainOptions::default()
         };
-        let samples = Samples::Prepared(self.entered.training);
+        let samples = TrainingSamples::Prepared(self.entered.training);
         self.followed(training, training.steps, &mut |progress| {
             train_on(
                 &training.device,
@@ -409,7 +416,7 @@ impl Turn<'_> {
         &self,
         training: &Training,
         steps: usize,
-        train: &mut dyn FnMut(&mut dyn FnMut(Step)) -> Result<Trained, PolicyError>,
+        train: &mut dyn FnMut(&mut dyn FnMut(TrainingStep)) -> Result<TrainingResult, PolicyError>,
     ) -> Result<ExpertWeights, ParticipantError> {
         let round = self.opened.round;
         let counted = counted(steps as u64, "step", "steps");

@@ -32,7 +32,7 @@ use zk0_smolvla::measure::fixed_point::{dims, quantise_weights};
 use zk0_smolvla::policy::device::Device;
 use zk0_smolvla::policy::init::init_policy;
 use zk0_smolvla::policy::policy_file::{self, PolicyFile};
-use zk0_smolvla::train::{train_on, Samples, TrainOptions};
+use zk0_smolvla::train::{train_on, TrainOptions, TrainingSamples};
 use zk0_smolvla::{ExpertWeights, Profile};
 use zk0_testkit::made_recording::{make, Episode};
 use zk0_verifier::dataset::check_leaf_list;
@@ -186,7 +186,7 @@ fn measure(work: &Work, dir: &Path) -> Result<()> {
         batch_size: work.batch,
         ..TrainOptions::default()
     };
-    let all = Samples::Prepared(&samples);
+    let all = TrainingSamples::Prepared(&samples);
     let config = recording.config();
     let trained = train_on(
         &Device::Cpu,

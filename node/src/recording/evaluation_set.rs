@@ -22,7 +22,7 @@ use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
 use zk0_protocol::evaluation_set::{distinct, draw, list_bytes, DrawnLeaf};
 use zk0_protocol::rules::bindings::ExpectedClaim;
 use zk0_smolvla::frames::batch::SampleSource;
-use zk0_smolvla::frames::prefix_cache::Key;
+use zk0_smolvla::frames::prefix_cache::CacheKey;
 use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::measure::fixed_point::quantise_sample;
 use zk0_smolvla::PolicyError;
@@ -63,7 +63,7 @@ pub struct EvaluationSet {
 struct Kept {
     /// Its frame in the recording.
     frame: usize,
-    key: Key,
+    key: CacheKey,
     digest: Digest,
 }
 

@@ -26,7 +26,7 @@ use zk0_lerobot::dataset::{CopiedEpisodes, Dataset};
 use zk0_protocol::entries::signed::Episode;
 use zk0_smolvla::frames::image_transforms::Variants;
 use zk0_smolvla::frames::prefix_cache::{
-    DiskCache, FrameMaker, FrameNames, FrameRef, FrameSource, Key, KeySpace,
+    CacheKey, DiskCache, FrameMaker, FrameNames, FrameRef, FrameSource, KeySpace,
 };
 use zk0_smolvla::frames::sample::{PreparedSample, Preparer};
 use zk0_smolvla::policy::frozen::FrozenPlace;
@@ -140,7 +140,7 @@ impl<'c> Recording<'c> {
     }
 
     /// The name of a frame's sample, which says everything that decides the sample.
-    fn key(&self, frame: usize) -> Key {
+    fn key(&self, frame: usize) -> CacheKey {
         self.frames[frame].key
     }
 

@@ -15,7 +15,7 @@ use zk0_circuits::claim::dataset::salt_commitment;
 use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::{DatasetCommitment, Digest};
 use zk0_files::atomic_file;
-use zk0_smolvla::frames::prefix_cache::Key;
+use zk0_smolvla::frames::prefix_cache::CacheKey;
 
 /// How the file begins.
 const MAGIC: &[u8] = b"zk0-node-secret/1\n";
@@ -60,7 +60,7 @@ impl Secret {
     }
 
     /// The name of a frame's sample on disk. Under another secret it has another one.
-    pub(super) fn name(&self, frame: &Key) -> Digest {
+    pub(super) fn name(&self, frame: &CacheKey) -> Digest {
         self.derived("zk0/node-secret/sample-file/v1", &frame.0)
     }
 

@@ -18,7 +18,7 @@ use zk0_protocol::entries::entry::{RoundClosed, RoundOpened};
 use zk0_protocol::rules::network_rules::{Scaffold, Strategy};
 use zk0_smolvla::train::scaffold::{ControlVariates, Correction, PastRound};
 use zk0_smolvla::train::schedule::Schedule;
-use zk0_smolvla::train::{train_by_sgd, Samples, TrainOptions};
+use zk0_smolvla::train::{train_by_sgd, TrainOptions, TrainingSamples};
 use zk0_smolvla::ExpertWeights;
 
 impl Training {
@@ -55,7 +55,7 @@ impl Turn<'_> {
             ..TrainOptions::default()
         };
         let (config, samples) = (self.entered.config, self.entered.training);
-        let samples = Samples::Prepared(samples);
+        let samples = TrainingSamples::Prepared(samples);
         self.followed(training, options.steps, &mut |progress| {
             train_by_sgd(
                 &training.device,

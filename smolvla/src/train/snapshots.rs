@@ -113,7 +113,7 @@ impl RunIdentity {
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct State {
+struct RunState {
     version: u32,
     /// Steps made. The order of samples and the noise follow from it and the seed.
     step: usize,
@@ -189,7 +189,7 @@ impl Snapshots {
             values: moment.values,
         });
         let moments = self.write(&unfinished, MOMENTS, moments.collect())?;
-        let state = State {
+        let state = RunState {
             version: VERSION,
             step,
             optimizer_steps: trainer.optimizer().steps(),
@@ -236,7 +236,11 @@ impl Snapshots {
     }
 
     /// What a snapshot holds, or why it is not whole.
-    fn load(&self, path: &Path, step: usize) -> Result<Result<Saved, String>, SnapshotError> {
+    fn load(
+        &self,
+        path: &Path,
+        step: usize,
+    ) -> Result<Result<SavedSnapshot, String>, SnapshotError> {
         let state = match read_state(&path.join(STATE)) {
             Ok(state) if state.step == step => state,
             Ok(state) => return Ok(Err(format!("{STATE} is of step {}", state.step))),
@@ -255,7 +259,7 @@ impl Snapshots {
             None => Err(format!("{STATE} does not name {name}")),
         };
         Ok(file(WEIGHTS).and_then(|weights| {
-            Ok(Saved {
+            Ok(SavedSnapshot {
                 step,
                 optimizer_steps: state.optimizer_steps,
                 weights,
@@ -310,14 +314,14 @@ impl Snapshots {
 }
 
 /// A snapshot's content, checked.
-struct Saved {
+struct SavedSnapshot {
     step: usize,
     optimizer_steps: u64,
     weights: Vec<u8>,
     moments: Vec<u8>,
 }
 
-impl Saved {
+impl SavedSnapshot {
     fn give_to(self, trainer: &mut Trainer) -> Result<(), PolicyError> {
         let weights = TensorFile::open(&self.weights[..], HEADER_LIMIT)?;
         let moments = TensorFile::open(&self.moments[..], HEADER_LIMIT)?;
@@ -337,13 +341,13 @@ impl Saved {
     }
 }
 
-fn read_state(path: &Path) -> Result<State, String> {
+fn read_state(path: &Path) -> Result<RunState, String> {
     let failed = |error: io::Error| format!("{STATE}: {error}");
     if fs::metadata(path).map_err(failed)?.len() > MAX_STATE {
         return Err(format!("{STATE} is larger than {MAX_STATE} bytes"));
     }
     let bytes = fs::read(path).map_err(failed)?;
-    let state: State =
+    let state: RunState =
         serde_json::from_slice(&bytes).map_err(|error| format!("{STATE}: {error}"))?;
     match state.version {
         VERSION => Ok(state),

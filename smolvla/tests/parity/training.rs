@@ -6,7 +6,7 @@ use candle_core::{Device, Tensor, Var};
 use zk0_lerobot::layout::{trainable_layout, Layout};
 use zk0_lerobot::policy_folder::LeRobotConfig;
 use zk0_smolvla::policy::model::key_values::PrefixCache;
-use zk0_smolvla::policy::model::{flow, Parameters};
+use zk0_smolvla::policy::model::{flow, PolicyParameters};
 
 use super::case::Case;
 use crate::reference::{json, lerobot, policy, training_preset, Values};
@@ -42,7 +42,7 @@ impl Training {
         let mut all = policy.frozen;
         all.extend(policy.expert.into_tensors());
         let (parameters, variables) =
-            Parameters::with_variables(all, &trainable, &Device::Cpu).unwrap();
+            PolicyParameters::with_variables(all, &trainable, &Device::Cpu).unwrap();
         Self {
             variables,
             case: Case::of(lerobot, &parameters),

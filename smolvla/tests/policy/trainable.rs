@@ -12,7 +12,7 @@ use zk0_smolvla::policy::model::expert::ExpertModel;
 use zk0_smolvla::policy::model::flow::{losses, mean_loss, noisy_actions, target_velocity};
 use zk0_smolvla::policy::model::kernels::gradients::backward;
 use zk0_smolvla::policy::model::prefix::{CameraInput, PrefixInput, PrefixModel};
-use zk0_smolvla::policy::model::Parameters;
+use zk0_smolvla::policy::model::PolicyParameters;
 use zk0_smolvla::policy::profile::Profile;
 use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions, Optimizer};
 use zk0_smolvla::PolicyError;
@@ -66,7 +66,7 @@ fn gradients(config: &PolicyConfig, train_state_proj: bool) -> BTreeMap<String, 
     all.extend(policy.expert.into_tensors());
     let trainable = trainable_layout(config, train_state_proj);
     let (parameters, variables) =
-        Parameters::with_variables(all, &trainable, &Device::Cpu).unwrap();
+        PolicyParameters::with_variables(all, &trainable, &Device::Cpu).unwrap();
     assert_eq!(variables.len(), trainable.len());
     let prefix = PrefixModel::new(config, &parameters).unwrap();
     let expert = ExpertModel::new(config, &parameters).unwrap();
@@ -143,7 +143,7 @@ fn a_trainable_tensor_that_is_not_there_is_named() {
     let config = Profile::Micro.config();
     let frozen = init_policy(&config, 1).unwrap().frozen;
     let trainable = trainable_layout(&config, true);
-    let missing = Parameters::with_variables(frozen, &trainable, &Device::Cpu);
+    let missing = PolicyParameters::with_variables(frozen, &trainable, &Device::Cpu);
     assert!(matches!(
         missing.err(),
         Some(PolicyError::Stored(StoredPolicyError::Tensor(

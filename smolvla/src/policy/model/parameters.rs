@@ -10,13 +10,13 @@ use crate::policy::frozen::FrozenPrecision;
 
 /// Weights on a device, by LeRobot's names.
 #[derive(Clone)]
-pub struct Parameters {
+pub struct PolicyParameters {
     tensors: BTreeMap<String, Tensor>,
     /// The type of linear maps' weights and biases in the models made of them.
     pub(super) operands: DType,
 }
 
-impl Parameters {
+impl PolicyParameters {
     /// Copies plain weights to a device.
     pub fn load(weights: &TensorSet, device: &Device) -> Result<Self> {
         let tensors = weights
