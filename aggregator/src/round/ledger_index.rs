@@ -166,7 +166,7 @@ pub struct FromLedger {
 /// # Errors
 /// The ledger does not replay, or an accepted contribution does not verify any more.
 pub fn read(ledger: &Ledger) -> Result<FromLedger, RequestError> {
-    let mut reader = Reader::default();
+    let mut reader = IndexReader::default();
     let report = replay(ledger.dir(), Some(ledger.state().network()), &mut reader);
     if report.verdict != Verdict::Verified {
         let findings: Vec<_> = report
@@ -217,12 +217,12 @@ pub(super) fn still_valid(
 }
 
 #[derive(Default)]
-struct Reader {
+struct IndexReader {
     index: LedgerIndex,
     accepted: Vec<Accepted>,
 }
 
-impl Recheck for Reader {
+impl Recheck for IndexReader {
     fn entry(&mut self, before: &State, index: u64, entry: &Entry, _: &Blobs) -> Vec<Finding> {
         self.index.observe(index, &entry.body);
         self.accepted.extend(Accepted::of(before, entry));

@@ -10,7 +10,7 @@ use tokio::task::JoinSet;
 use tokio::time::timeout;
 use tonic::transport::Channel;
 use tonic::{Code, Status};
-use zk0_aggregator::publish::http::{self, Limits as HttpLimits};
+use zk0_aggregator::publish::http::{self, HttpLimits};
 use zk0_aggregator::publish::log_server::LogServer;
 use zk0_aggregator::{ConnectionLimits, Limits};
 use zk0_circuits::Digest;

@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::{spawn_blocking, JoinHandle};
-use zk0_aggregator::publish::http::{self, Limits};
+use zk0_aggregator::publish::http::{self, HttpLimits};
 use zk0_aggregator::publish::log_server::LogServer;
 use zk0_aggregator::Aggregator;
 use zk0_aggregator::ConnectionLimits;
@@ -264,7 +264,7 @@ fn a_damaged_ledger_is_not_published() {
     assert!(opened.contains("rolled back"), "{opened}");
 }
 
-async fn served(dir: &Path, limits: Limits) -> (String, JoinHandle<()>) {
+async fn served(dir: &Path, limits: HttpLimits) -> (String, JoinHandle<()>) {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap().to_string();
     let router = LogServer::new(dir).router(limits);
@@ -298,7 +298,7 @@ async fn get(address: &str, path: &str) -> String {
 async fn a_served_log_is_read_while_it_grows() {
     let (network, update, proof) = busy().await;
     let dir = network.dir.path().to_owned();
-    let (address, _server) = served(&dir, Limits::default()).await;
+    let (address, _server) = served(&dir, HttpLimits::default()).await;
     let url = format!("http://{address}");
     let copy = tempfile::tempdir().unwrap();
     let to = copy.path().to_owned();
@@ -390,7 +390,7 @@ async fn a_served_log_is_read_while_it_grows() {
 async fn a_server_of_files_has_limits() {
     let dir = tempfile::tempdir().unwrap();
     drop(Ledger::create(dir.path(), genesis(), log_key(), START_MS).unwrap());
-    let limits = Limits {
+    let limits = HttpLimits {
         connections: ConnectionLimits {
             most: 2,
             ..ConnectionLimits::default()
@@ -424,7 +424,7 @@ async fn a_server_of_files_has_limits() {
 async fn what_is_not_http_or_not_a_log_is_said_so() {
     assert!(Web::at("ftp://x", None).is_err());
     let empty = tempfile::tempdir().unwrap();
-    let (address, _server) = served(empty.path(), Limits::default()).await;
+    let (address, _server) = served(empty.path(), HttpLimits::default()).await;
     let answer = get(&address, "checkpoint").await;
     assert!(answer.starts_with("HTTP/1.1 500"), "{answer}");
     assert!(!answer.contains(empty.path().to_str().unwrap()), "{answer}");

@@ -194,16 +194,16 @@ impl Network {
 
     /// Lets the aggregator look at the clock until nothing changes.
     pub async fn settle(&self) {
-        use zk0_aggregator::Progress;
+        use zk0_aggregator::StepOutcome;
         loop {
             let progress = self.service().step().await.unwrap();
             if matches!(
                 progress,
-                Progress::Waiting
-                    | Progress::Finished
-                    | Progress::Blocked(_)
-                    | Progress::WrongClock(_)
-                    | Progress::NeedsBeacon(_)
+                StepOutcome::Waiting
+                    | StepOutcome::Finished
+                    | StepOutcome::Blocked(_)
+                    | StepOutcome::WrongClock(_)
+                    | StepOutcome::NeedsBeacon(_)
             ) {
                 return;
             }

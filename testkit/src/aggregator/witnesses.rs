@@ -9,7 +9,7 @@ use std::time::Duration;
 use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
-use zk0_aggregator::publish::cosigning::{CosigningError, Prove, Witnesses};
+use zk0_aggregator::publish::cosigning::{ConsistencyProver, CosigningError, Witnesses};
 use zk0_aggregator::publish::http;
 use zk0_aggregator::publish::witness_server::WitnessServer;
 use zk0_ledger::log::Ledger;
@@ -131,7 +131,7 @@ pub async fn cosigned(
     let (policy, ledger) = (policy.clone(), ledger.clone());
     tokio::task::spawn_blocking(move || {
         let witnesses = Witnesses::new(policy, DEADLINE)?;
-        let prove: Prove = {
+        let prove: ConsistencyProver = {
             let ledger = ledger.clone();
             Arc::new(move |old, new| {
                 let proof = ledger.consistency_between(old, new);

@@ -23,7 +23,7 @@ use zk0_verifier::{authenticate, AuthenticContribution, WeightFiles};
 
 /// The answer to a submission.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Decided {
+pub struct SubmissionAnswer {
     /// Why the contribution does not count; `None` if it counts.
     pub rejected: Option<Refusal>,
     /// The receipt of the entry that records the decision.
@@ -63,7 +63,7 @@ impl Aggregator {
         &self,
         submission: &Signed<Submission>,
         arrived_ms: u64,
-    ) -> Result<Admission<PendingSubmission, Decided>, RequestError> {
+    ) -> Result<Admission<PendingSubmission, SubmissionAnswer>, RequestError> {
         let claim = &submission.statement.claim;
         let node = claim.terms.node;
         if let Some(decided) = self.decided(&node, submission)? {
@@ -94,7 +94,7 @@ impl Aggregator {
         &self,
         node: &NodeId,
         submission: &Signed<Submission>,
-    ) -> Result<Option<Decided>, RequestError> {
+    ) -> Result<Option<SubmissionAnswer>, RequestError> {
         let Some(index) = self.index.decision(node) else {
             return Ok(None);
         };
@@ -104,7 +104,7 @@ impl Aggregator {
             _ => return Ok(None),
         };
         match recorded == *submission {
-            true => Ok(Some(Decided {
+            true => Ok(Some(SubmissionAnswer {
                 receipt: self.ledger.first_receipt(index)?,
                 rejected,
             })),

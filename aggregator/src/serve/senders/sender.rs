@@ -3,7 +3,7 @@
 use crate::round::aggregator::Aggregator;
 use crate::round::intake::statements::read_signed;
 use crate::round::request_error::RequestError;
-use crate::serve::senders::heads::{Head, Message};
+use crate::serve::senders::heads::{Head, RequestContent};
 use crate::serve::service::{blocking, Service};
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::blob::blob_digest;
@@ -21,7 +21,7 @@ impl Service {
     pub(in crate::serve) async fn sender(
         &self,
         head: Head,
-        message: Message,
+        message: RequestContent,
         arrived_ms: u64,
     ) -> Result<Option<NodeId>, RequestError> {
         let head = head?;
