@@ -13,7 +13,7 @@ use std::io::{self, Seek};
 use tokio_stream::StreamExt;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::error::{BlobError, StoreError};
-use zk0_ledger::published::export_place::{Place, PlaceError};
+use zk0_ledger::published::export_place::{ExportTarget, PlaceError};
 use zk0_protocol::tlog::layout::{Resource, Tile};
 
 /// What a server of the bucket says to caches about files that never change, and about the others.
@@ -88,7 +88,7 @@ impl PublicLog {
     }
 }
 
-impl Place for PublicLog {
+impl ExportTarget for PublicLog {
     fn name(&self) -> String {
         self.objects.address.clone()
     }

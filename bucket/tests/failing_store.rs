@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use zk0_bucket::bucket::PART_BYTES;
 use zk0_bucket::waiting::Patience;
 use zk0_bucket::Bucket;
-use zk0_ledger::blobs::usage::Operation;
+use zk0_ledger::blobs::usage::StoreOperation;
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_testkit::s3::failing_network::Fault;
 use zk0_testkit::s3::S3;
@@ -67,7 +67,7 @@ fn a_store_that_stays_unavailable_keeps_nothing_and_says_so() {
     }
     assert_eq!(held(dir.path()), 0);
     let usage = blobs.usage().unwrap();
-    let put = usage.of(Operation::Put);
+    let put = usage.of(StoreOperation::Put);
     assert_eq!((put.done, put.failed, put.bytes), (0, 2, 0));
     let failing = usage.failing().unwrap();
     // It has failed since the first of them failed.

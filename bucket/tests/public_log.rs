@@ -11,7 +11,7 @@ use zk0_bucket::waiting::Patience;
 use zk0_ledger::published::export::{export_to, ExportError, Exported};
 use zk0_ledger::published::mirror::mirror;
 use zk0_ledger::published::publication::Publication;
-use zk0_ledger::published::source::{Folder, Source};
+use zk0_ledger::published::source::{FolderSource, LogSource};
 use zk0_ledger::published::web::Web;
 use zk0_ledger::{replay, Blobs};
 use zk0_protocol::tlog::layout::{tiles, Kind, Resource, Tile};
@@ -38,7 +38,7 @@ fn published(place: &mut PublicLog) -> Result<Exported, ExportError> {
 }
 
 /// Makes a ledger of what `source` publishes, and checks that it is the same.
-fn is_mirrored(source: &dyn Source) {
+fn is_mirrored(source: &dyn LogSource) {
     let copy = tempfile::tempdir().unwrap();
     let done = mirror(source, copy.path(), None, None).unwrap();
     assert_eq!(done.missing_blobs, 0);
@@ -70,7 +70,7 @@ fn anybody_mirrors_a_log_from_the_bucket() {
 fn a_folder_holds_the_same_log() {
     let folder = tempfile::tempdir().unwrap();
     published(&mut in_folder(&folder.path().join("log"))).unwrap();
-    is_mirrored(&Folder::at(&folder.path().join("log")));
+    is_mirrored(&FolderSource::at(&folder.path().join("log")));
 }
 
 /// A file that an earlier release has written may have lost its bytes in a power cut.
@@ -95,7 +95,7 @@ fn what_has_lost_bytes_is_written_again_at_the_next_start() {
     let again = published(&mut in_folder(&log)).unwrap();
     assert_eq!(again.tiles, 2);
     assert_eq!(again.blobs, public.len().min(2) as u64);
-    is_mirrored(&Folder::at(&log));
+    is_mirrored(&FolderSource::at(&log));
     let again = published(&mut in_folder(&log)).unwrap();
     assert_eq!((again.tiles, again.blobs), (0, 0));
 }

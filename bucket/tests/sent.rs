@@ -9,7 +9,7 @@ use zk0_bucket::bucket::PART_BYTES;
 use zk0_bucket::waiting::Patience;
 use zk0_bucket::Bucket;
 use zk0_circuits::NodeId;
-use zk0_ledger::blobs::usage::Operation;
+use zk0_ledger::blobs::usage::StoreOperation;
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_protocol::blob::blob_digest;
 use zk0_testkit::s3::failing_network::Fault;
@@ -108,7 +108,7 @@ fn what_a_node_has_put_there_becomes_a_blob_and_is_not_sent_again() {
         let parts = "POST /blobs/net/blobs/";
         assert_eq!(kept.s3.network.counted(parts), 0);
     }
-    assert_eq!(kept.blobs.usage().unwrap().of(Operation::Put).done, 2);
+    assert_eq!(kept.blobs.usage().unwrap().of(StoreOperation::Put).done, 2);
     // What nobody has put there is sent.
     let mut bytes = large();
     bytes[0] ^= 1;

@@ -18,9 +18,9 @@ use crate::blobs::Blobs;
 use crate::clock::ClockWatch;
 use crate::error::{io_error, LedgerError};
 use crate::folder;
-use crate::group::{group, Trial, Wanted};
-use crate::history::History;
-use crate::store::{Batch, Store};
+use crate::group::{group, TrialState, WantedEntry};
+use crate::history::ContinuedHistory;
+use crate::store::{Store, StoreBatch};
 use ed25519_dalek::SigningKey;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -101,7 +101,7 @@ impl Ledger {
         let checkpoint = Checkpoint { size, root }
             .sign(ledger.state.genesis().origin(), &ledger.key)
             .map_err(|error| LedgerError::Checkpoint { size, error })?;
-        let mut batch = Batch::default();
+        let mut batch = StoreBatch::default();
         batch.entry(0, &bytes, &hashes);
         batch.checkpoint(size, &checkpoint);
         ledger.write(batch, checkpoint)?;
@@ -132,7 +132,7 @@ impl Ledger {
         }
         // At first nothing is written, because RocksDB's own recovery would make a loss permanent.
         let mut published = folder::read_checkpoint(dir)?;
-        let mut history = History::read(
+        let mut history = ContinuedHistory::read(
             &Store::open_read_only(&path)?,
             dir,
             network,
@@ -143,7 +143,7 @@ impl Ledger {
         if store.size()? != held || store.checkpoint(held)?.as_ref() != Some(&history.checkpoint) {
             // Another process has written in the meantime. Now no other process can.
             published = folder::read_checkpoint(dir)?;
-            history = History::read(&store, dir, network, published.as_deref())?;
+            history = ContinuedHistory::read(&store, dir, network, published.as_deref())?;
         }
         let state = history.state;
         if state.genesis().log_key != key.verifying_key().to_bytes() {
@@ -179,7 +179,7 @@ impl Ledger {
     /// Appends an entry if the rules allow it. When this returns, entry and checkpoint are on disk, and the receipt may be handed out. The
     /// entry's time is `time_ms`, or the time of the entry before it if the clock went back.
     pub fn append(&mut self, time_ms: u64, body: Body) -> Result<Receipt, LedgerError> {
-        match self.commit(vec![Wanted::at(time_ms, body)])?.pop() {
+        match self.commit(vec![WantedEntry::at(time_ms, body)])?.pop() {
             Some(outcome) => self.first_receipt(outcome?),
             None => Err(LedgerError::NoEntry(self.size())),
         }
@@ -195,7 +195,7 @@ impl Ledger {
     /// Nothing is recorded: the clock is wrong, or the disk failed.
     pub fn commit(
         &mut self,
-        wanted: Vec<Wanted>,
+        wanted: Vec<WantedEntry>,
     ) -> Result<Vec<Result<u64, RuleViolation>>, LedgerError> {
         if self.poisoned {
             return Err(LedgerError::Poisoned);
@@ -219,8 +219,8 @@ impl Ledger {
             return Ok(Vec::new());
         }
         let mut trial = match entries.len() {
-            1 => Trial::Single(&self.state),
-            _ => Trial::Copy(
+            1 => TrialState::Single(&self.state),
+            _ => TrialState::Copy(
                 self.trial
                     .take()
                     .unwrap_or_else(|| Box::new(self.state.clone())),
@@ -230,8 +230,8 @@ impl Ledger {
             &entries, &known, &self.tree, &mut trial, &self.keys, &self.key,
         )?;
         let tried = match trial {
-            Trial::Single(_) => None,
-            Trial::Copy(state) => Some(state),
+            TrialState::Single(_) => None,
+            TrialState::Copy(state) => Some(state),
         };
         let mut index = self.tree.size();
         if group.tree.size() > index {
@@ -274,7 +274,7 @@ impl Ledger {
     }
 
     /// Commits, and then publishes. After a failure it is unknown what is on disk, so nothing more is written.
-    fn write(&mut self, batch: Batch, checkpoint: Vec<u8>) -> Result<(), LedgerError> {
+    fn write(&mut self, batch: StoreBatch, checkpoint: Vec<u8>) -> Result<(), LedgerError> {
         self.poisoned = true;
         self.store.commit(batch)?;
         folder::write_checkpoint(&self.dir, &checkpoint)?;

@@ -11,12 +11,12 @@ use rocksdb::DB;
 use std::collections::BTreeSet;
 use std::path::Path;
 use zk0_circuits::NodeId;
-use zk0_ledger::group::Wanted;
+use zk0_ledger::group::WantedEntry;
 use zk0_ledger::published::mirror::{mirror, MirrorError};
 use zk0_ledger::published::tiles;
-use zk0_ledger::replay::{replay, Verdict};
+use zk0_ledger::replay::{replay, ReplayVerdict};
 use zk0_ledger::store::Store;
-use zk0_ledger::{Ledger, LedgerError, Report};
+use zk0_ledger::{Ledger, LedgerError, ReplayReport};
 use zk0_protocol::challenge::drawing::Drawing;
 use zk0_protocol::entries::entry::{needs_checkpoint, DisputeResolved, RandomnessDrawn};
 use zk0_protocol::entries::member::NodeEnrolled;
@@ -27,9 +27,14 @@ use zk0_protocol::tlog::bundle;
 use zk0_protocol::tlog::layout::{Kind, Tile};
 use zk0_protocol::{Body, Refusal, RuleViolation, Signed};
 
-fn verified(dir: &Path) -> Report {
+fn verified(dir: &Path) -> ReplayReport {
     let report = replay(dir, None, &mut ());
-    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
+    assert_eq!(
+        report.verdict,
+        ReplayVerdict::Verified,
+        "{:?}",
+        report.findings
+    );
     report
 }
 
@@ -128,7 +133,7 @@ fn a_refused_entry_of_a_group_leaves_no_trace_and_the_others_are_recorded() {
         ledger.append_all(T0, joining(0..2)).unwrap();
         let mut bodies = joining(5..6);
         bodies.insert(at, refused.clone());
-        let wanted = bodies.into_iter().map(|body| Wanted::at(T0, body));
+        let wanted = bodies.into_iter().map(|body| WantedEntry::at(T0, body));
         let outcomes = ledger.commit(wanted.collect()).unwrap();
         let refusals: Vec<_> = outcomes.iter().map(Result::is_err).collect();
         let expected_refusals: Vec<_> = (0..3).map(|place| place == at).collect();
@@ -138,7 +143,7 @@ fn a_refused_entry_of_a_group_leaves_no_trace_and_the_others_are_recorded() {
         // A group of which nothing is left writes nothing.
         let before = ledger.checkpoint().to_vec();
         for times in [1, 2] {
-            let wanted = vec![Wanted::at(T0, refused.clone()); times];
+            let wanted = vec![WantedEntry::at(T0, refused.clone()); times];
             let outcomes = ledger.commit(wanted).unwrap();
             assert!(outcomes.iter().all(Result::is_err), "{outcomes:?}");
         }
@@ -159,7 +164,7 @@ fn entries_of_a_group_have_their_own_times_which_never_go_back() {
     let mut ledger = founded(dir.path());
     let times = [T0 + 5, T0 + 3, T0 + 9];
     let wanted = times.iter().zip(strangers(0..3));
-    let wanted = wanted.map(|(time_ms, body)| Wanted::at(*time_ms, body));
+    let wanted = wanted.map(|(time_ms, body)| WantedEntry::at(*time_ms, body));
     ledger.commit(wanted.collect()).unwrap();
     let recorded: Vec<_> = (1..4).map(|at| ledger.entry(at).unwrap().time_ms).collect();
     assert_eq!(recorded, [T0 + 5, T0 + 5, T0 + 9]);
@@ -215,7 +220,7 @@ fn a_checkpoint_that_something_depends_on_may_not_be_missing() {
             .unwrap();
         drop(db);
         let report = replay(copied.path(), None, &mut ());
-        assert_eq!(report.verdict, Verdict::Failed, "{size}");
+        assert_eq!(report.verdict, ReplayVerdict::Failed, "{size}");
         let opened = Ledger::open(copied.path(), None, log_key()).map(drop);
         match opened {
             Err(LedgerError::BadEntry { index, why }) => {
@@ -256,7 +261,7 @@ fn any_checkpoint_of_another_tree_keeps_a_ledger_from_opening() {
         drop(db);
         assert!(Ledger::open(copied.path(), None, log_key()).is_err());
         let report = replay(copied.path(), None, &mut ());
-        assert_eq!(report.verdict, Verdict::Failed);
+        assert_eq!(report.verdict, ReplayVerdict::Failed);
         assert_eq!(report.findings[0].index, Some(place - 1));
     }
 }
@@ -286,7 +291,10 @@ fn the_opening_of_a_round_that_draws_its_nodes_has_the_checkpoint_that_draws_the
     db.delete([&b"c"[..], &14u64.to_be_bytes()].concat())
         .unwrap();
     drop(db);
-    assert_eq!(replay(dir.path(), None, &mut ()).verdict, Verdict::Failed);
+    assert_eq!(
+        replay(dir.path(), None, &mut ()).verdict,
+        ReplayVerdict::Failed
+    );
     assert!(Ledger::open(dir.path(), None, log_key()).is_err());
 }
 
@@ -409,7 +417,10 @@ fn a_late_commitment_in_a_group_is_refused_for_its_own_reason() {
 }
 
 /// Mirrors the ledger with a checkpoint bundle that `change` has altered, and replays the mirror.
-fn published_with(dir: &Path, change: impl Fn(&mut Vec<Vec<u8>>)) -> Result<Report, MirrorError> {
+fn published_with(
+    dir: &Path,
+    change: impl Fn(&mut Vec<Vec<u8>>),
+) -> Result<ReplayReport, MirrorError> {
     let store = Store::open_read_only(&dir.join("log")).unwrap();
     let size = store.size().unwrap();
     let mut shown = Shown {
@@ -456,7 +467,7 @@ fn a_mirror_of_groups_is_the_same_ledger_and_insists_on_the_same_checkpoints() {
         }
     }
     let fewer = without(7).unwrap();
-    assert_eq!(fewer.verdict, Verdict::Verified);
+    assert_eq!(fewer.verdict, ReplayVerdict::Verified);
     assert_eq!(fewer.checkpoints, original.checkpoints - 1);
     // The log's key signed this checkpoint in the midst of a group, but it is not of this tree.
     let forged = zk0_protocol::Checkpoint {

@@ -18,7 +18,7 @@ use zk0_ledger::published::export::{export, ExportError};
 use zk0_ledger::published::mirror::{mirror, MirrorError};
 use zk0_ledger::published::publication::Publication;
 use zk0_ledger::published::reader::{PublishedError, PublishedLog};
-use zk0_ledger::published::source::Folder;
+use zk0_ledger::published::source::FolderSource;
 use zk0_ledger::{BlobError, Blobs};
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::tlog::checkpoint::Parsed;
@@ -412,7 +412,7 @@ fn a_damaged_blob_keeps_nothing_else_back_from_an_export_and_is_no_blob_of_a_mir
     assert!(!left.exists());
     // Whoever serves other bytes under a blob's name is at fault.
     fs::write(&there, b"other bytes").unwrap();
-    let refused = mirror(&Folder::at(&out), &at("mirror"), None, None).unwrap_err();
+    let refused = mirror(&FolderSource::at(&out), &at("mirror"), None, None).unwrap_err();
     let path = Resource::Blob(blob).to_string();
     assert!(refused.to_string().starts_with(&path), "{refused}");
     let MirrorError::WrongBlob { error, .. } = refused else {

@@ -8,7 +8,7 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::task::spawn_blocking;
 use zk0_aggregator::publish::http::{self, HttpLimits};
 use zk0_aggregator::publish::log_server::LogServer;
-use zk0_ledger::published::source::Source;
+use zk0_ledger::published::source::LogSource;
 use zk0_ledger::published::web::Web;
 use zk0_testkit::aggregator::REAL;
 use zk0_tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};

@@ -19,9 +19,9 @@ use zk0_ledger::published::export::{export, ExportError};
 use zk0_ledger::published::mirror::{mirror, MirrorError};
 use zk0_ledger::published::publication::Publication;
 use zk0_ledger::published::reader::{PublishedError, PublishedLog};
-use zk0_ledger::published::source::{Folder, Source};
+use zk0_ledger::published::source::{FolderSource, LogSource};
 use zk0_ledger::published::web::Web;
-use zk0_ledger::replay::{replay, Verdict};
+use zk0_ledger::replay::{replay, ReplayVerdict};
 use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
 use zk0_protocol::WitnessPolicy;
 use zk0_testkit::aggregator::*;
@@ -55,16 +55,21 @@ async fn grow(network: &Network) {
     network.service().with(enrol).await.unwrap();
 }
 
-fn mirrored(source: &dyn Source, dir: &Path) -> Result<u64, MirrorError> {
+fn mirrored(source: &dyn LogSource, dir: &Path) -> Result<u64, MirrorError> {
     mirror(source, dir, None, None).map(|done| done.new_entries)
 }
 
 fn same_replay(ours: &Path, theirs: &Path) {
     let report = |dir| replay(dir, None, &mut Auditor::default());
     let (ours, theirs) = (report(ours), report(theirs));
-    assert_eq!(ours.verdict, Verdict::Verified, "{:?}", ours.findings);
+    assert_eq!(ours.verdict, ReplayVerdict::Verified, "{:?}", ours.findings);
     // What the aggregator still holds back is not in the copy, and so it is not checked.
-    assert_ne!(theirs.verdict, Verdict::Failed, "{:?}", theirs.findings);
+    assert_ne!(
+        theirs.verdict,
+        ReplayVerdict::Failed,
+        "{:?}",
+        theirs.findings
+    );
     assert_eq!(theirs.root, ours.root);
     assert_eq!(theirs.state, ours.state);
     assert_eq!(
@@ -80,7 +85,7 @@ async fn an_export_outlives_the_ledger() {
     let (out, copy) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     // The aggregator works on the ledger at the same time.
     let done = export(&Publication::open(dir, None).unwrap(), out.path()).unwrap();
-    let folder = Folder::at(out.path());
+    let folder = FolderSource::at(out.path());
     assert_eq!(mirrored(&folder, copy.path()).unwrap(), done.entries);
     same_replay(dir, copy.path());
     // The mirror holds all public blobs, and nothing of the open round.
@@ -169,7 +174,7 @@ fn a_mirror_follows_no_fork_and_no_rollback() {
         fs::read(out.join("checkpoint")).unwrap(),
     );
     assert_eq!(before, after);
-    assert_eq!(replay(copy, None, &mut ()).verdict, Verdict::Verified);
+    assert_eq!(replay(copy, None, &mut ()).verdict, ReplayVerdict::Verified);
     // A second operator has another key under the same name.
     let theirs = tempfile::tempdir().unwrap();
     let secret = ed25519_dalek::SigningKey::from_bytes(&[43; 32]);
@@ -220,7 +225,7 @@ fn a_mirror_takes_nothing_on_trust() {
             fs::write(&path, bytes).unwrap();
             let copy = tempfile::tempdir().unwrap();
             assert!(
-                mirrored(&Folder::at(&out), copy.path()).is_err(),
+                mirrored(&FolderSource::at(&out), copy.path()).is_err(),
                 "{file} {change}"
             );
         }
@@ -232,10 +237,10 @@ fn a_mirror_takes_nothing_on_trust() {
     export(&Publication::open(ours, None).unwrap(), &out).unwrap();
     fs::write(Blobs::at(&out).path(&blob_digest(&blob)), b"something else").unwrap();
     let copy = tempfile::tempdir().unwrap();
-    let error = mirrored(&Folder::at(&out), copy.path()).unwrap_err();
+    let error = mirrored(&FolderSource::at(&out), copy.path()).unwrap_err();
     assert!(error.to_string().contains("SHA-256"), "{error}");
     let wrong = Digest([9; 32]);
-    let refused = mirror(&Folder::at(&out), copy.path(), None, Some(&wrong));
+    let refused = mirror(&FolderSource::at(&out), copy.path(), None, Some(&wrong));
     assert!(refused.unwrap_err().to_string().contains("of network"));
 }
 

@@ -17,8 +17,8 @@ use zk0_audit::fsck::fsck;
 use zk0_audit::{Auditor, Depth};
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
-use zk0_ledger::prune::{Keep, Longer, Plan, Reason};
-use zk0_ledger::replay::{replay, Report, Severity, Verdict};
+use zk0_ledger::prune::{Longer, PrunePlan, Reason, Retention};
+use zk0_ledger::replay::{replay, ReplayReport, ReplayVerdict, Severity};
 use zk0_ledger::{Ledger, LedgerError};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
@@ -29,7 +29,7 @@ use zk0_testkit::aggregator::*;
 use zk0_verifier::blob_digest;
 
 /// Keeps the last two closed rounds, and the proofs and weights of all.
-const TWO_ROUNDS: Keep = Keep {
+const TWO_ROUNDS: Retention = Retention {
     rounds: Some(2),
     without_proofs: false,
     without_weights: false,
@@ -118,20 +118,20 @@ fn four_rounds() -> (TempDir, u64) {
 }
 
 /// Prunes the ledger in `dir`, as somebody who has stopped its aggregator.
-fn prune(dir: &Path, keep: &Keep, now_ms: u64) -> Plan {
+fn prune(dir: &Path, keep: &Retention, now_ms: u64) -> PrunePlan {
     let ledger = Ledger::open(dir, None, log_key()).unwrap();
-    let plan = Plan::of(&ledger, keep, now_ms).unwrap();
+    let plan = PrunePlan::of(&ledger, keep, now_ms).unwrap();
     plan.carry_out(&ledger).unwrap();
     plan
 }
 
-fn audit(dir: &Path, depth: Depth) -> (Report, Auditor) {
+fn audit(dir: &Path, depth: Depth) -> (ReplayReport, Auditor) {
     let mut auditor = Auditor::new(depth);
     (replay(dir, None, &mut auditor), auditor)
 }
 
 /// What the audit calls faults.
-fn faults(report: &Report) -> Vec<&str> {
+fn faults(report: &ReplayReport) -> Vec<&str> {
     let findings = report.findings.iter();
     let faults = findings.filter(|finding| finding.severity == Severity::Fault);
     faults.map(|finding| finding.text.as_str()).collect()
@@ -146,7 +146,7 @@ fn left_out(auditor: &Auditor, what: CheckKind) -> u64 {
         .sum()
 }
 
-fn says(report: &Report, words: &str) -> bool {
+fn says(report: &ReplayReport, words: &str) -> bool {
     let mut findings = report.findings.iter();
     findings.any(|finding| finding.text.contains(words))
 }
@@ -155,7 +155,7 @@ fn names(blobs: &[Vec<u8>]) -> BTreeSet<Digest> {
     blobs.iter().map(|blob| blob_digest(blob)).collect()
 }
 
-fn doomed(plan: &Plan, reason: Reason) -> BTreeSet<Digest> {
+fn doomed(plan: &PrunePlan, reason: Reason) -> BTreeSet<Digest> {
     let these = plan.doomed.iter().filter(|blob| blob.reason == reason);
     these.map(|blob| blob.digest).collect()
 }
@@ -165,9 +165,14 @@ fn updates_of_older_rounds_go_and_audits_say_what_they_could_not_check() {
     let (dir, now_ms) = four_rounds();
     let dir = dir.path();
     let (before, auditor) = audit(dir, Depth::Full);
-    assert_eq!(before.verdict, Verdict::Incomplete, "{:?}", before.findings);
+    assert_eq!(
+        before.verdict,
+        ReplayVerdict::Incomplete,
+        "{:?}",
+        before.findings
+    );
     assert_eq!(left_out(&auditor, CheckKind::Updates), 0);
-    let dry = Plan::look(dir, &Blobs::at(dir), &TWO_ROUNDS, now_ms).unwrap();
+    let dry = PrunePlan::look(dir, &Blobs::at(dir), &TWO_ROUNDS, now_ms).unwrap();
     let all = files(&dir.join("blobs"));
     let plan = prune(dir, &TWO_ROUNDS, now_ms);
     assert_eq!(plan.doomed, dry.doomed);
@@ -192,7 +197,7 @@ fn updates_of_older_rounds_go_and_audits_say_what_they_could_not_check() {
 
     for depth in [Depth::Full, Depth::Light] {
         let (after, auditor) = audit(dir, depth);
-        assert_eq!(after.verdict, Verdict::Incomplete);
+        assert_eq!(after.verdict, ReplayVerdict::Incomplete);
         assert_eq!(faults(&after), [] as [&str; 0]);
         assert!(says(
             &after,
@@ -241,7 +246,7 @@ fn what_is_lost_without_having_been_pruned_is_a_fault() {
 fn proofs_and_weights_of_older_rounds_go_where_that_is_asked_for() {
     let (dir, now_ms) = four_rounds();
     let dir = dir.path();
-    let keep = Keep {
+    let keep = Retention {
         without_proofs: true,
         without_weights: true,
         ..TWO_ROUNDS
@@ -253,7 +258,7 @@ fn proofs_and_weights_of_older_rounds_go_where_that_is_asked_for() {
     assert_eq!(doomed(&plan, Reason::Weights), names(&[global(0)]));
     let (report, auditor) = audit(dir, Depth::Full);
     assert_eq!(faults(&report), [] as [&str; 0]);
-    assert_eq!(report.verdict, Verdict::Incomplete);
+    assert_eq!(report.verdict, ReplayVerdict::Incomplete);
     assert_eq!(left_out(&auditor, CheckKind::Proofs), 3);
     assert_eq!(left_out(&auditor, CheckKind::Updates), 3);
     assert_eq!(left_out(&auditor, CheckKind::Bases), 1);
@@ -267,7 +272,7 @@ fn proofs_and_weights_of_older_rounds_go_where_that_is_asked_for() {
 fn without_rounds_to_keep_only_that_goes_which_no_audit_reads() {
     let (dir, now_ms) = four_rounds();
     let before = audit(dir.path(), Depth::Full);
-    let plan = prune(dir.path(), &Keep::default(), now_ms);
+    let plan = prune(dir.path(), &Retention::default(), now_ms);
     assert_eq!(plan.doomed.len(), 3);
     assert_eq!(plan.statement, None);
     assert!(!dir.path().join("pruned").exists());
@@ -279,7 +284,7 @@ fn without_rounds_to_keep_only_that_goes_which_no_audit_reads() {
 #[test]
 fn an_aggregator_goes_on_with_a_pruned_ledger() {
     let (dir, now_ms) = four_rounds();
-    let keep = Keep {
+    let keep = Retention {
         rounds: Some(0),
         without_proofs: true,
         without_weights: true,
@@ -328,12 +333,12 @@ fn nothing_is_pruned_that_may_still_be_disputed() {
     round(&mut operator, None);
     let closed_ms = operator.state().time_ms();
     drop(operator);
-    let keep = Keep {
+    let keep = Retention {
         rounds: Some(0),
         ..TWO_ROUNDS
     };
     let of = |now_ms| {
-        let plan = Plan::look(dir.path(), &Blobs::at(dir.path()), &keep, now_ms).unwrap();
+        let plan = PrunePlan::look(dir.path(), &Blobs::at(dir.path()), &keep, now_ms).unwrap();
         (plan.first_kept, plan.longer)
     };
     assert_eq!(of(closed_ms), (1, Some(Longer::Disputable(1))));

@@ -68,10 +68,10 @@ pub fn run(options: &AuditRecordingOptions) -> Result<bool> {
     let mirror = options.mirror.as_deref();
     let located = locate(&options.ledger, mirror, &trust, WantedBlobs::Everything)?;
     let dir = &located.dir;
-    let replaying = replay::Options {
+    let replaying = replay::ReplayOptions {
         opened: replay::open(dir)?,
         network: trust.network,
-        ..replay::Options::default()
+        ..replay::ReplayOptions::default()
     };
     let report = replay_with(dir, replaying, &mut ());
     let mut faults = report.findings.iter();

@@ -6,7 +6,7 @@ use ed25519_dalek::SigningKey;
 use rayon::prelude::*;
 use std::path::Path;
 use zk0_circuits::{Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest};
-use zk0_ledger::group::Wanted;
+use zk0_ledger::group::WantedEntry;
 use zk0_ledger::Ledger;
 use zk0_protocol::challenge::closing::commitments;
 use zk0_protocol::entries::entry::{CommitmentsClosed, RoundClosed, RoundOpened};
@@ -130,7 +130,9 @@ fn dataset(node: u64) -> DatasetCommitment {
 
 /// Records entries as one group, and returns their indexes. The rules have to allow all of them.
 pub fn record(ledger: &mut Ledger, time_ms: u64, bodies: Vec<Body>) -> Result<Vec<u64>> {
-    let wanted = bodies.into_iter().map(|body| Wanted::at(time_ms, body));
+    let wanted = bodies
+        .into_iter()
+        .map(|body| WantedEntry::at(time_ms, body));
     let outcomes = ledger.commit(wanted.collect())?;
     Ok(outcomes.into_iter().collect::<Result<_, _>>()?)
 }

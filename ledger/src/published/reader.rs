@@ -1,7 +1,7 @@
 //! A published log, read without trust in whoever serves it. Every tile is verified by the signed root, every entry by its leaf, and every
 //! newer checkpoint by the older one.
 
-use crate::published::source::{Source, SourceError};
+use crate::published::source::{LogSource, SourceError};
 use std::cell::RefCell;
 use tlog_tiles::tile::{Tile as HashTile, TileHashReader, TileReader};
 use tlog_tiles::tlog::{
@@ -59,7 +59,7 @@ pub enum PublishedError {
 
 /// A log at one checkpoint.
 pub struct PublishedLog<'a> {
-    source: &'a dyn Source,
+    source: &'a dyn LogSource,
     text: Vec<u8>,
     checkpoint: Checkpoint,
 }
@@ -67,7 +67,7 @@ pub struct PublishedLog<'a> {
 impl<'a> PublishedLog<'a> {
     /// Reads the newest checkpoint of the log `key`, which `policy` has to accept.
     pub fn open(
-        source: &'a dyn Source,
+        source: &'a dyn LogSource,
         key: &VerifierKey,
         policy: &WitnessPolicy,
     ) -> Result<Self, PublishedError> {
@@ -213,7 +213,7 @@ impl<'a> PublishedLog<'a> {
 
 /// The first entry of a published log, which is not verified. The genesis in it names the log's key. A reader compares the genesis with the
 /// network's id, or accepts the log as it is.
-pub fn first_entry(source: &dyn Source) -> Result<Vec<u8>, PublishedError> {
+pub fn first_entry(source: &dyn LogSource) -> Result<Vec<u8>, PublishedError> {
     let path = Resource::Checkpoint.to_string();
     let text = source
         .get(&path, MAX_NOTE_BYTES as u64)?
@@ -224,7 +224,11 @@ pub fn first_entry(source: &dyn Source) -> Result<Vec<u8>, PublishedError> {
     Ok(entries.swap_remove(0))
 }
 
-fn read_bundle(source: &dyn Source, tile: Tile, size: u64) -> Result<Vec<Vec<u8>>, PublishedError> {
+fn read_bundle(
+    source: &dyn LogSource,
+    tile: Tile,
+    size: u64,
+) -> Result<Vec<Vec<u8>>, PublishedError> {
     let wrong = |tile: &Tile, why: String| PublishedError::Bundle {
         path: tile.to_string(),
         why,
@@ -241,7 +245,7 @@ fn read_bundle(source: &dyn Source, tile: Tile, size: u64) -> Result<Vec<Vec<u8>
 
 /// Fetches a tile. If a partial tile is gone because the log has grown, it fetches the full one.
 fn fetch(
-    source: &dyn Source,
+    source: &dyn LogSource,
     tile: Tile,
     size: u64,
     limit: impl Fn(&Tile) -> u64,
@@ -256,7 +260,7 @@ fn fetch(
 
 /// Gives tiles to `tlog_tiles`, which verifies them.
 struct Tiles<'a> {
-    source: &'a dyn Source,
+    source: &'a dyn LogSource,
     size: u64,
     failed: RefCell<Option<PublishedError>>,
 }

@@ -11,7 +11,7 @@ use std::io;
 use std::path::Path;
 use zk0_files::atomic_file::{self, create_folder};
 use zk0_ledger::folder::database;
-use zk0_ledger::group::Wanted;
+use zk0_ledger::group::WantedEntry;
 use zk0_ledger::{Ledger, LedgerError};
 use zk0_protocol::{Body, Receipt, RuleViolation};
 
@@ -33,7 +33,9 @@ pub trait AppendAll {
 
 impl AppendAll for Ledger {
     fn append_all(&mut self, time_ms: u64, bodies: Vec<Body>) -> Result<Vec<Receipt>, LedgerError> {
-        let wanted = bodies.into_iter().map(|body| Wanted::at(time_ms, body));
+        let wanted = bodies
+            .into_iter()
+            .map(|body| WantedEntry::at(time_ms, body));
         let outcomes = self.commit(wanted.collect())?;
         let receipt = |outcome: Result<u64, RuleViolation>| self.first_receipt(outcome?);
         outcomes.into_iter().map(receipt).collect()

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 use zk0_ledger::folder;
 use zk0_ledger::log::Ledger;
-use zk0_ledger::store::{Batch, Store};
+use zk0_ledger::store::{Store, StoreBatch};
 use zk0_protocol::challenge::drawing::Drawing;
 use zk0_protocol::entries::entry::{
     Body, Entry, ProposalSettled, RandomnessDrawn, RoundClosed, ENTRY_VERSION,
@@ -212,7 +212,7 @@ impl Operator {
         };
         let signed = checkpoint.sign(&super::genesis().name, &log_key()).unwrap();
         let store = Store::open(&folder::database(&dir)).unwrap();
-        let mut batch = Batch::default();
+        let mut batch = StoreBatch::default();
         batch.entry(size, &bytes, &hashes);
         batch.checkpoint(size + 1, &signed);
         store.commit(batch).unwrap();

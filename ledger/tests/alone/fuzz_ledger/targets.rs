@@ -9,7 +9,7 @@ use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
 use zk0_ledger::published::reader::{first_entry, PublishedLog};
 use zk0_ledger::published::tiles;
-use zk0_ledger::replay::{replay_with, Keep, Options, Saved, SavedError};
+use zk0_ledger::replay::{replay_with, ReplayOptions, SaveOptions, SavedError, SavedReplay};
 use zk0_protocol::entries::signed::{SignatureError, Submission, UploadRequest};
 use zk0_protocol::tlog::bundle;
 use zk0_protocol::tlog::checkpoint::Parsed;
@@ -206,12 +206,12 @@ fn saved() -> Target {
     let dir = tempfile::tempdir().unwrap();
     let (ledger, path) = (dir.path().join("ledger"), dir.path().join("saved"));
     drop(ledger_with_a_round(&ledger));
-    let options = Options {
-        keep: Some(Keep {
+    let options = ReplayOptions {
+        keep: Some(SaveOptions {
             path: path.clone(),
             every: Duration::ZERO,
         }),
-        ..Options::default()
+        ..ReplayOptions::default()
     };
     replay_with(&ledger, options, &mut ());
     let whole = fs::read(&path).unwrap();
@@ -226,7 +226,7 @@ fn saved() -> Target {
                 false => [&format, &Sha256::digest(bytes)[..], bytes].concat(),
             };
             fs::write(&path, file).unwrap();
-            match Saved::read(&path) {
+            match SavedReplay::read(&path) {
                 Ok(saved) => saved.map(drop).ok_or("not there".into()),
                 Err(SavedError::Unusable { why, .. }) => Err(why),
                 Err(error) => panic!("{error}"),
