@@ -10,7 +10,7 @@ mod scaffold;
 pub mod unfinished;
 
 use crate::base_losses::BaseLosses;
-use crate::client::Node;
+use crate::client::NodeClient;
 use crate::error::ParticipantError;
 use crate::exchanged_weights::Base;
 use crate::progress::Progress;
@@ -49,11 +49,11 @@ use curves::Curves;
 use prepared_claim::prepare;
 use proving::have_proven;
 use room::{check_room_of_argument, check_room_of_update};
-use unfinished::{Decided, Part, Proven, UnfinishedUpdate};
+use unfinished::{Decided, ProvenClaim, RoundParticipation, UnfinishedUpdate};
 
 /// Local training in each round.
 #[derive(Clone, Debug)]
-pub struct Training {
+pub struct LocalTraining {
     /// Where the expert is trained. Samples are prepared on the CPU on whatever device that is, because the dataset commitment is about the
     /// CPU's numbers. What is committed to and proven is fixed point, on the CPU.
     pub device: Device,
@@ -110,12 +110,12 @@ impl Turn<'_> {
     ))]
     pub async fn play(
         &self,
-        training: &Training,
-        node: &mut Node,
+        training: &LocalTraining,
+        node: &mut NodeClient,
         prover: &mut ProvingClient,
     ) -> Result<Option<Refusal>, ParticipantError> {
         let round = self.opened.round;
-        let part = Part {
+        let part = RoundParticipation {
             network: *node.network(),
             round,
             base: self.opened.base.blob,
@@ -170,7 +170,7 @@ impl Turn<'_> {
         if let Err(error) = registering.again(node, evaluation).await {
             tracing::warn!("round {round}: the recording is not registered again, and the node tries it again in the next round: {error}");
         }
-        let Proven { claim, proof } = match Proven::read(self.state, &expected.terms)? {
+        let ProvenClaim { claim, proof } = match ProvenClaim::read(self.state, &expected.terms)? {
             Some(kept) => {
                 tracing::info!("round {round}: the node was interrupted, and submits the proof that it has made");
                 kept
@@ -201,11 +201,11 @@ impl Turn<'_> {
     async fn prove(
         &self,
         prover: &mut ProvingClient,
-        node: &mut Node,
+        node: &mut NodeClient,
         expected: &ExpectedClaim,
         base: QuantisedWeights,
         update: QuantisedWeights,
-    ) -> Result<Proven, ParticipantError> {
+    ) -> Result<ProvenClaim, ParticipantError> {
         let mode = node.genesis().mode;
         let Prepared {
             claim,
@@ -237,7 +237,7 @@ impl Turn<'_> {
             weight_check: &weight_check,
             sp1: &proof.proof,
         };
-        Ok(Proven {
+        Ok(ProvenClaim {
             proof: proof.join(),
             claim,
         })
@@ -247,8 +247,8 @@ impl Turn<'_> {
     #[instrument(name = "train", skip_all)]
     async fn update(
         &self,
-        training: &Training,
-        node: &mut Node,
+        training: &LocalTraining,
+        node: &mut NodeClient,
         base: &Base,
     ) -> Result<QuantisedWeights, ParticipantError> {
         let (config, format) = (self.entered.config, &self.entered.format);
@@ -283,7 +283,7 @@ impl Turn<'_> {
     }
 
     /// Downloads the weights that the round starts from.
-    pub async fn base(&self, node: &mut Node) -> Result<Base, ParticipantError> {
+    pub async fn base(&self, node: &mut NodeClient) -> Result<Base, ParticipantError> {
         let limit = self.weights_limit();
         let file = node.download(&self.opened.base.blob, limit).await?;
         Base::read(&self.entered.format, self.entered.config, &file)
@@ -298,7 +298,7 @@ impl Turn<'_> {
     /// Uploads an update, commits to it, and waits for its challenge. Returns what the ledger determines of the claim.
     pub async fn commit(
         &self,
-        node: &mut Node,
+        node: &mut NodeClient,
         update: &QuantisedWeights,
     ) -> Result<ExpectedClaim, ParticipantError> {
         let (round, rules) = (self.opened.round, &self.opened.rules);
@@ -339,7 +339,7 @@ impl Turn<'_> {
     /// accepted.
     pub async fn submit(
         &self,
-        node: &mut Node,
+        node: &mut NodeClient,
         claim: Claim,
         proof: Vec<u8>,
     ) -> Result<Option<Refusal>, ParticipantError> {
@@ -351,7 +351,7 @@ impl Turn<'_> {
     /// The rates at which the round is trained. They follow the losses of the base weights so far, if the operator wants that.
     fn rates(
         &self,
-        training: &Training,
+        training: &LocalTraining,
         network: &Digest,
         base: &ExpertWeights,
     ) -> Result<Rates, ParticipantError> {
@@ -384,7 +384,7 @@ impl Turn<'_> {
     fn train(
         &self,
         base: &ExpertWeights,
-        training: &Training,
+        training: &LocalTraining,
         rates: Rates,
         fedcm: Option<FedCm<'_>>,
     ) -> Result<ExpertWeights, ParticipantError> {
@@ -414,7 +414,7 @@ impl Turn<'_> {
     /// Makes `steps` steps by `train`, shows how far it is, and keeps the losses.
     fn followed(
         &self,
-        training: &Training,
+        training: &LocalTraining,
         steps: usize,
         train: &mut dyn FnMut(&mut dyn FnMut(TrainingStep)) -> Result<TrainingResult, PolicyError>,
     ) -> Result<ExpertWeights, ParticipantError> {

@@ -10,7 +10,7 @@ use zk0_circuits::{Mode, QuantisedWeights};
 use zk0_node::error::ParticipantError;
 use zk0_node::recording::opened_samples::OpenedSamples;
 use zk0_node::recording::secret::{count, Secrets};
-use zk0_node::recording::Recording;
+use zk0_node::recording::OpenRecording;
 use zk0_node::turn::prepared_claim::prepare;
 use zk0_prover::program::Prepared;
 use zk0_testkit::micro_network::{pickplace, Setting, SECRET};
@@ -86,7 +86,7 @@ fn louder(setting: &Setting, by: f32) -> QuantisedWeights {
 fn input(state: &Path, holds: bool) -> OpenedSamples {
     let mut setting = Setting::new();
     setting.mode = Mode::Succinct;
-    let recording = Recording::open(&pickplace(), &setting.policy(), None).unwrap();
+    let recording = OpenRecording::open(&pickplace(), &setting.policy(), None).unwrap();
     let maker = recording.maker();
     let samples = recording.samples(&maker);
     let set = setting.set(&recording, &samples, &state.join("samples"), 8);
@@ -159,7 +159,9 @@ async fn a_lost_or_damaged_file_stops_the_argument_and_stays_as_it_is() {
     let good = file(&state);
     let path = Secrets::path(state.path());
     let mut another = Secrets::default();
-    another.add(zk0_node::recording::secret::Secret::new([9; 32]));
+    another.add(zk0_node::recording::secret::RegistrationSecret::new(
+        [9; 32],
+    ));
     let mut flipped = good.clone();
     flipped[30] ^= 1;
     let mut longer = good.clone();

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use tokio::time::timeout;
 use tonic::Code;
 use zk0_aggregator::{Config, ConnectionLimits, Limits};
-use zk0_node::client::Node;
+use zk0_node::client::NodeClient;
 use zk0_node::client_error::NodeError;
 use zk0_testkit::aggregator::{self, Network, LONG_BYTES, START_MS};
 use zk0_testkit::sockets::{begin_large_message, from};
@@ -12,7 +12,7 @@ use zk0_testkit::sockets::{begin_large_message, from};
 type Test = Result<(), Box<dyn std::error::Error>>;
 
 /// A network of one node, and the node, which has asked for nothing but the network.
-async fn network(limits: Limits) -> (Network, Node) {
+async fn network(limits: Limits) -> (Network, NodeClient) {
     let node = aggregator::Node::new(1);
     let config = Config {
         rounds: Some(1),
@@ -23,7 +23,7 @@ async fn network(limits: Limits) -> (Network, Node) {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap();
     network.clock.advance(now.as_millis() as u64 - START_MS);
     let id = network.genesis.network_id();
-    let connected = Node::connect(network.address.clone(), id, node.key).await;
+    let connected = NodeClient::connect(network.address.clone(), id, node.key).await;
     (network, connected.unwrap())
 }
 

@@ -1,6 +1,6 @@
 //! A node's own recording. It trains on all frames, and commits to the samples of those that are drawn.
 //!
-//! - [`Recording`]: the recording, open, and its frames as samples. Each sample is made when it is needed, or read from the cache.
+//! - [`OpenRecording`]: the recording, open, and its frames as samples. Each sample is made when it is needed, or read from the cache.
 //! - [`evaluation_set`]: the drawn samples in fixed point, and the commitment to them; [`sample_files`]: these samples on disk;
 //!   [`opened_samples`]: those that a claim is about.
 //! - [`secret`]: what hides the samples, and how often they were opened; [`registering`]: puts the commitment on the ledger, and another one before the secret
@@ -35,7 +35,7 @@ use zk0_smolvla::policy::tokenizer::PolicyTokenizer;
 use zk0_smolvla::{PolicyConfig, PolicyError};
 
 /// A recording that is open, with the policy that makes samples of its frames.
-pub struct Recording<'c> {
+pub struct OpenRecording<'c> {
     dataset: Dataset,
     policy: PathBuf,
     config: PolicyConfig,
@@ -54,7 +54,7 @@ struct Placed {
     start: usize,
 }
 
-impl<'c> Recording<'c> {
+impl<'c> OpenRecording<'c> {
     /// Opens the LeRobotDataset in `path`, whose frames the policy in the file `policy` makes into samples. The policy's tokenizer reads
     /// the instructions. Samples that are in `cache` are not computed again; they are the same bits.
     ///

@@ -3,7 +3,7 @@
 use crate::error::ParticipantError;
 use crate::progress::Progress;
 use crate::recording::secret::Secrets;
-use crate::recording::Recording;
+use crate::recording::OpenRecording;
 use zk0_argument::claim::committed;
 use zk0_circuits::claim::dataset::leaf;
 use zk0_circuits::{Digest, EvalSpec, Mode};
@@ -55,7 +55,7 @@ pub enum Recomputed {
 /// # Errors
 /// The recording or the policy cannot be read, or a sample does not fit the specification.
 pub fn recompute(
-    recording: &Recording,
+    recording: &OpenRecording,
     samples: &dyn SampleSource<PreparedSample>,
     (mode, spec): (Mode, &EvalSpec),
     registration: &DatasetRegistration,

@@ -8,7 +8,7 @@
 //! SHA-256 of all of it, which is checked whenever the file is read.
 
 use crate::error::ParticipantError;
-use crate::recording::secret::Secret;
+use crate::recording::secret::RegistrationSecret;
 use crate::state_files::{self, broken};
 use sha2::{Digest as _, Sha256};
 use std::collections::HashMap;
@@ -29,7 +29,7 @@ pub struct SampleFiles {
     folder: PathBuf,
     mode: Mode,
     spec: EvalSpec,
-    secret: Secret,
+    secret: RegistrationSecret,
     /// What was there when it was opened, by FRAME.
     known: HashMap<Digest, Digest>,
 }
@@ -44,7 +44,7 @@ impl SampleFiles {
         folder: &Path,
         mode: Mode,
         spec: &EvalSpec,
-        secret: &Secret,
+        secret: &RegistrationSecret,
     ) -> Result<Self, ParticipantError> {
         fs::create_dir_all(folder).map_err(state_files::at(folder))?;
         state_files::remove_unfinished(folder)?;
@@ -138,10 +138,10 @@ mod tests {
     const KEY: CacheKey = CacheKey([7; 32]);
 
     fn open(folder: &Path) -> SampleFiles {
-        open_under(folder, &Secret::new([1; 32]))
+        open_under(folder, &RegistrationSecret::new([1; 32]))
     }
 
-    fn open_under(folder: &Path, secret: &Secret) -> SampleFiles {
+    fn open_under(folder: &Path, secret: &RegistrationSecret) -> SampleFiles {
         SampleFiles::open(folder, Mode::Direct, &EvalSpec::micro(), secret).unwrap()
     }
 
@@ -171,7 +171,7 @@ mod tests {
         let again = open(dir.path());
         assert_eq!(again.find(&KEY), Some(digest));
         assert_eq!(again.find(&CacheKey([8; 32])), None);
-        let other = open_under(dir.path(), &Secret::new([2; 32]));
+        let other = open_under(dir.path(), &RegistrationSecret::new([2; 32]));
         assert_eq!(other.find(&KEY), None, "found under another secret");
         assert_eq!(again.read(&KEY, &digest).unwrap(), sample(0.25));
         assert_eq!(

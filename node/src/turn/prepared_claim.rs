@@ -3,7 +3,7 @@
 use crate::error::ParticipantError;
 use crate::progress::Progress;
 use crate::recording::opened_samples::OpenedSamples;
-use crate::recording::secret::{count, Secret};
+use crate::recording::secret::{count, RegistrationSecret};
 use std::panic::resume_unwind;
 use std::path::PathBuf;
 use tokio::task::spawn_blocking;
@@ -26,7 +26,7 @@ const UNITS: f64 = 1000.0;
 pub async fn prepare(
     mode: Mode,
     input: OpenedSamples,
-    secret: Secret,
+    secret: RegistrationSecret,
     state: PathBuf,
 ) -> Result<Prepared, ParticipantError> {
     let prepared = spawn_blocking(move || {

@@ -13,12 +13,12 @@ use tokio_stream::wrappers::TcpListenerStream;
 use tokio_stream::{Stream, StreamExt};
 use tonic::transport::Server;
 use tonic::{Request, Response, Status, Streaming};
-use zk0_node::client::Node;
+use zk0_node::client::NodeClient;
 use zk0_node::client_error::NodeError;
 use zk0_node::error::ParticipantError;
 use zk0_node::receipts;
 use zk0_node::recording::registering::Registering;
-use zk0_node::recording::Recording;
+use zk0_node::recording::OpenRecording;
 use zk0_node::turn::{Entered, Turn};
 use zk0_protocol::challenge::closing;
 use zk0_protocol::challenge::drand::DrandChain;
@@ -115,7 +115,7 @@ impl Told {
     }
 
     /// Node 0, connected to an aggregator that shows it this round, and the aggregator.
-    async fn connected(&self, round: rpc::RoundInfo) -> (Node, JoinHandle<()>) {
+    async fn connected(&self, round: rpc::RoundInfo) -> (NodeClient, JoinHandle<()>) {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let url = format!("http://{}", listener.local_addr().unwrap());
         let whole = MemoryLog::of(&self.leaves);
@@ -131,7 +131,7 @@ impl Told {
             .serve_with_incoming(TcpListenerStream::new(listener));
         let server = tokio::spawn(async move { serving.await.unwrap() });
         let network = *self.chain.state.network();
-        let node = Node::connect(url, network, key(0)).await.unwrap();
+        let node = NodeClient::connect(url, network, key(0)).await.unwrap();
         (node, server)
     }
 
@@ -430,7 +430,7 @@ async fn a_proposal_that_its_proposer_has_not_signed_is_not_voted_on() {
 async fn a_download_takes_no_more_memory_than_weights_of_the_network_do() {
     let told = Told::new();
     let setting = Setting::new();
-    let recording = Recording::open(&pickplace(), &setting.policy(), None).unwrap();
+    let recording = OpenRecording::open(&pickplace(), &setting.policy(), None).unwrap();
     let maker = recording.maker();
     let samples = recording.samples(&maker);
     let folder = tempfile::tempdir().unwrap();

@@ -63,7 +63,7 @@ async fn carry_out() -> Outcome {
     let url = format!("https://{}", listener.local_addr().unwrap());
     let serving = tokio::spawn(impostor.serve(listener, std::future::pending()));
     let address = ServiceAddress::from(url).with_ca(Some(named.path().join(CA)));
-    let connected = client::Node::connect(address, network.genesis.network_id(), node.key);
+    let connected = client::NodeClient::connect(address, network.genesis.network_id(), node.key);
     let connected = connected.await;
     serving.abort();
     match connected {
