@@ -30,7 +30,7 @@ use zk0_protocol::entries::proof_blob::ProofBlob;
 use zk0_protocol::entries::refusal::Refusal;
 use zk0_protocol::rules::bindings::ExpectedClaim;
 use zk0_protocol::rules::network_rules::Strategy;
-use zk0_prover::program::Prepared;
+use zk0_prover::program::PreparedClaim;
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::sample::PreparedSample;
@@ -207,7 +207,7 @@ impl Turn<'_> {
         update: QuantisedWeights,
     ) -> Result<ProvenClaim, ParticipantError> {
         let mode = node.genesis().mode;
-        let Prepared {
+        let PreparedClaim {
             claim,
             weight_check,
             input,

@@ -12,7 +12,7 @@ use zk0_node::recording::opened_samples::OpenedSamples;
 use zk0_node::recording::secret::{count, Secrets};
 use zk0_node::recording::OpenRecording;
 use zk0_node::turn::prepared_claim::prepare;
-use zk0_prover::program::Prepared;
+use zk0_prover::program::PreparedClaim;
 use zk0_testkit::micro_network::{pickplace, Setting, SECRET};
 
 /// A state folder with the secret of a registration.
@@ -97,7 +97,10 @@ fn input(state: &Path, holds: bool) -> OpenedSamples {
 }
 
 /// What a node does that comes to this claim. The argument is lost when this returns, as that of a node that is killed before it sends it.
-async fn prepared(state: &TempDir, input: &OpenedSamples) -> Result<Prepared, ParticipantError> {
+async fn prepared(
+    state: &TempDir,
+    input: &OpenedSamples,
+) -> Result<PreparedClaim, ParticipantError> {
     prepare(Mode::Succinct, input.clone(), SECRET, state.path().into()).await
 }
 

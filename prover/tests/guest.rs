@@ -10,7 +10,7 @@ use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::claim::statement::check;
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{EvalSpec, Mode, PrivateInput};
-use zk0_prover::measure::cycles::{self, Cost};
+use zk0_prover::measure::cycles::{self, CycleCount};
 use zk0_prover::program::{elf, synthetic, ExecuteError, Executor};
 use zk0_testkit::claims::Node;
 
@@ -239,7 +239,7 @@ async fn the_guest_refuses_buffers_that_are_not_a_private_input() {
 #[tokio::test]
 async fn a_claim_that_costs_more_than_before_fails_the_test() {
     let committed = fs::read_to_string(circuits().join("CYCLES.json")).unwrap();
-    let committed: Vec<Cost> = committed
+    let committed: Vec<CycleCount> = committed
         .lines()
         .map(|line| serde_json::from_str(line).unwrap())
         .collect();

@@ -24,7 +24,7 @@ use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_prover::program::{Execution, GuestInput};
 use zk0_prover::prove::Proof;
-use zk0_prover::service::{Backend, JobError, Pace, ProvingService, Waiting};
+use zk0_prover::service::{Backend, JobError, Pace, ProvingService, WaitingClient};
 use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::policy::policy_file::{self, PolicyFile};
 use zk0_testkit::until;
@@ -313,7 +313,12 @@ impl Backend for NoProver {
         })
     }
 
-    async fn prove(&self, _: &GuestInput, _: &Execution, _: &Waiting) -> Result<Proof, JobError> {
+    async fn prove(
+        &self,
+        _: &GuestInput,
+        _: &Execution,
+        _: &WaitingClient,
+    ) -> Result<Proof, JobError> {
         Ok(Proof {
             bytes: format!("no proof {}", MADE.fetch_add(1, Ordering::SeqCst)).into_bytes(),
             public_values: Vec::new(),

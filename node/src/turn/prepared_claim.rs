@@ -10,7 +10,7 @@ use tokio::task::spawn_blocking;
 use tracing::instrument;
 use zk0_argument::claim::{most_uses, ClaimSource};
 use zk0_circuits::Mode;
-use zk0_prover::program::Prepared;
+use zk0_prover::program::PreparedClaim;
 use zk0_smolvla::policy::memory::KeepFreed;
 
 /// Units of the progress that is reported.
@@ -28,7 +28,7 @@ pub async fn prepare(
     input: OpenedSamples,
     secret: RegistrationSecret,
     state: PathBuf,
-) -> Result<Prepared, ParticipantError> {
+) -> Result<PreparedClaim, ParticipantError> {
     let prepared = spawn_blocking(move || {
         if mode == Mode::Succinct {
             let leaves: Vec<_> = input.places().iter().map(|(leaf, _)| *leaf).collect();
@@ -38,7 +38,7 @@ pub async fn prepare(
         let _memory = KeepFreed::new();
         let mut progress = Progress::start("making the argument", UNITS as u64);
         let tell = &mut |share| progress.reached((UNITS * share) as u64);
-        Ok(Prepared::of(
+        Ok(PreparedClaim::of(
             mode,
             &input,
             &secret.blind(),

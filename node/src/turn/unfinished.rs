@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use zk0_circuits::{Claim, Digest, Terms};
 use zk0_files::bounded_file;
 use zk0_protocol::entries::refusal::Refusal;
-use zk0_prover::program::Prepared;
+use zk0_prover::program::PreparedClaim;
 
 /// A [`RoundParticipation`] at the beginning of a file.
 const PART_BYTES: u64 = 3 * 32 + 8;
@@ -114,15 +114,15 @@ pub fn begun(
 }
 
 /// The claim of these terms that was kept, if there is one, and if its argument is whole.
-pub fn read_claim(state: &Path, terms: &Terms) -> Result<Option<Prepared>, ParticipantError> {
-    let kept: Option<Prepared> = read(&claim_path(state), MAX_CLAIM_BYTES)?;
+pub fn read_claim(state: &Path, terms: &Terms) -> Result<Option<PreparedClaim>, ParticipantError> {
+    let kept: Option<PreparedClaim> = read(&claim_path(state), MAX_CLAIM_BYTES)?;
     Ok(kept.filter(|kept| {
         kept.claim.terms == *terms && kept.input.claim().is_ok_and(|claim| claim == kept.claim)
     }))
 }
 
 /// Keeps a claim. It is on disk when this returns.
-pub fn keep_claim(state: &Path, claim: &Prepared) -> Result<(), ParticipantError> {
+pub fn keep_claim(state: &Path, claim: &PreparedClaim) -> Result<(), ParticipantError> {
     keep(&claim_path(state), claim)
 }
 
