@@ -21,9 +21,9 @@ use zk0_testkit::aggregator::samples::{public_samples, rule_of};
 use zk0_testkit::aggregator::*;
 use zk0_verifier::close::{end, CloseError, RoundOutcome};
 use zk0_verifier::combine::bases::Bases;
-use zk0_verifier::combine::contributions::Given;
+use zk0_verifier::combine::contributions::WeightedContribution;
 use zk0_verifier::combine::optimizers::moments::Moments;
-use zk0_verifier::combine::source::InMemory;
+use zk0_verifier::combine::source::WeightsInMemory;
 use zk0_verifier::combine::strategy::{combined, Global};
 use zk0_verifier::result::ResultError;
 use zk0_verifier::ResultFiles;
@@ -85,14 +85,14 @@ impl Accepted {
         }
         let format = format();
         let read = updates.map(|update| format.read(update).unwrap());
-        let read = read.each_ref().map(|weights| InMemory {
+        let read = read.each_ref().map(|weights| WeightsInMemory {
             format: &format,
             weights,
         });
         let given: Vec<_> = nodes
             .iter()
             .zip(&read)
-            .map(|(node, weights)| Given {
+            .map(|(node, weights)| WeightedContribution {
                 node: node.id(),
                 weight: 10_000,
                 weights,

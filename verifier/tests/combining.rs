@@ -6,11 +6,11 @@ use zk0_circuits::{EvalSpec, Mode, NodeId, QuantisedWeights};
 use zk0_protocol::rules::network_rules::{Scaffold, Strategy};
 use zk0_verifier::combine::bases::Bases;
 use zk0_verifier::combine::blocks::Combination;
-use zk0_verifier::combine::contributions::Given;
+use zk0_verifier::combine::contributions::WeightedContribution;
 use zk0_verifier::combine::error::CombineError;
 use zk0_verifier::combine::fedavg::average;
 use zk0_verifier::combine::robust::{median, trimmed_mean};
-use zk0_verifier::combine::source::InMemory;
+use zk0_verifier::combine::source::WeightsInMemory;
 use zk0_verifier::{blob_digest, Evaluation};
 use zk0_weights::rounding::Unit;
 use zk0_weights::scale::{check, exact, narrowed};
@@ -20,9 +20,9 @@ use zk0_weights::{Format, Tensor, Unread};
 const LIMITS: (i16, i16) = (0, 24);
 
 /// Contributions of one tensor each.
-fn given<'a>(tensors: &'a [OneTensor], weights: &[u64]) -> Vec<Given<'a>> {
+fn given<'a>(tensors: &'a [OneTensor], weights: &[u64]) -> Vec<WeightedContribution<'a>> {
     let pairs = tensors.iter().zip(weights).zip(0..);
-    let given = pairs.map(|((tensor, weight), number)| Given {
+    let given = pairs.map(|((tensor, weight), number)| WeightedContribution {
         node: node(number),
         weight: *weight,
         weights: tensor,
@@ -192,15 +192,18 @@ fn five(spec: &EvalSpec) -> Vec<(NodeId, u64, QuantisedWeights)> {
 fn in_memory<'a>(
     format: &'a Format,
     all: &'a [(NodeId, u64, QuantisedWeights)],
-) -> Vec<InMemory<'a>> {
+) -> Vec<WeightsInMemory<'a>> {
     let weights = all.iter().map(|(_, _, weights)| weights);
     weights
-        .map(|weights| InMemory { format, weights })
+        .map(|weights| WeightsInMemory { format, weights })
         .collect()
 }
 
-fn one<'a>(of: &(NodeId, u64, QuantisedWeights), weights: &'a InMemory<'a>) -> Given<'a> {
-    Given {
+fn one<'a>(
+    of: &(NodeId, u64, QuantisedWeights),
+    weights: &'a WeightsInMemory<'a>,
+) -> WeightedContribution<'a> {
+    WeightedContribution {
         node: of.0,
         weight: of.1,
         weights,
@@ -218,7 +221,7 @@ fn what_cannot_be_combined_is_named() {
     let other_spec = EvalSpec::new(dims);
     let other_format = made::format(&other_spec);
     let other = made::quantise(&other_spec, &made::tensors(&other_spec, 1, 1.0));
-    let other = InMemory {
+    let other = WeightsInMemory {
         format: &other_format,
         weights: &other,
     };
@@ -230,14 +233,14 @@ fn what_cannot_be_combined_is_named() {
             refused(&[one(1), one(2), one(1)]),
             CombineError::Twice(node(1))
         );
-        let unlike = Given {
+        let unlike = WeightedContribution {
             node: node(7),
             weight: 1,
             weights: &other,
         };
         assert_eq!(refused(&[one(1), unlike]), CombineError::Unlike(node(7)));
     }
-    let weightless = [Given {
+    let weightless = [WeightedContribution {
         weight: 0,
         ..one(1)
     }];
@@ -293,7 +296,7 @@ fn contributions_by_scaffold_count_alike() {
     let given: Vec<_> = given.map(|(of, weights)| one(of, weights)).collect();
     let alike: Vec<_> = given
         .iter()
-        .map(|one| Given { weight: 1, ..*one })
+        .map(|one| WeightedContribution { weight: 1, ..*one })
         .collect();
     let scaffold = Strategy::Scaffold(Scaffold {
         steps: 10,

@@ -16,7 +16,7 @@ use zk0_smolvla::measure::fixed_point::quantise_weights;
 use zk0_smolvla::train::{FedCm, TrainOptions, Trainer, TrainingSamples};
 use zk0_smolvla::{ExpertWeights, PolicyConfig};
 use zk0_verifier::combine::bases::Bases;
-use zk0_verifier::combine::contributions::Given;
+use zk0_verifier::combine::contributions::WeightedContribution;
 use zk0_verifier::combine::optimizers::moments::Moments;
 use zk0_verifier::combine::source;
 use zk0_verifier::combine::strategy::combined;
@@ -177,7 +177,7 @@ impl Robots {
     ) -> Result<(Vec<u8>, Option<(ServerMoments, Vec<u8>)>), SimulationError> {
         let sources: Vec<_> = updates
             .iter()
-            .map(|(_, weights)| source::InMemory {
+            .map(|(_, weights)| source::WeightsInMemory {
                 format: &self.format,
                 weights,
             })
@@ -185,7 +185,7 @@ impl Robots {
         let given: Vec<_> = updates
             .iter()
             .zip(&sources)
-            .map(|((node, _), weights)| Given {
+            .map(|((node, _), weights)| WeightedContribution {
                 node: id(*node),
                 weight: 1,
                 weights,

@@ -14,10 +14,10 @@ use zk0_circuits::{
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_verifier::combine::bases::Bases;
 use zk0_verifier::combine::blocks::{Combination, Plan};
-use zk0_verifier::combine::contributions::Given;
+use zk0_verifier::combine::contributions::WeightedContribution;
 use zk0_verifier::combine::error::CombineError;
 use zk0_verifier::combine::optimizers::moments::Moments;
-use zk0_verifier::combine::source::{Block, Rows, Source};
+use zk0_verifier::combine::source::{Block, BlockBuffer, WeightSource};
 use zk0_verifier::combine::strategy::combined;
 use zk0_verifier::Evaluation;
 use zk0_weights::rounding::Unit;
@@ -170,7 +170,7 @@ pub const FED_ADAM: Strategy = Strategy::FedAdam {
 /// Combines weights where moments begin afresh and nobody keeps them.
 pub fn combine(
     format: &Format,
-    given: &[Given<'_>],
+    given: &[WeightedContribution<'_>],
     strategy: Strategy,
     bases: &Bases,
     unread: &Unread,
@@ -183,7 +183,7 @@ pub fn combine(
 /// Weights of one tensor with one block.
 pub struct OneTensor(pub Tensor);
 
-impl Source for OneTensor {
+impl WeightSource for OneTensor {
     fn fits(&self, _: &Format) -> bool {
         true
     }
@@ -205,7 +205,7 @@ pub fn exact_numbers(combination: &impl Combination, len: usize) -> (Plan, Vec<i
         len,
     };
     let mut numbers = vec![0; len];
-    let mut rows = Rows::default();
+    let mut rows = BlockBuffer::default();
     combination
         .combine(&block, &mut numbers, &mut [], &mut rows)
         .unwrap();

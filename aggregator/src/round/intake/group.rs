@@ -9,7 +9,7 @@ use zk0_ledger::error::LedgerError;
 use zk0_ledger::group::WantedEntry;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::tlog::receipt::Receipt;
-use zk0_verifier::decide::Decision;
+use zk0_verifier::decide::DecisionEntry;
 
 /// What is to be recorded for a request.
 pub enum ToRecord {
@@ -54,11 +54,11 @@ impl Aggregator {
         let terms = judged.submission().statement.claim.terms;
         let (node, round) = (terms.node, terms.round);
         match judged.decision() {
-            Decision::Accepted(verified) => {
+            DecisionEntry::Accepted(verified) => {
                 tracing::info!(%node, round, "contribution accepted");
                 self.contributions.push(*verified);
             }
-            Decision::Rejected(reason) => {
+            DecisionEntry::Rejected(reason) => {
                 tracing::warn!(%node, round, %reason, "contribution rejected");
             }
         }
