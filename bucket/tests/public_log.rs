@@ -14,7 +14,7 @@ use zk0_ledger::published::publication::Publication;
 use zk0_ledger::published::source::{FolderSource, LogSource};
 use zk0_ledger::published::web::Web;
 use zk0_ledger::{replay, Blobs};
-use zk0_protocol::tlog::layout::{tiles, Kind, Resource, Tile};
+use zk0_protocol::tlog::layout::{tiles, Resource, Tile, TileKind};
 use zk0_testkit::s3::failing_network::Fault;
 use zk0_testkit::s3::S3;
 
@@ -86,8 +86,8 @@ fn what_has_lost_bytes_is_written_again_at_the_next_start() {
     };
     let view = Publication::open(&real(), None).unwrap();
     let of_kind = |kind| Tile::at(kind, 0, done.entries).unwrap();
-    damaged(&of_kind(Kind::Hashes(0)).to_string(), 0);
-    damaged(&of_kind(Kind::Entries).to_string(), 2);
+    damaged(&of_kind(TileKind::Hashes(0)).to_string(), 0);
+    damaged(&of_kind(TileKind::Entries).to_string(), 2);
     let public: Vec<_> = view.public_blobs().copied().collect();
     for (blob, left) in public.iter().zip([0, 100]) {
         damaged(&Resource::Blob(*blob).to_string(), left);

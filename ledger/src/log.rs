@@ -32,7 +32,7 @@ use zk0_protocol::challenge::vrf::VrfProof;
 use zk0_protocol::entries::entry::{Body, Entry, ENTRY_VERSION};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::known_keys::KnownKeys;
-use zk0_protocol::entries::signed::{Signed, Statement};
+use zk0_protocol::entries::signed::{SignableStatement, Signed};
 use zk0_protocol::rules::state::State;
 use zk0_protocol::rules::violation::RuleViolation;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
@@ -289,7 +289,7 @@ impl Ledger {
     }
 
     /// Signs a statement of the log's operator with the log's key.
-    pub(crate) fn sign<T: Statement>(&self, statement: T) -> Signed<T> {
+    pub(crate) fn sign<T: SignableStatement>(&self, statement: T) -> Signed<T> {
         Signed::new(statement, &self.key)
     }
 

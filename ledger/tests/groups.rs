@@ -24,7 +24,7 @@ use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::{Dispute, Evidence, KeyRotation, KeyTakeover};
 use zk0_protocol::rules::network_rules::Participation;
 use zk0_protocol::tlog::bundle;
-use zk0_protocol::tlog::layout::{Kind, Tile};
+use zk0_protocol::tlog::layout::{Tile, TileKind};
 use zk0_protocol::{Body, Refusal, RuleViolation, Signed};
 
 fn verified(dir: &Path) -> ReplayReport {
@@ -428,7 +428,7 @@ fn published_with(
         size,
         instead: Default::default(),
     };
-    let tile = Tile::at(Kind::Checkpoints, 0, size).unwrap();
+    let tile = Tile::at(TileKind::Checkpoints, 0, size).unwrap();
     let bytes = tiles::read(&store, size, &tile).unwrap().unwrap();
     let mut items: Vec<Vec<u8>> = bundle::split(&bytes, tile.width)
         .unwrap()

@@ -12,7 +12,7 @@ use zk0_circuits::{DatasetCommitment, Digest, NodeId, WeightsDigest};
 use zk0_node::client::NodeClient;
 use zk0_node::client_error::NodeError;
 use zk0_protocol::entries::entry::Body;
-use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
+use zk0_protocol::entries::signed::{DatasetRegistration, RegisteredEpisode};
 use zk0_protocol::evaluation_set::{draw, list_bytes, DrawnLeaf};
 
 /// Frames of a made-up dataset. All of them are drawn.
@@ -57,7 +57,7 @@ impl Member {
     pub async fn join(self, aggregator: &str, network: Digest) -> NodeClient {
         let node = NodeClient::connect(aggregator.to_owned(), network, self.key());
         let mut node = node.await.unwrap();
-        let episodes = vec![Episode {
+        let episodes = vec![RegisteredEpisode {
             digest: self.bytes(0),
             frames: FRAMES,
         }];

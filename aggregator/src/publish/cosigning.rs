@@ -13,7 +13,7 @@ use zk0_protocol::quote::short;
 use zk0_protocol::tlog::checkpoint::{CheckpointError, Parsed};
 use zk0_protocol::tlog::cosigner;
 use zk0_protocol::tlog::witness::AddCheckpoint;
-use zk0_protocol::tlog::witness_policy::{Witness, WitnessPolicy};
+use zk0_protocol::tlog::witness_policy::{PolicyWitness, WitnessPolicy};
 use zk0_tls::authorities::{Authorities, AuthoritiesError};
 use zk0_traces::carried::{self, TRACEPARENT};
 
@@ -70,7 +70,7 @@ pub struct Cosigned {
 }
 
 struct CosigningClient {
-    witness: Witness,
+    witness: PolicyWitness,
     url: String,
     client: HttpClient,
     /// The size of the last checkpoint that the witness has cosigned, as far as we know.

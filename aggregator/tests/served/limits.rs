@@ -9,7 +9,9 @@ use zk0_aggregator::round::intake::registrations::PERIOD_MS;
 use zk0_aggregator::{Config, Limits};
 use zk0_circuits::vm::merkle;
 use zk0_circuits::Digest;
-use zk0_protocol::entries::signed::{Episode, KeyRotation, KeyTakeover, Signed, UploadRequest};
+use zk0_protocol::entries::signed::{
+    KeyRotation, KeyTakeover, RegisteredEpisode, Signed, UploadRequest,
+};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rules::apply::MAX_EPISODES;
@@ -187,7 +189,7 @@ async fn the_longest_list_of_episodes_is_registered() -> Test {
         .map(|number| {
             let mut digest = [1; 32];
             digest[..4].copy_from_slice(&number.to_be_bytes());
-            Episode {
+            RegisteredEpisode {
                 digest: Digest(digest),
                 frames: 400,
             }

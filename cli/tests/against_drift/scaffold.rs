@@ -13,7 +13,9 @@ use zk0_node::exchanged_weights::Base;
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::entry::ProposalSettled;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
-use zk0_protocol::entries::signed::{DatasetRegistration, Episode, Leaving, Proposal, Vote};
+use zk0_protocol::entries::signed::{
+    DatasetRegistration, Leaving, Proposal, RegisteredEpisode, Vote,
+};
 use zk0_protocol::rules::network_rules::{Scaffold, Strategy};
 use zk0_protocol::{Body, Signed};
 use zk0_smolvla::frames::batch::SamplesInMemory;
@@ -80,7 +82,7 @@ fn register_other(network: &LocalNetwork) {
         },
         evaluation_frames: frames,
         leaves: Digest([4; 32]),
-        episodes: vec![Episode {
+        episodes: vec![RegisteredEpisode {
             digest: Digest([5; 32]),
             frames,
         }],

@@ -11,7 +11,9 @@ use zk0_ledger::Ledger;
 use zk0_protocol::challenge::closing::commitments;
 use zk0_protocol::entries::entry::{CommitmentsClosed, RoundClosed, RoundOpened};
 use zk0_protocol::entries::member::NodeEnrolled;
-use zk0_protocol::entries::signed::{DatasetRegistration, Episode, Submission, UpdateCommitment};
+use zk0_protocol::entries::signed::{
+    DatasetRegistration, RegisteredEpisode, Submission, UpdateCommitment,
+};
 use zk0_protocol::{Body, Signed, State};
 use zk0_testkit::network::{
     closed, commitments_closed, drawn, genesis, invalid_proof, log_key, opened, T0,
@@ -109,7 +111,7 @@ pub fn registrations(state: &State, times: u64) -> Vec<Body> {
             dataset: dataset(number % NODES),
             leaves: digest(7, number),
             evaluation_frames: state.rules().evaluation_frames,
-            episodes: vec![Episode {
+            episodes: vec![RegisteredEpisode {
                 digest: digest(9, number % NODES),
                 frames: 400,
             }],

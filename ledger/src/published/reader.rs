@@ -11,7 +11,9 @@ use tlog_tiles::tlog::{
 use zk0_circuits::Digest;
 use zk0_protocol::tlog::bundle;
 use zk0_protocol::tlog::checkpoint::{Checkpoint, CheckpointError, Parsed, MAX_NOTE_BYTES};
-use zk0_protocol::tlog::layout::{Kind, Resource, Tile, MAX_TREE_SIZE, TILE_HEIGHT, TILE_WIDTH};
+use zk0_protocol::tlog::layout::{
+    Resource, Tile, TileKind, MAX_TREE_SIZE, TILE_HEIGHT, TILE_WIDTH,
+};
 use zk0_protocol::tlog::tlog_proof::TlogProof;
 use zk0_protocol::tlog::verifier_key::VerifierKey;
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;
@@ -128,7 +130,7 @@ impl<'a> PublishedLog<'a> {
 
     /// The verified entries of bundle `number`.
     pub fn entries(&self, number: u64) -> Result<Vec<Vec<u8>>, PublishedError> {
-        let (tile, entries) = self.bundle(Kind::Entries, number)?;
+        let (tile, entries) = self.bundle(TileKind::Entries, number)?;
         let positions: Vec<u64> = (tile.start()..)
             .take(entries.len())
             .map(|index| stored_hash_index(0, index))
@@ -153,7 +155,7 @@ impl<'a> PublishedLog<'a> {
     /// The checkpoints after the entries of bundle `number`, as the log serves them. They are not verified. It is `None` after an entry
     /// within a group.
     pub fn checkpoints(&self, number: u64) -> Result<Vec<Option<Vec<u8>>>, PublishedError> {
-        let (_, texts) = self.bundle(Kind::Checkpoints, number)?;
+        let (_, texts) = self.bundle(TileKind::Checkpoints, number)?;
         let there = |text: Vec<u8>| (!text.is_empty()).then_some(text);
         Ok(texts.into_iter().map(there).collect())
     }
@@ -180,7 +182,7 @@ impl<'a> PublishedLog<'a> {
         }
     }
 
-    fn bundle(&self, kind: Kind, number: u64) -> Result<(Tile, Vec<Vec<u8>>), PublishedError> {
+    fn bundle(&self, kind: TileKind, number: u64) -> Result<(Tile, Vec<Vec<u8>>), PublishedError> {
         let size = self.checkpoint.size;
         let tile = Tile::at(kind, number, size)
             .ok_or_else(|| self.no_entry(number.saturating_mul(TILE_WIDTH)))?;
@@ -219,7 +221,7 @@ pub fn first_entry(source: &dyn LogSource) -> Result<Vec<u8>, PublishedError> {
         .get(&path, MAX_NOTE_BYTES as u64)?
         .ok_or(PublishedError::NoCheckpoint)?;
     let size = Parsed::read(&text)?.checkpoint.size;
-    let tile = Tile::at(Kind::Entries, 0, size).ok_or(PublishedError::Size(size))?;
+    let tile = Tile::at(TileKind::Entries, 0, size).ok_or(PublishedError::Size(size))?;
     let mut entries = read_bundle(source, tile, size)?;
     Ok(entries.swap_remove(0))
 }
@@ -273,7 +275,7 @@ impl TileReader for Tiles<'_> {
     fn read_tiles(&self, tiles: &[HashTile]) -> Result<Vec<Vec<u8>>, TreeError> {
         let read = |tile: &HashTile| {
             let tile = Tile {
-                kind: Kind::Hashes(tile.level()),
+                kind: TileKind::Hashes(tile.level()),
                 number: tile.level_index(),
                 width: tile.width() as u16,
             };

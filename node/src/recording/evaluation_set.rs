@@ -18,7 +18,7 @@ use zk0_circuits::model::weights::QuantisedWeights;
 use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{DatasetCommitment, Digest, EvalSpec, Mode, NodeId};
-use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
+use zk0_protocol::entries::signed::{DatasetRegistration, RegisteredEpisode};
 use zk0_protocol::evaluation_set::{distinct, draw, list_bytes, DrawnLeaf};
 use zk0_protocol::rules::bindings::ExpectedClaim;
 use zk0_smolvla::frames::batch::SampleSource;
@@ -49,7 +49,7 @@ pub struct EvaluationSet {
     /// Digest of the drawn samples' names in prefix caches. It stays the same under another secret.
     pub drawn_names: Digest,
     by: EvaluationSetSpec,
-    episodes: Vec<Episode>,
+    episodes: Vec<RegisteredEpisode>,
     list: Vec<DrawnLeaf>,
     leaves: Vec<Digest>,
     /// In the order of the leaves.

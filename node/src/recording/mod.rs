@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 use std::slice;
 use zk0_circuits::Digest;
 use zk0_lerobot::dataset::{CopiedEpisodes, Dataset};
-use zk0_protocol::entries::signed::Episode;
+use zk0_protocol::entries::signed::RegisteredEpisode;
 use zk0_smolvla::frames::image_transforms::Variants;
 use zk0_smolvla::frames::prefix_cache::{
     CacheKey, DiskCache, FrameMaker, FrameNames, FrameRef, FrameSource, KeySpace,
@@ -47,7 +47,7 @@ pub struct OpenRecording<'c> {
 
 /// An episode, and where it is.
 struct Placed {
-    episode: Episode,
+    episode: RegisteredEpisode,
     /// Its first frame, as registrations count frames.
     first: u64,
     /// Its first frame in the recording.
@@ -115,7 +115,7 @@ impl<'c> OpenRecording<'c> {
     }
 
     /// Its episodes as a registration names them: in ascending order of their digests, and each once.
-    pub fn episodes(&self) -> Vec<Episode> {
+    pub fn episodes(&self) -> Vec<RegisteredEpisode> {
         self.episodes.iter().map(|placed| placed.episode).collect()
     }
 
@@ -199,7 +199,7 @@ fn placed(dataset: &Dataset) -> Result<Vec<Placed>, ParticipantError> {
     let mut first = 0;
     let placed = unique.into_iter().map(|(digest, (frames, start))| {
         let placed = Placed {
-            episode: Episode { digest, frames },
+            episode: RegisteredEpisode { digest, frames },
             first,
             start,
         };

@@ -7,7 +7,7 @@ use crate::recording::OpenRecording;
 use zk0_argument::claim::committed;
 use zk0_circuits::claim::dataset::leaf;
 use zk0_circuits::{Digest, EvalSpec, Mode};
-use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
+use zk0_protocol::entries::signed::{DatasetRegistration, RegisteredEpisode};
 use zk0_protocol::evaluation_set::DrawnLeaf;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::sample::PreparedSample;
@@ -72,7 +72,7 @@ pub fn recompute(
     }
     let own = recording.episodes();
     if own != registration.episodes {
-        let other = |all: &[Episode], among: &[Episode]| {
+        let other = |all: &[RegisteredEpisode], among: &[RegisteredEpisode]| {
             let others = all.iter().filter(|episode| !among.contains(episode));
             others.map(|episode| episode.digest).collect()
         };

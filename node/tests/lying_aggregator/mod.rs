@@ -22,7 +22,7 @@ use zk0_node::recording::OpenRecording;
 use zk0_node::turn::{Entered, Turn};
 use zk0_protocol::challenge::closing;
 use zk0_protocol::challenge::drand::DrandChain;
-use zk0_protocol::challenge::drawing::{DrawError, Drawing};
+use zk0_protocol::challenge::drawing::{Drawing, RandomnessError};
 use zk0_protocol::challenge::source::RandomnessSource;
 use zk0_protocol::challenge::vrf::VrfProof;
 use zk0_protocol::entries::entry::{RandomnessDrawn, RoundOpened};
@@ -241,7 +241,7 @@ impl Federation for Lying {
     }
 }
 
-fn wrong(result: Result<zk0_circuits::Digest, NodeError>) -> DrawError {
+fn wrong(result: Result<zk0_circuits::Digest, NodeError>) -> RandomnessError {
     match result {
         Err(NodeError::Randomness { error, .. }) => error,
         other => panic!("{other:?}"),
@@ -271,7 +271,7 @@ async fn randomness_that_somebody_chose_is_no_randomness() {
         let drawing = Drawing::LogVrf(proof);
         let index = told.record(Body::RandomnessDrawn(RandomnessDrawn { round: 0, drawing }));
         let error = wrong(told.shown(told.round(Some(index)), &told.opened).await);
-        assert_eq!(error, DrawError::Vrf(commitments));
+        assert_eq!(error, RandomnessError::Vrf(commitments));
     }
     // The rules ask for a beacon, and the aggregator takes its own key.
     let mut told = Told::new();
@@ -279,7 +279,7 @@ async fn randomness_that_somebody_chose_is_no_randomness() {
     let mut opened = told.opened.clone();
     opened.rules.randomness = RandomnessSource::Drand(Box::new(DrandChain::quicknet()));
     let error = wrong(told.shown(told.round(Some(index)), &opened).await);
-    assert!(matches!(error, DrawError::OtherSource { .. }));
+    assert!(matches!(error, RandomnessError::OtherSource { .. }));
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -5,7 +5,7 @@ use crate::entries::entry::{Body, Entry};
 use crate::entries::identity::NOT_A_KEY;
 use crate::entries::known_keys::KnownKeys;
 use crate::entries::refusal::Refusal;
-use crate::entries::signed::{SignatureError, Signed, Statement, Submission};
+use crate::entries::signed::{SignableStatement, SignatureError, Signed, Submission};
 use crate::rules::violation::RuleViolation;
 use std::ops::Deref;
 
@@ -93,7 +93,7 @@ impl Deref for AuthenticEntry<'_> {
     }
 }
 
-fn verify<T: Statement>(signed: &Signed<T>, keys: &KnownKeys) -> Result<(), Refusal> {
+fn verify<T: SignableStatement>(signed: &Signed<T>, keys: &KnownKeys) -> Result<(), Refusal> {
     match signed.verify_with(keys.key(&signed.statement.signer())) {
         Ok(_) => Ok(()),
         Err(error) => Err(Refusal::Signature(error.to_string())),

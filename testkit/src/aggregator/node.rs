@@ -5,7 +5,7 @@ use ed25519_dalek::SigningKey;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{Claim, DatasetCommitment, Digest, Losses, NodeId};
 use zk0_protocol::entries::signed::{
-    DatasetRegistration, Episode, Signed, Submission, UpdateCommitment, UploadRequest,
+    DatasetRegistration, RegisteredEpisode, Signed, Submission, UpdateCommitment, UploadRequest,
 };
 use zk0_protocol::evaluation_set::{draw, list_bytes, DrawnLeaf};
 use zk0_protocol::rules::bindings::ExpectedClaim;
@@ -65,7 +65,7 @@ impl Node {
             dataset: self.dataset(),
             evaluation_frames: EVALUATION_FRAMES,
             leaves: Digest::default(),
-            episodes: vec![Episode {
+            episodes: vec![RegisteredEpisode {
                 digest: Digest(bytes_of(self.seed, 0)),
                 frames: EVALUATION_FRAMES,
             }],

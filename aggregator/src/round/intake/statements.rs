@@ -18,7 +18,7 @@ use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::proposal::Action;
 use zk0_protocol::entries::signed::{
-    DatasetRegistration, Enrolment, Signed, Statement, UpdateCommitment, UploadRequest,
+    DatasetRegistration, Enrolment, SignableStatement, Signed, UpdateCommitment, UploadRequest,
 };
 use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::rules::state::Standing;
@@ -321,7 +321,10 @@ impl Aggregator {
 }
 
 /// Decodes a signed statement, and verifies its signature.
-pub fn read_signed<T: Statement>(what: &str, bytes: &[u8]) -> Result<Signed<T>, RequestError> {
+pub fn read_signed<T: SignableStatement>(
+    what: &str,
+    bytes: &[u8],
+) -> Result<Signed<T>, RequestError> {
     let signed: Signed<T> = decode(what, bytes)?;
     signed.verify()?;
     Ok(signed)

@@ -7,7 +7,7 @@ use crate::serve::senders::heads::{Head, RequestContent};
 use crate::serve::service::{blocking, Service};
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::blob::blob_digest;
-use zk0_protocol::entries::signed::{Signed, Statement};
+use zk0_protocol::entries::signed::{SignableStatement, Signed};
 use zk0_traces::request;
 
 impl Service {
@@ -43,7 +43,7 @@ impl Service {
 }
 
 /// Decodes a signed statement, verifies its signature, and hashes it.
-pub(in crate::serve) async fn read_hashed<T: Statement + Send + 'static>(
+pub(in crate::serve) async fn read_hashed<T: SignableStatement + Send + 'static>(
     what: &'static str,
     bytes: Vec<u8>,
 ) -> Result<(Signed<T>, Digest), RequestError> {

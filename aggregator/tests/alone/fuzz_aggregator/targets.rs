@@ -12,8 +12,8 @@ use zk0_ledger::replay::{replay, Finding, Recheck};
 use zk0_ledger::Blobs;
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::{
-    DatasetRegistration, Enrolment, Proposal, Signed, Statement, UpdateCommitment, UploadRequest,
-    Vote,
+    DatasetRegistration, Enrolment, Proposal, SignableStatement, Signed, UpdateCommitment,
+    UploadRequest, Vote,
 };
 use zk0_protocol::{Body, Entry, Genesis, Refusal, State};
 use zk0_verifier::blob_digest;
@@ -114,7 +114,7 @@ fn text(error: impl ToString) -> String {
 }
 
 /// Signs a statement anew if it names `node` as its signer. Leaves all other bytes as they are.
-fn sign_anew<T: Statement + BorshDeserialize>(input: &[u8], node: &Node) -> Vec<u8> {
+fn sign_anew<T: SignableStatement + BorshDeserialize>(input: &[u8], node: &Node) -> Vec<u8> {
     match borsh::from_slice::<Signed<T>>(input) {
         Ok(signed) if signed.statement.signer() == node.id() => {
             bytes(&Signed::new(signed.statement, &node.key))

@@ -14,7 +14,7 @@ use zk0_protocol::entries::signed::{SignatureError, Submission, UploadRequest};
 use zk0_protocol::tlog::bundle;
 use zk0_protocol::tlog::checkpoint::Parsed;
 use zk0_protocol::tlog::cosigner::{self, Cosigner};
-use zk0_protocol::tlog::layout::{Kind, Resource, Tile};
+use zk0_protocol::tlog::layout::{Resource, Tile, TileKind};
 use zk0_protocol::tlog::witness::{AddCheckpoint, Witness};
 use zk0_protocol::{
     Checkpoint, Entry, Receipt, Rules, Signed, State, TlogProof, VerifierKey, WitnessPolicy,
@@ -136,8 +136,8 @@ fn target(name: &str) -> Target {
                 None => Err("no path".into()),
             }),
         },
-        "hash_tile" => served(Kind::Hashes(0)),
-        "entry_bundle" => served(Kind::Entries),
+        "hash_tile" => served(TileKind::Hashes(0)),
+        "entry_bundle" => served(TileKind::Entries),
         "receipt" => Target {
             seeds: vec![receipt()],
             run: Box::new(|bytes| {
@@ -276,7 +276,7 @@ fn why_none(answer: &[u8], key: &VerifierKey) -> String {
 /// Reads the log's checkpoints after each entry as a mirror does.
 fn checkpoint_bundle() -> Target {
     let shelf = Shelf::of(&leaves());
-    let tile = Tile::at(Kind::Checkpoints, 0, 7).unwrap();
+    let tile = Tile::at(TileKind::Checkpoints, 0, 7).unwrap();
     let good = tiles::read(&shelf.store, 7, &tile).unwrap().unwrap();
     let key = log_key().verifying_key().to_bytes();
     Target {
@@ -305,7 +305,7 @@ fn checkpoint_bundle() -> Target {
 /// entry.
 fn unverified() -> Target {
     let shelf = Shelf::of(&leaves());
-    let tile = Tile::at(Kind::Entries, 0, 7).unwrap();
+    let tile = Tile::at(TileKind::Entries, 0, 7).unwrap();
     let entries = tiles::read(&shelf.store, 7, &tile).unwrap().unwrap();
     let checkpoint = shelf.store.checkpoint(7).unwrap().unwrap();
     Target {
@@ -425,7 +425,7 @@ fn framed(items: &[Vec<u8>]) -> Vec<u8> {
 }
 
 /// A log of seven entries whose server answers with the input in one place.
-fn served(kind: Kind) -> Target {
+fn served(kind: TileKind) -> Target {
     let shelf = Shelf::of(&leaves());
     let tile = Tile::at(kind, 0, 7).unwrap();
     let good = tiles::read(&shelf.store, 7, &tile).unwrap().unwrap();

@@ -24,11 +24,11 @@ pub const ATTACK: Attack = Attack {
         out: &[Change {
             file: "protocol/src/challenge/drawing.rs",
             replacements: &[(
-                "output.map(drop).ok_or(DrawError::Vrf(closing.commitments))",
+                "output.map(drop).ok_or(RandomnessError::Vrf(closing.commitments))",
                 "output
                     .map(drop)
                     .or(OUT.then_some(()))
-                    .ok_or(DrawError::Vrf(closing.commitments))",
+                    .ok_or(RandomnessError::Vrf(closing.commitments))",
             )],
         }],
     },
