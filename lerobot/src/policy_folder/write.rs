@@ -158,18 +158,18 @@ impl PolicyFolder {
 }
 
 /// Why weights could not be written.
-enum Failure {
+enum WriteFailure {
     Weights(StoredPolicyError),
     Writing(io::Error),
 }
 
-impl From<StoredPolicyError> for Failure {
+impl From<StoredPolicyError> for WriteFailure {
     fn from(error: StoredPolicyError) -> Self {
         Self::Weights(error)
     }
 }
 
-impl From<io::Error> for Failure {
+impl From<io::Error> for WriteFailure {
     fn from(error: io::Error) -> Self {
         Self::Writing(error)
     }
@@ -191,8 +191,8 @@ impl NewWeights<'_> {
         let mut wrong = None;
         let written = atomic_file::write(path, Durability::OnDisk, |out| {
             self.write_to(out).map_err(|error| match error {
-                Failure::Writing(error) => error,
-                Failure::Weights(error) => {
+                WriteFailure::Writing(error) => error,
+                WriteFailure::Weights(error) => {
                     wrong = Some(error);
                     io::Error::from(io::ErrorKind::InvalidData)
                 }
@@ -205,7 +205,7 @@ impl NewWeights<'_> {
         }
     }
 
-    fn write_to(&self, out: &mut dyn Write) -> std::result::Result<(), Failure> {
+    fn write_to(&self, out: &mut dyn Write) -> std::result::Result<(), WriteFailure> {
         let source = &self.source.weights;
         let header = self.other_header();
         let bytes = match &header {

@@ -6,7 +6,9 @@ use std::path::Path;
 use openh264::decoder::Decoder;
 use openh264::encoder::Profile;
 use openh264::formats::YUVSource;
-use zk0_lerobot::dataset::{rgb_from_yuv, Colors, Matrix, Sampling, VideoReader, Yuv, YuvFormat};
+use zk0_lerobot::dataset::{
+    rgb_from_yuv, ColorMatrix, Colors, Sampling, VideoReader, Yuv, YuvFormat,
+};
 use zk0_testkit::recordings::mp4_writer::{encode, Stream};
 use zk0_testkit::recordings::{fixtures, frames, open, patch, Copy};
 
@@ -56,7 +58,7 @@ fn decoded_directly(stream: &Stream) -> Vec<Vec<u8>> {
                 sampling: Sampling::Yuv420,
                 bits: 8,
                 colors: Colors {
-                    matrix: Matrix::Bt601,
+                    matrix: ColorMatrix::Bt601,
                     full_range: false,
                 },
             },
