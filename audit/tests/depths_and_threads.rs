@@ -315,7 +315,7 @@ fn a_refusal_whose_proof_was_private_is_checked_once_its_round_has_closed() {
     ] {
         let (whole, scratch) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let file = scratch.path().join("state");
-        let node = Node::new(1);
+        let node = SigningNode::new(1);
         let mut operator = Operator::founds(whole.path(), genesis(), &[&node]);
         operator.open();
         let submission = operator.submission(&node, 1, proof);

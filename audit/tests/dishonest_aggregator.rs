@@ -111,7 +111,7 @@ async fn an_audit_finds_what_a_dishonest_aggregator_records() -> Test {
 /// A node chooses the frames that its claims are about, and the aggregator helps it.
 #[test]
 fn an_audit_finds_a_dataset_with_frames_that_were_not_drawn() {
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let dir = tempfile::tempdir().unwrap();
     let mut operator = operator::Operator::founds(dir.path(), genesis(), &[&node]);
     let mut registration = node.registration(operator.state().network()).statement;

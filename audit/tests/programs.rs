@@ -115,7 +115,7 @@ fn hex(program: &Program) -> String {
 /// An operator who holds the log's key accepts a real proof whenever they like. The audit sees which program it is of.
 #[test]
 fn a_proof_counts_only_under_the_program_in_force() {
-    let ((own, proof), node) = (real_proof(), Node::new(1));
+    let ((own, proof), node) = (real_proof(), SigningNode::new(1));
     let of_another_program = "the SP1 proof is of another program";
     // The program is right, and the proof is of another claim: that is as much as this test can have without a new proof.
     let of_this_program = "the SP1 proof does not prove this claim";
@@ -146,7 +146,7 @@ fn a_proof_counts_only_under_the_program_in_force() {
 fn nobody_puts_a_program_in_force_in_a_round_or_holds_it_back() {
     let voted_in_a_round = || {
         let dir = tempfile::tempdir().unwrap();
-        let mut operator = Operator::founds(dir.path(), genesis(), &[&Node::new(1)]);
+        let mut operator = Operator::founds(dir.path(), genesis(), &[&SigningNode::new(1)]);
         operator.open();
         operator.append(proposed(operator.state(), replace(&other())));
         operator.append(voted(operator.state(), Ballot::For));
@@ -185,7 +185,8 @@ fn nobody_puts_a_program_in_force_in_a_round_or_holds_it_back() {
 
 #[test]
 fn proofs_that_this_release_cannot_verify_are_not_checked_and_the_audit_says_so() {
-    let ((own, proof), [first, second]) = (real_proof(), [Node::new(1), Node::new(2)]);
+    let ((own, proof), [first, second]) =
+        (real_proof(), [SigningNode::new(1), SigningNode::new(2)]);
     let later = Program {
         sp1: "9.9.9".into(),
         ..own.clone()

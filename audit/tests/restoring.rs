@@ -12,7 +12,7 @@ use zk0_testkit::aggregator::*;
 /// A network in which round 0 ended with the weights 1, and round 1 with the weights 2. The audit cannot verify the proofs, so that they
 /// are no faults.
 fn after_two_rounds(dir: &TempDir) -> Operator {
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let mut operator = Operator::founds(dir.path(), genesis(), &[&node]);
     operator.decide(Action::ReplaceProgram(Program {
         sp1: "9.9.9".into(),

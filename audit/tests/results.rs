@@ -66,7 +66,7 @@ impl Accepted {
         let mut founded = genesis();
         founded.initial = digest(base);
         founded.rules.public_samples = Some(rule_of(&samples));
-        let nodes = [Node::new(1), Node::new(2)];
+        let nodes = [SigningNode::new(1), SigningNode::new(2)];
         let mut operator = Operator::founds(dir.path(), founded, &[&nodes[0], &nodes[1]]);
         for blob in [base, &samples] {
             operator.ledger.blobs().put(blob).unwrap();

@@ -170,7 +170,7 @@ fn base_weights_that_hold_other_numbers_are_a_fault() {
         let dir = tempfile::tempdir().unwrap();
         let mut genesis = genesis();
         genesis.initial.quantised.0[7] ^= flipped;
-        let mut operator = Operator::founds(dir.path(), genesis, &[&Node::new(1)]);
+        let mut operator = Operator::founds(dir.path(), genesis, &[&SigningNode::new(1)]);
         let opening = operator.ledger.size();
         operator.open();
         drop(operator);
@@ -384,7 +384,11 @@ fn what_was_found_about_a_missing_or_damaged_blob_is_not_final() {
     assert_eq!(run(theirs.path()).verdict, ReplayVerdict::Failed);
     fs::remove_file(&state).unwrap();
     let longer = tempfile::tempdir().unwrap();
-    drop(Operator::founds(longer.path(), genesis(), &[&Node::new(1)]));
+    drop(Operator::founds(
+        longer.path(),
+        genesis(),
+        &[&SigningNode::new(1)],
+    ));
     assert_eq!(without_policy(longer.path()), ReplayVerdict::Incomplete);
     let rolled_back = run(founded(|_| ()).path());
     assert!(says(&rolled_back.report, "ROLLED BACK"));

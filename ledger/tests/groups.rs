@@ -423,7 +423,7 @@ fn published_with(
 ) -> Result<ReplayReport, MirrorError> {
     let store = Store::open_read_only(&dir.join("log")).unwrap();
     let size = store.size().unwrap();
-    let mut shown = Shown {
+    let mut shown = ShownLog {
         store: &store,
         size,
         instead: Default::default(),

@@ -34,7 +34,7 @@ fn leaves(count: u64, seed: u8) -> Vec<Vec<u8>> {
         .collect()
 }
 
-fn open<'a>(source: &'a Shown<'_>) -> Result<PublishedLog<'a>, PublishedError> {
+fn open<'a>(source: &'a ShownLog<'_>) -> Result<PublishedLog<'a>, PublishedError> {
     PublishedLog::open(source, &log_vkey(), &WitnessPolicy::none())
 }
 

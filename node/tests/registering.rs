@@ -31,7 +31,7 @@ struct Scene {
 
 impl Scene {
     async fn new() -> Self {
-        let node = aggregator::Node::new(1);
+        let node = aggregator::SigningNode::new(1);
         let config = Config {
             rounds: Some(0),
             min_nodes: 1,

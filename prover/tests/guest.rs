@@ -12,7 +12,7 @@ use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{EvalSpec, Mode, PrivateInput};
 use zk0_prover::measure::cycles::{self, CycleCount};
 use zk0_prover::program::{elf, synthetic, ExecuteError, Executor};
-use zk0_testkit::claims::Node;
+use zk0_testkit::claims::ClaimingNode;
 
 fn circuits() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../circuits")
@@ -70,7 +70,7 @@ async fn guest_and_host_give_the_same_claim() {
 async fn guest_and_host_give_the_same_claim_about_a_base_that_saturates() {
     const NORM: &str = "model.vlm_with_expert.lm_expert.norm.weight";
     let executor = Executor::new().await.unwrap();
-    let mut node = Node::new(&EvalSpec::micro(), 20, 4, 11);
+    let mut node = ClaimingNode::new(&EvalSpec::micro(), 20, 4, 11);
     for gain in node.base.get_mut(NORM).unwrap() {
         *gain *= 1000.0;
     }

@@ -13,7 +13,7 @@ type Test = Result<(), Box<dyn std::error::Error>>;
 
 /// A network of one node, and the node, which has asked for nothing but the network.
 async fn network(limits: Limits) -> (Network, NodeClient) {
-    let node = aggregator::Node::new(1);
+    let node = aggregator::SigningNode::new(1);
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,
@@ -40,7 +40,7 @@ async fn the_first_large_message_of_a_node_does_not_wait_for_those_of_strangers(
     begin_large_message(&mut slow).await;
     network.large_message().await;
     let begun = Instant::now();
-    let registration = aggregator::Node::new(1)
+    let registration = aggregator::SigningNode::new(1)
         .registration(node.network())
         .statement;
     // The list is larger than a small message, and is not the one of the registration.

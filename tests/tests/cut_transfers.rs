@@ -75,7 +75,7 @@ async fn relay(
 
 #[tokio::test(flavor = "multi_thread")]
 async fn cut_transfers_go_on_and_send_next_to_nothing_twice() -> Test {
-    let first = aggregator::Node::new(1);
+    let first = aggregator::SigningNode::new(1);
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,

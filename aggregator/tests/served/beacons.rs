@@ -210,12 +210,12 @@ async fn each_thing_that_is_wrong_with_a_server_is_named() {
 }
 
 /// A network with a beacon, in round 0, in which both nodes have committed.
-async fn waiting(does: Does) -> (Network, Node, Doing) {
+async fn waiting(does: Does) -> (Network, SigningNode, Doing) {
     let (url, doing) = server(does).await;
     let mut founded = genesis();
     founded.rules.randomness = RandomnessSource::Drand(Box::new(chain()));
     founded.rules.randomness_window_ms = 60_000;
-    let (first, second) = (Node::new(1), Node::new(2));
+    let (first, second) = (SigningNode::new(1), SigningNode::new(2));
     let config = Config {
         rounds: Some(1),
         min_nodes: 2,
@@ -253,7 +253,7 @@ async fn a_round_waits_for_its_beacon_and_goes_on_with_it() -> Test {
         doing.asked_twice().await;
         // The ledger takes what others send meanwhile.
         let enrol = move |aggregator: &mut Aggregator| {
-            let node = Node::new(20 + does as u8);
+            let node = SigningNode::new(20 + does as u8);
             aggregator.enrol(node.id(), "late".into())
         };
         network.service().with(enrol).await?;

@@ -28,7 +28,7 @@ async fn record(network: &Network, body: &Body) -> Result<u64, Status> {
     Ok(index)
 }
 
-fn proposal(network: &Network, by: &Node, number: u64, action: Action) -> Body {
+fn proposal(network: &Network, by: &SigningNode, number: u64, action: Action) -> Body {
     let proposal = Proposal {
         network: network.genesis.network_id(),
         number,
@@ -40,7 +40,7 @@ fn proposal(network: &Network, by: &Node, number: u64, action: Action) -> Body {
     Body::Proposed(Signed::new(proposal, &by.key))
 }
 
-fn vote(network: &Network, by: &Node, on: &Body, ballot: Ballot) -> Body {
+fn vote(network: &Network, by: &SigningNode, on: &Body, ballot: Ballot) -> Body {
     let Body::Proposed(proposed) = on else {
         panic!("not a proposal: {on:?}");
     };
@@ -63,7 +63,11 @@ fn config() -> Config {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_vote_changes_the_next_round() -> Test {
-    let (governor, first, second) = (Node::new(GOVERNOR), Node::new(1), Node::new(2));
+    let (governor, first, second) = (
+        SigningNode::new(GOVERNOR),
+        SigningNode::new(1),
+        SigningNode::new(2),
+    );
     let mut network = Network::start(&[&first, &second], config()).await;
     for node in [&first, &second] {
         node.register(&network).await?;
@@ -123,7 +127,7 @@ async fn a_vote_changes_the_next_round() -> Test {
     assert!(closed < settled && settled < opened);
     assert!(matches!(&bodies[opened], Body::RoundOpened(opened) if opened.rules == rules));
     // The aggregator tells a node whether it is invited, before the node trains.
-    let asked = |node: &Node| proto::GetRoundRequest {
+    let asked = |node: &SigningNode| proto::GetRoundRequest {
         round: Some(1),
         node: node.id().0.to_vec(),
     };
@@ -153,7 +157,7 @@ async fn a_vote_changes_the_next_round() -> Test {
 async fn only_what_members_may_say_is_recorded() -> Test {
     let network = Network::start(&[], config()).await;
     let enrolled = Body::NodeEnrolled(NodeEnrolled {
-        node: Node::new(5).id(),
+        node: SigningNode::new(5).id(),
         name: "by myself".into(),
     });
     refused(
@@ -172,7 +176,11 @@ async fn only_what_members_may_say_is_recorded() -> Test {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_node_goes_on_under_its_next_key() -> Test {
-    let (first, second, next) = (Node::new(1), Node::new(2), Node::new(7));
+    let (first, second, next) = (
+        SigningNode::new(1),
+        SigningNode::new(2),
+        SigningNode::new(7),
+    );
     let network = Network::start(&[&first, &second], config()).await;
     for node in [&first, &second] {
         node.register(&network).await?;
@@ -201,7 +209,7 @@ async fn a_node_goes_on_under_its_next_key() -> Test {
 fn with_a_false_contribution(
 ) -> Result<(tempfile::TempDir, Aggregator, u64), Box<dyn std::error::Error>> {
     let (dir, clock) = (tempfile::tempdir()?, Arc::new(ManualClock::at(START_MS)));
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let open =
         |clock: Arc<ManualClock>| Aggregator::open(dir.path(), None, log_key(), clock, config());
     let mut aggregator = found(
@@ -265,10 +273,10 @@ fn with_a_false_contribution(
 #[test]
 fn a_disputed_contribution_is_verified_again() -> Test {
     let (_dir, mut aggregator, accepted) = with_a_false_contribution()?;
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let earned = |aggregator: &Aggregator| aggregator.state().node(&node.id()).unwrap().credits;
     assert!(earned(&aggregator) > 0);
-    let governor = Node::new(GOVERNOR);
+    let governor = SigningNode::new(GOVERNOR);
     let dispute = Dispute {
         network: *aggregator.state().network(),
         disputer: governor.id(),
@@ -295,7 +303,7 @@ fn a_disputed_contribution_is_verified_again() -> Test {
 #[test]
 fn a_dispute_by_what_a_document_says_waits_for_a_vote() -> Test {
     let (_dir, mut aggregator, accepted) = with_a_false_contribution()?;
-    let governor = Node::new(GOVERNOR);
+    let governor = SigningNode::new(GOVERNOR);
     let dispute = Dispute {
         network: *aggregator.state().network(),
         disputer: governor.id(),

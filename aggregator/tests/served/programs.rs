@@ -50,7 +50,7 @@ fn decide(aggregator: &mut Aggregator, clock: &ManualClock, action: Action) -> T
 
 #[test]
 fn no_round_opens_with_a_program_that_nobody_here_can_verify() -> Test {
-    let (dir, node) = (tempfile::tempdir()?, Node::new(1));
+    let (dir, node) = (tempfile::tempdir()?, SigningNode::new(1));
     let operator = Operator::founds(dir.path(), genesis(), &[&node]);
     let clock = Arc::new(ManualClock::at(operator.time_ms));
     drop(operator);
@@ -76,7 +76,7 @@ fn no_round_opens_with_a_program_that_nobody_here_can_verify() -> Test {
 
 #[test]
 fn an_open_round_that_nobody_here_can_verify_is_not_run() -> Test {
-    let (dir, node) = (tempfile::tempdir()?, Node::new(1));
+    let (dir, node) = (tempfile::tempdir()?, SigningNode::new(1));
     let mut operator = Operator::founds(dir.path(), genesis(), &[&node]);
     operator.decide(Action::ReplaceProgram(of_another_release()));
     operator.open();
@@ -93,7 +93,7 @@ fn an_open_round_that_nobody_here_can_verify_is_not_run() -> Test {
 
 #[test]
 fn a_proof_of_the_program_before_is_refused() -> Test {
-    let ((own, proof), node) = (real_proof(), Node::new(1));
+    let ((own, proof), node) = (real_proof(), SigningNode::new(1));
     let other = Program::founding(&[2; 32]);
     let mut genesis = genesis();
     genesis.rules.max_proof_bytes = 4 << 20;
@@ -179,7 +179,7 @@ async fn nodes_hear_which_program_a_round_is_of() -> Test {
 
 #[test]
 fn a_round_starts_from_restored_weights_once_their_blob_is_at_hand() -> Test {
-    let (dir, node) = (tempfile::tempdir()?, Node::new(1));
+    let (dir, node) = (tempfile::tempdir()?, SigningNode::new(1));
     let mut operator = Operator::founds(dir.path(), genesis(), &[&node]);
     operator.round(&node, 1, b"no proof");
     operator.round(&node, 2, b"no proof");

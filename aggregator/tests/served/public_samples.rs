@@ -45,7 +45,7 @@ fn ready(genesis: Genesis, samples: &[u8]) -> (tempfile::TempDir, Aggregator) {
     drop(founded(dir.path(), genesis, Some(samples)).unwrap());
     let clock = Arc::new(ManualClock::at(START_MS));
     let mut aggregator = Aggregator::open(dir.path(), None, log_key(), clock, CONFIG).unwrap();
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     aggregator.enrol(node.id(), "the only one".into()).unwrap();
     let registration = node.registration(aggregator.state().network());
     let registration = borsh::to_vec(&registration).unwrap();

@@ -51,7 +51,8 @@ async fn busy() -> (Network, Digest, Digest) {
 
 /// Records one more entry.
 async fn grow(network: &Network) {
-    let enrol = |aggregator: &mut Aggregator| aggregator.enrol(Node::new(9).id(), "late".into());
+    let enrol =
+        |aggregator: &mut Aggregator| aggregator.enrol(SigningNode::new(9).id(), "late".into());
     network.service().with(enrol).await.unwrap();
 }
 
@@ -115,7 +116,7 @@ async fn an_export_outlives_the_ledger() {
 /// Makes two ledgers of one log key. Their first entries are the same, and the later ones differ.
 fn forked(ours: &Path, other: &Path) {
     let enrol = |ledger: &mut Ledger, node: u8| {
-        let node = Node::new(node).id();
+        let node = SigningNode::new(node).id();
         let name = "a node".into();
         let enrolled = zk0_protocol::entries::member::NodeEnrolled { node, name };
         ledger

@@ -41,7 +41,7 @@ fn a_round_in_which_nobody_may_commit_takes_its_time() -> Test {
 #[test]
 fn no_round_opens_where_no_node_with_a_dataset_may_contribute() -> Test {
     let dir = tempfile::tempdir()?;
-    let (there, listed) = (Node::new(1), Node::new(2));
+    let (there, listed) = (SigningNode::new(1), SigningNode::new(2));
     let mut genesis = genesis();
     genesis.rules.participation = Participation::Listed(vec![listed.id()]);
     let network = genesis.network_id();
@@ -65,7 +65,7 @@ fn no_round_opens_where_no_node_with_a_dataset_may_contribute() -> Test {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_round_opens_when_enough_nodes_have_datasets() -> Test {
-    let (first, second) = (Node::new(1), Node::new(2));
+    let (first, second) = (SigningNode::new(1), SigningNode::new(2));
     let config = Config {
         rounds: Some(1),
         min_nodes: 2,
@@ -250,7 +250,7 @@ async fn nothing_acknowledged_is_lost_when_the_aggregator_is_killed() -> Test {
 #[test]
 fn a_submission_after_the_deadline_of_an_open_round_is_recorded_as_late() -> Test {
     // This aggregator runs without the timer that would close the round at once.
-    let (dir, node) = (tempfile::tempdir()?, Node::new(1));
+    let (dir, node) = (tempfile::tempdir()?, SigningNode::new(1));
     let clock = Arc::new(ManualClock::at(START_MS));
     let config = Config {
         rounds: Some(1),
@@ -373,7 +373,7 @@ fn a_node_is_shown_its_contributions_as_long_as_scaffold_reads_them() {
         learning_rate_millionths: 1000,
         restart_rounds: 3,
     });
-    let (node, other) = (Node::new(1), Node::new(2));
+    let (node, other) = (SigningNode::new(1), SigningNode::new(2));
     let mut operator = Operator::founds(dir.path(), founded, &[&node]);
     let accepted: Vec<_> = (0..3)
         .map(|round| operator.round(&node, round + 1, &[round as u8]))
@@ -385,9 +385,9 @@ fn a_node_is_shown_its_contributions_as_long_as_scaffold_reads_them() {
         min_nodes: 1,
     };
     let mut aggregator = Aggregator::open(dir.path(), None, log_key(), clock, config).unwrap();
-    let shown = |aggregator: &Aggregator, round, node: Option<&Node>| {
+    let shown = |aggregator: &Aggregator, round, node: Option<&SigningNode>| {
         let published = aggregator.ledger().size();
-        let node = node.map(Node::id);
+        let node = node.map(SigningNode::id);
         let receipts = aggregator.round(Some(round), node, published).unwrap();
         receipts.contribution.map(|receipt| receipt.index)
     };

@@ -17,7 +17,7 @@ use zk0_argument::prove::Values;
 use zk0_argument::transcript::{Prover, Refused, Verifier};
 use zk0_circuits::model::layout::{expert_tensors, Layout};
 use zk0_circuits::{Digest, EvalSpec, QuantisedWeights};
-use zk0_testkit::claims::{Parts, Random};
+use zk0_testkit::claims::{FloatSample, Random};
 
 /// Elements that look random, the same for a seed and a number.
 pub fn elements(seed: u64, count: usize) -> Vec<Goldilocks> {
@@ -208,8 +208,8 @@ pub fn alike(count: usize, seed: u64) -> [Models; 2] {
         }
         for (number, (sample, _)) in models.samples.iter_mut().enumerate() {
             let padded = number % 2;
-            let mut parts = Parts::random(&spec, &mut Random(seed), 2, padded);
-            parts.cache = Parts::random(&spec, &mut Random(seed + cache), 2, padded).cache;
+            let mut parts = FloatSample::random(&spec, &mut Random(seed), 2, padded);
+            parts.cache = FloatSample::random(&spec, &mut Random(seed + cache), 2, padded).cache;
             *sample = parts.quantise(&spec);
         }
         models

@@ -59,12 +59,12 @@ fn round(operator: &mut Operator, refused: Option<Refusal>) {
     let number = operator.state().next_round() as u8;
     operator.open();
     for node in [1, 2] {
-        operator.commit(&Node::new(node), &update(number, node));
+        operator.commit(&SigningNode::new(node), &update(number, node));
     }
     operator.draw();
     for (node, refused) in [(1, None), (2, refused)] {
         let (update, proof) = (update(number, node), proof(number, node));
-        let submission = operator.submission_of(&Node::new(node), &update, &proof);
+        let submission = operator.submission_of(&SigningNode::new(node), &update, &proof);
         operator.append(match refused {
             None => Body::ContributionAccepted(submission),
             Some(reason) => Body::ContributionRejected { submission, reason },
@@ -77,7 +77,7 @@ fn round(operator: &mut Operator, refused: Option<Refusal>) {
 
 /// The network of `genesis` with nodes 1, 2 and 3. An audit cannot verify its proofs, so that they are no faults.
 fn founded(dir: &Path, genesis: Genesis) -> Operator {
-    let nodes = [1, 2, 3].map(Node::new);
+    let nodes = [1, 2, 3].map(SigningNode::new);
     let program = genesis.program.clone();
     let mut operator = Operator::founds(dir, genesis, &nodes.each_ref());
     operator.decide(Action::ReplaceProgram(Program {
@@ -95,12 +95,12 @@ fn four_rounds() -> (TempDir, u64) {
     round(&mut operator, None);
     operator.open();
     for node in [1, 2, 3] {
-        operator.commit(&Node::new(node), &update(1, node));
+        operator.commit(&SigningNode::new(node), &update(1, node));
     }
     operator.draw();
-    let accepted = operator.submission_of(&Node::new(1), &update(1, 1), &proof(1, 1));
+    let accepted = operator.submission_of(&SigningNode::new(1), &update(1, 1), &proof(1, 1));
     operator.append(Body::ContributionAccepted(accepted));
-    let submission = operator.submission_of(&Node::new(2), &update(1, 2), &proof(1, 2));
+    let submission = operator.submission_of(&SigningNode::new(2), &update(1, 2), &proof(1, 2));
     operator.append(Body::ContributionRejected {
         submission,
         reason: Refusal::MalformedUpdate("it has no header".into()),
@@ -112,7 +112,7 @@ fn four_rounds() -> (TempDir, u64) {
     let refused = Refusal::MalformedProof("it is empty".into());
     round(&mut operator, Some(refused));
     operator.open();
-    operator.commit(&Node::new(1), &update(4, 1));
+    operator.commit(&SigningNode::new(1), &update(4, 1));
     operator.ledger.blobs().put(b"nobody's").unwrap();
     (dir, operator.time_ms)
 }
@@ -305,7 +305,11 @@ fn an_aggregator_goes_on_with_a_pruned_ledger() {
 
     // A network of this release's program.
     let dir = tempfile::tempdir().unwrap();
-    let mut operator = Operator::founds(dir.path(), genesis(), &[&Node::new(1), &Node::new(2)]);
+    let mut operator = Operator::founds(
+        dir.path(),
+        genesis(),
+        &[&SigningNode::new(1), &SigningNode::new(2)],
+    );
     (0..3).for_each(|_| round(&mut operator, None));
     let clock = Arc::new(ManualClock::at(operator.time_ms));
     drop(operator);

@@ -82,7 +82,7 @@ fn adam() -> Genesis {
 fn round_of_adam(operator: &mut Operator, moments: &[u8]) {
     let number = operator.state().next_round() as u8;
     operator.open();
-    let (node, update, proof) = (Node::new(1), update(number, 1), proof(number, 1));
+    let (node, update, proof) = (SigningNode::new(1), update(number, 1), proof(number, 1));
     operator.commit(&node, &update);
     operator.draw();
     let submission = operator.submission_of(&node, &update, &proof);
@@ -211,7 +211,7 @@ fn a_contribution_under_dispute_is_kept_until_it_is_decided() {
     round(&mut operator, None);
     operator.time_ms -= 2_000;
     let contribution = *operator.state().contributions().keys().next().unwrap();
-    let disputer = Node::new(3);
+    let disputer = SigningNode::new(3);
     let dispute = Dispute {
         network: *operator.state().network(),
         disputer: disputer.id(),
@@ -235,10 +235,10 @@ fn everything_of_the_open_round_is_kept() {
     let mut operator = after(1, genesis(), dir.path());
     operator.open();
     for node in [1, 2, 3] {
-        operator.commit(&Node::new(node), &update(1, node));
+        operator.commit(&SigningNode::new(node), &update(1, node));
     }
     operator.draw();
-    let late = operator.submission_of(&Node::new(2), &update(1, 2), &proof(1, 2));
+    let late = operator.submission_of(&SigningNode::new(2), &update(1, 2), &proof(1, 2));
     operator.append(Body::ContributionRejected {
         submission: late,
         reason: Refusal::MalformedProof("it is empty".into()),

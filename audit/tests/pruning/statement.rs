@@ -48,7 +48,7 @@ fn only_a_statement_of_the_log_about_rounds_that_had_closed_counts() {
     assert_eq!((true_one.proofs_before, true_one.weights_before), (0, 0));
     let (report, _) = audit(dir, Depth::Full);
     assert_eq!(faults(&report), [] as [&str; 0]);
-    let stranger = Node::new(7);
+    let stranger = SigningNode::new(7);
     let fails = |words: &str| {
         let (report, _) = audit(dir, Depth::Full);
         assert_eq!(report.verdict, ReplayVerdict::Failed);
@@ -181,7 +181,7 @@ fn an_export_that_is_being_updated_is_not_called_rolled_back() {
         time_ms: now_ms,
     };
     operator.append(Body::NodeEnrolled(NodeEnrolled {
-        node: Node::new(8).id(),
+        node: SigningNode::new(8).id(),
         name: "late".into(),
     }));
     assert_eq!(operator.ledger.size(), size + 1);

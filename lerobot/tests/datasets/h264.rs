@@ -9,7 +9,7 @@ use openh264::formats::YUVSource;
 use zk0_lerobot::dataset::{
     rgb_from_yuv, ColorMatrix, Colors, Sampling, VideoReader, Yuv, YuvFormat,
 };
-use zk0_testkit::recordings::mp4_writer::{encode, Stream};
+use zk0_testkit::recordings::mp4_writer::{encode, EncodedVideo};
 use zk0_testkit::recordings::{fixtures, frames, open, patch, Copy};
 
 const HEIGHT: usize = 96;
@@ -47,7 +47,7 @@ fn psnr(a: &[u8], b: &[u8]) -> f64 {
 }
 
 /// Decodes the pictures of the raw byte stream without any container.
-fn decoded_directly(stream: &Stream) -> Vec<Vec<u8>> {
+fn decoded_directly(stream: &EncodedVideo) -> Vec<Vec<u8>> {
     let mut decoder = Decoder::new().unwrap();
     let mut pictures = Vec::new();
     for bytes in &stream.annex_b {

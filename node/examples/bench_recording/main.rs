@@ -34,7 +34,7 @@ use zk0_smolvla::policy::init::init_policy;
 use zk0_smolvla::policy::policy_file::{self, PolicyFile};
 use zk0_smolvla::train::{train_on, TrainOptions, TrainingSamples};
 use zk0_smolvla::{ExpertWeights, Profile};
-use zk0_testkit::made_recording::{make, Episode};
+use zk0_testkit::made_recording::{make, MadeEpisode};
 use zk0_verifier::dataset::check_leaf_list;
 
 /// The allocator is that of the `zk0` binary.
@@ -127,7 +127,7 @@ fn pairs(words: &[String]) -> Result<Vec<(String, String)>> {
 /// Makes the recording and the policy, and measures the profile.
 fn all(profile: &str, options: &[String]) -> Result<()> {
     let dir = tempfile::tempdir()?;
-    let episode = |seed| Episode {
+    let episode = |seed| MadeEpisode {
         seed,
         frames: FRAMES,
         still: false,

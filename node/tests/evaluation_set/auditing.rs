@@ -7,7 +7,7 @@ use zk0_node::recording::secret::{RegistrationSecret, Secrets};
 use zk0_node::recording::OpenRecording;
 use zk0_protocol::entries::signed::DatasetRegistration;
 use zk0_protocol::evaluation_set::DrawnLeaf;
-use zk0_testkit::made_recording::{make, Episode};
+use zk0_testkit::made_recording::{make, MadeEpisode};
 use zk0_testkit::micro_network::{pickplace, Setting, SECRET};
 
 struct Audited {
@@ -91,7 +91,7 @@ fn an_invented_sample_is_found() {
 fn another_recording_is_named_by_its_episodes_or_features() {
     let mut audited = Audited::new();
     let dir = tempfile::tempdir().unwrap();
-    let episode = Episode {
+    let episode = MadeEpisode {
         seed: 1,
         frames: 20,
         still: false,

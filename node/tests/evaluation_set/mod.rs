@@ -18,7 +18,7 @@ use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::prefix_cache::DiskCache;
 use zk0_smolvla::measure::fixed_point::quantise_sample;
 use zk0_smolvla::policy::policy_file::PolicyFile;
-use zk0_testkit::made_recording::{make, Episode};
+use zk0_testkit::made_recording::{make, MadeEpisode};
 use zk0_testkit::micro_network::{pickplace, Setting};
 use zk0_verifier::dataset::check_leaf_list;
 
@@ -91,7 +91,7 @@ fn registered_frames_are_those_of_their_episodes() {
 #[test]
 fn a_repeated_episode_counts_once() {
     let setting = Setting::new();
-    let episode = |seed| Episode {
+    let episode = |seed| MadeEpisode {
         seed,
         frames: 20,
         still: false,
@@ -114,7 +114,7 @@ fn a_repeated_episode_counts_once() {
 fn a_still_recording_is_registered_with_its_distinct_samples() {
     let setting = Setting::new();
     let dir = tempfile::tempdir().unwrap();
-    let episode = |seed| Episode {
+    let episode = |seed| MadeEpisode {
         seed,
         frames: 30,
         still: true,

@@ -15,14 +15,14 @@ use zk0_verifier::blob_digest;
 pub const EVALUATION_FRAMES: u32 = 10;
 
 /// A node that signs what it is told to.
-pub struct Node {
+pub struct SigningNode {
     /// The node's key.
     pub key: SigningKey,
     /// Its number, from which all that belongs to it follows.
     pub seed: u16,
 }
 
-impl Node {
+impl SigningNode {
     /// The node of this number.
     pub fn new(seed: u8) -> Self {
         Self::numbered(seed.into())

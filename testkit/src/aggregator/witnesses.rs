@@ -1,6 +1,6 @@
 //! Witnesses that serve on loopback, and ledgers that they are to cosign.
 
-use super::{genesis, log_key, ManualClock, Node, START_MS};
+use super::{genesis, log_key, ManualClock, SigningNode, START_MS};
 use crate::until_async;
 use ed25519_dalek::SigningKey;
 use std::path::Path;
@@ -108,7 +108,7 @@ pub async fn three() -> ([Running; 3], WitnessPolicy) {
 /// Enrols a node.
 pub fn enrol(ledger: &mut Ledger, node: u8) {
     let enrolled = NodeEnrolled {
-        node: Node::new(node).id(),
+        node: SigningNode::new(node).id(),
         name: "a node".into(),
     };
     ledger

@@ -44,8 +44,8 @@ impl Shelf {
     }
 
     /// Returns what a log publishes of the first `size` leaves.
-    pub fn at(&self, size: u64) -> Shown<'_> {
-        Shown {
+    pub fn at(&self, size: u64) -> ShownLog<'_> {
+        ShownLog {
             store: &self.store,
             size,
             instead: BTreeMap::new(),
@@ -54,7 +54,7 @@ impl Shelf {
 }
 
 /// The log at one size; `instead` replaces files, or hides them.
-pub struct Shown<'a> {
+pub struct ShownLog<'a> {
     /// The database of the whole log.
     pub store: &'a Store,
     /// How many leaves are shown.
@@ -63,7 +63,7 @@ pub struct Shown<'a> {
     pub instead: BTreeMap<String, Option<Vec<u8>>>,
 }
 
-impl LogSource for Shown<'_> {
+impl LogSource for ShownLog<'_> {
     fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError> {
         if let Some(instead) = self.instead.get(path) {
             let bytes = instead.clone();

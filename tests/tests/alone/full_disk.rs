@@ -30,7 +30,10 @@ async fn an_upload_and_a_submission_go_on_when_there_is_room_again() -> Test {
     }
     // With a handler, the write fails, and the process goes on.
     let _ignored = signal(SignalKind::from_raw(SIGXFSZ))?;
-    let (first, second) = (aggregator::Node::new(1), aggregator::Node::new(2));
+    let (first, second) = (
+        aggregator::SigningNode::new(1),
+        aggregator::SigningNode::new(2),
+    );
     let config = Config {
         rounds: Some(1),
         min_nodes: 2,

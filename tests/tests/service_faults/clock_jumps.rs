@@ -9,7 +9,7 @@ use tokio::time::timeout;
 use tonic::Code;
 use zk0_aggregator::{Config, StepOutcome};
 use zk0_protocol::entries::entry::Body;
-use zk0_testkit::aggregator::{digest, open_round, refused, weights, Network, Node};
+use zk0_testkit::aggregator::{digest, open_round, refused, weights, Network, SigningNode};
 use zk0_tls::service_address::Silence;
 
 const DAY: i64 = DAY_MS as i64;
@@ -108,7 +108,7 @@ async fn small_steps_of_the_clock_are_no_jump() {
 }
 
 async fn a_nodes_clock_jumps_by(jump: i64) {
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,

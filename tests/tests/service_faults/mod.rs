@@ -26,7 +26,7 @@ fn by_the_machines_clock(network: &Network) {
 /// The client of a real node, connected to the aggregator at `url`.
 async fn client(
     network: &Network,
-    node: &aggregator::Node,
+    node: &aggregator::SigningNode,
     url: &str,
     silence: Silence,
 ) -> NodeClient {

@@ -22,7 +22,7 @@ use zk0_protocol::{
 
 use zk0_testkit::fuzzing::{Target, Targets};
 use zk0_testkit::ledgers::rounds::ledger_with_a_round;
-use zk0_testkit::ledgers::shelf::{Shelf, Shown};
+use zk0_testkit::ledgers::shelf::{Shelf, ShownLog};
 use zk0_testkit::network::log::{log_vkey, ORIGIN};
 use zk0_testkit::network::{claim, digest, genesis, id, key, log_key, submission};
 
@@ -282,7 +282,7 @@ fn checkpoint_bundle() -> Target {
     Target {
         seeds: vec![good],
         run: Box::new(move |bytes| {
-            let shown = Shown {
+            let shown = ShownLog {
                 store: &shelf.store,
                 size: 7,
                 instead: BTreeMap::from([(tile.to_string(), Some(bytes.to_vec()))]),
@@ -316,7 +316,7 @@ fn unverified() -> Target {
                 0 => Resource::Checkpoint.to_string(),
                 _ => tile.to_string(),
             };
-            let shown = Shown {
+            let shown = ShownLog {
                 store: &shelf.store,
                 size: 7,
                 instead: BTreeMap::from([(path, Some(bytes.to_vec()))]),
@@ -432,7 +432,7 @@ fn served(kind: TileKind) -> Target {
     Target {
         seeds: vec![good],
         run: Box::new(move |bytes| {
-            let shown = Shown {
+            let shown = ShownLog {
                 store: &shelf.store,
                 size: 7,
                 instead: BTreeMap::from([(tile.to_string(), Some(bytes.to_vec()))]),
