@@ -3,7 +3,7 @@
 
 use crate::address::AddressError;
 use crate::objects::Objects;
-use crate::waiting::Patience;
+use crate::waiting::RetryPeriod;
 use object_store::path::Path as ObjectPath;
 use object_store::{Attribute, Attributes, Error, ObjectStoreExt};
 use sha2::{Digest as _, Sha256};
@@ -48,7 +48,7 @@ impl PublicLog {
     pub fn open(
         address: &str,
         variables: &[(String, String)],
-        patience: Patience,
+        patience: RetryPeriod,
     ) -> Result<Self, PublicLogError> {
         let objects = Objects::open(address, variables, patience)?;
         let listed = objects.list("listing the published log", &objects.prefix)?;

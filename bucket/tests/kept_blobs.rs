@@ -9,7 +9,7 @@ use std::sync::Barrier;
 use std::thread;
 use std::time::{Duration, SystemTime};
 use zk0_bucket::bucket::PART_BYTES;
-use zk0_bucket::waiting::Patience;
+use zk0_bucket::waiting::RetryPeriod;
 use zk0_bucket::Bucket;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::usage::StoreOperation;
@@ -19,7 +19,7 @@ use zk0_testkit::s3::S3;
 const LIMIT: u64 = 1 << 30;
 
 fn in_store(dir: &Path, address: &str, variables: &[(String, String)]) -> Blobs {
-    let patience = Patience(Duration::from_secs(120));
+    let patience = RetryPeriod(Duration::from_secs(120));
     let bucket = Bucket::open(address, variables, patience).unwrap();
     Blobs::in_store(dir, Box::new(bucket)).unwrap()
 }
@@ -41,7 +41,7 @@ fn with_stores(test: impl Fn(&dyn Fn(&Path) -> Blobs, &Path)) {
 
 /// A reader of the same store, with another folder.
 fn reader(dir: &Path, address: &str, variables: &[(String, String)]) -> Blobs {
-    let patience = Patience(Duration::from_secs(120));
+    let patience = RetryPeriod(Duration::from_secs(120));
     let bucket = Bucket::open(address, variables, patience).unwrap();
     Blobs::beside_writer(dir, Box::new(bucket)).unwrap()
 }
@@ -306,7 +306,7 @@ fn what_a_store_was_asked_for_is_counted() {
 
 #[test]
 fn what_is_no_address_of_a_store_is_refused() {
-    let patience = Patience(Duration::from_secs(1));
+    let patience = RetryPeriod(Duration::from_secs(1));
     for (address, words) in [
         ("bucket", "is not the address of a blob store"),
         ("http://example.com/x", "names no store of objects"),

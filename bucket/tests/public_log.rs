@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 use zk0_bucket::public_log::PublicLog;
-use zk0_bucket::waiting::Patience;
+use zk0_bucket::waiting::RetryPeriod;
 use zk0_ledger::published::export::{export_to, ExportError, Exported};
 use zk0_ledger::published::mirror::mirror;
 use zk0_ledger::published::publication::Publication;
@@ -24,13 +24,13 @@ fn real() -> PathBuf {
 }
 
 fn opened(s3: &S3, seconds: u64) -> PublicLog {
-    let patience = Patience(Duration::from_secs(seconds));
+    let patience = RetryPeriod(Duration::from_secs(seconds));
     PublicLog::open(&s3.address("a/log"), &s3.variables(), patience).unwrap()
 }
 
 fn in_folder(folder: &Path) -> PublicLog {
     let address = format!("file://{}", folder.display());
-    PublicLog::open(&address, &[], Patience(Duration::from_secs(1))).unwrap()
+    PublicLog::open(&address, &[], RetryPeriod(Duration::from_secs(1))).unwrap()
 }
 
 fn published(place: &mut PublicLog) -> Result<Exported, ExportError> {

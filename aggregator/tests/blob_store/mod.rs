@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use tokio::task::JoinSet;
 use tonic::Code;
 use zk0_aggregator::{Config, Limits, StepOutcome};
-use zk0_bucket::waiting::Patience;
+use zk0_bucket::waiting::RetryPeriod;
 use zk0_bucket::Bucket;
 use zk0_ledger::blobs::Blobs;
 use zk0_protocol::entries::entry::Body;
@@ -58,7 +58,11 @@ async fn started_with(
     network.stop().await;
     let (address, variables) = (s3.address("net"), s3.variables());
     network.keep_blobs(move |dir| {
-        let bucket = Bucket::open(&address, &variables, Patience(Duration::from_secs(seconds)));
+        let bucket = Bucket::open(
+            &address,
+            &variables,
+            RetryPeriod(Duration::from_secs(seconds)),
+        );
         Blobs::in_store(dir, Box::new(bucket.unwrap())).unwrap()
     });
     network.start_again().await;

@@ -12,7 +12,7 @@ use std::fs;
 use std::thread::sleep;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use zk0_bucket::bucket::PART_BYTES;
-use zk0_bucket::waiting::Patience;
+use zk0_bucket::waiting::RetryPeriod;
 use zk0_bucket::Bucket;
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::store::BlobStore;
@@ -44,7 +44,7 @@ fn fresh(name: &str, step: &str) -> String {
 }
 
 fn bucket(address: &str) -> Bucket {
-    Bucket::open(address, &variables(), Patience(MINUTE)).unwrap()
+    Bucket::open(address, &variables(), RetryPeriod(MINUTE)).unwrap()
 }
 
 /// A node's client for a store, by any protocol.

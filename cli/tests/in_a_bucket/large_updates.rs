@@ -12,7 +12,7 @@ use tempfile::TempDir;
 use tokio::runtime::Runtime;
 use tokio::task::JoinSet;
 use zk0_bucket::bucket::PART_BYTES;
-use zk0_bucket::waiting::Patience;
+use zk0_bucket::waiting::RetryPeriod;
 use zk0_bucket::Bucket;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::store::BlobStore;
@@ -211,7 +211,7 @@ fn a_bucket_that_fails_in_the_middle_of_an_update_is_asked_again() {
 #[test]
 fn an_update_that_is_cut_on_its_way_into_the_bucket_is_said() {
     let Some(s3) = S3::start() else { return };
-    let patience = Patience(Duration::from_secs(60));
+    let patience = RetryPeriod(Duration::from_secs(60));
     let bucket = Bucket::open(&s3.address("net"), &s3.variables(), patience).unwrap();
     let sent = bucket.sent().unwrap();
     let node = Member(1).id();
