@@ -13,7 +13,7 @@ use zk0_circuits::model::linear::bit_limits;
 use zk0_circuits::model::spec::SpecError;
 use zk0_circuits::vm::values::Values;
 use zk0_circuits::{EvalSpec, QuantisedWeights};
-use zk0_tensors::{Dtype, Header, ReadAt, TensorFile};
+use zk0_tensors::{Dtype, ReadAt, TensorFile, TensorHeader};
 
 /// The tensor that holds the fraction bits of the others, in the order of the file.
 pub const SCALES: &str = "fraction_bits";
@@ -45,7 +45,7 @@ impl Format {
         let rest = tensors
             .iter()
             .map(|tensor| (tensor.name.clone(), Dtype::I16, tensor.shape.clone()));
-        let header = Header::new(None, std::iter::once(scales).chain(rest));
+        let header = TensorHeader::new(None, std::iter::once(scales).chain(rest));
         Ok(Self {
             layout: Layout::new(&spec.dims),
             limits: bit_limits(spec, tensors.len()),

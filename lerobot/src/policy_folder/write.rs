@@ -16,7 +16,8 @@ use crate::policy_folder::json_file::read_json;
 use crate::policy_folder::other_statistics::OtherStats;
 use zk0_files::atomic_file::{self, Durability};
 use zk0_tensors::{
-    check_finite, encode, Dtype, Header, TensorData, TensorError, TensorInfo, TensorSet, BLOCK,
+    check_finite, encode, Dtype, TensorData, TensorError, TensorHeader, TensorInfo, TensorSet,
+    BLOCK,
 };
 
 /// In which type changed tensors are written.
@@ -259,7 +260,7 @@ impl NewWeights<'_> {
     }
 
     /// A new header, for when types change. `None` when there are the tensors that there were, each of the type and shape it had.
-    fn other_header(&self) -> Option<Header<'_>> {
+    fn other_header(&self) -> Option<TensorHeader<'_>> {
         let source = &self.source.weights;
         let mut same = true;
         let mut tensors = Vec::new();
@@ -289,6 +290,6 @@ impl NewWeights<'_> {
         tensors.sort_by(|(a, x, _), (b, y, _)| (Reverse(x), a).cmp(&(Reverse(y), b)));
         let metadata = source.metadata().as_ref();
         let metadata = metadata.map(|m| m.iter().map(|(k, v)| (&k[..], &v[..])).collect());
-        Some(Header::new(metadata, tensors))
+        Some(TensorHeader::new(metadata, tensors))
     }
 }

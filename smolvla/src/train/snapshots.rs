@@ -15,7 +15,7 @@ use candle_core::Tensor;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use zk0_files::atomic_file::{self, Durability};
-use zk0_tensors::{write_to, Entry, TensorFile, Written, HEADER_LIMIT};
+use zk0_tensors::{write_to, TensorEntry, TensorFile, WrittenTensors, HEADER_LIMIT};
 
 use crate::error::PolicyError;
 use crate::train::trainer::Trainer;
@@ -176,14 +176,17 @@ impl Snapshots {
         let unfinished = self.folder.join(format!("{UNFINISHED}{step}"));
         fs::create_dir(&unfinished).map_err(at(&unfinished))?;
 
-        let weights = trainer.values()?.into_iter().map(|(name, tensor)| Entry {
-            name,
-            shape: tensor.shape,
-            values: Cow::Owned(tensor.data),
-        });
+        let weights = trainer
+            .values()?
+            .into_iter()
+            .map(|(name, tensor)| TensorEntry {
+                name,
+                shape: tensor.shape,
+                values: Cow::Owned(tensor.data),
+            });
         let weights = self.write(&unfinished, WEIGHTS, weights.collect())?;
         let moments = trainer.optimizer().moments()?;
-        let moments = moments.into_iter().map(|moment| Entry {
+        let moments = moments.into_iter().map(|moment| TensorEntry {
             name: moment.name,
             shape: moment.shape,
             values: moment.values,
@@ -272,13 +275,14 @@ impl Snapshots {
         &self,
         folder: &Path,
         name: &str,
-        entries: Vec<Entry>,
+        entries: Vec<TensorEntry>,
     ) -> Result<(String, FileDigest), SnapshotError> {
         let path = folder.join(name);
-        let Written { digest, bytes } = atomic_file::write(&path, Durability::OnDisk, |out| {
-            write_to(out, entries, BTreeMap::new())
-        })
-        .map_err(at(&path))?;
+        let WrittenTensors { digest, bytes } =
+            atomic_file::write(&path, Durability::OnDisk, |out| {
+                write_to(out, entries, BTreeMap::new())
+            })
+            .map_err(at(&path))?;
         let sha256 = hex::encode(digest);
         Ok((name.into(), FileDigest { sha256, bytes }))
     }

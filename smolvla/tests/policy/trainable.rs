@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use candle_core::{DType, Device, Tensor, Var};
 use zk0_lerobot::config::PolicyConfig;
-use zk0_lerobot::layout::{policy_layout, trainable_layout, Layout};
+use zk0_lerobot::layout::{policy_layout, trainable_layout, TensorShapes};
 use zk0_lerobot::StoredPolicyError;
 use zk0_smolvla::policy::init::init_policy;
 use zk0_smolvla::policy::model::expert::ExpertModel;
@@ -24,7 +24,7 @@ use crate::reference::{numbers, published_parameters};
 #[test]
 fn the_published_sets_are_lerobots() {
     let facts = published_parameters();
-    let mut expected = Layout::new();
+    let mut expected = TensorShapes::new();
     for parameter in facts["parameters"].as_array().unwrap() {
         if parameter["trainable"].as_bool().unwrap() {
             let name = parameter["name"].as_str().unwrap().to_string();
@@ -35,7 +35,7 @@ fn the_published_sets_are_lerobots() {
     let config = Profile::Full.config();
     let found = trainable_layout(&config, true);
     assert_eq!(found, expected);
-    let count = |layout: &Layout| -> usize {
+    let count = |layout: &TensorShapes| -> usize {
         layout
             .values()
             .map(|shape| shape.iter().product::<usize>())

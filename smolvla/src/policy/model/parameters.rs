@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use candle_core::{DType, Device, Tensor, Var};
-use zk0_tensors::{Layout, TensorError, TensorSet};
+use zk0_tensors::{TensorError, TensorSet, TensorShapes};
 
 use crate::error::Result;
 use crate::policy::frozen::FrozenPrecision;
@@ -43,7 +43,7 @@ impl PolicyParameters {
     /// Moves plain weights to a device, those named in `trainable` as variables, which are also given by name.
     pub fn with_variables(
         weights: TensorSet,
-        trainable: &Layout,
+        trainable: &TensorShapes,
         device: &Device,
     ) -> Result<(Self, BTreeMap<String, Var>)> {
         let mut tensors = Self::take(weights, device)?.tensors;
