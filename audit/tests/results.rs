@@ -28,7 +28,7 @@ use zk0_verifier::combine::strategy::{combined, Global};
 use zk0_verifier::result::ResultError;
 use zk0_verifier::ResultFiles;
 use zk0_weights::scale::{exact, narrowed};
-use zk0_weights::{Format, Unread, WeightsError};
+use zk0_weights::{Format, Unread, WeightFileError};
 
 /// Expert weights like [`weights`], in which the tensors whose names begin with `prefix` are multiplied by `factor`.
 fn scaled(seed: u32, prefix: &str, factor: f64) -> Vec<u8> {
@@ -42,7 +42,7 @@ fn scaled(seed: u32, prefix: &str, factor: f64) -> Vec<u8> {
         let (values, bits) = format.tensor(&read, tensor);
         let values = values.iter().map(|value| exact(*value, bits) as f64);
         let values: Vec<_> = values.map(|value| (value * factor) as i128).collect();
-        Ok::<_, WeightsError>(narrowed(&values, 1, format.limits()[tensor]))
+        Ok::<_, WeightFileError>(narrowed(&values, 1, format.limits()[tensor]))
     });
     format.write(&scaled.unwrap())
 }

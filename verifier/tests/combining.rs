@@ -14,7 +14,7 @@ use zk0_verifier::combine::source::WeightsInMemory;
 use zk0_verifier::{blob_digest, Evaluation};
 use zk0_weights::rounding::Unit;
 use zk0_weights::scale::{check, exact, narrowed};
-use zk0_weights::{Format, Tensor, Unread};
+use zk0_weights::{Format, ScaledTensor, Unread};
 
 /// Wide enough for all that is tested here, and the widest that a specification can have.
 const LIMITS: (i16, i16) = (0, 24);
@@ -48,13 +48,13 @@ fn exactly(combination: &impl Combination, len: usize) -> (Vec<i128>, Unit) {
 }
 
 /// The rounded tensor.
-fn rounded(combination: &impl Combination, len: usize, limits: (i16, i16)) -> Tensor {
+fn rounded(combination: &impl Combination, len: usize, limits: (i16, i16)) -> ScaledTensor {
     let (numbers, unit) = exactly(combination, len);
     made::rounded_to(&numbers, unit, limits)
 }
 
 fn numbers(combination: &impl Combination, len: usize) -> Vec<f64> {
-    let Tensor { values, bits } = rounded(combination, len, LIMITS);
+    let ScaledTensor { values, bits } = rounded(combination, len, LIMITS);
     assert_eq!(check("mean", &values, bits, LIMITS), Ok(()));
     let unit = f64::from(1 << bits);
     values
@@ -78,7 +78,7 @@ fn one_contribution_averages_to_itself() {
         (vec![16384, 3], 23),
         (vec![0, -1], 24),
     ] {
-        let alone = [OneTensor(Tensor { values, bits })];
+        let alone = [OneTensor(ScaledTensor { values, bits })];
         let len = alone[0].0.values.len();
         let mean = average(&given(&alone, &[u64::MAX])).unwrap();
         assert_eq!(rounded(&mean, len, LIMITS), alone[0].0);
@@ -89,7 +89,7 @@ fn one_contribution_averages_to_itself() {
 fn a_mean_is_rounded_once_and_ties_go_to_even() {
     // These are steps of the finest scale, so that a mean between two steps has to be rounded.
     let step = |value: &i16| {
-        OneTensor(Tensor {
+        OneTensor(ScaledTensor {
             values: vec![*value],
             bits: 24,
         })
@@ -112,7 +112,7 @@ fn a_mean_is_rounded_once_and_ties_go_to_even() {
 fn a_mean_of_values_within_the_limits_is_within_them() {
     let limits = (3, 9);
     let largest = |sign: i16| {
-        OneTensor(Tensor {
+        OneTensor(ScaledTensor {
             values: vec![sign * 32767, 32767],
             bits: 3,
         })

@@ -17,7 +17,7 @@ use zk0_verifier::combine::optimizers::adam::{adam, AdamParameters};
 use zk0_verifier::combine::optimizers::moments::{Moment, Moments};
 use zk0_verifier::combine::source::{Block, BlockBuffer, WeightsInMemory};
 use zk0_verifier::combine::strategy::{combined, AggregationResult};
-use zk0_weights::{Format, Tensor, Unread};
+use zk0_weights::{Format, ScaledTensor, Unread};
 
 /// A network, the base of a round, and three updates.
 struct Setting {
@@ -239,7 +239,7 @@ const PARAMETERS: AdamParameters = AdamParameters {
 
 /// A block of one tensor at its own scale.
 fn one(values: &[i16], bits: i16) -> OneTensor {
-    OneTensor(Tensor {
+    OneTensor(ScaledTensor {
         values: values.to_vec(),
         bits,
     })

@@ -14,7 +14,7 @@ use zk0_verifier::combine::error::CombineError;
 use zk0_verifier::combine::sealed::{Sealed, SealedFile};
 use zk0_verifier::combine::source::{WeightSource, WeightsInMemory, BLOCK};
 use zk0_weights::scale::{exact, narrowed};
-use zk0_weights::{Format, Unread, WeightsError};
+use zk0_weights::{Format, Unread, WeightFileError};
 
 /// An expert with a tensor of several blocks, the last of which is not full.
 fn spec() -> EvalSpec {
@@ -204,7 +204,7 @@ fn fedavg_is_the_plain_sum_of_plain_integers() {
             }
         }
         setting.unread.restore(tensor, &mut sums, divisor);
-        Ok::<_, WeightsError>(narrowed(&sums, divisor, format.limits()[tensor]))
+        Ok::<_, WeightFileError>(narrowed(&sums, divisor, format.limits()[tensor]))
     });
     let expected = format.write(&expected.unwrap());
     assert!(setting.in_memory(Strategy::FedAvg) == expected);

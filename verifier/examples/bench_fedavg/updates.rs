@@ -14,7 +14,7 @@ use zk0_verifier::combine::optimizers::moments::Moments;
 use zk0_verifier::combine::source::{Block, BlockBuffer, WeightSource};
 use zk0_verifier::combine::strategy::combined;
 use zk0_verifier::{blob_digest, Evaluation};
-use zk0_weights::{BuiltFile, Format, Tensor, Unread, WeightsError};
+use zk0_weights::{BuiltFile, Format, ScaledTensor, Unread, WeightFileError};
 
 /// Writes `updates` files of random weights. A tensor has one of two scales, another one in every second update.
 pub fn make(evaluation: &Evaluation, updates: usize, folder: &Path) {
@@ -29,7 +29,7 @@ pub fn make(evaluation: &Evaluation, updates: usize, folder: &Path) {
                 ((state >> 48) as i16).max(-i16::MAX)
             });
             let (least, most) = format.limits()[index];
-            Ok::<_, WeightsError>(Tensor {
+            Ok::<_, WeightFileError>(ScaledTensor {
                 values: values.collect(),
                 bits: (most - ((index + update) % 2) as i16).max(least),
             })

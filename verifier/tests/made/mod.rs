@@ -21,7 +21,7 @@ use zk0_verifier::combine::source::{Block, BlockBuffer, WeightSource};
 use zk0_verifier::combine::strategy::combined;
 use zk0_verifier::Evaluation;
 use zk0_weights::rounding::Unit;
-use zk0_weights::{BuiltFile, Format, Tensor, Unread};
+use zk0_weights::{BuiltFile, Format, ScaledTensor, Unread};
 
 /// Float32 weights by name.
 pub type Tensors = BTreeMap<String, Vec<f32>>;
@@ -181,7 +181,7 @@ pub fn combine(
 }
 
 /// Weights of one tensor with one block.
-pub struct OneTensor(pub Tensor);
+pub struct OneTensor(pub ScaledTensor);
 
 impl WeightSource for OneTensor {
     fn fits(&self, _: &Format) -> bool {
@@ -213,13 +213,13 @@ pub fn exact_numbers(combination: &impl Combination, len: usize) -> (Plan, Vec<i
 }
 
 /// Exact numbers, rounded within these limits.
-pub fn rounded_to(numbers: &[i128], unit: Unit, limits: (i16, i16)) -> Tensor {
+pub fn rounded_to(numbers: &[i128], unit: Unit, limits: (i16, i16)) -> ScaledTensor {
     let largest = numbers.iter().map(|one| one.unsigned_abs()).max().unwrap();
     let bits = unit.scale(largest, limits);
     let mut bytes = vec![0; 2 * numbers.len()];
     unit.to(bits).write(numbers, largest, &mut bytes);
     let pairs = bytes.chunks_exact(2);
-    Tensor {
+    ScaledTensor {
         values: pairs
             .map(|pair| i16::from_le_bytes([pair[0], pair[1]]))
             .collect(),
