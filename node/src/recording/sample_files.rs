@@ -15,7 +15,7 @@ use std::collections::HashMap;
 use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
-use zk0_argument::claim::{committed, digest_of, Committed};
+use zk0_argument::claim::{committed, digest_of, SampleCommitment};
 use zk0_circuits::model::sample::Sample;
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Digest, EvalSpec, Mode};
@@ -74,7 +74,7 @@ impl SampleFiles {
     /// # Errors
     /// It cannot be written.
     pub fn put(&self, key: &CacheKey, sample: &Sample) -> Result<Digest, ParticipantError> {
-        let Committed { digest, kept } =
+        let SampleCommitment { digest, kept } =
             committed(self.mode, &self.spec, sample, &self.secret.blind());
         let length = (kept.len() as u64).to_le_bytes();
         let mut bytes = [sample.as_bytes(), &kept, &length].concat();

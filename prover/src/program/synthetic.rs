@@ -9,7 +9,7 @@ use super::guest_input::{GuestInput, PreparedClaim};
 use borsh::to_vec;
 use std::borrow::Cow;
 use std::io;
-use zk0_argument::claim::{committed, Blind, ClaimSource, Committed};
+use zk0_argument::claim::{committed, Blind, ClaimSource, SampleCommitment};
 use zk0_circuits::claim::challenge::sample_indices;
 use zk0_circuits::claim::dataset::{leaf, salt_commitment};
 use zk0_circuits::claim::private_input::{Header, Opening};
@@ -120,7 +120,7 @@ fn commit(input: &mut PrivateInput, mode: Mode, dataset: &[Sample], blind: &Blin
         .iter()
         .map(|sample| committed(mode, &header.spec, sample, blind));
     let (leaves, kept): (Vec<Digest>, Vec<Vec<u8>>) = committed
-        .map(|Committed { digest, kept }| (leaf(&header.salt, &digest), kept))
+        .map(|SampleCommitment { digest, kept }| (leaf(&header.salt, &digest), kept))
         .unzip();
     header.terms.dataset.root = merkle::root(&leaves);
     for opening in &mut input.openings {
