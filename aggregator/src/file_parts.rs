@@ -16,7 +16,7 @@ const AHEAD: usize = 2;
 
 /// How long a reader may take.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Pace {
+pub(crate) struct ReadingPace {
     /// For the next part.
     pub silence: Duration,
     /// For all parts.
@@ -26,7 +26,7 @@ pub(crate) struct Pace {
 /// A reader of a long file who takes fewer bytes in a second is given up in the end: 8 Mbit/s.
 const SLOWEST: u64 = 1_000_000;
 
-impl Pace {
+impl ReadingPace {
     /// For an answer of `bytes`. They have `least`, and as long as a slow line needs for them besides.
     pub fn of_bytes(bytes: u64, silence: Duration, least: Duration) -> Self {
         Self {
@@ -40,7 +40,7 @@ impl Pace {
 /// file is closed.
 pub(crate) fn file_parts(
     mut file: impl AsyncRead + Unpin + Send + 'static,
-    pace: Pace,
+    pace: ReadingPace,
     kept: impl Send + 'static,
 ) -> ReceiverStream<io::Result<Vec<u8>>> {
     let (sender, parts) = mpsc::channel(AHEAD + 1);
@@ -88,7 +88,7 @@ mod tests {
     #[test]
     fn a_large_file_has_the_time_that_a_slow_line_needs() {
         let [silence, least] = [20, 600].map(Duration::from_secs);
-        let pace = |bytes| Pace::of_bytes(bytes, silence, least).all;
+        let pace = |bytes| ReadingPace::of_bytes(bytes, silence, least).all;
         assert_eq!(pace(1000), least);
         // 1 GB takes 800 seconds at 10 Mbit/s. The time is bounded for every size.
         assert_eq!(pace(1_000_000_000), Duration::from_secs(1600));

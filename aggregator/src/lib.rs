@@ -22,7 +22,7 @@ pub mod round;
 pub mod serve;
 
 pub use crate::connections::limits::ConnectionLimits;
-pub use crate::round::aggregator::{Aggregator, Config, Progress};
+pub use crate::round::aggregator::{Aggregator, Config, StepOutcome};
 pub use crate::round::clock::{Clock, SystemClock};
 pub use crate::serve::limits::Limits;
 pub use crate::serve::service::Service;

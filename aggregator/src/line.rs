@@ -6,17 +6,17 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 /// Places for work, and for those who wait for one.
 #[derive(Clone)]
-pub(crate) struct Line {
+pub(crate) struct WorkQueue {
     places: Arc<Semaphore>,
     waiting: Arc<Semaphore>,
 }
 
 /// A place, until it is dropped. Give it to the work itself: whoever asked for the work may leave before its end.
-pub(crate) struct Place {
+pub(crate) struct WorkPermit {
     _permit: OwnedSemaphorePermit,
 }
 
-impl Line {
+impl WorkQueue {
     /// So many may be at work, and so many may wait for that.
     pub fn new(places: usize, waiting: usize) -> Self {
         Self {
@@ -26,7 +26,7 @@ impl Line {
     }
 
     /// Waits for a place. `None`, at once, if too many wait already.
-    pub async fn place(&self) -> Option<Place> {
+    pub async fn place(&self) -> Option<WorkPermit> {
         let places = || self.places.clone();
         let permit = match places().try_acquire_owned() {
             Ok(permit) => permit,
@@ -35,7 +35,7 @@ impl Line {
                 places().acquire_owned().await.ok()?
             }
         };
-        Some(Place { _permit: permit })
+        Some(WorkPermit { _permit: permit })
     }
 }
 
@@ -47,7 +47,7 @@ mod tests {
 
     #[tokio::test]
     async fn who_comes_when_the_line_is_full_is_sent_away() {
-        let line = Line::new(1, 1);
+        let line = WorkQueue::new(1, 1);
         let first = line.place().await.unwrap();
         let second = tokio::spawn({
             let line = line.clone();
@@ -62,7 +62,7 @@ mod tests {
 
     #[tokio::test]
     async fn who_leaves_the_line_makes_room_in_it() {
-        let line = Line::new(1, 1);
+        let line = WorkQueue::new(1, 1);
         let _first = line.place().await.unwrap();
         for _ in 0..3 {
             let waiting = timeout(Duration::from_millis(10), line.place()).await;

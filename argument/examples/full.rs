@@ -9,7 +9,7 @@ use std::time::Instant;
 use zk0_argument::claim::{Blind, Cost};
 use zk0_argument::expert::argument::{prove::prove, verify};
 use zk0_argument::expert::evaluation::layers::Expert;
-use zk0_argument::expert::witness::{evaluate, Common, Witness};
+use zk0_argument::expert::witness::{evaluate, Common, SampleValues};
 use zk0_argument::prove::progress::Phase;
 use zk0_argument::transcript::Refused;
 use zk0_circuits::model::draw::draw;
@@ -169,7 +169,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
     let witness = |number: usize| {
         measured("values of a sample", || {
-            Witness::of(&statement, &common, number, models, &samples)
+            SampleValues::of(&statement, &common, number, models, &samples)
         })
     };
     let proof = measured("proof", || {

@@ -7,14 +7,14 @@ use std::time::Instant;
 use std::{env, fs};
 use zk0_argument::claim::Blind;
 use zk0_argument::commitment::prove::columns::Column;
-use zk0_argument::commitment::prove::{open, Committing, Hiding, Matrix, Message};
+use zk0_argument::commitment::prove::{open, CodeMatrix, Committing, Hiding, Message};
 use zk0_argument::commitment::{Parameters, Rate};
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::fractions::{self, prove::Leaves};
 use zk0_argument::hash::{leaf, Digest};
 use zk0_argument::party::{Claim, Sources, Weighted};
 use zk0_argument::prove::progress::silently;
-use zk0_argument::prove::{Instance, Proving, Values};
+use zk0_argument::prove::{Instance, Proving, SourceValues};
 use zk0_argument::relation::{Part, Parts, Relations, Source};
 use zk0_argument::share::share;
 use zk0_argument::transcript::{Challenges, Pads, Prover, Refused};
@@ -82,7 +82,7 @@ fn commit(mut prover: Prover, size: u32) -> Result<Vec<u64>, Box<dyn Error>> {
     let committed = measured("commit", || {
         let columns = Column::cut(&values, 1 << parameters.variables(), WIDTH);
         let tails = (0..WIDTH).map(|column| hiding.elements(column, parameters.positions()));
-        let matrix = Matrix::new(columns, tails.collect());
+        let matrix = CodeMatrix::new(columns, tails.collect());
         Committing::new(&parameters, WIDTH).finish(matrix, Box::new(hiding))
     });
     committed.say(&mut prover);
@@ -175,7 +175,7 @@ fn shared(prover: Prover, size: u32) -> Result<Vec<u64>, Box<dyn Error>> {
     let values: Vec<i64> = (0..1 << size).map(small).collect();
     let instance = Instance {
         relations: &Relations::default(),
-        sources: vec![Values::Wide(&values)],
+        sources: vec![SourceValues::Wide(&values)],
     };
     let mut proving = Proving::new(prover, vec![instance], 1, &silently);
     let mut parts = Parts::default();

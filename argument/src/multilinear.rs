@@ -2,7 +2,7 @@
 //! index. A point lists the variables from 0 on.
 
 #[cfg(feature = "prove")]
-use crate::field::lazy::Factor;
+use crate::field::lazy::LazyFactor;
 use crate::field::{Extension, Goldilocks};
 use alloc::vec::Vec;
 #[cfg(feature = "prove")]
@@ -109,7 +109,7 @@ pub fn evaluate_extension(values: &[Extension], point: &[Extension]) -> Extensio
 /// Binds variable 0 of the polynomial with these values to `challenge`.
 #[cfg(feature = "prove")]
 pub fn bind(values: &mut Vec<Extension>, challenge: Extension) {
-    let factor = Factor::new(challenge);
+    let factor = LazyFactor::new(challenge);
     let pairs = values.as_chunks::<2>().0.par_iter().with_min_len(1 << 12);
     *values = pairs
         .map(|&[zero, one]| factor.between(zero, one))

@@ -293,7 +293,7 @@ pub fn read(
 #[cfg(feature = "prove")]
 pub mod prove {
     use super::*;
-    use crate::commitment::prove::{Committed, Message};
+    use crate::commitment::prove::{CommittedSegment, Message};
     use crate::commitment::Parameters;
     use crate::multilinear::evaluate_extension;
     use crate::sumcheck::prove::products;
@@ -304,7 +304,7 @@ pub mod prove {
         /// The dimensions of all segments.
         pub parameters: &'a Parameters,
         /// The segments. The last matrix of the first one has the random columns.
-        pub segments: &'a [&'a Committed],
+        pub segments: &'a [&'a CommittedSegment],
         /// The number of the first random column.
         pub first: usize,
         /// The point.

@@ -151,7 +151,7 @@ fn value_after_round(
 #[cfg(feature = "prove")]
 pub mod prove {
     use super::*;
-    use crate::field::lazy::Sum;
+    use crate::field::lazy::LazySum;
     use crate::multilinear::bind;
     use crate::transcript::Prover;
     use rayon::prelude::*;
@@ -172,12 +172,12 @@ pub mod prove {
         for _ in 0..variables {
             let pieces = a.par_chunks(PIECE).zip(b.par_chunks(PIECE));
             let sums = pieces.map(|(a, b)| {
-                let (mut constant, mut square) = (Sum::default(), Sum::default());
+                let (mut constant, mut square) = (LazySum::default(), LazySum::default());
                 for (a, b) in a.as_chunks::<2>().0.iter().zip(b.as_chunks::<2>().0) {
                     constant.add(a[0], b[0]);
                     square.add(a[1] - a[0], b[1] - b[0]);
                 }
-                [constant, square].map(Sum::reduce)
+                [constant, square].map(LazySum::reduce)
             });
             let add = |a: [Extension; 2], b: [Extension; 2]| [a[0] + b[0], a[1] + b[1]];
             let [constant, square] = sums.reduce(Default::default, add);

@@ -2,7 +2,7 @@
 
 use crate::models::Models;
 use rayon::prelude::*;
-use zk0_argument::expert::witness::{evaluate, Common, Unprovable, Witness};
+use zk0_argument::expert::witness::{evaluate, Common, SampleValues, Unprovable};
 use zk0_argument::prove::progress::silently;
 use zk0_argument::prove::{check_equalities, Computed, Tables};
 use zk0_circuits::model::spec::Dims;
@@ -87,7 +87,7 @@ fn agrees(seed: u64) -> Option<bool> {
     };
     let common = Common::new(&statement, weights);
     for number in 0..models.samples.len() {
-        let witness = Witness::of(&statement, &common, number, weights, &models.samples);
+        let witness = SampleValues::of(&statement, &common, number, weights, &models.samples);
         let witness = witness.unwrap_or_else(|error| panic!("seed {seed}: {error} ({spec:?})"));
         let tables = Tables {
             relations: &witness.expert.builder.relations,

@@ -19,7 +19,7 @@ use zk0_circuits::vm::merkle;
 use zk0_circuits::{
     Claim, Digest, Disclosure, EvalSpec, Losses, Mode, PrivateInput, QuantisedWeights, Sample,
 };
-use zk0_testkit::claims::{honest, Honest, Node};
+use zk0_testkit::claims::{honest, ClaimingNode, Honest};
 
 /// A node of a network that proves in mode `succinct`.
 fn node() -> Honest {
@@ -406,7 +406,7 @@ fn buffers_that_are_no_input_are_refused() {
 #[test]
 fn equal_samples_are_committed_to_alike() {
     let spec = EvalSpec::micro();
-    let dataset = Node::new(&spec, 3, 2, 5).honest().dataset;
+    let dataset = ClaimingNode::new(&spec, 3, 2, 5).honest().dataset;
     let digests = [Mode::Direct, Mode::Succinct].map(|mode| {
         dataset
             .iter()

@@ -3,7 +3,9 @@
 use proptest::prelude::*;
 use zk0_argument::commitment::parameters::{CAP, LAST, POSITION_WORK, SALT};
 use zk0_argument::commitment::prove::columns::Column;
-use zk0_argument::commitment::prove::{open, Committed, Committing, Hiding, Matrix, Message};
+use zk0_argument::commitment::prove::{
+    open, CodeMatrix, CommittedSegment, Committing, Hiding, Message,
+};
 use zk0_argument::commitment::{verify, Parameters, Rate, Segment};
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::hash::Digest;
@@ -40,12 +42,12 @@ impl Hiding for Weak {
 }
 
 /// Segments with matrices of these widths. The first has two, and the others one.
-fn segments(parameters: &Parameters, world: u64) -> Vec<Committed> {
+fn segments(parameters: &Parameters, world: u64) -> Vec<CommittedSegment> {
     let height = 1 << parameters.variables();
     let matrix = |seed: u64, width: usize, tail: usize| {
         let column = |number| Column::from(values(1000 * world + 100 * seed + number, height));
         let tails = (0..width).map(|number| Weak(seed).elements(number, tail));
-        Matrix::new((0..width as u64).map(column).collect(), tails.collect())
+        CodeMatrix::new((0..width as u64).map(column).collect(), tails.collect())
     };
     let longest = parameters.longest_tail();
     let mut first = Committing::new(parameters, 4);

@@ -9,7 +9,7 @@ use zk0_argument::expert::published::{digest as digest_of_words, Published};
 use zk0_argument::expert::sample;
 use zk0_argument::expert::sizes::{P, X};
 use zk0_argument::expert::statement::Statement;
-use zk0_argument::expert::witness::{evaluate, Common, Witness};
+use zk0_argument::expert::witness::{evaluate, Common, SampleValues};
 use zk0_argument::field::Goldilocks;
 use zk0_argument::prove::progress::silently;
 use zk0_argument::prove::{check, check_equalities, Computed, Tables, Violation};
@@ -33,7 +33,7 @@ struct Made {
     statement: Statement,
     expert: Expert,
     common: Common,
-    witnesses: Vec<Witness>,
+    witnesses: Vec<SampleValues>,
 }
 
 impl Made {
@@ -43,8 +43,9 @@ impl Made {
             evaluate(CONTEXT, &models.spec, weights, &models.samples, &silently).unwrap();
         let expert = Expert::new(&statement);
         let common = Common::new(&statement, weights);
-        let witness =
-            |number| Witness::of(&statement, &common, number, weights, &models.samples).unwrap();
+        let witness = |number| {
+            SampleValues::of(&statement, &common, number, weights, &models.samples).unwrap()
+        };
         let witnesses = (0..models.samples.len()).map(witness).collect();
         Self {
             models: weights.map(Clone::clone),

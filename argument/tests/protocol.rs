@@ -6,7 +6,7 @@ use zk0_argument::multilinear::{eq_table, evaluate};
 use zk0_argument::party::Sources;
 use zk0_argument::protocol::argue;
 use zk0_argument::prove::progress::silently;
-use zk0_argument::prove::{count, Computed, Instance, NotInTable, Proving, Tables, Values};
+use zk0_argument::prove::{count, Computed, Instance, NotInTable, Proving, SourceValues, Tables};
 use zk0_argument::relation::public::{Affine, Public, RangeColumn, Ranges, Written};
 use zk0_argument::relation::*;
 use zk0_argument::share::share;
@@ -306,7 +306,10 @@ fn values(seed: u64) -> [Vec<i64>; 2] {
 
 fn fill_counts(values: &mut [Vec<i64>; 2]) -> Result<(), NotInTable> {
     let relations = relations();
-    let sources = [Values::Wide(&values[0]), Values::Wide(&values[1])];
+    let sources = [
+        SourceValues::Wide(&values[0]),
+        SourceValues::Wide(&values[1]),
+    ];
     let tables = Tables {
         relations: &relations,
         sources: &sources,
@@ -322,7 +325,10 @@ fn prove(values: &[Vec<i64>; 2]) -> (Vec<u64>, Vec<Extension>) {
     let relations = relations();
     let instance = Instance {
         relations: &relations,
-        sources: vec![Values::Wide(&values[0]), Values::Wide(&values[1])],
+        sources: vec![
+            SourceValues::Wide(&values[0]),
+            SourceValues::Wide(&values[1]),
+        ],
     };
     let pads = (0..1i64 << 10).map(|seed| {
         let element = |factor| Goldilocks::from_i64(seed * factor + 3);

@@ -1,7 +1,7 @@
 //! Proofs stay what they are, word by word: a faster prover says the same.
 
 use zk0_argument::field::{Extension, Goldilocks};
-use zk0_argument::fractions::{self, prove::Stored};
+use zk0_argument::fractions::{self, prove::StoredFractions};
 use zk0_argument::hash::{leaf, Digest};
 use zk0_argument::sumcheck;
 use zk0_argument::transcript::{Challenges, Pads, Prover};
@@ -91,7 +91,7 @@ fn what_is_left_out_is_0_over_1() {
         let mut denominators = elements.extension(used);
         let prove = |numerators, denominators| {
             let mut prover = prover();
-            let leaves = Stored::new(numerators, denominators);
+            let leaves = StoredFractions::new(numerators, denominators);
             let claim = fractions::prove::sum_of(&mut prover, variables, leaves);
             (claim, prover.finish().unwrap())
         };

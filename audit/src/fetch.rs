@@ -15,8 +15,8 @@ use zk0_ledger::error::LedgerError;
 use zk0_ledger::folder;
 use zk0_ledger::published::mirror::{mirror, MirrorError};
 use zk0_ledger::published::reader::PublishedError;
-use zk0_ledger::published::source::{Source, SourceError};
-use zk0_ledger::replay::Saved;
+use zk0_ledger::published::source::{LogSource, SourceError};
+use zk0_ledger::replay::SavedReplay;
 use zk0_ledger::store::Store;
 use zk0_protocol::rules::named_blobs::{named_blobs, BlobKind};
 use zk0_protocol::tlog::checkpoint::CheckpointError;
@@ -156,7 +156,7 @@ fn check_network(ledger: &str, dir: &Path, expected: Option<&Digest>) -> Result<
 
 /// Brings the mirror in `dir` up to date, with the blobs that are wanted.
 pub fn fetch(
-    source: &dyn Source,
+    source: &dyn LogSource,
     dir: &Path,
     policy: Option<&WitnessPolicy>,
     network: Option<&Digest>,
@@ -216,7 +216,7 @@ pub fn is_wrong(error: &MirrorError) -> bool {
 }
 
 /// What is wrong with a log that is being updated, if it has fewer entries than an earlier audit has seen: it was rolled back all the same.
-pub fn rolled_back(error: &anyhow::Error, saved: &Saved) -> Option<String> {
+pub fn rolled_back(error: &anyhow::Error, saved: &SavedReplay) -> Option<String> {
     error.chain().find_map(|cause| match cause.downcast_ref()? {
         MirrorError::BeingUpdated { network, size, .. }
             if network == saved.network() && *size < saved.size =>
@@ -252,11 +252,11 @@ fn proofs(dir: &Path) -> Result<BTreeSet<Digest>, MirrorError> {
 
 /// A log of which only some blobs are fetched.
 struct Selection<'a> {
-    source: &'a dyn Source,
+    source: &'a dyn LogSource,
     blobs: BTreeSet<Digest>,
 }
 
-impl Source for Selection<'_> {
+impl LogSource for Selection<'_> {
     fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError> {
         match Resource::parse(path) {
             Some(Resource::Blob(digest)) if !self.blobs.contains(&digest) => Ok(None),

@@ -4,12 +4,12 @@ use crate::blob_check::BlobCheck;
 use std::path::Path;
 use zk0_ledger::folder;
 use zk0_ledger::published::publication::{Publication, PublicationError};
-use zk0_ledger::replay::{replay, Report, Verdict};
+use zk0_ledger::replay::{replay, ReplayReport, ReplayVerdict};
 
 /// What the check found.
 pub struct Fsck {
     /// The replay of the entries, with what it found in the blobs.
-    pub report: Report,
+    pub report: ReplayReport,
     /// The number of published entries; or why the folder cannot be published.
     pub published: Result<u64, PublicationError>,
 }
@@ -22,7 +22,7 @@ impl Fsck {
             self.published,
             Ok(_) | Err(PublicationError::NotCosigned(_))
         );
-        published && self.report.verdict == Verdict::Verified
+        published && self.report.verdict == ReplayVerdict::Verified
     }
 }
 

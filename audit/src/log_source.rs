@@ -9,7 +9,7 @@ use zk0_ledger::error::LedgerError;
 use zk0_ledger::folder;
 use zk0_ledger::published::publication::Publication;
 use zk0_ledger::published::reader::{first_entry, PublishedLog};
-use zk0_ledger::published::source::{Folder, Source, SourceError};
+use zk0_ledger::published::source::{FolderSource, LogSource, SourceError};
 use zk0_ledger::published::web::Web;
 use zk0_ledger::store::Store;
 use zk0_protocol::{Body, Entry, Genesis, VerifierKey, WitnessPolicy};
@@ -51,7 +51,7 @@ impl WrongUsage {
 /// A log under an address. If something else answers there, the error says so.
 struct Address(Web);
 
-impl Source for Address {
+impl LogSource for Address {
     fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError> {
         self.0.open(path).map_err(|mut error| {
             // The aggregator's own port speaks HTTP/2, in which no log is served.
@@ -70,7 +70,7 @@ impl Source for Address {
 ///
 /// # Errors
 /// There is no such folder, or it cannot be published. [`WrongUsage`] if the address or `ca` cannot be used.
-pub fn source(text: &str, ca: Option<&Path>) -> Result<Box<dyn Source>> {
+pub fn source(text: &str, ca: Option<&Path>) -> Result<Box<dyn LogSource>> {
     if text.starts_with("http://") || text.starts_with("https://") {
         let web = Web::at(text, ca).map_err(|error| WrongUsage(error.to_string()))?;
         return Ok(Box::new(Address(web)));
@@ -81,12 +81,12 @@ pub fn source(text: &str, ca: Option<&Path>) -> Result<Box<dyn Source>> {
     }
     match folder::database(dir).exists() {
         true => Ok(Box::new(Publication::open(dir, None)?)),
-        false => Ok(Box::new(Folder::at(dir))),
+        false => Ok(Box::new(FolderSource::at(dir))),
     }
 }
 
 /// Reads the genesis of a log. Without `network`, nothing shows that it is the genesis of the network that was meant.
-pub fn genesis(source: &dyn Source, network: Option<&Digest>) -> Result<Genesis> {
+pub fn genesis(source: &dyn LogSource, network: Option<&Digest>) -> Result<Genesis> {
     let genesis = founder(&first_entry(source)?)?;
     let found = genesis.network_id();
     match network {

@@ -14,7 +14,8 @@ use zk0_circuits::Digest;
 use zk0_files::atomic_file;
 use zk0_ledger::error::LedgerError;
 use zk0_ledger::replay::{
-    self, replay_with, Finding, Keep, Options as Replaying, Report, Saved, SavedError,
+    self, replay_with, Finding, ReplayOptions as Replaying, ReplayReport, SaveOptions, SavedError,
+    SavedReplay,
 };
 use zk0_ledger::Blobs;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
@@ -47,7 +48,7 @@ pub struct Audit<'a> {
     /// How many threads; `None` for as many as there are cores.
     pub threads: Option<NonZeroUsize>,
     /// The state file, which keeps what was verified. `None` to start from the first entry and keep nothing.
-    pub state_file: Option<Keep>,
+    pub state_file: Option<SaveOptions>,
     /// What the caller has seen of the log before. The log has to continue it, whatever the state file knows.
     pub seen: Option<Checkpoint>,
     /// Copies again what is missing in the folder, where the auditor has copied it from a served log or an export. `None` where the ledger is
@@ -134,11 +135,11 @@ impl Audit<'_> {
     }
 
     /// What the state file holds about the ledger in `dir`, if it can be read.
-    fn saved(&self, dir: &Path) -> Result<Option<Saved>> {
-        let Some(Keep { path, .. }) = &self.state_file else {
+    fn saved(&self, dir: &Path) -> Result<Option<SavedReplay>> {
+        let Some(SaveOptions { path, .. }) = &self.state_file else {
             return Ok(None);
         };
-        let saved = match Saved::read(path) {
+        let saved = match SavedReplay::read(path) {
             Err(error @ SavedError::Unusable { .. }) => {
                 starts_again(&error.to_string());
                 None
@@ -180,7 +181,7 @@ pub fn mend(
 }
 
 /// What a disk has kept from being checked; `None` if everything could be read.
-pub(crate) fn not_read(auditor: &Auditor, report: &Report) -> Option<Finding> {
+pub(crate) fn not_read(auditor: &Auditor, report: &ReplayReport) -> Option<Finding> {
     report.unread.clone().or_else(|| auditor.not_read())
 }
 

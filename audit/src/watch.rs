@@ -13,7 +13,7 @@ use anyhow::{bail, Context, Result};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use zk0_ledger::folder;
-use zk0_ledger::replay::{Keep, Saved, Verdict};
+use zk0_ledger::replay::{ReplayVerdict, SaveOptions, SavedReplay};
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::Entry;
 
@@ -32,7 +32,7 @@ pub enum WatchEvent<'a> {
     /// The first look has checked the whole log.
     First {
         /// Whether everything was checked.
-        verdict: Verdict,
+        verdict: ReplayVerdict,
         /// How many entries the log has.
         entries: u64,
         /// The network's id.
@@ -112,7 +112,7 @@ impl LogWatch {
             .clone()
             .unwrap_or_else(|| made.path().join("state"));
         // Without the state file, nobody would notice a rollback: whoever runs this has to know.
-        Saved::read(&state).context(
+        SavedReplay::read(&state).context(
             "the state file cannot be read: remove it to start again, but then a fork or a rollback since then goes unnoticed",
         )?;
         Ok(Self {
@@ -135,7 +135,7 @@ impl LogWatch {
         mut seen: impl FnMut(WatchEvent<'_>),
     ) -> Result<Look> {
         let network = self.options.trust.network;
-        let saved = Saved::read(&self.state)?;
+        let saved = SavedReplay::read(&self.state)?;
         let dir = match &self.mirror {
             None => PathBuf::from(&self.options.ledger),
             Some(dir) => {
@@ -161,7 +161,7 @@ impl LogWatch {
             named: self.options.named.clone(),
             network,
             threads: None,
-            state_file: Some(Keep {
+            state_file: Some(SaveOptions {
                 path: self.state.clone(),
                 every: Duration::from_secs(30),
             }),

@@ -3,7 +3,7 @@
 use zk0_audit::Auditor;
 use zk0_circuits::Digest;
 use zk0_ledger::log::Ledger;
-use zk0_ledger::replay::{replay, Verdict};
+use zk0_ledger::replay::{replay, ReplayVerdict};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::evaluation_set::{list_bytes, DrawnLeaf};
@@ -29,7 +29,12 @@ async fn the_history_replays_and_refusals_are_found_to_be_right() -> Test {
         Some(&network.genesis.network_id()),
         &mut auditor,
     );
-    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
+    assert_eq!(
+        report.verdict,
+        ReplayVerdict::Verified,
+        "{:?}",
+        report.findings
+    );
     let checked = auditor.checked();
     assert_eq!(
         (checked.datasets, checked.refusals, checked.not_checked),
@@ -45,7 +50,7 @@ async fn the_history_replays_and_refusals_are_found_to_be_right() -> Test {
     std::fs::remove_file(proof)?;
     let mut auditor = Auditor::default();
     let report = replay(network.dir.path(), None, &mut auditor);
-    assert_eq!(report.verdict, Verdict::Incomplete);
+    assert_eq!(report.verdict, ReplayVerdict::Incomplete);
     assert_eq!(
         (auditor.checked().refusals, auditor.checked().not_checked),
         (1, 1)
@@ -93,7 +98,7 @@ async fn an_audit_finds_what_a_dishonest_aggregator_records() -> Test {
         ledger.append(START_MS, body(submission))?;
         drop(ledger);
         let report = replay(copy.path(), None, &mut Auditor::default());
-        assert_eq!(report.verdict, Verdict::Failed);
+        assert_eq!(report.verdict, ReplayVerdict::Failed);
         let found = report
             .findings
             .iter()
@@ -106,7 +111,7 @@ async fn an_audit_finds_what_a_dishonest_aggregator_records() -> Test {
 /// A node chooses the frames that its claims are about, and the aggregator helps it.
 #[test]
 fn an_audit_finds_a_dataset_with_frames_that_were_not_drawn() {
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let dir = tempfile::tempdir().unwrap();
     let mut operator = operator::Operator::founds(dir.path(), genesis(), &[&node]);
     let mut registration = node.registration(operator.state().network()).statement;
@@ -124,9 +129,14 @@ fn an_audit_finds_a_dataset_with_frames_that_were_not_drawn() {
         replay(dir.path(), None, &mut Auditor::default())
     };
     let report = audited(&mut operator, drawn);
-    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
+    assert_eq!(
+        report.verdict,
+        ReplayVerdict::Verified,
+        "{:?}",
+        report.findings
+    );
     let report = audited(&mut operator, list_bytes(&chosen));
-    assert_eq!(report.verdict, Verdict::Failed);
+    assert_eq!(report.verdict, ReplayVerdict::Failed);
     let found = report.findings.iter();
     let found = found.filter(|finding| finding.text.contains("nobody chooses the frames"));
     assert_eq!(found.count(), 1, "{:?}", report.findings);

@@ -4,7 +4,7 @@ use tempfile::TempDir;
 use zk0_audit::account::{CheckKind, NotChecked, SkipReason};
 use zk0_audit::report::history;
 use zk0_audit::{Auditor, Depth, TrustedPrograms};
-use zk0_ledger::replay::{replay, Report, Severity, Verdict};
+use zk0_ledger::replay::{replay, ReplayReport, ReplayVerdict, Severity};
 use zk0_protocol::entries::entry::{Body, DisputeResolved, ProposalSettled, RoundClosed};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
@@ -33,14 +33,14 @@ fn named(programs: &[&Program]) -> TrustedPrograms {
     }
 }
 
-fn audit(dir: &TempDir, depth: Depth, named: TrustedPrograms) -> (Report, Vec<NotChecked>) {
+fn audit(dir: &TempDir, depth: Depth, named: TrustedPrograms) -> (ReplayReport, Vec<NotChecked>) {
     let mut auditor = Auditor::new(depth).naming(named);
     let report = replay(dir.path(), None, &mut auditor);
     (report, auditor.not_checked())
 }
 
 /// The faults, by entry.
-fn faults(report: &Report) -> Vec<(Option<u64>, &str)> {
+fn faults(report: &ReplayReport) -> Vec<(Option<u64>, &str)> {
     let faults = report.findings.iter();
     faults
         .filter(|finding| finding.severity == Severity::Fault)
@@ -60,7 +60,12 @@ fn a_program_that_a_vote_put_in_force_is_a_fault_unless_the_auditor_names_it() {
     operator.decide(replace(&own));
     drop(operator);
     let (report, _) = audit(&dir, Depth::Full, TrustedPrograms::default());
-    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
+    assert_eq!(
+        report.verdict,
+        ReplayVerdict::Verified,
+        "{:?}",
+        report.findings
+    );
 
     let dir = tempfile::tempdir().unwrap();
     let mut operator = Operator::founds(dir.path(), genesis(), &[]);
@@ -68,7 +73,7 @@ fn a_program_that_a_vote_put_in_force_is_a_fault_unless_the_auditor_names_it() {
     drop(operator);
     for depth in [Depth::Light, Depth::Full] {
         let (report, _) = audit(&dir, depth, TrustedPrograms::default());
-        assert_eq!(report.verdict, Verdict::Failed);
+        assert_eq!(report.verdict, ReplayVerdict::Failed);
         let faults = faults(&report);
         assert!(
             matches!(faults[..], [(Some(at), text)] if at == entry
@@ -76,10 +81,15 @@ fn a_program_that_a_vote_put_in_force_is_a_fault_unless_the_auditor_names_it() {
             "{faults:?}"
         );
         let wrong = named(&[&Program::founding(&[8; 32])]);
-        assert_eq!(audit(&dir, depth, wrong).0.verdict, Verdict::Failed);
+        assert_eq!(audit(&dir, depth, wrong).0.verdict, ReplayVerdict::Failed);
     }
     let (report, _) = audit(&dir, Depth::Full, named(&[&other()]));
-    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
+    assert_eq!(
+        report.verdict,
+        ReplayVerdict::Verified,
+        "{:?}",
+        report.findings
+    );
     let history = history::of(dir.path(), report.entries, &report.root.unwrap()).unwrap();
     let programs: Vec<_> = history.programs.iter().map(ToString::to_string).collect();
     assert_eq!(
@@ -105,7 +115,7 @@ fn hex(program: &Program) -> String {
 /// An operator who holds the log's key accepts a real proof whenever they like. The audit sees which program it is of.
 #[test]
 fn a_proof_counts_only_under_the_program_in_force() {
-    let ((own, proof), node) = (real_proof(), Node::new(1));
+    let ((own, proof), node) = (real_proof(), SigningNode::new(1));
     let of_another_program = "the SP1 proof is of another program";
     // The program is right, and the proof is of another claim: that is as much as this test can have without a new proof.
     let of_this_program = "the SP1 proof does not prove this claim";
@@ -136,7 +146,7 @@ fn a_proof_counts_only_under_the_program_in_force() {
 fn nobody_puts_a_program_in_force_in_a_round_or_holds_it_back() {
     let voted_in_a_round = || {
         let dir = tempfile::tempdir().unwrap();
-        let mut operator = Operator::founds(dir.path(), genesis(), &[&Node::new(1)]);
+        let mut operator = Operator::founds(dir.path(), genesis(), &[&SigningNode::new(1)]);
         operator.open();
         operator.append(proposed(operator.state(), replace(&other())));
         operator.append(voted(operator.state(), Ballot::For));
@@ -175,7 +185,8 @@ fn nobody_puts_a_program_in_force_in_a_round_or_holds_it_back() {
 
 #[test]
 fn proofs_that_this_release_cannot_verify_are_not_checked_and_the_audit_says_so() {
-    let ((own, proof), [first, second]) = (real_proof(), [Node::new(1), Node::new(2)]);
+    let ((own, proof), [first, second]) =
+        (real_proof(), [SigningNode::new(1), SigningNode::new(2)]);
     let later = Program {
         sp1: "9.9.9".into(),
         ..own.clone()
@@ -207,7 +218,12 @@ fn proofs_that_this_release_cannot_verify_are_not_checked_and_the_audit_says_so(
     operator.append(Body::DisputeResolved(resolved));
     drop(operator);
     let (report, left_out) = audit(&dir, Depth::Full, named(&[&own]));
-    assert_eq!(report.verdict, Verdict::Incomplete, "{:?}", report.findings);
+    assert_eq!(
+        report.verdict,
+        ReplayVerdict::Incomplete,
+        "{:?}",
+        report.findings
+    );
     let kinds: Vec<_> = left_out
         .iter()
         .map(|line| (line.what, line.why, line.count))
@@ -240,10 +256,15 @@ fn proofs_that_this_release_cannot_verify_are_not_checked_and_the_audit_says_so(
         lines[2]
     );
     let (report, _) = audit(&dir, Depth::Light, named(&[&own]));
-    assert_eq!(report.verdict, Verdict::Incomplete, "{:?}", report.findings);
+    assert_eq!(
+        report.verdict,
+        ReplayVerdict::Incomplete,
+        "{:?}",
+        report.findings
+    );
     // A proof that is not there is a fault all the same, because nobody could ever check it.
     let path = zk0_ledger::blobs::Blobs::at(dir.path()).path(&zk0_verifier::blob_digest(&proof));
     std::fs::remove_file(path).unwrap();
     let (report, _) = audit(&dir, Depth::Full, named(&[&own]));
-    assert_eq!(report.verdict, Verdict::Failed);
+    assert_eq!(report.verdict, ReplayVerdict::Failed);
 }

@@ -2,7 +2,7 @@
 
 use tempfile::TempDir;
 use zk0_audit::{Auditor, Depth};
-use zk0_ledger::replay::{replay, Report, Severity, Verdict};
+use zk0_ledger::replay::{replay, ReplayReport, ReplayVerdict, Severity};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::Action;
@@ -12,7 +12,7 @@ use zk0_testkit::aggregator::*;
 /// A network in which round 0 ended with the weights 1, and round 1 with the weights 2. The audit cannot verify the proofs, so that they
 /// are no faults.
 fn after_two_rounds(dir: &TempDir) -> Operator {
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let mut operator = Operator::founds(dir.path(), genesis(), &[&node]);
     operator.decide(Action::ReplaceProgram(Program {
         sp1: "9.9.9".into(),
@@ -24,7 +24,7 @@ fn after_two_rounds(dir: &TempDir) -> Operator {
     operator
 }
 
-fn audit(dir: &TempDir) -> Report {
+fn audit(dir: &TempDir) -> ReplayReport {
     replay(dir.path(), None, &mut Auditor::new(Depth::Full))
 }
 
@@ -61,10 +61,10 @@ fn restored_weights_are_the_base_of_the_next_round_and_no_others() {
         if holds {
             // What is not checked are the proofs.
             assert_eq!(fault, None);
-            assert_eq!(report.verdict, Verdict::Incomplete);
+            assert_eq!(report.verdict, ReplayVerdict::Incomplete);
         } else {
             let fault = fault.expect("a fault");
-            assert_eq!(report.verdict, Verdict::Failed);
+            assert_eq!(report.verdict, ReplayVerdict::Failed);
             assert_eq!(fault.index, Some(entry));
             assert!(fault.text.contains("base.blob"), "{}", fault.text);
         }

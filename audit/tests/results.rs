@@ -21,14 +21,14 @@ use zk0_testkit::aggregator::samples::{public_samples, rule_of};
 use zk0_testkit::aggregator::*;
 use zk0_verifier::close::{end, CloseError, RoundOutcome};
 use zk0_verifier::combine::bases::Bases;
-use zk0_verifier::combine::contributions::Given;
+use zk0_verifier::combine::contributions::WeightedContribution;
 use zk0_verifier::combine::optimizers::moments::Moments;
-use zk0_verifier::combine::source::InMemory;
+use zk0_verifier::combine::source::WeightsInMemory;
 use zk0_verifier::combine::strategy::{combined, Global};
 use zk0_verifier::result::ResultError;
 use zk0_verifier::ResultFiles;
 use zk0_weights::scale::{exact, narrowed};
-use zk0_weights::{Format, Unread, WeightsError};
+use zk0_weights::{Format, Unread, WeightFileError};
 
 /// Expert weights like [`weights`], in which the tensors whose names begin with `prefix` are multiplied by `factor`.
 fn scaled(seed: u32, prefix: &str, factor: f64) -> Vec<u8> {
@@ -42,7 +42,7 @@ fn scaled(seed: u32, prefix: &str, factor: f64) -> Vec<u8> {
         let (values, bits) = format.tensor(&read, tensor);
         let values = values.iter().map(|value| exact(*value, bits) as f64);
         let values: Vec<_> = values.map(|value| (value * factor) as i128).collect();
-        Ok::<_, WeightsError>(narrowed(&values, 1, format.limits()[tensor]))
+        Ok::<_, WeightFileError>(narrowed(&values, 1, format.limits()[tensor]))
     });
     format.write(&scaled.unwrap())
 }
@@ -66,7 +66,7 @@ impl Accepted {
         let mut founded = genesis();
         founded.initial = digest(base);
         founded.rules.public_samples = Some(rule_of(&samples));
-        let nodes = [Node::new(1), Node::new(2)];
+        let nodes = [SigningNode::new(1), SigningNode::new(2)];
         let mut operator = Operator::founds(dir.path(), founded, &[&nodes[0], &nodes[1]]);
         for blob in [base, &samples] {
             operator.ledger.blobs().put(blob).unwrap();
@@ -85,14 +85,14 @@ impl Accepted {
         }
         let format = format();
         let read = updates.map(|update| format.read(update).unwrap());
-        let read = read.each_ref().map(|weights| InMemory {
+        let read = read.each_ref().map(|weights| WeightsInMemory {
             format: &format,
             weights,
         });
         let given: Vec<_> = nodes
             .iter()
             .zip(&read)
-            .map(|(node, weights)| Given {
+            .map(|(node, weights)| WeightedContribution {
                 node: node.id(),
                 weight: 10_000,
                 weights,

@@ -1,7 +1,7 @@
 //! The address of a store: `s3://BUCKET/PREFIX`, `gs://BUCKET/PREFIX`, `az://CONTAINER/PREFIX` or `file:///FOLDER`. Credentials are not part of
 //! it: they are in variables of the environment, whose names the crate `object_store` documents (`AWS_…`, `GOOGLE_…`, `AZURE_…`).
 
-use crate::waiting::Patience;
+use crate::waiting::RetryPeriod;
 use object_store::aws::AmazonS3Builder;
 use object_store::azure::MicrosoftAzureBuilder;
 use object_store::gcp::GoogleCloudStorageBuilder;
@@ -51,7 +51,7 @@ pub enum AddressError {
 }
 
 /// An opened store.
-pub(crate) struct Opened {
+pub(crate) struct OpenedStore {
     pub(crate) address: String,
     pub(crate) objects: Arc<dyn ObjectStore>,
     /// The same for requests that the store may need long for.
@@ -106,8 +106,8 @@ macro_rules! clients {
 pub(crate) fn open(
     text: &str,
     variables: &[(String, String)],
-    patience: Patience,
-) -> Result<Opened, AddressError> {
+    patience: RetryPeriod,
+) -> Result<OpenedStore, AddressError> {
     let no_address = |why: String| AddressError::NoAddress {
         text: text.into(),
         why,
@@ -172,7 +172,7 @@ pub(crate) fn open(
         address: address.clone(),
         error,
     })?;
-    Ok(Opened {
+    Ok(OpenedStore {
         address,
         objects,
         long,

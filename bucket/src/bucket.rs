@@ -3,7 +3,7 @@
 use crate::address::AddressError;
 use crate::objects::Objects;
 use crate::reading::ReadError;
-use crate::waiting::Patience;
+use crate::waiting::RetryPeriod;
 use object_store::path::Path as ObjectPath;
 use object_store::Attributes;
 use std::fs::File;
@@ -29,7 +29,7 @@ impl Bucket {
     pub fn open(
         address: &str,
         variables: &[(String, String)],
-        patience: Patience,
+        patience: RetryPeriod,
     ) -> Result<Self, AddressError> {
         let objects = Objects::open(address, variables, patience)?;
         let place = objects.prefix.clone().join("blobs").join("sha256");

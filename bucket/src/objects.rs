@@ -1,7 +1,7 @@
 //! The objects under one address: stored whole or in parts, listed, and with errors that say what failed and why.
 
 use crate::address::{self, AddressError};
-use crate::waiting::{Patience, Waiting};
+use crate::waiting::{RetryPeriod, StoreRuntime};
 use object_store::path::Path as ObjectPath;
 use object_store::signer::Signer;
 use object_store::{
@@ -45,8 +45,8 @@ pub(crate) struct Objects {
     /// What the names of all objects begin with.
     pub(crate) prefix: ObjectPath,
     folder: Option<PathBuf>,
-    pub(crate) patience: Patience,
-    waiting: Waiting,
+    pub(crate) patience: RetryPeriod,
+    waiting: StoreRuntime,
 }
 
 impl Objects {
@@ -54,7 +54,7 @@ impl Objects {
     pub(crate) fn open(
         address: &str,
         variables: &[(String, String)],
-        patience: Patience,
+        patience: RetryPeriod,
     ) -> Result<Self, AddressError> {
         let opened = address::open(address, variables, patience)?;
         Ok(Self {
@@ -65,7 +65,7 @@ impl Objects {
             prefix: opened.prefix,
             folder: opened.folder,
             patience,
-            waiting: Waiting::new().map_err(AddressError::Threads)?,
+            waiting: StoreRuntime::new().map_err(AddressError::Threads)?,
         })
     }
 

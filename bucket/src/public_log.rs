@@ -3,7 +3,7 @@
 
 use crate::address::AddressError;
 use crate::objects::Objects;
-use crate::waiting::Patience;
+use crate::waiting::RetryPeriod;
 use object_store::path::Path as ObjectPath;
 use object_store::{Attribute, Attributes, Error, ObjectStoreExt};
 use sha2::{Digest as _, Sha256};
@@ -13,7 +13,7 @@ use std::io::{self, Seek};
 use tokio_stream::StreamExt;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::error::{BlobError, StoreError};
-use zk0_ledger::published::export_place::{Place, PlaceError};
+use zk0_ledger::published::export_place::{ExportTarget, PlaceError};
 use zk0_protocol::tlog::layout::{Resource, Tile};
 
 /// What a server of the bucket says to caches about files that never change, and about the others.
@@ -48,7 +48,7 @@ impl PublicLog {
     pub fn open(
         address: &str,
         variables: &[(String, String)],
-        patience: Patience,
+        patience: RetryPeriod,
     ) -> Result<Self, PublicLogError> {
         let objects = Objects::open(address, variables, patience)?;
         let listed = objects.list("listing the published log", &objects.prefix)?;
@@ -88,7 +88,7 @@ impl PublicLog {
     }
 }
 
-impl Place for PublicLog {
+impl ExportTarget for PublicLog {
     fn name(&self) -> String {
         self.objects.address.clone()
     }

@@ -18,14 +18,14 @@ const CONNECT: Duration = Duration::from_secs(5);
 /// The longest wait between two tries.
 const LONGEST_BACKOFF: Duration = Duration::from_secs(5);
 
-/// Enough tries that [`Patience::retries`] ends by its time.
+/// Enough tries that [`RetryPeriod::retries`] ends by its time.
 const TRIES: usize = 100;
 
 /// How long a request is tried again that fails, but may succeed later.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Patience(pub Duration);
+pub struct RetryPeriod(pub Duration);
 
-impl Patience {
+impl RetryPeriod {
     /// One try may take so long.
     pub(crate) fn request(self) -> Duration {
         self.0.min(LONGEST_REQUEST)
@@ -52,9 +52,9 @@ impl Patience {
 
 /// The threads that talk to the store.
 #[derive(Debug)]
-pub(crate) struct Waiting(Option<Runtime>);
+pub(crate) struct StoreRuntime(Option<Runtime>);
 
-impl Waiting {
+impl StoreRuntime {
     pub(crate) fn new() -> io::Result<Self> {
         let mut builder = Builder::new_multi_thread();
         let builder = builder.worker_threads(2).thread_name("blob-store");
@@ -74,7 +74,7 @@ impl Waiting {
     }
 }
 
-impl Drop for Waiting {
+impl Drop for StoreRuntime {
     fn drop(&mut self) {
         // A runtime that is dropped waits for its threads, which a thread of another runtime must not do.
         if let Some(runtime) = self.0.take() {

@@ -5,18 +5,18 @@ use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
 use zk0_bucket::bucket::PART_BYTES;
-use zk0_bucket::waiting::Patience;
+use zk0_bucket::waiting::RetryPeriod;
 use zk0_bucket::Bucket;
-use zk0_ledger::blobs::usage::Operation;
+use zk0_ledger::blobs::usage::StoreOperation;
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_testkit::s3::failing_network::Fault;
 use zk0_testkit::s3::S3;
 
-const PATIENCE: Patience = Patience(Duration::from_secs(120));
-const SHORT: Patience = Patience(Duration::from_secs(2));
+const PATIENCE: RetryPeriod = RetryPeriod(Duration::from_secs(120));
+const SHORT: RetryPeriod = RetryPeriod(Duration::from_secs(2));
 const LIMIT: u64 = 1 << 30;
 
-fn blobs(s3: &S3, dir: &Path, patience: Patience) -> Blobs {
+fn blobs(s3: &S3, dir: &Path, patience: RetryPeriod) -> Blobs {
     let bucket = Bucket::open(&s3.address("net"), &s3.variables(), patience).unwrap();
     Blobs::in_store(dir, Box::new(bucket)).unwrap()
 }
@@ -67,7 +67,7 @@ fn a_store_that_stays_unavailable_keeps_nothing_and_says_so() {
     }
     assert_eq!(held(dir.path()), 0);
     let usage = blobs.usage().unwrap();
-    let put = usage.of(Operation::Put);
+    let put = usage.of(StoreOperation::Put);
     assert_eq!((put.done, put.failed, put.bytes), (0, 2, 0));
     let failing = usage.failing().unwrap();
     // It has failed since the first of them failed.
@@ -156,7 +156,7 @@ fn an_answer_that_is_lost_at_the_end_of_an_upload_costs_nothing() {
 fn an_upload_that_fails_leaves_no_parts_behind() {
     let Some(s3) = S3::start() else { return };
     let dir = tempfile::tempdir().unwrap();
-    let blobs = blobs(&s3, dir.path(), Patience(Duration::from_secs(6)));
+    let blobs = blobs(&s3, dir.path(), RetryPeriod(Duration::from_secs(6)));
     // The first part comes through, and no other.
     s3.network.pass_next("PUT", 1);
     s3.network.fail_next("PUT", Fault::Unavailable, 1000);

@@ -9,17 +9,17 @@ use std::sync::Barrier;
 use std::thread;
 use std::time::{Duration, SystemTime};
 use zk0_bucket::bucket::PART_BYTES;
-use zk0_bucket::waiting::Patience;
+use zk0_bucket::waiting::RetryPeriod;
 use zk0_bucket::Bucket;
 use zk0_circuits::Digest;
-use zk0_ledger::blobs::usage::Operation;
+use zk0_ledger::blobs::usage::StoreOperation;
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_testkit::s3::S3;
 
 const LIMIT: u64 = 1 << 30;
 
 fn in_store(dir: &Path, address: &str, variables: &[(String, String)]) -> Blobs {
-    let patience = Patience(Duration::from_secs(120));
+    let patience = RetryPeriod(Duration::from_secs(120));
     let bucket = Bucket::open(address, variables, patience).unwrap();
     Blobs::in_store(dir, Box::new(bucket)).unwrap()
 }
@@ -41,7 +41,7 @@ fn with_stores(test: impl Fn(&dyn Fn(&Path) -> Blobs, &Path)) {
 
 /// A reader of the same store, with another folder.
 fn reader(dir: &Path, address: &str, variables: &[(String, String)]) -> Blobs {
-    let patience = Patience(Duration::from_secs(120));
+    let patience = RetryPeriod(Duration::from_secs(120));
     let bucket = Bucket::open(address, variables, patience).unwrap();
     Blobs::beside_writer(dir, Box::new(bucket)).unwrap()
 }
@@ -279,10 +279,10 @@ fn what_a_store_was_asked_for_is_counted() {
         let dir = tempfile::tempdir().unwrap();
         let blobs = open(dir.path());
         let done = |operation| blobs.usage().unwrap().of(operation).done;
-        assert_eq!(done(Operation::List), 1);
+        assert_eq!(done(StoreOperation::List), 1);
         let blob = blobs.put(b"weights").unwrap();
         blobs.put(b"weights").unwrap();
-        let put = blobs.usage().unwrap().of(Operation::Put);
+        let put = blobs.usage().unwrap().of(StoreOperation::Put);
         assert_eq!((put.done, put.failed, put.bytes), (1, 0, 7));
         assert!(put.time > Duration::ZERO);
         assert_eq!(blobs.stored(), Some(blobs.here().unwrap()));
@@ -294,11 +294,11 @@ fn what_a_store_was_asked_for_is_counted() {
         assert!(blobs.get(&blob, LIMIT).is_err());
         fs::write(inside.join(blob.to_string()), b"weights").unwrap();
         assert!(blobs.get(&blob, LIMIT).is_ok());
-        let get = blobs.usage().unwrap().of(Operation::Get);
+        let get = blobs.usage().unwrap().of(StoreOperation::Get);
         assert_eq!((get.done, get.altered, get.bytes), (1, 1, 7));
         assert_eq!(blobs.usage().unwrap().failing(), None);
         blobs.remove(&blob).unwrap();
-        assert_eq!(done(Operation::Remove), 1);
+        assert_eq!(done(StoreOperation::Remove), 1);
         assert_eq!(blobs.stored().unwrap().blobs, 0);
     });
     assert_eq!(Blobs::at(Path::new("/")).usage(), None);
@@ -306,7 +306,7 @@ fn what_a_store_was_asked_for_is_counted() {
 
 #[test]
 fn what_is_no_address_of_a_store_is_refused() {
-    let patience = Patience(Duration::from_secs(1));
+    let patience = RetryPeriod(Duration::from_secs(1));
     for (address, words) in [
         ("bucket", "is not the address of a blob store"),
         ("http://example.com/x", "names no store of objects"),

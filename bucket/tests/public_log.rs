@@ -7,14 +7,14 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
 use zk0_bucket::public_log::PublicLog;
-use zk0_bucket::waiting::Patience;
+use zk0_bucket::waiting::RetryPeriod;
 use zk0_ledger::published::export::{export_to, ExportError, Exported};
 use zk0_ledger::published::mirror::mirror;
 use zk0_ledger::published::publication::Publication;
-use zk0_ledger::published::source::{Folder, Source};
+use zk0_ledger::published::source::{FolderSource, LogSource};
 use zk0_ledger::published::web::Web;
 use zk0_ledger::{replay, Blobs};
-use zk0_protocol::tlog::layout::{tiles, Kind, Resource, Tile};
+use zk0_protocol::tlog::layout::{tiles, Resource, Tile, TileKind};
 use zk0_testkit::s3::failing_network::Fault;
 use zk0_testkit::s3::S3;
 
@@ -24,13 +24,13 @@ fn real() -> PathBuf {
 }
 
 fn opened(s3: &S3, seconds: u64) -> PublicLog {
-    let patience = Patience(Duration::from_secs(seconds));
+    let patience = RetryPeriod(Duration::from_secs(seconds));
     PublicLog::open(&s3.address("a/log"), &s3.variables(), patience).unwrap()
 }
 
 fn in_folder(folder: &Path) -> PublicLog {
     let address = format!("file://{}", folder.display());
-    PublicLog::open(&address, &[], Patience(Duration::from_secs(1))).unwrap()
+    PublicLog::open(&address, &[], RetryPeriod(Duration::from_secs(1))).unwrap()
 }
 
 fn published(place: &mut PublicLog) -> Result<Exported, ExportError> {
@@ -38,7 +38,7 @@ fn published(place: &mut PublicLog) -> Result<Exported, ExportError> {
 }
 
 /// Makes a ledger of what `source` publishes, and checks that it is the same.
-fn is_mirrored(source: &dyn Source) {
+fn is_mirrored(source: &dyn LogSource) {
     let copy = tempfile::tempdir().unwrap();
     let done = mirror(source, copy.path(), None, None).unwrap();
     assert_eq!(done.missing_blobs, 0);
@@ -70,7 +70,7 @@ fn anybody_mirrors_a_log_from_the_bucket() {
 fn a_folder_holds_the_same_log() {
     let folder = tempfile::tempdir().unwrap();
     published(&mut in_folder(&folder.path().join("log"))).unwrap();
-    is_mirrored(&Folder::at(&folder.path().join("log")));
+    is_mirrored(&FolderSource::at(&folder.path().join("log")));
 }
 
 /// A file that an earlier release has written may have lost its bytes in a power cut.
@@ -86,8 +86,8 @@ fn what_has_lost_bytes_is_written_again_at_the_next_start() {
     };
     let view = Publication::open(&real(), None).unwrap();
     let of_kind = |kind| Tile::at(kind, 0, done.entries).unwrap();
-    damaged(&of_kind(Kind::Hashes(0)).to_string(), 0);
-    damaged(&of_kind(Kind::Entries).to_string(), 2);
+    damaged(&of_kind(TileKind::Hashes(0)).to_string(), 0);
+    damaged(&of_kind(TileKind::Entries).to_string(), 2);
     let public: Vec<_> = view.public_blobs().copied().collect();
     for (blob, left) in public.iter().zip([0, 100]) {
         damaged(&Resource::Blob(*blob).to_string(), left);
@@ -95,7 +95,7 @@ fn what_has_lost_bytes_is_written_again_at_the_next_start() {
     let again = published(&mut in_folder(&log)).unwrap();
     assert_eq!(again.tiles, 2);
     assert_eq!(again.blobs, public.len().min(2) as u64);
-    is_mirrored(&Folder::at(&log));
+    is_mirrored(&FolderSource::at(&log));
     let again = published(&mut in_folder(&log)).unwrap();
     assert_eq!((again.tiles, again.blobs), (0, 0));
 }

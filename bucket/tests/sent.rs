@@ -6,10 +6,10 @@ use std::thread::{self, sleep};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use zk0_bucket::bucket::PART_BYTES;
-use zk0_bucket::waiting::Patience;
+use zk0_bucket::waiting::RetryPeriod;
 use zk0_bucket::Bucket;
 use zk0_circuits::NodeId;
-use zk0_ledger::blobs::usage::Operation;
+use zk0_ledger::blobs::usage::StoreOperation;
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_protocol::blob::blob_digest;
 use zk0_testkit::s3::failing_network::Fault;
@@ -33,7 +33,7 @@ impl Kept {
 
     fn of(s3: S3, seconds: u64) -> Self {
         let dir = tempfile::tempdir().unwrap();
-        let patience = Patience(Duration::from_secs(seconds));
+        let patience = RetryPeriod(Duration::from_secs(seconds));
         let bucket = Bucket::open(&s3.address("net"), &s3.variables(), patience).unwrap();
         let blobs = Blobs::in_store(dir.path(), Box::new(bucket)).unwrap();
         Self { s3, dir, blobs }
@@ -45,7 +45,7 @@ impl Kept {
 
     /// The same after a new start.
     fn again(mut self) -> Self {
-        let patience = Patience(MINUTE);
+        let patience = RetryPeriod(MINUTE);
         let bucket = Bucket::open(&self.s3.address("net"), &self.s3.variables(), patience);
         self.blobs = Blobs::in_store(self.dir.path(), Box::new(bucket.unwrap())).unwrap();
         self
@@ -108,7 +108,7 @@ fn what_a_node_has_put_there_becomes_a_blob_and_is_not_sent_again() {
         let parts = "POST /blobs/net/blobs/";
         assert_eq!(kept.s3.network.counted(parts), 0);
     }
-    assert_eq!(kept.blobs.usage().unwrap().of(Operation::Put).done, 2);
+    assert_eq!(kept.blobs.usage().unwrap().of(StoreOperation::Put).done, 2);
     // What nobody has put there is sent.
     let mut bytes = large();
     bytes[0] ^= 1;
@@ -355,7 +355,7 @@ fn what_ended_rounds_leave_is_removed() {
 fn a_folder_signs_no_addresses() {
     let (dir, folder) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let address = format!("file://{}", folder.path().display());
-    let bucket = Bucket::open(&address, &[], Patience(MINUTE)).unwrap();
+    let bucket = Bucket::open(&address, &[], RetryPeriod(MINUTE)).unwrap();
     let blobs = Blobs::in_store(dir.path(), Box::new(bucket)).unwrap();
     assert!(!blobs.takes_sent());
     assert_eq!(blobs.address(0, NODE, MINUTE).unwrap(), None);

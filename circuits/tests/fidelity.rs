@@ -5,7 +5,7 @@ use zk0_circuits::model::draw::draw;
 use zk0_circuits::model::eval::{evaluate, Overflow};
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Digest, EvalSpec};
-use zk0_testkit::claims::{quantise, reference, tensors, Parts, Random, Tensors};
+use zk0_testkit::claims::{quantise, reference, tensors, FloatSample, Random, Tensors};
 
 /// Returns the relative error of the loss over `count` samples, and the worst error of a single sample.
 fn fidelity(spec: &EvalSpec, tensors: &Tensors, random: &mut Random, count: usize) -> (f64, f64) {
@@ -14,7 +14,7 @@ fn fidelity(spec: &EvalSpec, tensors: &Tensors, random: &mut Random, count: usiz
     let (mut fixed, mut real, mut worst) = (0.0, 0.0, 0f64);
     for position in 0..count {
         let prefix = spec.dims.max_prefix as usize - position % 3;
-        let parts = Parts::random(spec, random, prefix, position % 3);
+        let parts = FloatSample::random(spec, random, prefix, position % 3);
         let draw = draw(spec, &Digest([position as u8; 32]), 0, 1);
         let sum = evaluate(
             spec,

@@ -8,14 +8,14 @@ use zk0_circuits::model::eval::Evaluator;
 use zk0_circuits::model::multiply::Multiply;
 use zk0_circuits::model::site::{EvalError, Narrowing, Overflow, Site};
 use zk0_circuits::{Claim, EvalSpec, Losses};
-use zk0_testkit::claims::{quantise, tensors, Node, Random, Tensors};
+use zk0_testkit::claims::{quantise, tensors, ClaimingNode, Random, Tensors};
 
 const NORM: &str = "model.vlm_with_expert.lm_expert.norm.weight";
 const UP: &str = "model.vlm_with_expert.lm_expert.layers.1.mlp.up_proj.weight";
 
 /// A claim with the base or the update changed.
-fn claim(change: impl Fn(&mut Node)) -> Result<Claim, StatementError> {
-    let mut node = Node::new(&EvalSpec::micro(), 20, 4, 11);
+fn claim(change: impl Fn(&mut ClaimingNode)) -> Result<Claim, StatementError> {
+    let mut node = ClaimingNode::new(&EvalSpec::micro(), 20, 4, 11);
     change(&mut node);
     check(&node.honest().input)
 }

@@ -15,7 +15,7 @@ use zk0_circuits::model::weights::WeightsError;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::vm::values::Values;
 use zk0_circuits::{Digest, EvalSpec, PrivateInput, QuantisedWeights, Sample};
-use zk0_testkit::claims::{honest, quantise, tensors, Parts, Random, Tensors};
+use zk0_testkit::claims::{honest, quantise, tensors, FloatSample, Random, Tensors};
 
 fn leaves(count: usize) -> Vec<Digest> {
     (0..count)
@@ -179,8 +179,8 @@ fn unusable_weights_are_refused_by_name() {
 #[test]
 fn unusable_samples_are_refused_by_part() {
     let spec = EvalSpec::micro();
-    let refuse = |change: &dyn Fn(&mut Parts)| {
-        let mut parts = Parts::random(&spec, &mut Random(3), 9, 1);
+    let refuse = |change: &dyn Fn(&mut FloatSample)| {
+        let mut parts = FloatSample::random(&spec, &mut Random(3), 9, 1);
         change(&mut parts);
         let cache: Vec<_> = parts.cache.iter().map(|(k, v)| (&k[..], &v[..])).collect();
         let (actions, is_pad) = (&parts.actions[..], &parts.is_pad[..]);
@@ -236,7 +236,7 @@ fn buffers_of_other_dimensions_are_refused() {
     larger.expert_mlp = 40;
     let larger = EvalSpec::new(larger);
     let weights = quantise(&larger, &tensors(&larger, &mut Random(1), 1.0));
-    let sample = Parts::random(&spec, &mut Random(1), 4, 0).quantise(&spec);
+    let sample = FloatSample::random(&spec, &mut Random(1), 4, 0).quantise(&spec);
     let draw = draw(&spec, &Digest([0; 32]), 0, 1);
     let error = evaluate(&spec, &weights, &sample, &draw, Overflow::Refused).unwrap_err();
     assert_eq!(error, EvalError::Dimensions("the weights"));

@@ -7,11 +7,11 @@ use zk0_circuits::model::eval::{evaluate, Overflow};
 use zk0_circuits::model::quantise::QuantiseError;
 use zk0_circuits::model::sample::{SampleError, SampleParts};
 use zk0_circuits::{Digest, EvalSpec, Sample};
-use zk0_testkit::claims::{honest, Parts, Random};
+use zk0_testkit::claims::{honest, FloatSample, Random};
 
 /// Its last two frames are padding.
-fn parts(spec: &EvalSpec) -> Parts {
-    Parts::random(spec, &mut Random(4), 9, 2)
+fn parts(spec: &EvalSpec) -> FloatSample {
+    FloatSample::random(spec, &mut Random(4), 9, 2)
 }
 
 #[test]
@@ -41,7 +41,7 @@ fn a_thousand_variants_of_what_is_not_read_give_one_leaf() {
 fn what_is_read_changes_the_leaf() {
     let spec = EvalSpec::micro();
     let original = parts(&spec).quantise(&spec).digest();
-    let changes: [fn(&mut Parts); 4] = [
+    let changes: [fn(&mut FloatSample); 4] = [
         |parts| parts.actions[0] += 0.01,
         |parts| parts.is_pad[3] = true,
         |parts| parts.cache[1].0[5] += 0.01,
@@ -92,7 +92,7 @@ fn a_sample_with_a_value_that_is_not_read_is_refused() {
 fn padding_is_at_the_end_and_never_all_there_is() {
     let spec = EvalSpec::micro();
     let dims = &spec.dims;
-    let sample = Parts::random(&spec, &mut Random(4), 9, 0).quantise(&spec);
+    let sample = FloatSample::random(&spec, &mut Random(4), 9, 0).quantise(&spec);
     for frame in 0..dims.chunk as usize {
         let found = Sample::from_bytes(dims, &with(&sample, 1 + frame, 1)).unwrap_err();
         match frame {

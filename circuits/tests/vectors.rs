@@ -13,7 +13,7 @@ use zk0_circuits::vm::merkle;
 use zk0_circuits::vm::poseidon2::{hash, permute, Domain, State};
 use zk0_circuits::vm::values::Values;
 use zk0_circuits::{Digest, EvalSpec, Mode, NodeId};
-use zk0_testkit::claims::{honest, quantise, tensors, Parts, Random};
+use zk0_testkit::claims::{honest, quantise, tensors, FloatSample, Random};
 
 fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
@@ -97,7 +97,7 @@ fn poseidon2_structures() {
     permute(&mut state);
     let mut random = Random(21);
     let weights = quantise(&spec, &tensors(&spec, &mut random, 1.0));
-    let sample = Parts::random(&spec, &mut random, 9, 1).quantise(&spec);
+    let sample = FloatSample::random(&spec, &mut random, 9, 1).quantise(&spec);
     compare(
         "poseidon2.hex",
         &[

@@ -5,7 +5,7 @@ use std::env;
 use std::path::Path;
 use std::time::Duration;
 use zk0_bucket::public_log::PublicLog;
-use zk0_bucket::waiting::Patience;
+use zk0_bucket::waiting::RetryPeriod;
 use zk0_bucket::Bucket;
 use zk0_ledger::blobs::Blobs;
 
@@ -65,8 +65,8 @@ impl BlobStoreOptions {
         Ok(PublicLog::open(address, &variables(), self.patience())?)
     }
 
-    fn patience(&self) -> Patience {
-        Patience(Duration::from_secs(self.blob_store_seconds))
+    fn patience(&self) -> RetryPeriod {
+        RetryPeriod(Duration::from_secs(self.blob_store_seconds))
     }
 }
 

@@ -22,7 +22,7 @@ use zk0_smolvla::measure::evaluate::fixed_draws;
 use zk0_smolvla::policy::policy_file::PolicyFile;
 use zk0_smolvla::train::learner::EvaluationModels;
 use zk0_smolvla::train::trainer::evaluate_samples;
-use zk0_smolvla::train::Samples;
+use zk0_smolvla::train::TrainingSamples;
 use zk0_smolvla::{PolicyError, Profile};
 
 /// Measure policies on recordings: the flow-matching loss by both of LeRobot's definitions, and how far sampled actions are from the
@@ -217,12 +217,12 @@ fn measure(
             prepare::<PreparedSample>(cache.as_ref(), &maker, frames).map_err(cache_failed)?;
         let draws = fixed_draws(&config, samples.len(), options.seed);
         let all: Vec<usize> = (0..samples.len()).collect();
-        let errors = evaluate_samples(&models, Samples::Prepared(&samples), &all, &draws)?;
+        let errors = evaluate_samples(&models, TrainingSamples::Prepared(&samples), &all, &draws)?;
 
         let mut error = ActionError::new(config.action_dim);
         let mut progress = Progress::start("sampling actions", all.len() as u64);
         for (indices, draws) in all.chunks(BATCH).zip(draws.chunks(BATCH)) {
-            let batch = models.batch(Samples::Prepared(&samples), indices)?;
+            let batch = models.batch(TrainingSamples::Prepared(&samples), indices)?;
             let sampled = sample_actions(models.expert(), &batch, draws, inference.num_steps)?;
             error.add(&config, &dataset.normalisation().action, &sampled, &batch)?;
             progress.reached((indices[0] + indices.len()) as u64);

@@ -11,7 +11,7 @@ use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
 use zk0_lerobot::dataset::{Dataset, RenameMap};
-use zk0_node::client::Node;
+use zk0_node::client::NodeClient;
 use zk0_node::participant::Participant;
 use zk0_node::state_files::lock::StateLock;
 use zk0_tls::service_address::ServiceAddress;
@@ -76,22 +76,22 @@ pub struct Membership {
 
 impl NetworkChoice {
     /// Connects to the network.
-    pub async fn connect(&self, key: SigningKey) -> Result<Node> {
+    pub async fn connect(&self, key: SigningKey) -> Result<NodeClient> {
         let address = ServiceAddress::from(self.aggregator.clone()).with_ca(self.ca.clone());
-        Ok(Node::connect(address, self.network, key).await?)
+        Ok(NodeClient::connect(address, self.network, key).await?)
     }
 }
 
 impl Signer {
     /// Connects to the network with the signer's key.
-    pub async fn connect(&self) -> Result<Node> {
+    pub async fn connect(&self) -> Result<NodeClient> {
         self.network.connect(keys::read(&self.key)?).await
     }
 }
 
 impl Membership {
     /// Who takes part, and the connection to the network. Another node on the same state folder is an error.
-    pub async fn begin(&self) -> Result<(Participant, Node)> {
+    pub async fn begin(&self) -> Result<(Participant, NodeClient)> {
         let state = &self.state;
         make_state(state).with_context(|| format!("creating {}", state.display()))?;
         // Everything that follows reads and removes files there.

@@ -11,7 +11,7 @@ use zk0_aggregator::connections::limits::ConnectionLimits;
 use zk0_aggregator::connections::open_files;
 use zk0_prover::machine::DeviceKind;
 use zk0_prover::measure::cycles;
-use zk0_prover::network::{NetworkOptions, Strategy};
+use zk0_prover::network::{NetworkOptions, ProverSelection};
 use zk0_prover::program::Executor;
 use zk0_prover::service::{ProvingService, Sp1Backend};
 use zk0_traces::export::Traces;
@@ -60,7 +60,7 @@ pub struct NetworkArguments {
     /// Find a prover on the network by: auction, reserved (an agreement with a prover of Succinct's network) or hosted (Succinct's own
     /// provers, or a cluster of your own).
     #[arg(long, default_value_t)]
-    network_strategy: Strategy,
+    network_strategy: ProverSelection,
     /// Give up a proof on the network after this many minutes.
     #[arg(long, value_name = "MINUTES", default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..=1440))]
     network_minutes: u64,

@@ -9,7 +9,7 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
 use zk0_aggregator::connections::listening;
-use zk0_aggregator::publish::http::{self, Limits, Router};
+use zk0_aggregator::publish::http::{self, HttpLimits, Router};
 
 /// How long work that cannot be told to end may take after the connections of a server have ended. Whatever was acknowledged is on disk.
 pub const ENDING: Duration = Duration::from_secs(2);
@@ -54,7 +54,7 @@ pub fn serve_http(
     listen: SocketAddr,
     certificate: &CertificateOptions,
     router: Router,
-    limits: Limits,
+    limits: HttpLimits,
 ) -> Result<()> {
     let certificate = certificate.load()?;
     let certificate = certificate.as_ref();

@@ -10,7 +10,7 @@ use std::time::Duration;
 use tokio::time::sleep;
 use zk0_circuits::Digest;
 use zk0_node::client::status::RoundWatch;
-use zk0_node::client::Node;
+use zk0_node::client::NodeClient;
 use zk0_protocol::rpc::federation::status_info::Phase;
 use zk0_protocol::rpc::federation::StatusInfo;
 
@@ -125,7 +125,7 @@ struct Facts {
 }
 
 impl StatusView {
-    async fn ask(node: &mut Node) -> Result<Self> {
+    async fn ask(node: &mut NodeClient) -> Result<Self> {
         Ok(Self {
             network: *node.network(),
             name: node.genesis().name.clone(),

@@ -6,7 +6,7 @@ use crate::harness::{copy, ends, logged, printed, prints, root, zk0, RECORDING};
 use std::fs;
 use std::path::{Path, PathBuf};
 use zk0_ledger::Blobs;
-use zk0_node::recording::secret::{Secret, Secrets};
+use zk0_node::recording::secret::{RegistrationSecret, Secrets};
 use zk0_protocol::entries::entry::Body;
 
 /// The number of the entry that registered the dataset.
@@ -81,7 +81,7 @@ fn an_auditor_with_the_recording_finds_the_registered_samples() {
 
     let forged = network.path("forged");
     let mut other = Secrets::default();
-    other.add(Secret::new([7; 32]));
+    other.add(RegistrationSecret::new([7; 32]));
     fs::write(&forged, other.encode()).unwrap();
     let said = compared(&network, 1, entry, RECORDING, &forged);
     assert!(said.contains("did not commit with a secret in"), "{said}");

@@ -8,11 +8,11 @@ use std::path::Path;
 use zk0_circuits::EvalSpec;
 use zk0_ledger::Blobs;
 use zk0_node::exchanged_weights::Base;
-use zk0_smolvla::frames::batch::InMemory;
+use zk0_smolvla::frames::batch::SamplesInMemory;
 use zk0_smolvla::measure::fixed_point::dequantise_weights;
 use zk0_smolvla::policy::policy_file::PolicyFile;
 use zk0_smolvla::train::measured_loss::loss_of;
-use zk0_smolvla::train::{train, Samples, TrainOptions};
+use zk0_smolvla::train::{train, TrainOptions, TrainingSamples};
 use zk0_smolvla::PolicyConfig;
 use zk0_weights::Format;
 
@@ -90,8 +90,14 @@ fn rates_follow_the_losses_from_start_to_start() {
     let file = network.policy();
     let samples = network.samples(&file);
     let (config, _, start) = base(&network, &file);
-    let samples = InMemory::new(config, &samples).unwrap();
-    let loss = loss_of(config, &start.weights, Samples::Prepared(&samples), 0).unwrap();
+    let samples = SamplesInMemory::new(config, &samples).unwrap();
+    let loss = loss_of(
+        config,
+        &start.weights,
+        TrainingSamples::Prepared(&samples),
+        0,
+    )
+    .unwrap();
     let kept = losses(&network);
     let rounds = kept["rounds"].as_array().unwrap();
     assert_eq!(rounds.len(), 2);

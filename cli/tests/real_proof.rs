@@ -6,7 +6,7 @@ use tokio::runtime::Runtime;
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::{EvalSpec, Mode};
 use zk0_protocol::Refusal;
-use zk0_prover::program::{synthetic, Prepared};
+use zk0_prover::program::{synthetic, PreparedClaim};
 use zk0_prover::service::ProvingClient;
 use zk0_verifier::{check_proof, ProgramKey};
 
@@ -24,7 +24,7 @@ fn a_claim_is_proven_and_its_proof_is_one_of_nothing_else() {
     let url = format!("http://{}", listening["listening"].as_str().unwrap());
     let private = synthetic::private_input(&EvalSpec::micro(), Mode::Direct, SAMPLES, SEED);
     let (private, blind) = (private.unwrap(), synthetic::blind(SEED));
-    let prepared = Prepared::of(Mode::Direct, &private, &blind, None, &mut |_| {}).unwrap();
+    let prepared = PreparedClaim::of(Mode::Direct, &private, &blind, None, &mut |_| {}).unwrap();
     let claim = prepared.claim;
     let proven = Runtime::new().unwrap().block_on(async {
         let address = ProvingClient::address(url);

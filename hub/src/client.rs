@@ -1,7 +1,7 @@
 //! Requests to the Hub, and what its answers mean.
 
 use crate::error::{Failure, PublishError};
-use crate::target::Target;
+use crate::target::PublishTarget;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::fs::File;
@@ -22,7 +22,7 @@ const MAX_SAID: usize = 300;
 pub struct Client<'t> {
     agent: ureq::Agent,
     /// Where everything goes.
-    pub target: &'t Target,
+    pub target: &'t PublishTarget,
 }
 
 /// What is sent.
@@ -39,7 +39,7 @@ pub struct Sent<'a> {
 
 impl<'t> Client<'t> {
     /// A client for this target.
-    pub fn new(target: &'t Target) -> Self {
+    pub fn new(target: &'t PublishTarget) -> Self {
         let agent = ureq::Agent::config_builder()
             .timeout_connect(Some(CONNECTING))
             .timeout_per_read(Some(SILENCE))
@@ -55,7 +55,7 @@ impl<'t> Client<'t> {
 
     /// An address of the Hub's API about the repository.
     pub fn model(&self, rest: &str) -> String {
-        let Target {
+        let PublishTarget {
             endpoint,
             repository,
             ..

@@ -12,7 +12,7 @@ use std::fs::File;
 const TYPE: &str = "application/vnd.git-lfs+json";
 
 #[derive(Deserialize)]
-struct Batch {
+struct LfsBatch {
     objects: Vec<Object>,
 }
 
@@ -31,12 +31,12 @@ struct ObjectError {
 
 #[derive(Deserialize)]
 struct Actions {
-    upload: Option<Action>,
-    verify: Option<Action>,
+    upload: Option<LfsAction>,
+    verify: Option<LfsAction>,
 }
 
 #[derive(Deserialize)]
-struct Action {
+struct LfsAction {
     href: String,
     #[serde(default)]
     header: BTreeMap<String, Value>,
@@ -72,7 +72,7 @@ pub fn upload(client: &Client, files: &[&LocalFile]) -> Result<usize, Failure> {
         content_type: TYPE,
         body: batch.to_string().as_bytes(),
     })?;
-    let batch: Batch = client.json(what, answer)?;
+    let batch: LfsBatch = client.json(what, answer)?;
     let mut uploaded = 0;
     for file in files {
         let found = batch.objects.iter().find(|one| one.oid == file.sha256);

@@ -15,6 +15,6 @@ pub mod repository;
 pub mod target;
 
 pub use error::PublishError;
-pub use publish::{publish, Published};
+pub use publish::{publish, PublishedCommit};
 pub use repository::Repository;
-pub use target::Target;
+pub use target::PublishTarget;

@@ -4,7 +4,7 @@ use crate::client::{Client, Sent};
 use crate::error::{Failure, PublishError};
 use crate::lfs;
 use crate::local_file::{files_of, LocalFile};
-use crate::target::{Patience, Target};
+use crate::target::{PublishTarget, RetryPolicy};
 use base64::prelude::{Engine as _, BASE64_STANDARD};
 use serde::Deserialize;
 use serde_json::json;
@@ -17,7 +17,7 @@ const MAX_INLINE: u64 = 64 << 20;
 
 /// What was published.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Published {
+pub struct PublishedCommit {
     /// The commit; `None` if the repository had everything already.
     pub commit: Option<String>,
     /// Files that the commit changes.
@@ -29,7 +29,7 @@ pub struct Published {
 /// What the Hub says of a file before the upload.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
-struct Mode {
+struct PreuploadFile {
     path: String,
     upload_mode: UploadMode,
     #[serde(default)]
@@ -47,12 +47,12 @@ enum UploadMode {
 
 #[derive(Deserialize)]
 struct Preupload {
-    files: Vec<Mode>,
+    files: Vec<PreuploadFile>,
 }
 
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
-struct Committed {
+struct CommitResponse {
     commit_oid: String,
 }
 
@@ -61,7 +61,11 @@ struct Committed {
 ///
 /// # Errors
 /// See [`PublishError`]. The repository is then what it was before, or it has the whole commit.
-pub fn publish(target: &Target, folder: &Path, summary: &str) -> Result<Published, PublishError> {
+pub fn publish(
+    target: &PublishTarget,
+    folder: &Path,
+    summary: &str,
+) -> Result<PublishedCommit, PublishError> {
     let files = files_of(folder)?;
     let client = Client::new(target);
     let mut uploaded = 0;
@@ -69,7 +73,7 @@ pub fn publish(target: &Target, folder: &Path, summary: &str) -> Result<Publishe
         once(&client, &files, summary, &mut uploaded)
     })?;
     let (commit, changed) = committed.map_or((None, 0), |(commit, files)| (Some(commit), files));
-    Ok(Published {
+    Ok(PublishedCommit {
         commit,
         changed,
         uploaded,
@@ -78,7 +82,7 @@ pub fn publish(target: &Target, folder: &Path, summary: &str) -> Result<Publishe
 
 /// Calls `attempt` until it succeeds, fails for good, or has failed as often as it may.
 fn patiently<T>(
-    patience: Patience,
+    patience: RetryPolicy,
     mut attempt: impl FnMut() -> Result<T, Failure>,
 ) -> Result<T, PublishError> {
     let mut wait = patience.first_wait;
@@ -100,7 +104,7 @@ fn patiently<T>(
 }
 
 /// A file that the repository does not have as it is here.
-struct Change<'f> {
+struct FileChange<'f> {
     file: &'f LocalFile,
     /// Whether it goes where large files go. Otherwise it travels within the commit.
     large: bool,
@@ -150,7 +154,7 @@ fn create(client: &Client) -> Result<(), Failure> {
 }
 
 /// The files that the repository lacks, or has in another version.
-fn changes<'f>(client: &Client, files: &'f [LocalFile]) -> Result<Vec<Change<'f>>, Failure> {
+fn changes<'f>(client: &Client, files: &'f [LocalFile]) -> Result<Vec<FileChange<'f>>, Failure> {
     let what = "asking how files are to be uploaded";
     let asked = files.iter().map(|file| {
         json!({
@@ -175,14 +179,14 @@ fn changes<'f>(client: &Client, files: &'f [LocalFile]) -> Result<Vec<Change<'f>
         };
         // The repository's .gitignore may leave a file out.
         if !mode.should_ignore && mode.oid.as_ref() != Some(here) {
-            changes.push(Change { file, large });
+            changes.push(FileChange { file, large });
         }
     }
     Ok(changes)
 }
 
 /// Commits the changes, all or none. Returns the commit's id.
-fn commit(client: &Client, changes: &[Change], summary: &str) -> Result<String, Failure> {
+fn commit(client: &Client, changes: &[FileChange], summary: &str) -> Result<String, Failure> {
     let what = "the commit";
     let inline = changes.iter().filter(|change| !change.large);
     let bytes: u64 = inline.map(|change| change.file.size).sum();
@@ -192,7 +196,7 @@ fn commit(client: &Client, changes: &[Change], summary: &str) -> Result<String, 
     }
     let header = json!({ "key": "header", "value": { "summary": summary, "description": "" } });
     let mut lines = vec![header.to_string()];
-    for Change { file, large } in changes {
+    for FileChange { file, large } in changes {
         let line = match large {
             true => json!({ "key": "lfsFile", "value": {
                 "path": file.name, "algo": "sha256", "oid": file.sha256, "size": file.size,
@@ -212,6 +216,6 @@ fn commit(client: &Client, changes: &[Change], summary: &str) -> Result<String, 
         content_type: "application/x-ndjson",
         body: lines.join("\n").as_bytes(),
     })?;
-    let committed: Committed = client.json(what, answer)?;
+    let committed: CommitResponse = client.json(what, answer)?;
     Ok(committed.commit_oid)
 }

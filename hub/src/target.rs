@@ -6,7 +6,7 @@ use std::time::Duration;
 
 /// Where to publish.
 #[derive(Clone)]
-pub struct Target {
+pub struct PublishTarget {
     /// The Hub's address, such as `https://huggingface.co`.
     pub endpoint: String,
     /// A token that may write to the repository.
@@ -16,19 +16,19 @@ pub struct Target {
     /// Whether a repository that is made is private.
     pub private: bool,
     /// How patient to be.
-    pub patience: Patience,
+    pub patience: RetryPolicy,
 }
 
 /// How often everything is tried that may go better later.
 #[derive(Clone, Copy, Debug)]
-pub struct Patience {
+pub struct RetryPolicy {
     /// Tries in all.
     pub tries: u32,
     /// How long to wait before the second one. Each further wait is twice as long.
     pub first_wait: Duration,
 }
 
-impl Default for Patience {
+impl Default for RetryPolicy {
     /// Half a minute in all.
     fn default() -> Self {
         Self {
@@ -38,7 +38,7 @@ impl Default for Patience {
     }
 }
 
-impl Target {
+impl PublishTarget {
     /// The repository at `endpoint`, by default that of Hugging Face.
     ///
     /// # Errors
@@ -57,7 +57,7 @@ impl Target {
             token,
             repository,
             private: false,
-            patience: Patience::default(),
+            patience: RetryPolicy::default(),
         })
     }
 }

@@ -4,17 +4,17 @@ use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
-use zk0_hub::target::Patience;
-use zk0_hub::{publish, PublishError, Published, Target};
+use zk0_hub::target::RetryPolicy;
+use zk0_hub::{publish, PublishError, PublishTarget, PublishedCommit};
 use zk0_testkit::local_hub::{LocalHub, READER, TOKEN};
 
 const NAME: &str = "robots/arm";
 
-fn target(hub: &LocalHub, token: &str) -> Target {
+fn target(hub: &LocalHub, token: &str) -> PublishTarget {
     let endpoint = format!("{}/", hub.address);
-    let target = Target::new(NAME.parse().unwrap(), Some(endpoint), Some(token.into()));
-    Target {
-        patience: Patience {
+    let target = PublishTarget::new(NAME.parse().unwrap(), Some(endpoint), Some(token.into()));
+    PublishTarget {
+        patience: RetryPolicy {
             tries: 3,
             first_wait: Duration::from_millis(1),
         },
@@ -58,7 +58,7 @@ fn a_folder_is_published_and_a_second_run_uploads_only_what_is_new() {
     let target = target(&hub, TOKEN);
     let first = publish(&target, folder.path(), "Round 3").unwrap();
     let commit = |number: usize| Some(format!("{number:040x}"));
-    let expected = |commit, changed, uploaded| Published {
+    let expected = |commit, changed, uploaded| PublishedCommit {
         commit,
         changed,
         uploaded,
@@ -98,7 +98,7 @@ fn an_empty_file_travels_within_the_commit_and_an_ignored_one_does_not_travel() 
     let (hub, folder) = (LocalHub::start(), folder());
     fs::write(folder.path().join("empty"), "").unwrap();
     fs::write(folder.path().join("ignored"), "not wanted").unwrap();
-    let private = Target {
+    let private = PublishTarget {
         private: true,
         ..target(&hub, TOKEN)
     };
@@ -144,7 +144,7 @@ fn a_wrong_token_and_a_missing_right_are_told_apart() {
     );
     assert!(hub.held().models.is_empty());
 
-    let none = Target::new(NAME.parse().unwrap(), None, None);
+    let none = PublishTarget::new(NAME.parse().unwrap(), None, None);
     let none = none.err().unwrap().to_string();
     assert!(none.contains("set HF_TOKEN"), "{none}");
 }
@@ -242,7 +242,7 @@ fn nobody_listens() {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = format!("http://{}", listener.local_addr().unwrap());
     drop(listener);
-    let hub = Target {
+    let hub = PublishTarget {
         endpoint: address,
         ..target(&LocalHub::start(), TOKEN)
     };

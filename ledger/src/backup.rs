@@ -9,9 +9,9 @@
 
 use crate::blobs::damaged::DamagedBlob;
 use crate::error::{io_error, LedgerError};
-use crate::history::History;
+use crate::history::ContinuedHistory;
 use crate::published::mirror::{genesis, mirror_with, BlobSource, MirrorError, Mirrored};
-use crate::published::source::{Source, SourceError};
+use crate::published::source::{LogSource, SourceError};
 use crate::published::tiles;
 use crate::store::Store;
 use crate::{folder, Blobs};
@@ -75,14 +75,14 @@ fn named(files: &[DamagedBlob]) -> String {
 }
 
 /// A ledger's folder as the source of a copy, with all its entries, public or not. Its blobs are copied from the folder itself.
-struct Whole {
+struct WholeLedger {
     text: Vec<u8>,
     pruned: Option<Vec<u8>>,
     size: u64,
     store: Store,
 }
 
-impl Whole {
+impl WholeLedger {
     /// Opens the folder at its newest signed checkpoint. A writer may be using it at the same time.
     fn open(dir: &Path) -> Result<Self, MirrorError> {
         let database = folder::database(dir);
@@ -114,7 +114,7 @@ impl Whole {
     }
 }
 
-impl Source for Whole {
+impl LogSource for WholeLedger {
     fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError> {
         let failed = |error: &dyn std::fmt::Display| SourceError::new(path, error.to_string());
         let bytes = match Resource::parse(path) {
@@ -191,7 +191,7 @@ pub fn restore(
     }
     // The whole history is checked, rules included, so that the restored ledger can be opened.
     let text = folder::read_checkpoint(&unfinished)?;
-    History::read(
+    ContinuedHistory::read(
         &Store::open_read_only(&folder::database(&unfinished))?,
         &unfinished,
         network,
@@ -218,7 +218,7 @@ fn copy(
 ) -> Result<Mirrored, BackupError> {
     // These files are read before the log, because the log then holds everything that was cosigned.
     let (policy, cosigned) = (folder::read_policy(dir)?, folder::read_cosigned(dir)?);
-    let whole = Whole::open(dir)?;
+    let whole = WholeLedger::open(dir)?;
     let source = BlobSource::Own {
         blobs,
         check_copies: old == OldBlobs::Checked,
@@ -238,7 +238,7 @@ fn copy(
 
 /// Refuses a backup that lacks entries that the log has signed.
 fn not_older(backup: &Path, known: &[Vec<u8>]) -> Result<(), BackupError> {
-    let whole = Whole::open(backup)?;
+    let whole = WholeLedger::open(backup)?;
     let first = whole.store.entry(0).map_err(MirrorError::from)?;
     let genesis = genesis(&first.ok_or_else(|| LedgerError::NoLedger(backup.into()))?)?;
     let key = genesis.verifier_key()?;

@@ -21,7 +21,7 @@ pub mod unverified;
 pub mod usage;
 
 use self::error::io_error;
-use self::store::Kept;
+use self::store::IndexedStore;
 use sha2::{Digest as _, Sha256};
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -44,7 +44,7 @@ const TRIES: usize = 3;
 #[derive(Clone, Debug)]
 pub struct Blobs {
     dir: PathBuf,
-    kept: Option<Arc<Kept>>,
+    kept: Option<Arc<IndexedStore>>,
 }
 
 impl PartialEq for Blobs {

@@ -109,13 +109,13 @@ pub enum LedgerError {
 /// Why the database failed, whichever it is.
 #[derive(Debug)]
 pub struct DatabaseError {
-    failure: Failure,
+    failure: DatabaseFailure,
     text: String,
 }
 
 /// What has failed in a database.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Failure {
+pub(crate) enum DatabaseFailure {
     /// The disk, or the file system.
     OfDisk,
     /// Its files are missing or damaged.
@@ -125,7 +125,7 @@ pub(crate) enum Failure {
 }
 
 impl DatabaseError {
-    pub(crate) fn new(failure: Failure, text: impl ToString) -> Self {
+    pub(crate) fn new(failure: DatabaseFailure, text: impl ToString) -> Self {
         let text = text.to_string();
         Self { failure, text }
     }
@@ -135,10 +135,10 @@ impl fmt::Display for DatabaseError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.text)?;
         match self.failure {
-            Failure::Damaged => f.write_str(
+            DatabaseFailure::Damaged => f.write_str(
                 ". If files of the database are missing or damaged, restore the newest copy",
             ),
-            Failure::OfDisk | Failure::Other => Ok(()),
+            DatabaseFailure::OfDisk | DatabaseFailure::Other => Ok(()),
         }
     }
 }
@@ -151,7 +151,7 @@ impl LedgerError {
     pub(crate) fn is_of_reading(&self) -> bool {
         match self {
             Self::Io { .. } | Self::Locked(_) | Self::NeedsRocksDb(_) => true,
-            Self::Database(error) => error.failure == Failure::OfDisk,
+            Self::Database(error) => error.failure == DatabaseFailure::OfDisk,
             _ => false,
         }
     }

@@ -5,7 +5,7 @@
 //! tree determines something ([`needs_checkpoint`]), because nobody could verify what follows from a root that was never signed.
 
 use crate::error::LedgerError;
-use crate::store::Batch;
+use crate::store::StoreBatch;
 use ed25519_dalek::SigningKey;
 use rayon::prelude::*;
 use tlog_tiles::tlog::{record_hash, Hash};
@@ -23,7 +23,7 @@ const UNUSED_ROOT: Digest = Digest([0; 32]);
 
 /// An entry that somebody wants to be recorded.
 #[derive(Clone, Debug)]
-pub struct Wanted {
+pub struct WantedEntry {
     /// The time that it gets, in Unix milliseconds, or the time of the entry before it if that is later.
     pub time_ms: u64,
     /// What it states.
@@ -33,7 +33,7 @@ pub struct Wanted {
 /// A group of entries, ready to be written. Entries that the rules refuse are not in it.
 pub(crate) struct Group {
     /// Everything that is written to the database.
-    pub batch: Batch,
+    pub batch: StoreBatch,
     /// The tree after the group.
     pub tree: Frontier,
     /// For each entry the root after it, or why the rules refuse it. The root is the true one after entries from whose tree something
@@ -48,11 +48,11 @@ pub(crate) struct Group {
 pub(crate) fn group(
     entries: &[DatedBody],
     tree: &Frontier,
-    state: &mut Trial<'_>,
+    state: &mut TrialState<'_>,
     key: &SigningKey,
 ) -> Result<Group, LedgerError> {
     let mut group = Group {
-        batch: Batch::default(),
+        batch: StoreBatch::default(),
         tree: tree.clone(),
         outcomes: Vec::with_capacity(entries.len()),
         checkpoint: Vec::new(),
@@ -115,14 +115,14 @@ fn encode_all(entries: &[DatedBody]) -> Vec<Result<Alone<'_>, RuleViolation>> {
 
 /// The state that checks a group. For a single entry it is the ledger's own state. For several entries it is a copy, to which they are
 /// applied one after the other, while the ledger's state stays as it is on disk.
-pub(crate) enum Trial<'a> {
+pub(crate) enum TrialState<'a> {
     /// The ledger's state, which is not changed.
     Single(&'a State),
     /// A copy, which is changed entry by entry.
     Copy(Box<State>),
 }
 
-impl Trial<'_> {
+impl TrialState<'_> {
     fn state(&self) -> &State {
         match self {
             Self::Single(state) => state,

@@ -22,14 +22,14 @@ use zk0_protocol::{Entry, Genesis};
 const CHUNK: u64 = 512;
 
 /// A history that continues the newest published checkpoint.
-pub(crate) struct History {
+pub(crate) struct ContinuedHistory {
     pub state: State,
     pub tree: Frontier,
     /// The newest checkpoint in the database. It is the published one, or a newer one.
     pub checkpoint: Vec<u8>,
 }
 
-impl History {
+impl ContinuedHistory {
     /// Reads and verifies everything: each entry by the rules, each tree hash, each checkpoint, and the root at the size of `published`, which
     /// is the content of the checkpoint file.
     pub fn read(
@@ -107,13 +107,13 @@ fn found(store: &Store) -> Result<State, LedgerError> {
 }
 
 /// A stored entry, with the text and the content of the checkpoint after it, if there is one.
-struct Read {
+struct StoredEntry {
     leaf: Hash,
     entry: Entry,
     checkpoint: Option<(Vec<u8>, Checkpoint)>,
 }
 
-impl Read {
+impl StoredEntry {
     fn of(
         index: u64,
         bytes: &[u8],
@@ -142,23 +142,27 @@ impl Read {
 }
 
 /// Reads entries, and verifies the signatures of checkpoints.
-fn chunk(store: &Store, genesis: &Genesis, indexes: Range<u64>) -> Result<Vec<Read>, LedgerError> {
+fn chunk(
+    store: &Store,
+    genesis: &Genesis,
+    indexes: Range<u64>,
+) -> Result<Vec<StoredEntry>, LedgerError> {
     let mut stored = Vec::new();
     for index in indexes {
         let bytes = store.entry(index)?;
         let bytes = bytes.ok_or_else(|| bad(index, "it is missing".into()))?;
         stored.push((index, bytes, store.checkpoint(index + 1)?));
     }
-    let read: Vec<Result<Read, LedgerError>> = stored
+    let read: Vec<Result<StoredEntry, LedgerError>> = stored
         .into_par_iter()
-        .map(|(index, bytes, text)| Read::of(index, &bytes, text, genesis))
+        .map(|(index, bytes, text)| StoredEntry::of(index, &bytes, text, genesis))
         .collect();
     // The order is kept, so that the first of several faults is named.
     read.into_iter().collect()
 }
 
 fn authenticate<'a>(
-    chunk: &'a [Read],
+    chunk: &'a [StoredEntry],
     keys: &KnownKeys,
 ) -> Vec<Result<AuthenticEntry<'a>, RuleViolation>> {
     chunk

@@ -27,4 +27,4 @@ pub mod witness_store;
 pub use blobs::{BlobError, BlobWriter, Blobs};
 pub use error::LedgerError;
 pub use log::Ledger;
-pub use replay::{replay, Finding, Recheck, Report};
+pub use replay::{replay, Finding, Recheck, ReplayReport};

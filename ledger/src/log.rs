@@ -18,9 +18,9 @@ use crate::blobs::Blobs;
 use crate::clock::ClockWatch;
 use crate::error::{io_error, LedgerError};
 use crate::folder;
-use crate::group::{group, Trial, Wanted};
-use crate::history::History;
-use crate::store::{Batch, Store};
+use crate::group::{group, TrialState, WantedEntry};
+use crate::history::ContinuedHistory;
+use crate::store::{Store, StoreBatch};
 use ed25519_dalek::SigningKey;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -99,7 +99,7 @@ impl Ledger {
         let checkpoint = Checkpoint { size, root }
             .sign(ledger.state.genesis().origin(), &ledger.key)
             .map_err(|error| LedgerError::Checkpoint { size, error })?;
-        let mut batch = Batch::default();
+        let mut batch = StoreBatch::default();
         batch.entry(0, &bytes, &hashes);
         batch.checkpoint(size, &checkpoint);
         ledger.write(batch, checkpoint)?;
@@ -130,7 +130,7 @@ impl Ledger {
         }
         // At first nothing is written, because RocksDB's own recovery would make a loss permanent.
         let mut published = folder::read_checkpoint(dir)?;
-        let mut history = History::read(
+        let mut history = ContinuedHistory::read(
             &Store::open_read_only(&path)?,
             dir,
             network,
@@ -141,7 +141,7 @@ impl Ledger {
         if store.size()? != held || store.checkpoint(held)?.as_ref() != Some(&history.checkpoint) {
             // Another process has written in the meantime. Now no other process can.
             published = folder::read_checkpoint(dir)?;
-            history = History::read(&store, dir, network, published.as_deref())?;
+            history = ContinuedHistory::read(&store, dir, network, published.as_deref())?;
         }
         let state = history.state;
         if state.genesis().log_key != key.verifying_key().to_bytes() {
@@ -177,7 +177,7 @@ impl Ledger {
     /// entry's time is `time_ms`, or the time of the entry before it if the clock went back.
     pub fn append(&mut self, time_ms: u64, body: Body) -> Result<Receipt, LedgerError> {
         let body = AuthenticBody::of(body)?;
-        match self.commit(vec![Wanted { time_ms, body }])?.pop() {
+        match self.commit(vec![WantedEntry { time_ms, body }])?.pop() {
             Some(outcome) => self.first_receipt(outcome?),
             None => Err(LedgerError::NoEntry(self.size())),
         }
@@ -193,7 +193,7 @@ impl Ledger {
     /// Nothing is recorded: the clock is wrong, or the disk failed.
     pub fn commit(
         &mut self,
-        wanted: Vec<Wanted>,
+        wanted: Vec<WantedEntry>,
     ) -> Result<Vec<Result<u64, RuleViolation>>, LedgerError> {
         if self.poisoned {
             return Err(LedgerError::Poisoned);
@@ -212,8 +212,8 @@ impl Ledger {
             return Ok(Vec::new());
         }
         let mut trial = match entries.len() {
-            1 => Trial::Single(&self.state),
-            _ => Trial::Copy(
+            1 => TrialState::Single(&self.state),
+            _ => TrialState::Copy(
                 self.trial
                     .take()
                     .unwrap_or_else(|| Box::new(self.state.clone())),
@@ -221,8 +221,8 @@ impl Ledger {
         };
         let group = group(&entries, &self.tree, &mut trial, &self.key)?;
         let tried = match trial {
-            Trial::Single(_) => None,
-            Trial::Copy(state) => Some(state),
+            TrialState::Single(_) => None,
+            TrialState::Copy(state) => Some(state),
         };
         let mut index = self.tree.size();
         if group.tree.size() > index {
@@ -265,7 +265,7 @@ impl Ledger {
     }
 
     /// Commits, and then publishes. After a failure it is unknown what is on disk, so nothing more is written.
-    fn write(&mut self, batch: Batch, checkpoint: Vec<u8>) -> Result<(), LedgerError> {
+    fn write(&mut self, batch: StoreBatch, checkpoint: Vec<u8>) -> Result<(), LedgerError> {
         self.poisoned = true;
         self.store.commit(batch)?;
         folder::write_checkpoint(&self.dir, &checkpoint)?;
@@ -280,7 +280,7 @@ impl Ledger {
     }
 
     /// Signs a statement of the log's operator with the log's key.
-    pub(crate) fn sign<T: Statement>(&self, statement: T) -> Signed<T> {
+    pub(crate) fn sign<T: SignableStatement>(&self, statement: T) -> Signed<T> {
         Signed::new(statement, &self.key)
     }
 

@@ -1,7 +1,7 @@
 //! Frees disk: deletes blobs of a ledger's folder that no audit of the chosen depth needs, and nothing that the next round, an open vote or an
 //! open dispute needs.
 //!
-//! A [`Plan`] says what would be deleted. Before anything is deleted that an audit could have used, the log's operator signs that it is no
+//! A [`PrunePlan`] says what would be deleted. Before anything is deleted that an audit could have used, the log's operator signs that it is no
 //! longer kept ([`crate::pruned`]). So a process that is killed in between leaves blobs that the statement excuses already, and the next one
 //! goes on.
 //!
@@ -12,7 +12,7 @@ mod needed;
 use crate::blobs::Blobs;
 use crate::error::LedgerError;
 use crate::folder;
-use crate::history::History;
+use crate::history::ContinuedHistory;
 use crate::log::Ledger;
 use crate::pruned;
 use crate::published::publication::{Publication, PublicationError};
@@ -28,7 +28,7 @@ pub use needed::Reason;
 
 /// What is to be kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Keep {
+pub struct Retention {
     /// Keep all that an audit needs of the last so many closed rounds, and delete the updates of older ones. `None` for all rounds.
     pub rounds: Option<u64>,
     /// Delete the proofs of older rounds, too. Otherwise a light audit can still check them.
@@ -61,7 +61,7 @@ pub enum Longer {
 
 /// What pruning would do.
 #[derive(Clone, Debug)]
-pub struct Plan {
+pub struct PrunePlan {
     /// How many rounds have closed.
     pub closed: u64,
     /// The rounds before this one are older than those that are kept.
@@ -87,12 +87,12 @@ pub enum PruneError {
     Publication(#[from] PublicationError),
 }
 
-impl Plan {
+impl PrunePlan {
     /// What pruning `ledger` would do at `now_ms`.
     ///
     /// # Errors
     /// The ledger cannot be read.
-    pub fn of(ledger: &Ledger, keep: &Keep, now_ms: u64) -> Result<Self, PruneError> {
+    pub fn of(ledger: &Ledger, keep: &Retention, now_ms: u64) -> Result<Self, PruneError> {
         let entry = |index| ledger.entry(index);
         plan(
             ledger.dir(),
@@ -109,14 +109,19 @@ impl Plan {
     ///
     /// # Errors
     /// The ledger cannot be read.
-    pub fn look(dir: &Path, blobs: &Blobs, keep: &Keep, now_ms: u64) -> Result<Self, PruneError> {
+    pub fn look(
+        dir: &Path,
+        blobs: &Blobs,
+        keep: &Retention,
+        now_ms: u64,
+    ) -> Result<Self, PruneError> {
         let database = folder::database(dir);
         if !database.exists() {
             return Err(LedgerError::NoLedger(dir.into()).into());
         }
         let published = folder::read_checkpoint(dir)?;
         let store = Store::open_read_only(&database)?;
-        let history = History::read(&store, dir, None, published.as_deref())?;
+        let history = ContinuedHistory::read(&store, dir, None, published.as_deref())?;
         let entry = |index| {
             let bytes = store.entry(index)?.ok_or(LedgerError::NoEntry(index))?;
             Ok(Entry::decode(&bytes)?)
@@ -153,9 +158,9 @@ fn plan(
     blobs: &Blobs,
     state: &State,
     entry: impl Fn(u64) -> Result<Entry, LedgerError>,
-    keep: &Keep,
+    keep: &Retention,
     now_ms: u64,
-) -> Result<Plan, PruneError> {
+) -> Result<PrunePlan, PruneError> {
     let mut closings = Vec::new();
     for index in 0..state.entries() {
         if let Body::RoundClosed(_) = entry(index)?.body {
@@ -221,7 +226,7 @@ fn plan(
         };
         before.as_ref().map_or(new, |before| new.and(before))
     });
-    Ok(Plan {
+    Ok(PrunePlan {
         closed,
         first_kept,
         longer,

@@ -6,7 +6,7 @@ mod on_files;
 #[cfg(feature = "rocksdb")]
 mod on_rocksdb;
 
-pub use engine::Key;
+pub use engine::DatabaseKey;
 
 use crate::error::LedgerError;
 use engine::Engine;
@@ -22,23 +22,23 @@ pub struct Store(Box<dyn Engine>);
 
 /// Entries, hashes and checkpoints that [`Store::commit`] writes at once.
 #[derive(Default)]
-pub struct Batch(Vec<(Key, Vec<u8>)>);
+pub struct StoreBatch(Vec<(DatabaseKey, Vec<u8>)>);
 
-impl Batch {
+impl StoreBatch {
     /// Entry `index` and the hashes that become final with it ([`zk0_protocol::tlog::tree::Frontier::push`]).
     pub fn entry(&mut self, index: u64, entry: &[u8], hashes: &[Hash]) {
-        self.put(Key::Entry(index), entry);
+        self.put(DatabaseKey::Entry(index), entry);
         for (position, hash) in (stored_hash_index(0, index)..).zip(hashes) {
-            self.put(Key::Hash(position), &hash.0);
+            self.put(DatabaseKey::Hash(position), &hash.0);
         }
     }
 
     /// The signed checkpoint of the first `size` entries.
     pub fn checkpoint(&mut self, size: u64, text: &[u8]) {
-        self.put(Key::Checkpoint(size), text);
+        self.put(DatabaseKey::Checkpoint(size), text);
     }
 
-    fn put(&mut self, key: Key, value: &[u8]) {
+    fn put(&mut self, key: DatabaseKey, value: &[u8]) {
         self.0.push((key, value.into()));
     }
 }
@@ -75,12 +75,12 @@ impl Store {
 
     /// One entry's bytes.
     pub fn entry(&self, index: u64) -> Result<Option<Vec<u8>>, LedgerError> {
-        self.get(Key::Entry(index))
+        self.get(DatabaseKey::Entry(index))
     }
 
     /// The signed checkpoint of a size, if one was signed there.
     pub fn checkpoint(&self, size: u64) -> Result<Option<Vec<u8>>, LedgerError> {
-        self.get(Key::Checkpoint(size))
+        self.get(DatabaseKey::Checkpoint(size))
     }
 
     /// The first checkpoint of `size` entries or more, and its size.
@@ -102,25 +102,25 @@ impl Store {
     }
 
     /// Every key in the database, in order; `None` stands for a key of an unknown kind.
-    pub fn keys(&self) -> impl Iterator<Item = Result<Option<Key>, LedgerError>> + '_ {
+    pub fn keys(&self) -> impl Iterator<Item = Result<Option<DatabaseKey>, LedgerError>> + '_ {
         self.0.keys().map(|key| Ok(key?))
     }
 
     /// Writes all of a batch or nothing. It is on disk when this returns.
-    pub fn commit(&self, batch: Batch) -> Result<(), LedgerError> {
+    pub fn commit(&self, batch: StoreBatch) -> Result<(), LedgerError> {
         Ok(self.0.commit(batch.0)?)
     }
 
     /// The tree's hashes at these stored positions; `None` if one of them is missing.
     pub fn hashes(&self, positions: &[u64]) -> Result<Option<Vec<Hash>>, LedgerError> {
         let read = |position: &u64| {
-            let bytes = self.get(Key::Hash(*position))?;
+            let bytes = self.get(DatabaseKey::Hash(*position))?;
             Ok(bytes.and_then(|bytes| Some(Hash(bytes.try_into().ok()?))))
         };
         positions.iter().map(read).collect()
     }
 
-    fn get(&self, key: Key) -> Result<Option<Vec<u8>>, LedgerError> {
+    fn get(&self, key: DatabaseKey) -> Result<Option<Vec<u8>>, LedgerError> {
         Ok(self.0.get(key)?)
     }
 }

@@ -11,7 +11,7 @@ use zk0_files::bounded_file;
 use zk0_protocol::tlog::checkpoint::MAX_NOTE_BYTES;
 use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
-use zk0_protocol::tlog::witness::{Accepted, Witness, WitnessRefusal};
+use zk0_protocol::tlog::witness::{AcceptedCheckpoint, Witness, WitnessRefusal};
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;
 
 /// A witness and its folder.
@@ -128,7 +128,7 @@ impl WitnessStore {
         self.witness.key()
     }
 
-    fn write(&self, accepted: &Accepted) -> Result<(), WitnessError> {
+    fn write(&self, accepted: &AcceptedCheckpoint) -> Result<(), WitnessError> {
         let path = self.file(&accepted.origin);
         atomic_file::replace(&path, &accepted.note).map_err(io_error(&path))
     }

@@ -13,9 +13,9 @@ use std::path::Path;
 use zk0_circuits::NodeId;
 use zk0_ledger::published::mirror::{mirror, MirrorError};
 use zk0_ledger::published::tiles;
-use zk0_ledger::replay::{replay, Verdict};
+use zk0_ledger::replay::{replay, ReplayVerdict};
 use zk0_ledger::store::Store;
-use zk0_ledger::{Ledger, LedgerError, Report};
+use zk0_ledger::{Ledger, LedgerError, ReplayReport};
 use zk0_protocol::challenge::drawing::Drawing;
 use zk0_protocol::entries::entry::{needs_checkpoint, DisputeResolved, RandomnessDrawn};
 use zk0_protocol::entries::member::NodeEnrolled;
@@ -23,12 +23,17 @@ use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::{Dispute, Evidence, KeyRotation, KeyTakeover};
 use zk0_protocol::rules::network_rules::Participation;
 use zk0_protocol::tlog::bundle;
-use zk0_protocol::tlog::layout::{Kind, Tile};
+use zk0_protocol::tlog::layout::{Tile, TileKind};
 use zk0_protocol::{Body, Refusal, RuleViolation, Signed};
 
-fn verified(dir: &Path) -> Report {
+fn verified(dir: &Path) -> ReplayReport {
     let report = replay(dir, None, &mut ());
-    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
+    assert_eq!(
+        report.verdict,
+        ReplayVerdict::Verified,
+        "{:?}",
+        report.findings
+    );
     report
 }
 
@@ -213,7 +218,7 @@ fn a_checkpoint_that_something_depends_on_may_not_be_missing() {
             .unwrap();
         drop(db);
         let report = replay(copied.path(), None, &mut ());
-        assert_eq!(report.verdict, Verdict::Failed, "{size}");
+        assert_eq!(report.verdict, ReplayVerdict::Failed, "{size}");
         let opened = Ledger::open(copied.path(), None, log_key()).map(drop);
         match opened {
             Err(LedgerError::BadEntry { index, why }) => {
@@ -254,7 +259,7 @@ fn any_checkpoint_of_another_tree_keeps_a_ledger_from_opening() {
         drop(db);
         assert!(Ledger::open(copied.path(), None, log_key()).is_err());
         let report = replay(copied.path(), None, &mut ());
-        assert_eq!(report.verdict, Verdict::Failed);
+        assert_eq!(report.verdict, ReplayVerdict::Failed);
         assert_eq!(report.findings[0].index, Some(place - 1));
     }
 }
@@ -284,7 +289,10 @@ fn the_opening_of_a_round_that_draws_its_nodes_has_the_checkpoint_that_draws_the
     db.delete([&b"c"[..], &14u64.to_be_bytes()].concat())
         .unwrap();
     drop(db);
-    assert_eq!(replay(dir.path(), None, &mut ()).verdict, Verdict::Failed);
+    assert_eq!(
+        replay(dir.path(), None, &mut ()).verdict,
+        ReplayVerdict::Failed
+    );
     assert!(Ledger::open(dir.path(), None, log_key()).is_err());
 }
 
@@ -407,15 +415,18 @@ fn a_late_commitment_in_a_group_is_refused_for_its_own_reason() {
 }
 
 /// Mirrors the ledger with a checkpoint bundle that `change` has altered, and replays the mirror.
-fn published_with(dir: &Path, change: impl Fn(&mut Vec<Vec<u8>>)) -> Result<Report, MirrorError> {
+fn published_with(
+    dir: &Path,
+    change: impl Fn(&mut Vec<Vec<u8>>),
+) -> Result<ReplayReport, MirrorError> {
     let store = Store::open_read_only(&dir.join("log")).unwrap();
     let size = store.size().unwrap();
-    let mut shown = Shown {
+    let mut shown = ShownLog {
         store: &store,
         size,
         instead: Default::default(),
     };
-    let tile = Tile::at(Kind::Checkpoints, 0, size).unwrap();
+    let tile = Tile::at(TileKind::Checkpoints, 0, size).unwrap();
     let bytes = tiles::read(&store, size, &tile).unwrap().unwrap();
     let mut items: Vec<Vec<u8>> = bundle::split(&bytes, tile.width)
         .unwrap()
@@ -454,7 +465,7 @@ fn a_mirror_of_groups_is_the_same_ledger_and_insists_on_the_same_checkpoints() {
         }
     }
     let fewer = without(7).unwrap();
-    assert_eq!(fewer.verdict, Verdict::Verified);
+    assert_eq!(fewer.verdict, ReplayVerdict::Verified);
     assert_eq!(fewer.checkpoints, original.checkpoints - 1);
     // The log's key signed this checkpoint in the midst of a group, but it is not of this tree.
     let forged = zk0_protocol::Checkpoint {

@@ -18,12 +18,12 @@ use zk0_ledger::published::export::{export, ExportError};
 use zk0_ledger::published::mirror::{mirror, MirrorError};
 use zk0_ledger::published::publication::Publication;
 use zk0_ledger::published::reader::{PublishedError, PublishedLog};
-use zk0_ledger::published::source::Folder;
+use zk0_ledger::published::source::FolderSource;
 use zk0_ledger::{BlobError, Blobs};
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::tlog::checkpoint::Parsed;
 use zk0_protocol::tlog::cosigner::Cosigner;
-use zk0_protocol::tlog::layout::{tiles, Kind, Resource, Tile};
+use zk0_protocol::tlog::layout::{tiles, Resource, Tile, TileKind};
 use zk0_protocol::WitnessPolicy;
 
 fn leaves(count: u64, seed: u8) -> Vec<Vec<u8>> {
@@ -34,7 +34,7 @@ fn leaves(count: u64, seed: u8) -> Vec<Vec<u8>> {
         .collect()
 }
 
-fn open<'a>(source: &'a Shown<'_>) -> Result<PublishedLog<'a>, PublishedError> {
+fn open<'a>(source: &'a ShownLog<'_>) -> Result<PublishedLog<'a>, PublishedError> {
     PublishedLog::open(source, &log_vkey(), &WitnessPolicy::none())
 }
 
@@ -50,14 +50,14 @@ fn paths_are_those_of_the_specification() {
     for (path, resource) in [
         ("checkpoint", Resource::Checkpoint),
         ("zk0/pruned", Resource::Pruned),
-        ("tile/0/000", tile(Kind::Hashes(0), 0, 256)),
+        ("tile/0/000", tile(TileKind::Hashes(0), 0, 256)),
         (
             "tile/3/x001/x234/067",
-            tile(Kind::Hashes(3), 1_234_067, 256),
+            tile(TileKind::Hashes(3), 1_234_067, 256),
         ),
-        ("tile/0/x001/000.p/7", tile(Kind::Hashes(0), 1000, 7)),
-        ("tile/entries/999.p/255", tile(Kind::Entries, 999, 255)),
-        ("zk0/checkpoints/012", tile(Kind::Checkpoints, 12, 256)),
+        ("tile/0/x001/000.p/7", tile(TileKind::Hashes(0), 1000, 7)),
+        ("tile/entries/999.p/255", tile(TileKind::Entries, 999, 255)),
+        ("zk0/checkpoints/012", tile(TileKind::Checkpoints, 12, 256)),
         (
             "blobs/sha256/0303030303030303030303030303030303030303030303030303030303030303",
             Resource::Blob(digest(3)),
@@ -109,13 +109,13 @@ fn a_tree_has_the_tiles_that_the_specification_says() {
             .map(|tile| tile.width)
             .collect::<Vec<_>>()
     };
-    assert_eq!(count(Kind::Hashes(0), true).len(), 273);
-    assert_eq!(count(Kind::Hashes(0), false), [112]);
-    assert_eq!(count(Kind::Hashes(1), true).len(), 1);
-    assert_eq!(count(Kind::Hashes(1), false), [17]);
-    assert_eq!(count(Kind::Hashes(2), true).len(), 0);
-    assert_eq!(count(Kind::Hashes(2), false), [1]);
-    assert_eq!(count(Kind::Hashes(3), false), [] as [u16; 0]);
+    assert_eq!(count(TileKind::Hashes(0), true).len(), 273);
+    assert_eq!(count(TileKind::Hashes(0), false), [112]);
+    assert_eq!(count(TileKind::Hashes(1), true).len(), 1);
+    assert_eq!(count(TileKind::Hashes(1), false), [17]);
+    assert_eq!(count(TileKind::Hashes(2), true).len(), 0);
+    assert_eq!(count(TileKind::Hashes(2), false), [1]);
+    assert_eq!(count(TileKind::Hashes(3), false), [] as [u16; 0]);
     let of_256: Vec<_> = tiles(256).map(|tile| tile.to_string()).collect();
     let expected = [
         "tile/0/000",
@@ -125,7 +125,7 @@ fn a_tree_has_the_tiles_that_the_specification_says() {
     ];
     assert_eq!(of_256, expected);
     let beyond = Tile {
-        kind: Kind::Entries,
+        kind: TileKind::Entries,
         number: u64::MAX,
         width: 256,
     };
@@ -184,7 +184,7 @@ proptest! {
         let leaves = leaves(size, 2);
         let shelf = Shelf::of(&leaves);
         for tile in tiles(size) {
-            let Kind::Hashes(level) = tile.kind else { continue };
+            let TileKind::Hashes(level) = tile.kind else { continue };
             let bytes = zk0_ledger::published::tiles::read(&shelf.store, size, &tile).unwrap().unwrap();
             prop_assert_eq!(bytes.len(), usize::from(tile.width) * 32);
             let span = 256usize.pow(level.into());
@@ -216,7 +216,7 @@ fn a_tile_never_changes_once_it_is_there() {
 #[test]
 fn any_changed_byte_of_a_tile_or_bundle_is_noticed() {
     let shelf = Shelf::of(&leaves(260, 4));
-    for tile in tiles(260).filter(|tile| tile.kind != Kind::Checkpoints) {
+    for tile in tiles(260).filter(|tile| tile.kind != TileKind::Checkpoints) {
         let bytes = zk0_ledger::published::tiles::read(&shelf.store, 260, &tile)
             .unwrap()
             .unwrap();
@@ -412,7 +412,7 @@ fn a_damaged_blob_keeps_nothing_else_back_from_an_export_and_is_no_blob_of_a_mir
     assert!(!left.exists());
     // Whoever serves other bytes under a blob's name is at fault.
     fs::write(&there, b"other bytes").unwrap();
-    let refused = mirror(&Folder::at(&out), &at("mirror"), None, None).unwrap_err();
+    let refused = mirror(&FolderSource::at(&out), &at("mirror"), None, None).unwrap_err();
     let path = Resource::Blob(blob).to_string();
     assert!(refused.to_string().starts_with(&path), "{refused}");
     let MirrorError::WrongBlob { error, .. } = refused else {

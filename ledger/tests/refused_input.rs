@@ -2,9 +2,9 @@
 
 use crate::network::*;
 use rocksdb::DB;
-use zk0_ledger::group::Wanted;
-use zk0_ledger::replay::{replay, Verdict};
-use zk0_ledger::store::{Batch, Store};
+use zk0_ledger::group::WantedEntry;
+use zk0_ledger::replay::{replay, ReplayVerdict};
+use zk0_ledger::store::{Store, StoreBatch};
 use zk0_ledger::{Ledger, LedgerError};
 use zk0_protocol::entries::authentic::{Authentic, AuthenticBody};
 use zk0_protocol::entries::codec::EntryError;
@@ -81,7 +81,10 @@ fn an_entry_over_the_limit_is_refused_and_the_log_goes_on() {
     ledger.append(T0, registered(&network, 0)).unwrap();
     drop(ledger);
     let report = replay(dir.path(), None, &mut ());
-    assert_eq!((report.verdict, report.entries), (Verdict::Verified, 3));
+    assert_eq!(
+        (report.verdict, report.entries),
+        (ReplayVerdict::Verified, 3)
+    );
 }
 
 /// An operator with the log's key can put such bytes on disk without our code. Even if they are signed, every reader refuses them.
@@ -108,7 +111,7 @@ fn signed_or_not_such_bytes_on_disk_are_refused_by_name() {
         };
         let text = signed.sign(&genesis().name, &log_key()).unwrap();
         let store = Store::open(&dir.path().join("log")).unwrap();
-        let mut batch = Batch::default();
+        let mut batch = StoreBatch::default();
         batch.entry(1, &bytes, &hashes);
         batch.checkpoint(2, &text);
         store.commit(batch).unwrap();
@@ -121,7 +124,7 @@ fn signed_or_not_such_bytes_on_disk_are_refused_by_name() {
             other => panic!("{other:?}"),
         }
         let report = replay(dir.path(), None, &mut ());
-        assert_eq!(report.verdict, Verdict::Failed);
+        assert_eq!(report.verdict, ReplayVerdict::Failed);
         assert_eq!(report.findings[0].index, Some(1));
         assert!(report.findings[0].text.contains(words));
         // The log before the bad entry is intact.
@@ -165,8 +168,10 @@ fn only_the_submission_that_was_verified_is_not_verified_again() {
         );
     }
     let body = AuthenticBody::decided(&Authentic::of(verified).unwrap(), None);
-    let recorded = ledger.commit(vec![Wanted { time_ms: T0, body }]).unwrap();
+    let recorded = ledger
+        .commit(vec![WantedEntry { time_ms: T0, body }])
+        .unwrap();
     assert!(recorded[0].is_ok(), "{recorded:?}");
     let report = replay(dir.path(), None, &mut ());
-    assert_eq!(report.verdict, Verdict::Verified);
+    assert_eq!(report.verdict, ReplayVerdict::Verified);
 }

@@ -11,7 +11,8 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use zk0_ledger::replay::{
-    replay, replay_with, Keep, Options, Recheck, Report, Saved, SavedError, Verdict,
+    replay, replay_with, Recheck, ReplayOptions, ReplayReport, ReplayVerdict, SaveOptions,
+    SavedError, SavedReplay,
 };
 use zk0_ledger::{Blobs, Finding};
 use zk0_protocol::tlog::checkpoint::Checkpoint;
@@ -46,16 +47,16 @@ impl Recheck for Finder {
     }
 }
 
-fn with_threads(dir: &Path, threads: usize) -> Report {
-    let options = Options {
+fn with_threads(dir: &Path, threads: usize) -> ReplayReport {
+    let options = ReplayOptions {
         threads: NonZeroUsize::new(threads),
-        ..Options::default()
+        ..ReplayOptions::default()
     };
     replay_with(dir, options, &mut Finder::default())
 }
 
 #[track_caller]
-fn same_by_any_number_of_threads(dir: &Path) -> Report {
+fn same_by_any_number_of_threads(dir: &Path) -> ReplayReport {
     let alone = with_threads(dir, 1);
     for threads in [2, 3, 7] {
         assert_eq!(with_threads(dir, threads), alone, "{threads} threads");
@@ -74,7 +75,7 @@ fn several_threads_find_what_one_finds() {
     let report = same_by_any_number_of_threads(dir.path());
     assert_eq!(
         (report.verdict, report.entries),
-        (Verdict::Verified, size),
+        (ReplayVerdict::Verified, size),
         "{:?}",
         report.findings.last()
     );
@@ -100,7 +101,7 @@ fn several_threads_find_what_one_finds() {
             bad[at] ^= 1 << (x >> 60 & 7);
             db.put(key, &bad).unwrap();
             let report = same_by_any_number_of_threads(dir.path());
-            assert_eq!(report.verdict, Verdict::Failed);
+            assert_eq!(report.verdict, ReplayVerdict::Failed);
             assert_eq!(report.findings.last().unwrap().index, Some(index));
             assert_eq!(report.entries, index);
             db.put(key, &good).unwrap();
@@ -130,14 +131,19 @@ fn checkpoints_may_be_sparse_but_not_where_something_follows_from_them() {
     let size = long.size();
     drop(long);
     let verified = replay(dir.path(), None, &mut ());
-    assert_eq!(verified.verdict, Verdict::Verified);
+    assert_eq!(verified.verdict, ReplayVerdict::Verified);
     assert!(verified.checkpoints < size);
     let db = DB::open_default(dir.path().join("log")).unwrap();
     let (opened, last) = (size - ROUND, size);
     // Nothing depends on the checkpoint after the founding's last entry.
     db.delete(db_key(b'c', opened)).unwrap();
     let report = replay(dir.path(), None, &mut ());
-    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
+    assert_eq!(
+        report.verdict,
+        ReplayVerdict::Verified,
+        "{:?}",
+        report.findings
+    );
     assert_eq!(report.checkpoints, verified.checkpoints - 1);
     // The checkpoints after the closing of the commitments and after the last entry have to be there.
     let closing = opened + 1 + u64::from(NODES);
@@ -145,7 +151,7 @@ fn checkpoints_may_be_sparse_but_not_where_something_follows_from_them() {
         let text = db.get(db_key(b'c', missing)).unwrap().unwrap();
         db.delete(db_key(b'c', missing)).unwrap();
         let report = replay(dir.path(), None, &mut ());
-        assert_eq!(report.verdict, Verdict::Failed);
+        assert_eq!(report.verdict, ReplayVerdict::Failed);
         assert_eq!(report.findings[0].index, index, "{:?}", report.findings);
         db.put(db_key(b'c', missing), text).unwrap();
     }
@@ -156,17 +162,17 @@ fn checkpoints_may_be_sparse_but_not_where_something_follows_from_them() {
     assert_eq!(report.findings.last().unwrap().index, Some(opened + 4));
 }
 
-fn keep(path: &Path, every: Duration) -> Option<Keep> {
+fn keep(path: &Path, every: Duration) -> Option<SaveOptions> {
     let path = path.to_owned();
-    Some(Keep { path, every })
+    Some(SaveOptions { path, every })
 }
 
 /// Replays from what `file` holds, or from the beginning if it holds nothing.
-fn go_on(dir: &Path, file: &Path, finder: &mut Finder) -> Report {
-    let options = Options {
-        from: Saved::read(file).unwrap(),
+fn go_on(dir: &Path, file: &Path, finder: &mut Finder) -> ReplayReport {
+    let options = ReplayOptions {
+        from: SavedReplay::read(file).unwrap(),
         keep: keep(file, Duration::from_secs(1000)),
-        ..Options::default()
+        ..ReplayOptions::default()
     };
     replay_with(dir, options, finder)
 }
@@ -182,7 +188,7 @@ fn a_replay_goes_on_where_an_earlier_one_ended() {
         let mut finder = Finder::default();
         let report = go_on(dir.path(), &file, &mut finder);
         assert_eq!(report, replay(dir.path(), None, &mut Finder::default()));
-        assert_eq!(report.verdict, Verdict::Verified);
+        assert_eq!(report.verdict, ReplayVerdict::Verified);
         assert_eq!(finder.seen, long.size() - seen, "it reads what is new");
         seen = long.size();
     }
@@ -201,16 +207,18 @@ fn a_killed_replay_goes_on_and_ends_as_a_whole_one() {
             panics_at: Some(kill),
             ..Finder::default()
         };
-        let options = Options {
-            from: Saved::read(&file).unwrap(),
+        let options = ReplayOptions {
+            from: SavedReplay::read(&file).unwrap(),
             keep: keep(&file, Duration::ZERO),
-            ..Options::default()
+            ..ReplayOptions::default()
         };
         let killed = catch_unwind(AssertUnwindSafe(|| {
             replay_with(dir.path(), options, &mut finder)
         }));
         assert!(killed.is_err());
-        let saved = Saved::read(&file).unwrap().expect("something is kept");
+        let saved = SavedReplay::read(&file)
+            .unwrap()
+            .expect("something is kept");
         assert!(
             saved.size <= kill && kill - saved.size <= 256,
             "{kill}: {}",
@@ -232,23 +240,23 @@ fn a_log_that_does_not_continue_what_was_verified_is_named() {
     copy(&one, &short);
     long.rounds(20);
     let report = go_on(&one, &file, &mut Finder::default());
-    assert_eq!(report.verdict, Verdict::Verified);
+    assert_eq!(report.verdict, ReplayVerdict::Verified);
     let kept = fs::read(&file).unwrap();
     let says = |dir: &Path, words: &str| {
         for begins_again in [false, true] {
-            let saved = Saved::read(&file).unwrap();
+            let saved = SavedReplay::read(&file).unwrap();
             let (from, known) = match begins_again {
                 false => (saved, None),
                 true => (None, saved),
             };
-            let options = Options {
+            let options = ReplayOptions {
                 from,
                 known,
                 keep: keep(&file, Duration::ZERO),
-                ..Options::default()
+                ..ReplayOptions::default()
             };
             let report = replay_with(dir, options, &mut Finder::default());
-            assert_eq!(report.verdict, Verdict::Failed);
+            assert_eq!(report.verdict, ReplayVerdict::Failed);
             let fault = report.findings.last().unwrap();
             assert!(fault.text.contains(words), "{fault:?}");
             assert_eq!(
@@ -287,7 +295,7 @@ fn a_log_that_does_not_continue_what_was_verified_is_named() {
 fn a_damaged_state_file_is_refused() {
     let (dir, scratch) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let file = scratch.path().join("state");
-    assert_eq!(Saved::read(&file).unwrap(), None);
+    assert_eq!(SavedReplay::read(&file).unwrap(), None);
     let mut long = Long::found(dir.path(), 0);
     long.rounds(1);
     go_on(dir.path(), &file, &mut Finder::default());
@@ -296,7 +304,7 @@ fn a_damaged_state_file_is_refused() {
         let mut damaged = whole.clone();
         damaged[at] ^= 1 << (at % 8);
         fs::write(&file, &damaged).unwrap();
-        let error = Saved::read(&file).unwrap_err();
+        let error = SavedReplay::read(&file).unwrap_err();
         assert!(
             matches!(error, SavedError::Unusable { .. }),
             "byte {at}: {error}"
@@ -304,7 +312,7 @@ fn a_damaged_state_file_is_refused() {
     }
     for length in [0, 10, 40, whole.len() - 1] {
         fs::write(&file, &whole[..length]).unwrap();
-        assert!(Saved::read(&file).is_err(), "{length} bytes");
+        assert!(SavedReplay::read(&file).is_err(), "{length} bytes");
     }
 }
 
@@ -314,7 +322,7 @@ fn a_memory_that_cannot_be_written_is_said_and_spoils_nothing() {
     Long::found(dir.path(), 0).rounds(1);
     let nowhere = dir.path().join("no/such/folder/state");
     let report = go_on(dir.path(), &nowhere, &mut Finder::default());
-    assert_eq!(report.verdict, Verdict::Verified);
+    assert_eq!(report.verdict, ReplayVerdict::Verified);
     let said = |finding: &Finding| finding.text.contains("cannot be saved");
     assert!(report.findings.iter().any(said), "{:?}", report.findings);
     let why = report
@@ -338,21 +346,21 @@ fn what_was_seen_has_to_stay_even_if_it_was_not_saved() {
         size: report.entries,
         root: report.root.unwrap().parse().unwrap(),
     });
-    let says = |dir: &Path, verdict: Verdict, words: &str| {
-        let options = Options {
+    let says = |dir: &Path, verdict: ReplayVerdict, words: &str| {
+        let options = ReplayOptions {
             seen,
             keep: keep(&state, Duration::ZERO),
-            ..Options::default()
+            ..ReplayOptions::default()
         };
         let report = replay_with(dir, options, &mut Finder::default());
         assert_eq!(report.verdict, verdict);
         let last = report.findings.last().unwrap();
         assert!(last.text.contains(words), "{last:?}");
     };
-    says(&short, Verdict::Failed, "ROLLED BACK");
-    says(&fork, Verdict::Failed, "FORKED");
+    says(&short, ReplayVerdict::Failed, "ROLLED BACK");
+    says(&fork, ReplayVerdict::Failed, "FORKED");
     assert!(!state.exists(), "nothing of these logs is saved");
-    says(&one, Verdict::Verified, "that was all");
+    says(&one, ReplayVerdict::Verified, "that was all");
 }
 
 #[test]
@@ -366,9 +374,9 @@ fn progress_is_told_to_the_end() {
         assert_eq!(of, size);
         most.fetch_max(done, Ordering::Relaxed);
     };
-    let options = Options {
+    let options = ReplayOptions {
         progress: Some(&progress),
-        ..Options::default()
+        ..ReplayOptions::default()
     };
     replay_with(dir.path(), options, &mut ());
     assert_eq!(most.into_inner(), size);
@@ -389,14 +397,17 @@ fn replay_speed_and_memory() {
     for threads in [Some(1), None] {
         let (before, cpu) = (peak_memory_mib(true), cpu_seconds());
         let start = Instant::now();
-        let options = Options {
+        let options = ReplayOptions {
             threads: threads.and_then(NonZeroUsize::new),
-            ..Options::default()
+            ..ReplayOptions::default()
         };
         let report = replay_with(dir.path(), options, &mut ());
         let seconds = start.elapsed().as_secs_f64();
         assert_eq!(report, state);
-        assert_eq!((report.verdict, report.entries), (Verdict::Verified, size));
+        assert_eq!(
+            (report.verdict, report.entries),
+            (ReplayVerdict::Verified, size)
+        );
         println!(
             "{size} entries with {signatures} signatures and {} checkpoints, threads {threads:?}: {seconds:.1} s, {:.0} entries/s; \
              {:.1} s of CPU time; memory {before} MiB before, at most {} MiB",

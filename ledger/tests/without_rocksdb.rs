@@ -9,19 +9,24 @@ use zk0_ledger::folder::database;
 use zk0_ledger::published::export::export;
 use zk0_ledger::published::mirror::mirror;
 use zk0_ledger::published::publication::Publication;
-use zk0_ledger::published::source::Folder;
-use zk0_ledger::replay::{replay, Report, Verdict};
-use zk0_ledger::store::{Batch, Store};
+use zk0_ledger::published::source::FolderSource;
+use zk0_ledger::replay::{replay, ReplayReport, ReplayVerdict};
+use zk0_ledger::store::{Store, StoreBatch};
 use zk0_ledger::{Ledger, LedgerError};
 
 /// A ledger in plain files.
-fn in_plain_files() -> (tempfile::TempDir, Report) {
+fn in_plain_files() -> (tempfile::TempDir, ReplayReport) {
     let dir = tempfile::tempdir().unwrap();
     plain_files(dir.path()).unwrap();
     drop(ledger_with_a_round(dir.path()));
     assert!(!is_rocksdb(dir.path()));
     let report = replay(dir.path(), None, &mut ());
-    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
+    assert_eq!(
+        report.verdict,
+        ReplayVerdict::Verified,
+        "{:?}",
+        report.findings
+    );
     (dir, report)
 }
 
@@ -39,7 +44,7 @@ fn a_copy_in_plain_files_is_the_same_ledger() {
     export(&Publication::open(&dir, None).unwrap(), &out).unwrap();
     plain_files(&copy).unwrap();
     for new in [original.entries, 0] {
-        let mirrored = mirror(&Folder::at(&out), &copy, None, None).unwrap();
+        let mirrored = mirror(&FolderSource::at(&out), &copy, None, None).unwrap();
         assert_eq!(mirrored.new_entries, new);
         assert_eq!(replay(&copy, None, &mut ()), original);
     }
@@ -58,7 +63,7 @@ fn one_process_writes_to_plain_files_and_others_read_what_was_there() {
     let writing = Store::open(&path).unwrap();
     let again = Store::open(&path).map(drop);
     assert!(matches!(again, Err(LedgerError::Locked(_))), "{again:?}");
-    let mut batch = Batch::default();
+    let mut batch = StoreBatch::default();
     batch.entry(report.entries, b"one more", &[]);
     writing.commit(batch).unwrap();
     assert_eq!(before.size().unwrap(), report.entries);
@@ -73,7 +78,11 @@ fn one_process_writes_to_plain_files_and_others_read_what_was_there() {
 fn nothing_is_appended_where_it_does_not_belong() {
     let (dir, report) = in_plain_files();
     let writing = Store::open(&database(dir.path())).unwrap();
-    let (mut gap, mut twice, mut alone) = (Batch::default(), Batch::default(), Batch::default());
+    let (mut gap, mut twice, mut alone) = (
+        StoreBatch::default(),
+        StoreBatch::default(),
+        StoreBatch::default(),
+    );
     gap.entry(report.entries + 1, b"entry", &[]);
     twice.entry(report.entries - 1, b"entry", &[]);
     alone.checkpoint(report.entries, b"checkpoint");
@@ -100,7 +109,7 @@ fn what_an_interrupted_write_left_is_written_over() {
     let longer = replay(dir.path(), None, &mut ());
     assert_eq!(
         (longer.verdict, longer.entries),
-        (Verdict::Verified, report.entries + 1)
+        (ReplayVerdict::Verified, report.entries + 1)
     );
 }
 
@@ -125,7 +134,7 @@ fn every_changed_byte_of_plain_files_is_noticed() {
 #[track_caller]
 fn is_damaged(dir: &Path, what: &str) {
     let report = replay(dir, None, &mut ());
-    assert_eq!(report.verdict, Verdict::Failed, "{what}");
+    assert_eq!(report.verdict, ReplayVerdict::Failed, "{what}");
     let why = &report.findings.last().unwrap().text;
     assert!(why.ends_with("restore the newest copy"), "{what}: {why}");
 }

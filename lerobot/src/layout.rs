@@ -2,7 +2,7 @@
 
 use crate::config::{LayerKind, PolicyConfig, CHANNELS};
 
-pub use zk0_tensors::Layout;
+pub use zk0_tensors::TensorShapes;
 
 /// Where the expert's layers live.
 pub const EXPERT: &str = "model.vlm_with_expert.lm_expert";
@@ -14,8 +14,8 @@ pub const STATE_PROJ: &str = "model.state_proj";
 pub const LM_HEAD: &str = "model.vlm_with_expert.vlm.lm_head.weight";
 
 /// The tensors that training changes: the expert with its final norm, and the action and time projections.
-pub fn expert_layout(config: &PolicyConfig) -> Layout {
-    let mut layout = Layout::new();
+pub fn expert_layout(config: &PolicyConfig) -> TensorShapes {
+    let mut layout = TensorShapes::new();
     let width = config.expert.width;
     for i in 0..config.text.layers {
         let kv_in = match config.layer_kind(i) {
@@ -50,8 +50,8 @@ pub fn expert_layout(config: &PolicyConfig) -> Layout {
 }
 
 /// The tensors that stay as they are: vision tower, connector, language layers and the state projection.
-pub fn frozen_layout(config: &PolicyConfig) -> Layout {
-    let mut layout = Layout::new();
+pub fn frozen_layout(config: &PolicyConfig) -> TensorShapes {
+    let mut layout = TensorShapes::new();
     let (vision, text) = (&config.vision, &config.text);
     let tower = format!("{VLM}.vision_model");
     layout.insert(
@@ -122,7 +122,7 @@ pub fn frozen_layout(config: &PolicyConfig) -> Layout {
 
 /// What training changes: the expert alone, so that a frame's prefix is computed once, or with the state projection, as
 /// LeRobot does by default (`train_state_proj`). The gradient of the latter runs through the frozen language layers.
-pub fn trainable_layout(config: &PolicyConfig, train_state_proj: bool) -> Layout {
+pub fn trainable_layout(config: &PolicyConfig, train_state_proj: bool) -> TensorShapes {
     let mut layout = expert_layout(config);
     if train_state_proj {
         layout.extend(state_layout(config));
@@ -131,15 +131,15 @@ pub fn trainable_layout(config: &PolicyConfig, train_state_proj: bool) -> Layout
 }
 
 /// All tensors of a state dict: those of the policy, and the language model's head.
-pub fn state_dict_layout(config: &PolicyConfig) -> Layout {
+pub fn state_dict_layout(config: &PolicyConfig) -> TensorShapes {
     let mut layout = policy_layout(config);
     let text = &config.text;
     layout.insert(LM_HEAD.into(), vec![text.vocabulary, text.width]);
     layout
 }
 
-fn state_layout(config: &PolicyConfig) -> Layout {
-    let mut layout = Layout::new();
+fn state_layout(config: &PolicyConfig) -> TensorShapes {
+    let mut layout = TensorShapes::new();
     linear(
         &mut layout,
         STATE_PROJ,
@@ -150,25 +150,25 @@ fn state_layout(config: &PolicyConfig) -> Layout {
 }
 
 /// All tensors of the policy.
-pub fn policy_layout(config: &PolicyConfig) -> Layout {
+pub fn policy_layout(config: &PolicyConfig) -> TensorShapes {
     let mut layout = frozen_layout(config);
     layout.extend(expert_layout(config));
     layout
 }
 
-fn linear(layout: &mut Layout, name: &str, out: usize, input: usize) {
+fn linear(layout: &mut TensorShapes, name: &str, out: usize, input: usize) {
     layout.insert(format!("{name}.weight"), vec![out, input]);
     layout.insert(format!("{name}.bias"), vec![out]);
 }
 
-fn layer_norm(layout: &mut Layout, name: &str, width: usize) {
+fn layer_norm(layout: &mut TensorShapes, name: &str, width: usize) {
     layout.insert(format!("{name}.weight"), vec![width]);
     layout.insert(format!("{name}.bias"), vec![width]);
 }
 
 /// A Llama layer without biases; `kv_in` is what its key and value projections read.
 fn decoder_layer(
-    layout: &mut Layout,
+    layout: &mut TensorShapes,
     name: &str,
     width: usize,
     mlp_width: usize,

@@ -13,7 +13,7 @@ const MAX_BYTES: u64 = 64 << 20;
 /// What the file holds.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Kept {
+struct SavedLosses {
     /// The network's id.
     network: String,
     /// Digest of the samples on which the losses were measured.
@@ -95,10 +95,10 @@ impl BaseLosses {
         Ok(kept.rounds.iter().map(|one| f64::from(one.loss)).collect())
     }
 
-    fn kept(&self) -> Result<Kept, ParticipantError> {
+    fn kept(&self) -> Result<SavedLosses, ParticipantError> {
         let (network, dataset) = (self.network.to_string(), self.dataset.to_string());
-        let Some(kept) = state_files::read_json::<Kept>(&self.path, MAX_BYTES)? else {
-            return Ok(Kept {
+        let Some(kept) = state_files::read_json::<SavedLosses>(&self.path, MAX_BYTES)? else {
+            return Ok(SavedLosses {
                 network,
                 dataset,
                 rounds: Vec::new(),

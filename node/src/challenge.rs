@@ -2,8 +2,8 @@
 //! says: it has receipts for the closing of the commitments and for the randomness, and verifies that the randomness comes from the
 //! source that the rules name.
 
-use crate::client::watching::Watch;
-use crate::client::{unexpected, Node};
+use crate::client::watching::FollowedRound;
+use crate::client::{unexpected, NodeClient};
 use crate::client_error::NodeError;
 use std::time::{SystemTime, UNIX_EPOCH};
 use tracing::instrument;
@@ -16,7 +16,7 @@ use zk0_protocol::entries::entry::{Body, RoundOpened};
 use zk0_protocol::rpc::federation as rpc;
 use zk0_protocol::tlog::receipt::Receipt;
 
-impl Node {
+impl NodeClient {
     /// Waits for the randomness of a round in which the node has committed with this commitment, and returns the node's challenge, with
     /// the receipt of the randomness.
     ///
@@ -31,7 +31,7 @@ impl Node {
         let round = opened.round;
         let mut waited = false;
         let mut closing = None;
-        let mut watch = Watch::of(Some(round), Vec::new());
+        let mut watch = FollowedRound::of(Some(round), Vec::new());
         loop {
             let info = self.next_stage(&mut watch).await?;
             if let (None, Some(receipt)) = (closing, info.commitments_closed) {

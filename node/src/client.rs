@@ -69,7 +69,7 @@ macro_rules! patiently {
 }
 
 /// A node of one network, connected to its aggregator.
-pub struct Node {
+pub struct NodeClient {
     pub(crate) client: FederationClient<InterceptedService<transport::Channel, Carrier>>,
     key: SigningKey,
     genesis: Genesis,
@@ -81,7 +81,7 @@ pub struct Node {
 
 /// What the aggregator decided on a submission.
 #[derive(Clone, Debug)]
-pub struct Decision {
+pub struct SubmissionDecision {
     /// Why the submission is refused; `None` if it is accepted.
     pub refusal: Option<Refusal>,
     /// Shows that the decision is on the ledger.
@@ -110,7 +110,7 @@ pub(crate) fn unexpected(expected: &str, found: impl Into<String>) -> NodeError 
     }
 }
 
-impl Node {
+impl NodeClient {
     /// Connects to the aggregator at `address`, which has to serve `network`.
     pub async fn connect(
         address: impl Into<ServiceAddress>,
@@ -281,7 +281,11 @@ impl Node {
 
     /// Signs a claim and submits it with its proof.
     #[instrument(name = "submit", skip_all)]
-    pub async fn submit(&mut self, claim: Claim, proof: Vec<u8>) -> Result<Decision, NodeError> {
+    pub async fn submit(
+        &mut self,
+        claim: Claim,
+        proof: Vec<u8>,
+    ) -> Result<SubmissionDecision, NodeError> {
         let round = claim.terms.round;
         let signed = Signed::new(
             Submission {
@@ -317,7 +321,7 @@ impl Node {
                 "the decision on another",
             ));
         }
-        Ok(Decision { refusal, receipt })
+        Ok(SubmissionDecision { refusal, receipt })
     }
 
     /// Puts a signed statement on the ledger: a proposal, a vote, a dispute, or a change of key. Returns the entry's index.

@@ -2,7 +2,7 @@
 
 use tonic::Status;
 use zk0_circuits::Digest;
-use zk0_protocol::challenge::drawing::DrawError;
+use zk0_protocol::challenge::drawing::RandomnessError;
 use zk0_protocol::entries::codec::EntryError;
 use zk0_protocol::tlog::checkpoint::CheckpointError;
 use zk0_protocol::tlog::receipt::ReceiptError;
@@ -54,7 +54,7 @@ pub enum NodeError {
         /// The round.
         round: u64,
         /// What is wrong with it.
-        error: DrawError,
+        error: RandomnessError,
     },
     /// It sent another blob than the node asked for.
     #[error("blob {asked} has SHA-256 {actual} as the aggregator sent it")]

@@ -45,7 +45,7 @@ pub enum ParticipantError {
     Quantise(#[from] zk0_circuits::model::quantise::QuantiseError),
     /// The round's base weights cannot be read.
     #[error("the round's base weights: {0}")]
-    Weights(#[from] zk0_weights::WeightsError),
+    Weights(#[from] zk0_weights::WeightFileError),
     /// The network's evaluation specification cannot be read.
     #[error("the network's evaluation specification: {0}")]
     Spec(#[from] zk0_circuits::model::spec::SpecError),

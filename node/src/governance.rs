@@ -1,7 +1,7 @@
 //! What governors, nodes and the operator sign besides contributions: enrolments, proposals, votes, disputes, the change of a key, and that a
 //! node leaves.
 
-use crate::client::Node;
+use crate::client::NodeClient;
 use crate::client_error::NodeError;
 use ed25519_dalek::SigningKey;
 use zk0_circuits::NodeId;
@@ -21,7 +21,7 @@ pub struct Proposed {
     pub entry: u64,
 }
 
-impl Node {
+impl NodeClient {
     /// Enrols a node. This connection's key has to be the log's key, which the network's operator has. Returns the index of the entry.
     pub async fn enrol(&mut self, node: NodeId, name: String) -> Result<u64, NodeError> {
         let enrolment = Enrolment {
@@ -56,7 +56,7 @@ impl Node {
         Ok(Proposed { number, entry })
     }
 
-    /// Votes on a proposal of [`Node::governance`]. The vote counts for just this one, whatever the ledger has under its number. Returns
+    /// Votes on a proposal of [`NodeClient::governance`]. The vote counts for just this one, whatever the ledger has under its number. Returns
     /// the index of the vote's entry.
     pub async fn vote(&mut self, proposal: &Proposal, ballot: Ballot) -> Result<u64, NodeError> {
         let vote = Vote {

@@ -1,13 +1,13 @@
 //! Takes part in a network: registers the recording, and then trains, commits, proves and submits in each round.
 
 use crate::client::watching::OpenRound;
-use crate::client::Node;
+use crate::client::NodeClient;
 use crate::client_error::NodeError;
 use crate::error::ParticipantError;
 use crate::recording::registering::Registering;
-use crate::recording::Recording;
+use crate::recording::OpenRecording;
 use crate::state_files::{self, lock::StateLock};
-use crate::turn::{Entered, Training, Turn};
+use crate::turn::{Entered, LocalTraining, Turn};
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::PathBuf;
@@ -57,25 +57,26 @@ impl Participant {
     ///
     /// # Errors
     /// The network proves with another program, or the recording, the aggregator or the file system fails.
-    async fn open(&self, node: &mut Node) -> Result<Recording<'_>, ParticipantError> {
+    async fn open(&self, node: &mut NodeClient) -> Result<OpenRecording<'_>, ParticipantError> {
         let program = node.program().await?;
         check_program(node.genesis().mode, program)?;
         let policy = self.policy(node).await?;
         tracing::info!("opening the recording {}", self.dataset.display());
         let dataset = Dataset::open(&self.dataset)?.renamed(&self.rename_map)?;
-        Recording::of(dataset, &policy, self.cache.as_ref())
+        OpenRecording::of(dataset, &policy, self.cache.as_ref())
     }
 
     /// Takes part in `rounds` rounds. If the update of a round cannot be proven, is refused, or comes too late, the node goes on with the next
     /// round.
     pub async fn run(
         &self,
-        node: &mut Node,
+        node: &mut NodeClient,
         prover: &mut ProvingClient,
-        training: &Training,
+        training: &LocalTraining,
         rounds: u64,
     ) -> Result<(), ParticipantError> {
-        let play = async |turn: &Turn<'_>, node: &mut Node| turn.play(training, node, prover).await;
+        let play =
+            async |turn: &Turn<'_>, node: &mut NodeClient| turn.play(training, node, prover).await;
         self.rounds(node, rounds, play).await
     }
 
@@ -83,9 +84,12 @@ impl Participant {
     /// one whose rules ask for other recordings.
     pub async fn rounds(
         &self,
-        node: &mut Node,
+        node: &mut NodeClient,
         rounds: u64,
-        mut play: impl AsyncFnMut(&Turn<'_>, &mut Node) -> Result<Option<Refusal>, ParticipantError>,
+        mut play: impl AsyncFnMut(
+            &Turn<'_>,
+            &mut NodeClient,
+        ) -> Result<Option<Refusal>, ParticipantError>,
     ) -> Result<(), ParticipantError> {
         state_files::remove_unfinished(&self.state)?;
         let recording = self.open(node).await?;
@@ -217,7 +221,7 @@ impl Participant {
     }
 
     /// The file of the network's policy. The first start downloads it, and it stays on disk. It may have 1.8 GB.
-    async fn policy(&self, node: &mut Node) -> Result<PathBuf, ParticipantError> {
+    async fn policy(&self, node: &mut NodeClient) -> Result<PathBuf, ParticipantError> {
         let blob = &node.genesis().policy.clone();
         let path = self.state.join(format!("policy-{blob}.safetensors"));
         if state_files::sha256(&path)? != Some(blob.0) {

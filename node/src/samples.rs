@@ -2,33 +2,33 @@
 
 use crate::progress::Progress;
 use zk0_smolvla::frames::batch::SampleSource;
-use zk0_smolvla::frames::prefix_cache::entry::Entry;
+use zk0_smolvla::frames::prefix_cache::entry::CacheEntry;
 use zk0_smolvla::frames::prefix_cache::{
     CacheError, DiskCache, FrameMaker, FrameRef, PreparedFrames,
 };
 use zk0_smolvla::frames::sample::{FromFrame, ObservedSample, PreparedSample};
-use zk0_smolvla::train::Samples;
+use zk0_smolvla::train::TrainingSamples;
 
 /// A kind of samples. The kind decides what is trained on them.
-pub trait SampleKind: FromFrame + Entry {
+pub trait SampleKind: FromFrame + CacheEntry {
     /// Samples of this kind, as training takes them.
-    fn samples(source: &dyn SampleSource<Self>) -> Samples<'_>;
+    fn samples(source: &dyn SampleSource<Self>) -> TrainingSamples<'_>;
 }
 
 impl SampleKind for PreparedSample {
-    fn samples(source: &dyn SampleSource<Self>) -> Samples<'_> {
-        Samples::Prepared(source)
+    fn samples(source: &dyn SampleSource<Self>) -> TrainingSamples<'_> {
+        TrainingSamples::Prepared(source)
     }
 }
 
 impl SampleKind for ObservedSample {
-    fn samples(source: &dyn SampleSource<Self>) -> Samples<'_> {
-        Samples::Observed(source)
+    fn samples(source: &dyn SampleSource<Self>) -> TrainingSamples<'_> {
+        TrainingSamples::Observed(source)
     }
 }
 
 /// Samples for training. Those that `cache` lacks are made while the run trains; where there is no cache, all are made now.
-pub fn while_training<'c, 'a, S: FromFrame + Entry>(
+pub fn while_training<'c, 'a, S: FromFrame + CacheEntry>(
     cache: Option<&'c DiskCache>,
     maker: &'c FrameMaker<'a>,
     frames: Vec<FrameRef>,
@@ -40,7 +40,7 @@ pub fn while_training<'c, 'a, S: FromFrame + Entry>(
 }
 
 /// Makes the samples that `cache` lacks; all of them where there is no cache.
-pub fn prepare<'c, 'a, S: FromFrame + Entry>(
+pub fn prepare<'c, 'a, S: FromFrame + CacheEntry>(
     cache: Option<&'c DiskCache>,
     maker: &'c FrameMaker<'a>,
     frames: Vec<FrameRef>,

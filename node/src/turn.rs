@@ -10,7 +10,7 @@ mod scaffold;
 pub mod unfinished;
 
 use crate::base_losses::BaseLosses;
-use crate::client::Node;
+use crate::client::NodeClient;
 use crate::error::ParticipantError;
 use crate::exchanged_weights::Base;
 use crate::progress::Progress;
@@ -30,7 +30,7 @@ use zk0_protocol::entries::proof_blob::ProofBlob;
 use zk0_protocol::entries::refusal::Refusal;
 use zk0_protocol::rules::bindings::ExpectedClaim;
 use zk0_protocol::rules::network_rules::Strategy;
-use zk0_prover::program::Prepared;
+use zk0_prover::program::PreparedClaim;
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::sample::PreparedSample;
@@ -38,7 +38,9 @@ use zk0_smolvla::measure::fixed_point::dequantise_weights;
 use zk0_smolvla::policy::device::Device;
 use zk0_smolvla::train::adaptive::{adapted, Adaptation, Rates};
 use zk0_smolvla::train::measured_loss::loss_of;
-use zk0_smolvla::train::{train_on, FedCm, Samples, Step, TrainOptions, Trained};
+use zk0_smolvla::train::{
+    train_on, FedCm, TrainOptions, TrainingResult, TrainingSamples, TrainingStep,
+};
 use zk0_smolvla::{ExpertWeights, PolicyConfig, PolicyError};
 use zk0_tensorboard::EventFile;
 use zk0_weights::Format;
@@ -47,11 +49,11 @@ use curves::Curves;
 use prepared_claim::prepare;
 use proving::have_proven;
 use room::{check_room_of_argument, check_room_of_update};
-use unfinished::{Decided, Part, Proven, UnfinishedUpdate};
+use unfinished::{Decided, ProvenClaim, RoundParticipation, UnfinishedUpdate};
 
 /// Local training in each round.
 #[derive(Clone, Debug)]
-pub struct Training {
+pub struct LocalTraining {
     /// Where the expert is trained. Samples are prepared on the CPU on whatever device that is, because the dataset commitment is about the
     /// CPU's numbers. What is committed to and proven is fixed point, on the CPU.
     pub device: Device,
@@ -108,12 +110,12 @@ impl Turn<'_> {
     ))]
     pub async fn play(
         &self,
-        training: &Training,
-        node: &mut Node,
+        training: &LocalTraining,
+        node: &mut NodeClient,
         prover: &mut ProvingClient,
     ) -> Result<Option<Refusal>, ParticipantError> {
         let round = self.opened.round;
-        let part = Part {
+        let part = RoundParticipation {
             network: *node.network(),
             round,
             base: self.opened.base.blob,
@@ -168,7 +170,7 @@ impl Turn<'_> {
         if let Err(error) = registering.again(node, evaluation).await {
             tracing::warn!("round {round}: the recording is not registered again, and the node tries it again in the next round: {error}");
         }
-        let Proven { claim, proof } = match Proven::read(self.state, &expected.terms)? {
+        let ProvenClaim { claim, proof } = match ProvenClaim::read(self.state, &expected.terms)? {
             Some(kept) => {
                 tracing::info!("round {round}: the node was interrupted, and submits the proof that it has made");
                 kept
@@ -199,13 +201,13 @@ impl Turn<'_> {
     async fn prove(
         &self,
         prover: &mut ProvingClient,
-        node: &mut Node,
+        node: &mut NodeClient,
         expected: &ExpectedClaim,
         base: QuantisedWeights,
         update: QuantisedWeights,
-    ) -> Result<Proven, ParticipantError> {
+    ) -> Result<ProvenClaim, ParticipantError> {
         let mode = node.genesis().mode;
-        let Prepared {
+        let PreparedClaim {
             claim,
             weight_check,
             input,
@@ -235,7 +237,7 @@ impl Turn<'_> {
             weight_check: &weight_check,
             sp1: &proof.proof,
         };
-        Ok(Proven {
+        Ok(ProvenClaim {
             proof: proof.join(),
             claim,
         })
@@ -245,8 +247,8 @@ impl Turn<'_> {
     #[instrument(name = "train", skip_all)]
     async fn update(
         &self,
-        training: &Training,
-        node: &mut Node,
+        training: &LocalTraining,
+        node: &mut NodeClient,
         base: &Base,
     ) -> Result<QuantisedWeights, ParticipantError> {
         let (config, format) = (self.entered.config, &self.entered.format);
@@ -281,7 +283,7 @@ impl Turn<'_> {
     }
 
     /// Downloads the weights that the round starts from.
-    pub async fn base(&self, node: &mut Node) -> Result<Base, ParticipantError> {
+    pub async fn base(&self, node: &mut NodeClient) -> Result<Base, ParticipantError> {
         let limit = self.weights_limit();
         let file = node.download(&self.opened.base.blob, limit).await?;
         Base::read(&self.entered.format, self.entered.config, &file)
@@ -296,7 +298,7 @@ impl Turn<'_> {
     /// Uploads an update, commits to it, and waits for its challenge. Returns what the ledger determines of the claim.
     pub async fn commit(
         &self,
-        node: &mut Node,
+        node: &mut NodeClient,
         update: &QuantisedWeights,
     ) -> Result<ExpectedClaim, ParticipantError> {
         let (round, rules) = (self.opened.round, &self.opened.rules);
@@ -337,7 +339,7 @@ impl Turn<'_> {
     /// accepted.
     pub async fn submit(
         &self,
-        node: &mut Node,
+        node: &mut NodeClient,
         claim: Claim,
         proof: Vec<u8>,
     ) -> Result<Option<Refusal>, ParticipantError> {
@@ -349,7 +351,7 @@ impl Turn<'_> {
     /// The rates at which the round is trained. They follow the losses of the base weights so far, if the operator wants that.
     fn rates(
         &self,
-        training: &Training,
+        training: &LocalTraining,
         network: &Digest,
         base: &ExpertWeights,
     ) -> Result<Rates, ParticipantError> {
@@ -365,7 +367,12 @@ impl Turn<'_> {
         // Samples, noise and times are the same in every round. A recording may have too many frames to measure on all of them.
         let measure = || {
             let drawn = self.entered.evaluation.drawn(self.entered.samples);
-            let loss = loss_of(self.entered.config, base, Samples::Prepared(&drawn), 0)?;
+            let loss = loss_of(
+                self.entered.config,
+                base,
+                TrainingSamples::Prepared(&drawn),
+                0,
+            )?;
             Ok(loss)
         };
         let losses = kept.up_to(round, &self.opened.base.blob, measure)?;
@@ -377,7 +384,7 @@ impl Turn<'_> {
     fn train(
         &self,
         base: &ExpertWeights,
-        training: &Training,
+        training: &LocalTraining,
         rates: Rates,
         fedcm: Option<FedCm<'_>>,
     ) -> Result<ExpertWeights, ParticipantError> {
@@ -390,7 +397,7 @@ impl Turn<'_> {
             seed: round,
             ..TrainOptions::default()
         };
-        let samples = Samples::Prepared(self.entered.training);
+        let samples = TrainingSamples::Prepared(self.entered.training);
         self.followed(training, training.steps, &mut |progress| {
             train_on(
                 &training.device,
@@ -407,9 +414,9 @@ impl Turn<'_> {
     /// Makes `steps` steps by `train`, shows how far it is, and keeps the losses.
     fn followed(
         &self,
-        training: &Training,
+        training: &LocalTraining,
         steps: usize,
-        train: &mut dyn FnMut(&mut dyn FnMut(Step)) -> Result<Trained, PolicyError>,
+        train: &mut dyn FnMut(&mut dyn FnMut(TrainingStep)) -> Result<TrainingResult, PolicyError>,
     ) -> Result<ExpertWeights, ParticipantError> {
         let round = self.opened.round;
         let counted = counted(steps as u64, "step", "steps");

@@ -10,9 +10,9 @@ use zk0_circuits::{Mode, QuantisedWeights};
 use zk0_node::error::ParticipantError;
 use zk0_node::recording::opened_samples::OpenedSamples;
 use zk0_node::recording::secret::{count, Secrets};
-use zk0_node::recording::Recording;
+use zk0_node::recording::OpenRecording;
 use zk0_node::turn::prepared_claim::prepare;
-use zk0_prover::program::Prepared;
+use zk0_prover::program::PreparedClaim;
 use zk0_testkit::micro_network::{pickplace, Setting, SECRET};
 
 /// A state folder with the secret of a registration.
@@ -86,7 +86,7 @@ fn louder(setting: &Setting, by: f32) -> QuantisedWeights {
 fn input(state: &Path, holds: bool) -> OpenedSamples {
     let mut setting = Setting::new();
     setting.mode = Mode::Succinct;
-    let recording = Recording::open(&pickplace(), &setting.policy(), None).unwrap();
+    let recording = OpenRecording::open(&pickplace(), &setting.policy(), None).unwrap();
     let maker = recording.maker();
     let samples = recording.samples(&maker);
     let set = setting.set(&recording, &samples, &state.join("samples"), 8);
@@ -97,7 +97,10 @@ fn input(state: &Path, holds: bool) -> OpenedSamples {
 }
 
 /// What a node does that comes to this claim. The argument is lost when this returns, as that of a node that is killed before it sends it.
-async fn prepared(state: &TempDir, input: &OpenedSamples) -> Result<Prepared, ParticipantError> {
+async fn prepared(
+    state: &TempDir,
+    input: &OpenedSamples,
+) -> Result<PreparedClaim, ParticipantError> {
     prepare(Mode::Succinct, input.clone(), SECRET, state.path().into()).await
 }
 
@@ -159,7 +162,9 @@ async fn a_lost_or_damaged_file_stops_the_argument_and_stays_as_it_is() {
     let good = file(&state);
     let path = Secrets::path(state.path());
     let mut another = Secrets::default();
-    another.add(zk0_node::recording::secret::Secret::new([9; 32]));
+    another.add(zk0_node::recording::secret::RegistrationSecret::new(
+        [9; 32],
+    ));
     let mut flipped = good.clone();
     flipped[30] ^= 1;
     let mut longer = good.clone();

@@ -7,14 +7,14 @@ use tempfile::TempDir;
 use zk0_aggregator::Config;
 use zk0_argument::claim::most_uses;
 use zk0_circuits::Digest;
-use zk0_node::client::Node;
+use zk0_node::client::NodeClient;
 use zk0_node::error::ParticipantError;
 use zk0_node::recording::evaluation_set::EvaluationSet;
 use zk0_node::recording::recompute::{recompute, Recomputed};
 use zk0_node::recording::registering::Registering;
-use zk0_node::recording::secret::{count, Secret, Secrets};
-use zk0_node::recording::Recording;
-use zk0_node::turn::unfinished::{Part, UnfinishedUpdate};
+use zk0_node::recording::secret::{count, RegistrationSecret, Secrets};
+use zk0_node::recording::OpenRecording;
+use zk0_node::turn::unfinished::{RoundParticipation, UnfinishedUpdate};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::DatasetRegistration;
 use zk0_testkit::aggregator;
@@ -31,7 +31,7 @@ struct Scene {
 
 impl Scene {
     async fn new() -> Self {
-        let node = aggregator::Node::new(1);
+        let node = aggregator::SigningNode::new(1);
         let config = Config {
             rounds: Some(0),
             min_nodes: 1,
@@ -48,16 +48,16 @@ impl Scene {
     async fn started<T>(
         &self,
         recording: &Path,
-        run: impl AsyncFnOnce(&Registering<'_>, &mut Node) -> T,
+        run: impl AsyncFnOnce(&Registering<'_>, &mut NodeClient) -> T,
     ) -> T {
         let id = self.network.genesis.network_id();
-        let node = Node::connect(self.network.address.clone(), id, self.key.clone());
+        let node = NodeClient::connect(self.network.address.clone(), id, self.key.clone());
         let clock = self.network.clock.clone();
         let mut node = node.await.unwrap().by_clock(move || {
             use zk0_aggregator::Clock;
             clock.now_ms()
         });
-        let recording = Recording::open(recording, &self.setting.policy(), None).unwrap();
+        let recording = OpenRecording::open(recording, &self.setting.policy(), None).unwrap();
         let maker = recording.maker();
         let samples = recording.samples(&maker);
         let registering = Registering {
@@ -92,7 +92,7 @@ impl Scene {
 
     /// The node has begun this round with this set.
     fn begun(&self, round: u64, with: &EvaluationSet) {
-        let part = Part {
+        let part = RoundParticipation {
             network: self.network.genesis.network_id(),
             round,
             base: Digest([1; 32]),
@@ -194,7 +194,7 @@ async fn registering_again_gives_other_leaves_of_the_same_frames() {
         assert_ne!(one.leaf, other.leaf);
     }
     let secrets = scene.secrets();
-    let audited = async |node: &Registering<'_>, _: &mut Node| {
+    let audited = async |node: &Registering<'_>, _: &mut NodeClient| {
         [0, 1].map(|at| {
             let (recording, samples) = (node.recording, node.samples);
             let evaluated = (scene.setting.mode, node.spec);
@@ -213,13 +213,13 @@ async fn a_node_that_was_killed_before_the_ledger_had_the_new_dataset_registers_
     let first = scene.enters().await.unwrap();
     scene.begun(0, &first);
     let mut secrets = scene.secrets();
-    secrets.add(Secret::new([8; 32]));
+    secrets.add(RegistrationSecret::new([8; 32]));
     secrets.keep(scene.state.path()).unwrap();
 
     let second = scene.enters().await.unwrap();
     let (old, new) = (first.commitment.root, second.commitment.root);
     assert_eq!(scene.roots().await, [old, new]);
-    assert!(*second.secret() == Secret::new([8; 32]));
+    assert!(*second.secret() == RegistrationSecret::new([8; 32]));
     assert_eq!(scene.of_round(0, &second).await, Some(old));
     assert_eq!(scene.of_round(1, &first).await, Some(new));
 }
@@ -246,7 +246,7 @@ async fn a_node_whose_secret_is_lost_stops_and_says_how_to_register_again() {
     let (secret, registration) = (scene.file("secret"), scene.file("registration"));
     let good = fs::read(&secret).unwrap();
     let mut other = Secrets::default();
-    other.add(Secret::new([8; 32]));
+    other.add(RegistrationSecret::new([8; 32]));
     for (bytes, why) in [
         (Some(good[..good.len() - 1].to_vec()), "is damaged"),
         (
@@ -286,10 +286,10 @@ async fn a_secret_is_of_one_recording_and_an_interrupted_node_keeps_it() {
     let scene = Scene::new().await;
     // It was interrupted before it could register.
     let mut secrets = Secrets::default();
-    secrets.add(Secret::new([8; 32]));
+    secrets.add(RegistrationSecret::new([8; 32]));
     secrets.keep(scene.state.path()).unwrap();
     let first = scene.enters().await.unwrap();
-    assert!(*first.secret() == Secret::new([8; 32]));
+    assert!(*first.secret() == RegistrationSecret::new([8; 32]));
     let other = pickplace().with_file_name("so100_stacking");
     let second = scene
         .started(&other, async |node, to| node.enter(to).await)

@@ -5,7 +5,7 @@ use std::net::{TcpListener, TcpStream};
 use std::thread::{self, JoinHandle};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::task::spawn_blocking;
-use zk0_node::client::stored_update::{StoreClient, StoreError};
+use zk0_node::client::stored_update::{StoreClient, StoredUpdateError};
 use zk0_tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
 use zk0_tls::server_certificate::ServerCertificate;
 use zk0_tls::service_address::ServiceAddress;
@@ -58,7 +58,7 @@ fn says(status: &str, more: &str) -> impl FnOnce(TcpStream) + Send + 'static {
     move |mut stream| stream.write_all(answer.as_bytes()).unwrap()
 }
 
-fn put(client: &StoreClient, address: &str) -> Result<(), StoreError> {
+fn put(client: &StoreClient, address: &str) -> Result<(), StoredUpdateError> {
     client.put(address, b"update")
 }
 
@@ -189,7 +189,10 @@ fn what_is_no_address_of_http_is_refused() {
     ];
     for address in none.into_iter().chain([&*long]) {
         let said = put(&plain(), address);
-        assert!(matches!(said, Err(StoreError::NoAddress)), "{said:?}");
+        assert!(
+            matches!(said, Err(StoredUpdateError::NoAddress)),
+            "{said:?}"
+        );
     }
 }
 

@@ -5,7 +5,7 @@
 //!
 //! Frames are counted from 0 through the episodes in the order in which the registration names them.
 
-use crate::entries::signed::{DatasetRegistration, Episode};
+use crate::entries::signed::{DatasetRegistration, RegisteredEpisode};
 use std::collections::BTreeSet;
 use zk0_circuits::claim::challenge::{sample_indices, DrawError};
 use zk0_circuits::vm::digest::tagged_sha256;
@@ -87,7 +87,11 @@ pub enum EvaluationSetError {
 ///
 /// # Errors
 /// `count` is 0, or larger than [`sample_indices`] draws.
-pub fn draw(network: &Digest, episodes: &[Episode], count: u32) -> Result<Vec<u64>, DrawError> {
+pub fn draw(
+    network: &Digest,
+    episodes: &[RegisteredEpisode],
+    count: u32,
+) -> Result<Vec<u64>, DrawError> {
     let frames = total(episodes);
     if frames <= u64::from(count) {
         return Ok((0..frames).collect());
@@ -104,7 +108,7 @@ pub fn draw(network: &Digest, episodes: &[Episode], count: u32) -> Result<Vec<u6
 }
 
 /// The frames of all episodes together.
-pub fn total(episodes: &[Episode]) -> u64 {
+pub fn total(episodes: &[RegisteredEpisode]) -> u64 {
     episodes
         .iter()
         .map(|episode| u64::from(episode.frames))

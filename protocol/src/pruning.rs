@@ -4,7 +4,7 @@
 //! The statement names rounds and no single blobs, so it stays small. It excuses nothing of a round that closed after it was signed: whoever
 //! wants to withhold the blobs of later rounds, too, has to sign that anew each time.
 
-use crate::entries::signed::Statement;
+use crate::entries::signed::SignableStatement;
 use crate::rules::named_blobs::BlobKind;
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::fmt;
@@ -55,7 +55,7 @@ impl Pruning {
     }
 }
 
-impl Statement for Pruning {
+impl SignableStatement for Pruning {
     const TAG: &'static str = "zk0:pruning:v1";
 
     fn signer(&self) -> NodeId {

@@ -5,7 +5,7 @@
 //! aggregator, within minutes. Whoever has read a head cannot use it for another message, nor once more, nor after the aggregator was
 //! started again.
 
-use crate::entries::signed::{SignatureError, Signed, Statement};
+use crate::entries::signed::{SignableStatement, SignatureError, Signed};
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::fmt;
 use zk0_circuits::{Digest, NodeId};
@@ -60,7 +60,7 @@ pub struct RequestHead {
     pub nonce: [u8; 16],
 }
 
-impl Statement for RequestHead {
+impl SignableStatement for RequestHead {
     const TAG: &'static str = "zk0:request-head:v1";
 
     fn signer(&self) -> NodeId {

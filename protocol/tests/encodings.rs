@@ -6,7 +6,9 @@ use std::path::PathBuf;
 use zk0_protocol::entries::entry::MomentsComputed;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::{Action, Ballot};
-use zk0_protocol::entries::signed::{Enrolment, Leaving, Proposal, Statement, UploadRequest, Vote};
+use zk0_protocol::entries::signed::{
+    Enrolment, Leaving, Proposal, SignableStatement, UploadRequest, Vote,
+};
 use zk0_protocol::pruning::Pruning;
 use zk0_protocol::request_head::{Method, RequestHead};
 use zk0_protocol::rules::network_rules::{Scaffold, Strategy};
@@ -40,7 +42,7 @@ fn check_entry(name: &str, body: Body) {
     assert_eq!(Entry::decode(&bytes).unwrap(), entry);
 }
 
-fn check_signed<T: Statement + Clone>(name: &str, statement: T) {
+fn check_signed<T: SignableStatement + Clone>(name: &str, statement: T) {
     let signed = Signed::new(statement, &key(0));
     signed.verify().unwrap();
     check(name, &borsh::to_vec(&signed).unwrap());
@@ -255,7 +257,7 @@ fn a_signature_under_one_tag_is_not_valid_under_another() {
     // The same fields are under another tag. Only the tag keeps the two apart.
     #[derive(Clone, borsh::BorshSerialize, borsh::BorshDeserialize)]
     struct Other(UploadRequest);
-    impl Statement for Other {
+    impl SignableStatement for Other {
         const TAG: &'static str = "zk0:another:v1";
         fn signer(&self) -> zk0_circuits::NodeId {
             self.0.node

@@ -12,7 +12,7 @@ use zk0_protocol::entries::entry::ENTRY_VERSION;
 use zk0_protocol::entries::known_keys::{KnownKeys, MAX_KNOWN_KEYS};
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::proposal::Ballot;
-use zk0_protocol::entries::signed::{KeyRotation, KeyTakeover, Statement, Vote};
+use zk0_protocol::entries::signed::{KeyRotation, KeyTakeover, SignableStatement, Vote};
 use zk0_protocol::tlog::verifier_key::Role;
 use zk0_protocol::{Body, Entry, Signed, VerifierKey};
 

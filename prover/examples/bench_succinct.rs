@@ -24,7 +24,7 @@ use zk0_circuits::claim::statement::check;
 use zk0_circuits::{EvalSpec, Mode};
 use zk0_prover::machine::peak_memory;
 use zk0_prover::measure::DirectMode;
-use zk0_prover::program::{elf, synthetic, Executor, Prepared};
+use zk0_prover::program::{elf, synthetic, Executor, PreparedClaim};
 use zk0_verifier::check_weight_claims;
 use zk0_weights::Format;
 
@@ -79,7 +79,8 @@ async fn main() -> Result<(), Box<dyn Error>> {
 
     eprintln!("making the argument");
     let (blind, place) = (synthetic::blind(1), Some(folder.path()));
-    let made = measured(|| Prepared::of(Mode::Succinct, &private, &blind, place, &mut |_| {}))?;
+    let made =
+        measured(|| PreparedClaim::of(Mode::Succinct, &private, &blind, place, &mut |_| {}))?;
     let (prepared, seconds, memory) = made;
     let prepared = prepared?;
     let of_each = (

@@ -14,7 +14,7 @@ use std::path::Path;
 use std::{env, fs};
 use zk0_circuits::vm::poseidon2::{permute, State};
 use zk0_circuits::{EvalSpec, Mode};
-use zk0_prover::program::{synthetic, Prepared};
+use zk0_prover::program::{synthetic, PreparedClaim};
 
 fn main() -> Result<(), Box<dyn Error>> {
     const USAGE: &str = "usage: cycle_budget FOLDER MODE SAMPLES PROFILE…";
@@ -27,7 +27,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let spec = EvalSpec::new(synthetic::dims(&profile)?);
         let private = synthetic::private_input(&spec, mode, samples, 1)?;
         let (blind, folder) = (synthetic::blind(1), env::temp_dir());
-        let input = Prepared::of(mode, &private, &blind, Some(&folder), &mut |_| {})?.input;
+        let input = PreparedClaim::of(mode, &private, &blind, Some(&folder), &mut |_| {})?.input;
         let mut machine = Machine::load(&elf, input.buffers).ok_or("not an ELF of the guest")?;
         machine.run()?;
         let named = machine.operations.values().sum::<u64>();

@@ -22,7 +22,7 @@ use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Claim, EvalSpec, Mode};
 use zk0_prover::machine::{peak_memory, Device, DeviceKind, ProverLock};
 use zk0_prover::measure::DirectMode;
-use zk0_prover::program::{elf, synthetic, Executor, GuestInput, Prepared};
+use zk0_prover::program::{elf, synthetic, Executor, GuestInput, PreparedClaim};
 use zk0_prover::prove::Sp1Prover;
 use zk0_verifier::check_weight_claims;
 use zk0_weights::Format;
@@ -280,7 +280,7 @@ fn prepare(dims: &Value, mode: Mode, folder: &Path) -> Result<(), Failure> {
     let blind = synthetic::blind(1);
     restart_peak_memory()?;
     let begin = Instant::now();
-    let prepared = Prepared::of(mode, &private, &blind, Some(folder), &mut |_| {})?;
+    let prepared = PreparedClaim::of(mode, &private, &blind, Some(folder), &mut |_| {})?;
     let (seconds, peak) = (begin.elapsed().as_secs_f64(), peak_memory());
     let write = |name: &str, bytes: &[u8]| fs::write(folder.join(name), bytes);
     write("input.bin", &borsh::to_vec(&prepared.input.buffers)?)?;

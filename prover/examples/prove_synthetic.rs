@@ -18,7 +18,7 @@ use std::{env, fs};
 use zk0_circuits::{Claim, EvalSpec, Mode};
 use zk0_prover::machine::{leftovers, peak_memory, Device, DeviceKind, ProverLock};
 use zk0_prover::program::synthetic::MadeAgain;
-use zk0_prover::program::{elf, synthetic, Executor, GuestInput, Prepared};
+use zk0_prover::program::{elf, synthetic, Executor, GuestInput, PreparedClaim};
 use zk0_prover::prove::Sp1Prover;
 
 const USAGE: &str = "usage: prove_synthetic DEVICE MODEL MODE SAMPLES [FOLDER]";
@@ -127,7 +127,7 @@ fn prepare(spec: &EvalSpec, mode: Mode, samples: u32, folder: &Path) -> Result<(
         }
     };
     let blind = synthetic::blind(SEED);
-    let prepared = Prepared::of(mode, &private, &blind, Some(folder), &mut progress)?;
+    let prepared = PreparedClaim::of(mode, &private, &blind, Some(folder), &mut progress)?;
     let line = json!({
         "what": "private input to guest input", "mode": mode.to_string(), "samples": samples,
         "seconds": begin.elapsed().as_secs_f64(), "peak_memory_bytes": peak_memory(),

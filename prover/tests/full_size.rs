@@ -8,7 +8,7 @@ use zk0_circuits::model::layout::expert_tensors;
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Claim, EvalSpec, Losses, Mode, QuantisedWeights};
 use zk0_protocol::Refusal;
-use zk0_prover::measure::cycles::Cost;
+use zk0_prover::measure::cycles::CycleCount;
 use zk0_prover::program::synthetic::weights_tried;
 use zk0_prover::program::{elf, Executor};
 use zk0_verifier::{check_proof, check_weight_claims, ProgramKey};
@@ -65,7 +65,7 @@ async fn the_guest_takes_as_many_cycles_as_recorded() {
         .unwrap();
     assert_eq!(run.public_values, read("claim.bin"));
     let recorded = include_str!("../../circuits/CYCLES.json").lines();
-    let mut recorded = recorded.map(|line| serde_json::from_str::<Cost>(line).unwrap());
+    let mut recorded = recorded.map(|line| serde_json::from_str::<CycleCount>(line).unwrap());
     let recorded = recorded.find(|cost| cost.profile == "full" && cost.samples == SAMPLES);
     let recorded = recorded.expect("a line for the full size");
     for (what, before, now) in [

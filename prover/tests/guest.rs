@@ -10,9 +10,9 @@ use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::claim::statement::check;
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{EvalSpec, Mode, PrivateInput};
-use zk0_prover::measure::cycles::{self, Cost};
+use zk0_prover::measure::cycles::{self, CycleCount};
 use zk0_prover::program::{elf, synthetic, ExecuteError, Executor};
-use zk0_testkit::claims::Node;
+use zk0_testkit::claims::ClaimingNode;
 
 fn circuits() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../circuits")
@@ -70,7 +70,7 @@ async fn guest_and_host_give_the_same_claim() {
 async fn guest_and_host_give_the_same_claim_about_a_base_that_saturates() {
     const NORM: &str = "model.vlm_with_expert.lm_expert.norm.weight";
     let executor = Executor::new().await.unwrap();
-    let mut node = Node::new(&EvalSpec::micro(), 20, 4, 11);
+    let mut node = ClaimingNode::new(&EvalSpec::micro(), 20, 4, 11);
     for gain in node.base.get_mut(NORM).unwrap() {
         *gain *= 1000.0;
     }
@@ -239,7 +239,7 @@ async fn the_guest_refuses_buffers_that_are_not_a_private_input() {
 #[tokio::test]
 async fn a_claim_that_costs_more_than_before_fails_the_test() {
     let committed = fs::read_to_string(circuits().join("CYCLES.json")).unwrap();
-    let committed: Vec<Cost> = committed
+    let committed: Vec<CycleCount> = committed
         .lines()
         .map(|line| serde_json::from_str(line).unwrap())
         .collect();

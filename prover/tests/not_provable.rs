@@ -7,7 +7,7 @@ use std::path::Path;
 use zk0_argument::claim::ClaimSource;
 use zk0_circuits::claim::private_input::Header;
 use zk0_circuits::{Digest, EvalSpec, Mode, PrivateInput, QuantisedWeights, Sample};
-use zk0_prover::program::{synthetic, Prepared};
+use zk0_prover::program::{synthetic, PreparedClaim};
 
 /// A private input of which a sample cannot be read once.
 struct FailsOnce {
@@ -45,7 +45,7 @@ fn a_file_that_fails_says_nothing_about_the_claim() {
             failed: Cell::new(false),
         };
         let blind = synthetic::blind(1);
-        let prepared = |folder| Prepared::of(mode, &source, &blind, folder, &mut |_| {});
+        let prepared = |folder| PreparedClaim::of(mode, &source, &blind, folder, &mut |_| {});
         let error = prepared(None).unwrap_err();
         assert!(error.may_pass(), "{error}");
         if mode == Mode::Succinct {
@@ -58,7 +58,7 @@ fn a_file_that_fails_says_nothing_about_the_claim() {
         // The update is the base, so nothing is better.
         let mut worse = source.input.clone();
         worse.update = worse.base.clone();
-        let error = Prepared::of(mode, &worse, &blind, None, &mut |_| {}).unwrap_err();
+        let error = PreparedClaim::of(mode, &worse, &blind, None, &mut |_| {}).unwrap_err();
         assert!(!error.may_pass(), "{error}");
     }
 }

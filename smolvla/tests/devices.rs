@@ -16,7 +16,7 @@ use zk0_smolvla::policy::model::kernels::without;
 use zk0_smolvla::policy::model::key_values::PrefixCache;
 use zk0_smolvla::policy::model::prefix::{CameraInput, PrefixInput, PrefixModel};
 use zk0_smolvla::policy::model::sampling::sample_actions;
-use zk0_smolvla::policy::model::{flow, Parameters};
+use zk0_smolvla::policy::model::{flow, PolicyParameters};
 use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions, Optimizer};
 
 use crate::reference::{check, config, numbers, policy, relative_distance as distance, Values};
@@ -71,7 +71,8 @@ fn results(device: &Device, precision: FrozenPrecision) -> Results {
     let mut all = policy.frozen;
     all.extend(policy.expert.into_tensors());
     let trainable = trainable_layout(&config, true);
-    let (parameters, variables) = Parameters::with_variables(all, &trainable, device).unwrap();
+    let (parameters, variables) =
+        PolicyParameters::with_variables(all, &trainable, device).unwrap();
     let prefix = PrefixModel::new(&config, &parameters.in_precision(precision)).unwrap();
     let expert = ExpertModel::new(&config, &parameters).unwrap();
     let input = prefix_input(device);

@@ -9,7 +9,7 @@ use serde_json::{json, Value};
 use zk0_lerobot::dataset::Dataset;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::image_transforms::{
-    Affine, ImageTransformsConfig, Picture, Transform, Variants,
+    AffineTransform, ImageTransformsConfig, Picture, Transform, Variants,
 };
 use zk0_smolvla::frames::prefix_cache::{
     DiskCache, FrameMaker, FrameNames, FrameRef, FrameSource, KeySpace,
@@ -30,7 +30,7 @@ fn transform(name: &str, values: &[f64]) -> Transform {
         ("saturation", [factor]) => Transform::Saturation(*factor as f32),
         ("hue", [turn]) => Transform::Hue(*turn as f32),
         ("sharpness", [factor]) => Transform::Sharpness(*factor as f32),
-        ("affine", [angle, x, y, scale, shear_x, shear_y]) => Transform::Affine(Affine {
+        ("affine", [angle, x, y, scale, shear_x, shear_y]) => Transform::Affine(AffineTransform {
             angle: *angle,
             translate: [*x, *y],
             scale: *scale,

@@ -7,7 +7,7 @@ use zk0_lerobot::layout::state_dict_layout;
 use zk0_smolvla::policy::init::init_policy;
 use zk0_smolvla::policy::model::expert::ExpertModel;
 use zk0_smolvla::policy::model::prefix::{CameraInput, PrefixInput, PrefixModel};
-use zk0_smolvla::policy::model::Parameters;
+use zk0_smolvla::policy::model::PolicyParameters;
 use zk0_smolvla::policy::profile::Profile;
 use zk0_testkit::own_process::alone;
 
@@ -59,7 +59,7 @@ fn a_forward_pass_at_the_published_size_in_bounded_memory() {
     assert_eq!((found, all.len()), (499, 499));
 
     let device = &Device::Cpu;
-    let parameters = Parameters::take(all, device).unwrap();
+    let parameters = PolicyParameters::take(all, device).unwrap();
     let prefix = PrefixModel::new(&config, &parameters).unwrap();
     let expert = ExpertModel::new(&config, &parameters).unwrap();
     let size = config.vision.image_size;

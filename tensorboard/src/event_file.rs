@@ -31,11 +31,11 @@ pub enum EventFileError {
 #[derive(Debug)]
 pub struct EventFile {
     path: PathBuf,
-    written: Mutex<Written>,
+    written: Mutex<WrittenFile>,
 }
 
 #[derive(Debug)]
-struct Written {
+struct WrittenFile {
     file: File,
     /// The length of all whole events.
     bytes: u64,
@@ -76,7 +76,7 @@ impl EventFile {
         let seconds = times.fold(now() as u64, u64::max);
         let path = folder.join(format!("{BEGINNING}{seconds:010}.zk0"));
         let file = File::options().append(true).create_new(true).open(&path)?;
-        let mut written = Written {
+        let mut written = WrittenFile {
             file,
             bytes: 0,
             lost: 0,
@@ -114,7 +114,7 @@ impl EventFile {
     }
 }
 
-impl Written {
+impl WrittenFile {
     fn scalars(&mut self, step: u64, values: &[(&str, f64)]) -> io::Result<()> {
         if self.goes_on {
             self.append(&Event::restart(now(), step))?;

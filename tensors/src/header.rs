@@ -10,12 +10,12 @@ use serde::ser::{Serialize, SerializeMap, Serializer};
 pub const HEADER_LIMIT: u64 = 100_000_000;
 
 /// What a file's header says: its metadata, and the type, the shape and the place of each tensor.
-pub struct Header<'a> {
+pub struct TensorHeader<'a> {
     metadata: Option<BTreeMap<&'a str, &'a str>>,
     tensors: Vec<(String, TensorInfo)>,
 }
 
-impl<'a> Header<'a> {
+impl<'a> TensorHeader<'a> {
     /// A header for tensors that lie one after the other, in this order.
     pub fn new(
         metadata: Option<BTreeMap<&'a str, &'a str>>,
@@ -59,7 +59,7 @@ impl<'a> Header<'a> {
     }
 }
 
-impl Serialize for Header<'_> {
+impl Serialize for TensorHeader<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;
         if let Some(metadata) = &self.metadata {

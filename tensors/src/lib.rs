@@ -2,7 +2,7 @@
 //!
 //! - [`TensorData`] is one tensor, [`TensorSet`] several by name.
 //! - [`TensorFile`] reads tensors one by one, from a file on disk or from bytes in memory. It takes F32, F16 and BF16.
-//! - [`write_to`] writes tensors in F32. Equal tensors give equal bytes. [`Header`] is for those who write other types.
+//! - [`write_to`] writes tensors in F32. Equal tensors give equal bytes. [`TensorHeader`] is for those who write other types.
 
 mod error;
 mod header;
@@ -13,10 +13,10 @@ mod tensor_file;
 mod writer;
 
 pub use error::{Result, TensorError};
-pub use header::{Header, HEADER_LIMIT};
+pub use header::{TensorHeader, HEADER_LIMIT};
 pub use number_types::{check_readable, encode};
 pub use read_at::ReadAt;
 pub use safetensors::tensor::{Dtype, TensorInfo};
-pub use tensor_data::{check_finite, check_layout, Layout, TensorData, TensorSet};
+pub use tensor_data::{check_finite, check_layout, TensorData, TensorSet, TensorShapes};
 pub use tensor_file::{TensorFile, BLOCK};
-pub use writer::{write_to, Entry, Written};
+pub use writer::{write_to, TensorEntry, WrittenTensors};

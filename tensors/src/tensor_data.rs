@@ -17,7 +17,7 @@ pub struct TensorData {
 pub type TensorSet = BTreeMap<String, TensorData>;
 
 /// Names of tensors with their shapes, in name order.
-pub type Layout = BTreeMap<String, Vec<usize>>;
+pub type TensorShapes = BTreeMap<String, Vec<usize>>;
 
 impl TensorData {
     /// Checks that the tensor has this shape, and as many numbers as it asks for.
@@ -49,7 +49,7 @@ impl TensorData {
 ///
 /// # Errors
 /// Says which tensor is missing, unexpected, of another shape, or not finite.
-pub fn check_layout(tensors: &TensorSet, layout: &Layout) -> Result<()> {
+pub fn check_layout(tensors: &TensorSet, layout: &TensorShapes) -> Result<()> {
     if let Some(name) = tensors.keys().find(|n| !layout.contains_key(*n)) {
         return Err(TensorError::Unexpected(name.clone()));
     }

@@ -10,7 +10,7 @@ use safetensors::tensor::{Dtype, Metadata, SafeTensors, TensorInfo};
 use crate::error::{Result, TensorError};
 use crate::number_types::{check_readable, decode};
 use crate::read_at::ReadAt;
-use crate::tensor_data::{Layout, TensorData, TensorSet};
+use crate::tensor_data::{TensorData, TensorSet, TensorShapes};
 
 /// Bytes read at once.
 pub const BLOCK: usize = 1 << 20;
@@ -154,7 +154,7 @@ impl<R: ReadAt> TensorFile<R> {
     ///
     /// # Errors
     /// Says which tensor is missing, unexpected, of another shape or type, or not finite.
-    pub fn read_exactly(&self, layout: &Layout, ignored: &[&str]) -> Result<TensorSet> {
+    pub fn read_exactly(&self, layout: &TensorShapes, ignored: &[&str]) -> Result<TensorSet> {
         let foreign = |n: &String| !layout.contains_key(n) && !ignored.contains(&n.as_str());
         if let Some(name) = self.names().into_iter().filter(foreign).min() {
             return Err(TensorError::Unexpected(name));

@@ -7,11 +7,11 @@ use std::io::{self, Write};
 use safetensors::tensor::Dtype;
 use sha2::{Digest, Sha256};
 
-use crate::header::Header;
+use crate::header::TensorHeader;
 use crate::tensor_data::TensorData;
 
 /// One tensor of a file.
-pub struct Entry<'a> {
+pub struct TensorEntry<'a> {
     /// Its name.
     pub name: String,
     /// Its shape.
@@ -20,7 +20,7 @@ pub struct Entry<'a> {
     pub values: Cow<'a, [f32]>,
 }
 
-impl<'a> Entry<'a> {
+impl<'a> TensorEntry<'a> {
     /// A tensor that stays where it is.
     pub fn of((name, tensor): (&String, &'a TensorData)) -> Self {
         Self {
@@ -33,7 +33,7 @@ impl<'a> Entry<'a> {
 
 /// What was written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Written {
+pub struct WrittenTensors {
     /// SHA-256 of the file.
     pub digest: [u8; 32],
     /// Its size.
@@ -47,13 +47,13 @@ pub struct Written {
 /// Those of `out`, and one when the notes make the header larger than the format allows.
 pub fn write_to(
     out: impl Write,
-    mut entries: Vec<Entry>,
+    mut entries: Vec<TensorEntry>,
     notes: BTreeMap<&str, &str>,
-) -> io::Result<Written> {
+) -> io::Result<WrittenTensors> {
     entries.sort_by(|a, b| a.name.cmp(&b.name));
     let tensors = entries.iter();
     let tensors = tensors.map(|entry| (entry.name.clone(), Dtype::F32, entry.shape.clone()));
-    let header = Header::new((!notes.is_empty()).then_some(notes), tensors).to_bytes()?;
+    let header = TensorHeader::new((!notes.is_empty()).then_some(notes), tensors).to_bytes()?;
 
     let mut out = Hashing {
         inner: out,
@@ -69,7 +69,7 @@ pub fn write_to(
         }
     }
     out.flush()?;
-    Ok(Written {
+    Ok(WrittenTensors {
         digest: out.hash.finalize().into(),
         bytes: out.bytes,
     })
@@ -100,8 +100,8 @@ mod tests {
     use crate::header::HEADER_LIMIT;
     use crate::tensor_file::TensorFile;
 
-    fn entry<'a>(name: &str, shape: &[usize], values: Vec<f32>) -> Entry<'a> {
-        Entry {
+    fn entry<'a>(name: &str, shape: &[usize], values: Vec<f32>) -> TensorEntry<'a> {
+        TensorEntry {
             name: name.into(),
             shape: shape.into(),
             values: values.into(),

@@ -22,14 +22,14 @@ pub fn switched(code: &str, check: &str) -> String {
 
 /// Code of one source that is replaced.
 #[derive(Clone, Copy, Debug)]
-pub struct Change {
+pub struct SourceChange {
     /// The source, from the repository's folder.
     pub file: &'static str,
     /// Code that is in the source once, and what takes its place.
     pub replacements: &'static [(&'static str, &'static str)],
 }
 
-impl Change {
+impl SourceChange {
     /// The source with the change.
     ///
     /// # Errors
@@ -128,7 +128,11 @@ impl ChangedCopy {
     ///
     /// # Errors
     /// The change does not fit the sources.
-    pub fn with<R>(&self, change: &Change, what: impl FnOnce(&Self) -> R) -> Result<R, String> {
+    pub fn with<R>(
+        &self,
+        change: &SourceChange,
+        what: impl FnOnce(&Self) -> R,
+    ) -> Result<R, String> {
         let place = self.folder.join(change.file);
         let whole = read(&place);
         write(&place, change.applied_to(&whole)?);

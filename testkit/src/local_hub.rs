@@ -16,7 +16,7 @@ pub const READER: &str = "hf_reader";
 
 /// A commit of a repository.
 #[derive(Clone, Debug)]
-pub struct Commit {
+pub struct HubCommit {
     /// What it says of itself.
     pub summary: String,
     /// The names of the files that it changed.
@@ -25,7 +25,7 @@ pub struct Commit {
 
 /// A model's repository.
 #[derive(Clone, Debug, Default)]
-pub struct Model {
+pub struct ModelRepository {
     /// Whether others do not see it.
     pub private: bool,
     /// The files of the newest commit. Those in `large` are the content of what the commit points to.
@@ -33,14 +33,14 @@ pub struct Model {
     /// The SHA-256 of each large file.
     pub large: BTreeMap<String, String>,
     /// All commits, the oldest first.
-    pub commits: Vec<Commit>,
+    pub commits: Vec<HubCommit>,
 }
 
 /// What the Hub holds, and how it misbehaves.
 #[derive(Default)]
-pub struct Held {
+pub struct HubContent {
     /// Repositories by their names.
-    pub models: BTreeMap<String, Model>,
+    pub models: BTreeMap<String, ModelRepository>,
     /// Large files by their SHA-256.
     pub storage: BTreeMap<String, Vec<u8>>,
     /// All requests: method and path.
@@ -62,7 +62,7 @@ pub struct Held {
 pub struct LocalHub {
     /// Its URL.
     pub address: String,
-    held: Arc<Mutex<Held>>,
+    held: Arc<Mutex<HubContent>>,
 }
 
 struct Request {
@@ -73,7 +73,7 @@ struct Request {
 }
 
 /// A status and a body.
-type Answer = (u16, Value);
+type HubResponse = (u16, Value);
 
 impl LocalHub {
     /// Starts a Hub that holds nothing.
@@ -94,13 +94,13 @@ impl LocalHub {
     }
 
     /// What it holds. It waits until the guard is dropped.
-    pub fn held(&self) -> MutexGuard<'_, Held> {
+    pub fn held(&self) -> MutexGuard<'_, HubContent> {
         self.held.lock().unwrap()
     }
 
     /// The model's repository.
     #[track_caller]
-    pub fn model(&self, name: &str) -> Model {
+    pub fn model(&self, name: &str) -> ModelRepository {
         self.held()
             .models
             .get(name)
@@ -163,7 +163,7 @@ impl LocalHub {
         }))
     }
 
-    fn decide(&self, request: &Request) -> Answer {
+    fn decide(&self, request: &Request) -> HubResponse {
         let mut held = self.held();
         if let Some((text, status, times)) = &mut held.failing {
             if *times > 0 && request.path.contains(*text) {
@@ -227,8 +227,8 @@ impl Request {
     }
 }
 
-impl Held {
-    fn create(&mut self, asked: &Value) -> Answer {
+impl HubContent {
+    fn create(&mut self, asked: &Value) -> HubResponse {
         if let Some(status) = self.closed {
             return (
                 status,
@@ -245,16 +245,16 @@ impl Held {
                 json!({ "error": "You already created this model repo" }),
             );
         }
-        let model = Model {
+        let model = ModelRepository {
             private: asked["private"] == true,
-            ..Model::default()
+            ..ModelRepository::default()
         };
         self.models.insert(name.clone(), model);
         (200, json!({ "url": format!("/{name}") }))
     }
 
     /// Files with a byte 0 in their sample, and those over 10 MB, are large.
-    fn preupload(&self, name: &str, asked: &Value) -> Answer {
+    fn preupload(&self, name: &str, asked: &Value) -> HubResponse {
         let model = &self.models[name];
         let mode = |file: &Value| {
             let path = file["path"].as_str().unwrap();
@@ -284,7 +284,7 @@ impl Held {
         (200, json!({ "files": files }))
     }
 
-    fn batch(&self, address: &str, asked: &Value) -> Answer {
+    fn batch(&self, address: &str, asked: &Value) -> HubResponse {
         assert_eq!(asked["operation"], "upload");
         assert_eq!(asked["hash_algo"], "sha256");
         let object = |object: &Value| {
@@ -312,7 +312,7 @@ impl Held {
     }
 
     /// The storage is not the Hub, and must not get its token.
-    fn store(&mut self, oid: &str, request: &Request, has_token: bool) -> Answer {
+    fn store(&mut self, oid: &str, request: &Request, has_token: bool) -> HubResponse {
         assert_eq!(request.method, "PUT");
         // Python's client leaves out the headers that Git LFS asks it to send.
         assert!(self.lenient || request.headers["x-part"] == "all");
@@ -323,7 +323,7 @@ impl Held {
         (200, json!({}))
     }
 
-    fn commit(&mut self, name: &str, request: &Request) -> Answer {
+    fn commit(&mut self, name: &str, request: &Request) -> HubResponse {
         assert_eq!(request.headers["content-type"], "application/x-ndjson");
         let lines: Vec<Value> = std::str::from_utf8(&request.body)
             .unwrap()
@@ -332,7 +332,7 @@ impl Held {
             .collect();
         assert_eq!(lines[0]["key"], "header");
         let model = self.models.get_mut(name).unwrap();
-        let mut commit = Commit {
+        let mut commit = HubCommit {
             summary: lines[0]["value"]["summary"].as_str().unwrap().into(),
             changed: Vec::new(),
         };

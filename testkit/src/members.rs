@@ -9,10 +9,10 @@ use std::path::Path;
 use zk0_audit::verified_entries::verified_entries;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{DatasetCommitment, Digest, NodeId, WeightsDigest};
-use zk0_node::client::Node;
+use zk0_node::client::NodeClient;
 use zk0_node::client_error::NodeError;
 use zk0_protocol::entries::entry::Body;
-use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
+use zk0_protocol::entries::signed::{DatasetRegistration, RegisteredEpisode};
 use zk0_protocol::evaluation_set::{draw, list_bytes, DrawnLeaf};
 
 /// Frames of a made-up dataset. All of them are drawn.
@@ -54,10 +54,10 @@ impl Member {
     }
 
     /// Connects to the aggregator, and puts a dataset on the ledger.
-    pub async fn join(self, aggregator: &str, network: Digest) -> Node {
-        let node = Node::connect(aggregator.to_owned(), network, self.key());
+    pub async fn join(self, aggregator: &str, network: Digest) -> NodeClient {
+        let node = NodeClient::connect(aggregator.to_owned(), network, self.key());
         let mut node = node.await.unwrap();
-        let episodes = vec![Episode {
+        let episodes = vec![RegisteredEpisode {
             digest: self.bytes(0),
             frames: FRAMES,
         }];
@@ -91,14 +91,14 @@ impl Member {
     }
 
     /// Puts an update into the first round.
-    pub async fn upload(self, node: &mut Node, update: Vec<u8>) -> Result<Digest, NodeError> {
+    pub async fn upload(self, node: &mut NodeClient, update: Vec<u8>) -> Result<Digest, NodeError> {
         let blob = Digest(Sha256::digest(&update).into());
         node.upload(0, update).await?;
         Ok(blob)
     }
 
     /// Commits in the first round to an update that is uploaded.
-    pub async fn commit(self, node: &mut Node, blob: Digest) -> Result<(), NodeError> {
+    pub async fn commit(self, node: &mut NodeClient, blob: Digest) -> Result<(), NodeError> {
         let update = WeightsDigest {
             blob,
             quantised: self.bytes(1),

@@ -10,8 +10,8 @@ use zk0_circuits::{
     Digest, Disclosure, EvalSpec, Mode, NodeId, PrivateInput, Terms, WeightsDigest,
 };
 use zk0_node::recording::evaluation_set::{EvaluationSet, EvaluationSetSpec};
-use zk0_node::recording::secret::Secret;
-use zk0_node::recording::Recording;
+use zk0_node::recording::secret::RegistrationSecret;
+use zk0_node::recording::OpenRecording;
 use zk0_protocol::entries::signed::DatasetRegistration;
 use zk0_protocol::rules::bindings::ExpectedClaim;
 use zk0_smolvla::frames::batch::SampleSource;
@@ -23,7 +23,7 @@ use zk0_smolvla::policy::policy_file::{self, PolicyFile};
 use zk0_smolvla::Profile;
 
 /// What hides the samples.
-pub const SECRET: Secret = Secret::new([3; 32]);
+pub const SECRET: RegistrationSecret = RegistrationSecret::new([3; 32]);
 
 /// A recording of 245 frames.
 pub fn pickplace() -> PathBuf {
@@ -78,7 +78,7 @@ impl Setting {
     /// An evaluation set of `frames` frames, whose samples are in `folder`.
     pub fn set(
         &self,
-        recording: &Recording,
+        recording: &OpenRecording,
         samples: &dyn SampleSource<PreparedSample>,
         folder: &Path,
         frames: u32,
@@ -89,8 +89,8 @@ impl Setting {
     /// [`Self::set`], under another secret.
     pub fn set_under(
         &self,
-        secret: Secret,
-        recording: &Recording,
+        secret: RegistrationSecret,
+        recording: &OpenRecording,
         samples: &dyn SampleSource<PreparedSample>,
         folder: &Path,
         frames: u32,
@@ -111,7 +111,7 @@ impl Setting {
         cache: Option<&DiskCache>,
         frames: u32,
     ) -> (DatasetRegistration, Vec<u8>) {
-        let recording = Recording::open(path, &self.policy(), cache).unwrap();
+        let recording = OpenRecording::open(path, &self.policy(), cache).unwrap();
         let maker = recording.maker();
         let folder = tempfile::tempdir().unwrap();
         let samples = recording.samples(&maker);

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use tokio::time::timeout;
 use tonic::Code;
 use zk0_aggregator::{Config, ConnectionLimits, Limits};
-use zk0_node::client::Node;
+use zk0_node::client::NodeClient;
 use zk0_node::client_error::NodeError;
 use zk0_testkit::aggregator::{self, Network, LONG_BYTES, START_MS};
 use zk0_testkit::sockets::{begin_large_message, from};
@@ -12,8 +12,8 @@ use zk0_testkit::sockets::{begin_large_message, from};
 type Test = Result<(), Box<dyn std::error::Error>>;
 
 /// A network of one node, and the node, which has asked for nothing but the network.
-async fn network(limits: Limits) -> (Network, Node) {
-    let node = aggregator::Node::new(1);
+async fn network(limits: Limits) -> (Network, NodeClient) {
+    let node = aggregator::SigningNode::new(1);
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,
@@ -23,7 +23,7 @@ async fn network(limits: Limits) -> (Network, Node) {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap();
     network.clock.advance(now.as_millis() as u64 - START_MS);
     let id = network.genesis.network_id();
-    let connected = Node::connect(network.address.clone(), id, node.key).await;
+    let connected = NodeClient::connect(network.address.clone(), id, node.key).await;
     (network, connected.unwrap())
 }
 
@@ -40,7 +40,7 @@ async fn the_first_large_message_of_a_node_does_not_wait_for_those_of_strangers(
     begin_large_message(&mut slow).await;
     network.large_message().await;
     let begun = Instant::now();
-    let registration = aggregator::Node::new(1)
+    let registration = aggregator::SigningNode::new(1)
         .registration(node.network())
         .statement;
     // The list is larger than a small message, and is not the one of the registration.

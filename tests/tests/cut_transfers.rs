@@ -8,7 +8,7 @@ use tokio::net::tcp::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::time::sleep;
 use zk0_aggregator::Config;
-use zk0_node::client::Node;
+use zk0_node::client::NodeClient;
 use zk0_protocol::Signed;
 use zk0_testkit::aggregator::{self, Network, POLICY, START_MS};
 use zk0_verifier::blob_digest;
@@ -75,7 +75,7 @@ async fn relay(
 
 #[tokio::test(flavor = "multi_thread")]
 async fn cut_transfers_go_on_and_send_next_to_nothing_twice() -> Test {
-    let first = aggregator::Node::new(1);
+    let first = aggregator::SigningNode::new(1);
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,
@@ -89,7 +89,7 @@ async fn cut_transfers_go_on_and_send_next_to_nothing_twice() -> Test {
     // Each connection carries less than half of it.
     let relay = Cutting::after(90_000, &network).await;
     let id = network.genesis.network_id();
-    let mut node = Node::connect(relay.url.clone(), id, first.key.clone()).await?;
+    let mut node = NodeClient::connect(relay.url.clone(), id, first.key.clone()).await?;
 
     let limit = POLICY.len() as u64;
     let policy = node.download(&blob_digest(POLICY), limit).await?;

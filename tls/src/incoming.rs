@@ -80,7 +80,7 @@ pub fn connections(
             let due = Instant::now() + bounds.begin;
             handshakes.spawn(async move {
                 let _ = stream.set_nodelay(true);
-                let stream: Box<dyn Duplex> = match tls {
+                let stream: Box<dyn ByteStream> = match tls {
                     None => Box::new(stream),
                     Some(tls) => match timeout_at(due, tls.accept(stream)).await {
                         Ok(Ok(stream)) => Box::new(stream),
@@ -115,13 +115,13 @@ fn warn(said: &mut Option<Instant>, why: &str) {
 }
 
 /// Bytes in both directions.
-trait Duplex: AsyncRead + AsyncWrite + Send + Sync + Unpin {}
+trait ByteStream: AsyncRead + AsyncWrite + Send + Sync + Unpin {}
 
-impl<T: AsyncRead + AsyncWrite + Send + Sync + Unpin> Duplex for T {}
+impl<T: AsyncRead + AsyncWrite + Send + Sync + Unpin> ByteStream for T {}
 
 /// A connection. It has its place until it is dropped.
 pub struct Connection {
-    stream: Box<dyn Duplex>,
+    stream: Box<dyn ByteStream>,
     /// Until the client has begun to speak HTTP/2.
     beginning: Option<Beginning>,
     _place: OwnedSemaphorePermit,

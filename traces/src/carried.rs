@@ -48,16 +48,16 @@ impl Injector for Outgoing<'_> {
 
 /// The value of the header for a request that the current span makes with another protocol than gRPC; `None` where no traces are sent.
 pub fn traceparent() -> Option<String> {
-    let mut header = Header::default();
+    let mut header = SentHeader::default();
     TraceContextPropagator::new().inject_context(&Span::current().context(), &mut header);
     header.0
 }
 
 /// The header of one request that goes out.
 #[derive(Default)]
-struct Header(Option<String>);
+struct SentHeader(Option<String>);
 
-impl Injector for Header {
+impl Injector for SentHeader {
     fn set(&mut self, name: &str, value: String) {
         if name == TRACEPARENT {
             self.0 = Some(value);
@@ -83,23 +83,23 @@ pub fn parent(headers: &HeaderMap) -> Option<Context> {
     let (Some(value), None) = (values.next(), values.next()) else {
         return None;
     };
-    let named = Incoming::of(value)?;
+    let named = ReceivedHeader::of(value)?;
     let context = TraceContextPropagator::new().extract_with_context(&Context::new(), &named);
     let valid = context.span().span_context().is_valid();
     valid.then_some(context)
 }
 
 /// The one header that is read.
-struct Incoming<'a>(&'a str);
+struct ReceivedHeader<'a>(&'a str);
 
-impl<'a> Incoming<'a> {
+impl<'a> ReceivedHeader<'a> {
     fn of(value: &'a HeaderValue) -> Option<Self> {
         let text = value.to_str().ok()?;
         (text.len() == LENGTH).then_some(Self(text))
     }
 }
 
-impl Extractor for Incoming<'_> {
+impl Extractor for ReceivedHeader<'_> {
     fn get(&self, name: &str) -> Option<&str> {
         (name == TRACEPARENT).then_some(self.0)
     }

@@ -2,7 +2,7 @@
 //! samples. Where none was accepted, or where the result is not taken, the base weights stay.
 
 use crate::combine::bases::{BaseError, BaseFiles};
-use crate::combine::contributions::Given;
+use crate::combine::contributions::WeightedContribution;
 use crate::combine::error::CombineError;
 use crate::combine::optimizers::moments::{needed, Moments};
 use crate::combine::sealed::SealedFile;
@@ -130,7 +130,7 @@ pub fn combined<E: Display>(
     let files: Vec<_> = files.collect();
     let given = contributions.iter().zip(&files).map(|(one, weights)| {
         let contributor = contributors.iter().find(|other| other.node == one.node());
-        Given {
+        WeightedContribution {
             node: one.node(),
             weight: contributor.map_or(0, |contributor| contributor.share.into()),
             weights,

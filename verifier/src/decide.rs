@@ -9,14 +9,14 @@ use zk0_protocol::Refusal;
 
 /// A decision that goes on the ledger.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Decision {
+pub enum DecisionEntry {
     /// The contribution counts.
     Accepted(Box<VerifiedContribution>),
     /// The contribution does not count, for this reason.
     Rejected(Refusal),
 }
 
-impl Decision {
+impl DecisionEntry {
     /// The body of the entry that records the decision.
     pub fn body(&self, contribution: &AuthenticContribution) -> AuthenticBody {
         let refused = match self {
@@ -38,15 +38,15 @@ pub fn decide(
     contribution: &AuthenticContribution,
     weights: &WeightFiles,
     time_ms: u64,
-) -> Result<Decision, Refusal> {
+) -> Result<DecisionEntry, Refusal> {
     let reason = match verify(contribution, weights, state, time_ms) {
-        Ok(verified) => return Ok(Decision::Accepted(Box::new(verified))),
+        Ok(verified) => return Ok(DecisionEntry::Accepted(Box::new(verified))),
         Err(reason) => reason,
     };
     if !is_recorded(&reason) {
         return Err(reason);
     }
-    let decision = Decision::Rejected(reason);
+    let decision = DecisionEntry::Rejected(reason);
     let body = decision.body(contribution).at(time_ms);
     match state.check_authentic(&body.entry()) {
         Ok(()) => Ok(decision),

@@ -56,7 +56,7 @@ fn decode(bytes: &[u8]) -> Result<SP1Proof, Refusal> {
         .deserialize(bytes)
         .map_err(|error| malformed(error.to_string()))?;
     // Field elements above the modulus and repeated map keys decode, but are a second encoding of the same proof.
-    let mut rest = Expected(bytes);
+    let mut rest = ExpectedBytes(bytes);
     match encoding.serialize_into(&mut rest, &proof) {
         Ok(()) if rest.0.is_empty() => Ok(proof),
         _ => Err(malformed("not in canonical encoding".into())),
@@ -64,9 +64,9 @@ fn decode(bytes: &[u8]) -> Result<SP1Proof, Refusal> {
 }
 
 /// A writer that accepts the bytes that it expects, and no others.
-struct Expected<'a>(&'a [u8]);
+struct ExpectedBytes<'a>(&'a [u8]);
 
-impl io::Write for Expected<'_> {
+impl io::Write for ExpectedBytes<'_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.0 = self
             .0

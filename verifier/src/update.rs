@@ -12,7 +12,7 @@ use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::rules::network_rules::Rules;
 use zk0_protocol::rules::state::State;
 use zk0_protocol::Refusal;
-use zk0_weights::{BuiltFile, Changed, Format, Unread, WeightsError};
+use zk0_weights::{BuiltFile, Changed, Format, Unread, WeightFileError};
 
 /// What a network evaluates. It determines how the network's weights look as a file.
 #[derive(Clone, Debug)]
@@ -71,7 +71,7 @@ impl Evaluation {
     }
 
     /// The digest of the weights of a file that was just made. Its two halves are computed at once.
-    pub fn digest_of(&self, file: &BuiltFile) -> Result<WeightsDigest, WeightsError> {
+    pub fn digest_of(&self, file: &BuiltFile) -> Result<WeightsDigest, WeightFileError> {
         let quantised = || match self.mode {
             // Without a copy of the numbers, which would take as long as the digest itself.
             Mode::Succinct => Ok(succinct_digest(file.numbers())),

@@ -6,23 +6,23 @@ use zk0_circuits::{EvalSpec, Mode, NodeId, QuantisedWeights};
 use zk0_protocol::rules::network_rules::{Scaffold, Strategy};
 use zk0_verifier::combine::bases::Bases;
 use zk0_verifier::combine::blocks::Combination;
-use zk0_verifier::combine::contributions::Given;
+use zk0_verifier::combine::contributions::WeightedContribution;
 use zk0_verifier::combine::error::CombineError;
 use zk0_verifier::combine::fedavg::average;
 use zk0_verifier::combine::robust::{median, trimmed_mean};
-use zk0_verifier::combine::source::InMemory;
+use zk0_verifier::combine::source::WeightsInMemory;
 use zk0_verifier::{blob_digest, Evaluation};
 use zk0_weights::rounding::Unit;
 use zk0_weights::scale::{check, exact, narrowed};
-use zk0_weights::{Format, Tensor, Unread};
+use zk0_weights::{Format, ScaledTensor, Unread};
 
 /// Wide enough for all that is tested here, and the widest that a specification can have.
 const LIMITS: (i16, i16) = (0, 24);
 
 /// Contributions of one tensor each.
-fn given<'a>(tensors: &'a [OneTensor], weights: &[u64]) -> Vec<Given<'a>> {
+fn given<'a>(tensors: &'a [OneTensor], weights: &[u64]) -> Vec<WeightedContribution<'a>> {
     let pairs = tensors.iter().zip(weights).zip(0..);
-    let given = pairs.map(|((tensor, weight), number)| Given {
+    let given = pairs.map(|((tensor, weight), number)| WeightedContribution {
         node: node(number),
         weight: *weight,
         weights: tensor,
@@ -48,13 +48,13 @@ fn exactly(combination: &impl Combination, len: usize) -> (Vec<i128>, Unit) {
 }
 
 /// The rounded tensor.
-fn rounded(combination: &impl Combination, len: usize, limits: (i16, i16)) -> Tensor {
+fn rounded(combination: &impl Combination, len: usize, limits: (i16, i16)) -> ScaledTensor {
     let (numbers, unit) = exactly(combination, len);
     made::rounded_to(&numbers, unit, limits)
 }
 
 fn numbers(combination: &impl Combination, len: usize) -> Vec<f64> {
-    let Tensor { values, bits } = rounded(combination, len, LIMITS);
+    let ScaledTensor { values, bits } = rounded(combination, len, LIMITS);
     assert_eq!(check("mean", &values, bits, LIMITS), Ok(()));
     let unit = f64::from(1 << bits);
     values
@@ -78,7 +78,7 @@ fn one_contribution_averages_to_itself() {
         (vec![16384, 3], 23),
         (vec![0, -1], 24),
     ] {
-        let alone = [OneTensor(Tensor { values, bits })];
+        let alone = [OneTensor(ScaledTensor { values, bits })];
         let len = alone[0].0.values.len();
         let mean = average(&given(&alone, &[u64::MAX])).unwrap();
         assert_eq!(rounded(&mean, len, LIMITS), alone[0].0);
@@ -89,7 +89,7 @@ fn one_contribution_averages_to_itself() {
 fn a_mean_is_rounded_once_and_ties_go_to_even() {
     // These are steps of the finest scale, so that a mean between two steps has to be rounded.
     let step = |value: &i16| {
-        OneTensor(Tensor {
+        OneTensor(ScaledTensor {
             values: vec![*value],
             bits: 24,
         })
@@ -112,7 +112,7 @@ fn a_mean_is_rounded_once_and_ties_go_to_even() {
 fn a_mean_of_values_within_the_limits_is_within_them() {
     let limits = (3, 9);
     let largest = |sign: i16| {
-        OneTensor(Tensor {
+        OneTensor(ScaledTensor {
             values: vec![sign * 32767, 32767],
             bits: 3,
         })
@@ -192,15 +192,18 @@ fn five(spec: &EvalSpec) -> Vec<(NodeId, u64, QuantisedWeights)> {
 fn in_memory<'a>(
     format: &'a Format,
     all: &'a [(NodeId, u64, QuantisedWeights)],
-) -> Vec<InMemory<'a>> {
+) -> Vec<WeightsInMemory<'a>> {
     let weights = all.iter().map(|(_, _, weights)| weights);
     weights
-        .map(|weights| InMemory { format, weights })
+        .map(|weights| WeightsInMemory { format, weights })
         .collect()
 }
 
-fn one<'a>(of: &(NodeId, u64, QuantisedWeights), weights: &'a InMemory<'a>) -> Given<'a> {
-    Given {
+fn one<'a>(
+    of: &(NodeId, u64, QuantisedWeights),
+    weights: &'a WeightsInMemory<'a>,
+) -> WeightedContribution<'a> {
+    WeightedContribution {
         node: of.0,
         weight: of.1,
         weights,
@@ -218,7 +221,7 @@ fn what_cannot_be_combined_is_named() {
     let other_spec = EvalSpec::new(dims);
     let other_format = made::format(&other_spec);
     let other = made::quantise(&other_spec, &made::tensors(&other_spec, 1, 1.0));
-    let other = InMemory {
+    let other = WeightsInMemory {
         format: &other_format,
         weights: &other,
     };
@@ -230,14 +233,14 @@ fn what_cannot_be_combined_is_named() {
             refused(&[one(1), one(2), one(1)]),
             CombineError::Twice(node(1))
         );
-        let unlike = Given {
+        let unlike = WeightedContribution {
             node: node(7),
             weight: 1,
             weights: &other,
         };
         assert_eq!(refused(&[one(1), unlike]), CombineError::Unlike(node(7)));
     }
-    let weightless = [Given {
+    let weightless = [WeightedContribution {
         weight: 0,
         ..one(1)
     }];
@@ -293,7 +296,7 @@ fn contributions_by_scaffold_count_alike() {
     let given: Vec<_> = given.map(|(of, weights)| one(of, weights)).collect();
     let alike: Vec<_> = given
         .iter()
-        .map(|one| Given { weight: 1, ..*one })
+        .map(|one| WeightedContribution { weight: 1, ..*one })
         .collect();
     let scaffold = Strategy::Scaffold(Scaffold {
         steps: 10,

@@ -13,9 +13,9 @@ use zk0_circuits::{Digest, EvalSpec, NodeId, QuantisedWeights};
 use zk0_protocol::rules::closing::server_moments::ServerMoments;
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_verifier::combine::bases::Bases;
-use zk0_verifier::combine::contributions::Given;
+use zk0_verifier::combine::contributions::WeightedContribution;
 use zk0_verifier::combine::optimizers::moments::Moments;
-use zk0_verifier::combine::source::InMemory;
+use zk0_verifier::combine::source::WeightsInMemory;
 use zk0_verifier::combine::strategy::combined;
 use zk0_weights::{Format, Unread};
 
@@ -149,11 +149,11 @@ fn read(format: &Format, name: &str) -> QuantisedWeights {
 
 /// The moments after a round that went from `earlier`, and whose one update was `base`.
 fn first_moments(format: &Format, strategy: Strategy, bases: &Bases, kept: &mut Vec<u8>) -> Digest {
-    let weights = InMemory {
+    let weights = WeightsInMemory {
         format,
         weights: bases.base.as_ref().unwrap(),
     };
-    let update = Given {
+    let update = WeightedContribution {
         node: NodeId([1; 32]),
         weight: 1,
         weights: &weights,
@@ -175,13 +175,13 @@ fn each_strategy_gives_what_flower_s_own_gives() {
     let updates: Vec<_> = (0..SHARES.len())
         .map(|number| read(&format, &format!("update-{number}")))
         .collect();
-    let updates = updates.iter().map(|weights| InMemory {
+    let updates = updates.iter().map(|weights| WeightsInMemory {
         format: &format,
         weights,
     });
     let updates: Vec<_> = updates.collect();
     let given = (1..).zip(SHARES).zip(&updates);
-    let given = given.map(|((node, weight), weights)| Given {
+    let given = given.map(|((node, weight), weights)| WeightedContribution {
         node: NodeId([node; 32]),
         weight,
         weights,

@@ -11,13 +11,13 @@ use zk0_protocol::rules::network_rules::Strategy;
 use zk0_verifier::blob_digest;
 use zk0_verifier::combine::bases::Bases;
 use zk0_verifier::combine::blocks::Combination;
-use zk0_verifier::combine::contributions::Given;
+use zk0_verifier::combine::contributions::WeightedContribution;
 use zk0_verifier::combine::error::CombineError;
-use zk0_verifier::combine::optimizers::adam::{adam, Parameters};
+use zk0_verifier::combine::optimizers::adam::{adam, AdamParameters};
 use zk0_verifier::combine::optimizers::moments::{Moment, Moments};
-use zk0_verifier::combine::source::{Block, InMemory, Rows};
-use zk0_verifier::combine::strategy::{combined, Combined};
-use zk0_weights::{Format, Tensor, Unread};
+use zk0_verifier::combine::source::{Block, BlockBuffer, WeightsInMemory};
+use zk0_verifier::combine::strategy::{combined, AggregationResult};
+use zk0_weights::{Format, ScaledTensor, Unread};
 
 /// A network, the base of a round, and three updates.
 struct Setting {
@@ -67,13 +67,13 @@ impl Setting {
         &self,
         order: &[usize],
         moments: &mut Moments<'_>,
-    ) -> Result<Combined, CombineError> {
+    ) -> Result<AggregationResult, CombineError> {
         let format = &self.format;
         let updates = self.updates.iter();
         let updates: Vec<_> = updates
-            .map(|weights| InMemory { format, weights })
+            .map(|weights| WeightsInMemory { format, weights })
             .collect();
-        let given = order.iter().map(|number| Given {
+        let given = order.iter().map(|number| WeightedContribution {
             node: NodeId([*number as u8; 32]),
             weight: 3 + 7 * *number as u64,
             weights: &updates[*number],
@@ -230,7 +230,7 @@ fn moments_that_the_ledger_does_not_name_are_not_taken() {
     );
 }
 
-const PARAMETERS: Parameters = Parameters {
+const PARAMETERS: AdamParameters = AdamParameters {
     server_rate_billionths: 250_000_000,
     beta1_bps: 8000,
     beta2_bps: 9500,
@@ -239,7 +239,7 @@ const PARAMETERS: Parameters = Parameters {
 
 /// A block of one tensor at its own scale.
 fn one(values: &[i16], bits: i16) -> OneTensor {
-    OneTensor(Tensor {
+    OneTensor(ScaledTensor {
         values: values.to_vec(),
         bits,
     })
@@ -249,15 +249,17 @@ fn one(values: &[i16], bits: i16) -> OneTensor {
 fn stepped(
     updates: &[(u64, OneTensor)],
     base: &OneTensor,
-    parameters: Parameters,
+    parameters: AdamParameters,
     moments: &mut [Moment],
     steps: u64,
 ) -> Vec<f64> {
-    let given = (1..).zip(updates).map(|(node, (weight, weights))| Given {
-        node: NodeId([node; 32]),
-        weight: *weight,
-        weights,
-    });
+    let given = (1..)
+        .zip(updates)
+        .map(|(node, (weight, weights))| WeightedContribution {
+            node: NodeId([node; 32]),
+            weight: *weight,
+            weights,
+        });
     let given: Vec<_> = given.collect();
     let round = adam(&given, base, parameters, steps).unwrap();
     let len = base.0.values.len();
@@ -267,7 +269,7 @@ fn stepped(
         len,
     };
     let mut numbers = vec![0i128; len];
-    let mut rows = Rows::default();
+    let mut rows = BlockBuffer::default();
     round
         .combine(&block, &mut numbers, moments, &mut rows)
         .unwrap();
@@ -318,7 +320,7 @@ fn a_step_is_that_of_adam() {
 /// false ledger names.
 #[test]
 fn the_most_that_is_possible_gives_weights_that_are_possible() {
-    let extreme = Parameters {
+    let extreme = AdamParameters {
         server_rate_billionths: 1_000_000_000,
         beta1_bps: 0,
         beta2_bps: 9999,
@@ -338,14 +340,14 @@ fn the_most_that_is_possible_gives_weights_that_are_possible() {
         (1.0, -1.0),
     ];
     let mut moments = nonsense.map(|(first, second)| Moment { first, second });
-    let slow = Parameters {
+    let slow = AdamParameters {
         beta1_bps: 9999,
         ..extreme
     };
     let found = stepped(&updates(), &base, slow, &mut moments, 0);
     assert!(found.iter().all(|one| one.abs() <= 100_000.0), "{found:?}");
     // A strategy without a correction that could divide by zero: with both betas 0 it goes by the sign alone.
-    let sign = Parameters {
+    let sign = AdamParameters {
         beta2_bps: 0,
         ..extreme
     };
@@ -362,11 +364,11 @@ fn the_most_that_is_possible_gives_weights_that_are_possible() {
 fn other_strategies_keep_no_moments() {
     let setting = setting(&EvalSpec::micro());
     let (format, mut kept) = (&setting.format, Vec::new());
-    let update = InMemory {
+    let update = WeightsInMemory {
         format,
         weights: &setting.updates[0],
     };
-    let given = [Given {
+    let given = [WeightedContribution {
         node: NodeId([1; 32]),
         weight: 1,
         weights: &update,

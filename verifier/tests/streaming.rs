@@ -9,12 +9,12 @@ use zk0_circuits::{Digest, EvalSpec, NodeId, QuantisedWeights};
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_verifier::blob_digest;
 use zk0_verifier::combine::bases::Bases;
-use zk0_verifier::combine::contributions::Given;
+use zk0_verifier::combine::contributions::WeightedContribution;
 use zk0_verifier::combine::error::CombineError;
 use zk0_verifier::combine::sealed::{Sealed, SealedFile};
-use zk0_verifier::combine::source::{InMemory, Source, BLOCK};
+use zk0_verifier::combine::source::{WeightSource, WeightsInMemory, BLOCK};
 use zk0_weights::scale::{exact, narrowed};
-use zk0_weights::{Format, Unread, WeightsError};
+use zk0_weights::{Format, Unread, WeightFileError};
 
 /// An expert with a tensor of several blocks, the last of which is not full.
 fn spec() -> EvalSpec {
@@ -60,12 +60,14 @@ fn setting() -> Setting {
     }
 }
 
-fn given<'a>(weights: impl Iterator<Item = &'a dyn Source>) -> Vec<Given<'a>> {
-    let given = (1..).zip(weights).map(|(node, weights)| Given {
-        node: NodeId([node; 32]),
-        weight: 7 * u64::from(node) + 3,
-        weights,
-    });
+fn given<'a>(weights: impl Iterator<Item = &'a dyn WeightSource>) -> Vec<WeightedContribution<'a>> {
+    let given = (1..)
+        .zip(weights)
+        .map(|(node, weights)| WeightedContribution {
+            node: NodeId([node; 32]),
+            weight: 7 * u64::from(node) + 3,
+            weights,
+        });
     given.collect()
 }
 
@@ -75,9 +77,9 @@ impl Setting {
         let weights = self
             .weights
             .iter()
-            .map(|weights| InMemory { format, weights });
+            .map(|weights| WeightsInMemory { format, weights });
         let weights: Vec<_> = weights.collect();
-        let given = given(weights.iter().map(|one| one as &dyn Source));
+        let given = given(weights.iter().map(|one| one as &dyn WeightSource));
         made::combine(format, &given, strategy, &self.bases, &self.unread)
             .unwrap()
             .into_bytes()
@@ -93,7 +95,7 @@ impl Setting {
         let files =
             pairs.map(|((blob, _), sealed)| SealedFile::new(&self.format, sealed, *blob, read_at));
         let files: Vec<_> = files.collect();
-        let given = given(files.iter().map(|one| one as &dyn Source));
+        let given = given(files.iter().map(|one| one as &dyn WeightSource));
         let file = made::combine(&self.format, &given, strategy, &self.bases, &self.unread)?;
         Ok(file.into_bytes())
     }
@@ -202,7 +204,7 @@ fn fedavg_is_the_plain_sum_of_plain_integers() {
             }
         }
         setting.unread.restore(tensor, &mut sums, divisor);
-        Ok::<_, WeightsError>(narrowed(&sums, divisor, format.limits()[tensor]))
+        Ok::<_, WeightFileError>(narrowed(&sums, divisor, format.limits()[tensor]))
     });
     let expected = format.write(&expected.unwrap());
     assert!(setting.in_memory(Strategy::FedAvg) == expected);

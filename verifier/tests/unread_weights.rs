@@ -11,8 +11,8 @@ use zk0_circuits::{
 };
 use zk0_protocol::{Refusal, Rules};
 use zk0_verifier::combine::bases::Bases;
-use zk0_verifier::combine::contributions::Given;
-use zk0_verifier::combine::source::InMemory;
+use zk0_verifier::combine::contributions::WeightedContribution;
+use zk0_verifier::combine::source::WeightsInMemory;
 use zk0_verifier::{CheckedUpdate, Evaluation, WeightFiles};
 use zk0_weights::Unread;
 
@@ -173,14 +173,14 @@ fn a_result_keeps_the_base_s_numbers() {
     };
     // The two large ones cancel out, and Krum takes the first one.
     let updates: Vec<QuantisedWeights> = vec![grown(1.0, 1.0), grown(1.0, 30.0), grown(-1.0, 30.0)];
-    let updates = updates.iter().map(|weights| InMemory {
+    let updates = updates.iter().map(|weights| WeightsInMemory {
         format: &format,
         weights,
     });
     let updates: Vec<_> = updates.collect();
     let given: Vec<_> = (0..)
         .zip(&updates)
-        .map(|(node, weights)| Given {
+        .map(|(node, weights)| WeightedContribution {
             node: NodeId([node; 32]),
             weight: 7,
             weights,

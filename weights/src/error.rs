@@ -7,7 +7,7 @@ use zk0_tensors::TensorError;
 /// Why a file does not hold expert weights. These texts go on the ledger as reasons of refusals, and auditors compare them: to
 /// change one is to disagree with the ledgers that have it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum WeightsError {
+pub enum WeightFileError {
     /// The file, or an expected tensor in it, cannot be used.
     #[error("{}", quoted(.0))]
     Tensor(#[from] TensorError),

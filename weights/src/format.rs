@@ -4,16 +4,16 @@
 //! [`expert_tensors`], with LeRobot's names and shapes and in that order. The header has no metadata and is the same in all files of
 //! a network. What follows it is the buffer that the evaluation reads ([`QuantisedWeights::as_bytes`], without the padding).
 
-use crate::error::WeightsError;
-use crate::scale::{self, Tensor};
-use crate::stretch::{stretches, Stretch};
+use crate::error::WeightFileError;
+use crate::scale::{self, ScaledTensor};
+use crate::stretch::{stretches, TensorStretch};
 use std::borrow::Cow;
 use zk0_circuits::model::layout::{expert_tensors, Layout, TensorSpec};
 use zk0_circuits::model::linear::bit_limits;
 use zk0_circuits::model::spec::SpecError;
 use zk0_circuits::vm::values::Values;
 use zk0_circuits::{EvalSpec, QuantisedWeights};
-use zk0_tensors::{Dtype, Header, ReadAt, TensorFile};
+use zk0_tensors::{Dtype, ReadAt, TensorFile, TensorHeader};
 
 /// The tensor that holds the fraction bits of the others, in the order of the file.
 pub const SCALES: &str = "fraction_bits";
@@ -30,7 +30,7 @@ pub struct Format {
     /// The least and the most fraction bits of each tensor.
     limits: Vec<(i16, i16)>,
     header: Vec<u8>,
-    unread: Vec<Stretch>,
+    unread: Vec<TensorStretch>,
 }
 
 impl Format {
@@ -45,7 +45,7 @@ impl Format {
         let rest = tensors
             .iter()
             .map(|tensor| (tensor.name.clone(), Dtype::I16, tensor.shape.clone()));
-        let header = Header::new(None, std::iter::once(scales).chain(rest));
+        let header = TensorHeader::new(None, std::iter::once(scales).chain(rest));
         Ok(Self {
             layout: Layout::new(&spec.dims),
             limits: bit_limits(spec, tensors.len()),
@@ -73,7 +73,7 @@ impl Format {
     }
 
     /// Where the weights lie that the evaluation does not read.
-    pub fn unread(&self) -> &[Stretch] {
+    pub fn unread(&self) -> &[TensorStretch] {
         &self.unread
     }
 
@@ -102,7 +102,7 @@ impl Format {
     ///
     /// # Errors
     /// Says what is wrong, and with which tensor.
-    pub fn open<R: ReadAt>(&self, source: R) -> Result<WeightsFile<'_, R>, WeightsError> {
+    pub fn open<R: ReadAt>(&self, source: R) -> Result<WeightsFile<'_, R>, WeightFileError> {
         let file = TensorFile::open(source, MAX_HEADER_BYTES)?;
         if file.header() != self.header {
             return Err(self.difference(&file));
@@ -122,7 +122,7 @@ impl Format {
     ///
     /// # Errors
     /// As [`Self::open`]; or a tensor does not have the one scale that its values have.
-    pub fn read(&self, file: &[u8]) -> Result<QuantisedWeights, WeightsError> {
+    pub fn read(&self, file: &[u8]) -> Result<QuantisedWeights, WeightFileError> {
         self.open(file)?;
         // The header is this format's, and the file has the length that it says.
         let mut buffer = Cow::Borrowed(&file[8 + self.header.len()..]);
@@ -149,7 +149,7 @@ impl Format {
     ///
     /// # Errors
     /// Those of `fill`; or a scale is not one that this format allows.
-    pub fn build<E: From<WeightsError>>(
+    pub fn build<E: From<WeightFileError>>(
         &self,
         fill: impl FnOnce(Vec<&mut [u8]>) -> Result<Vec<i16>, E>,
     ) -> Result<BuiltFile, E> {
@@ -185,13 +185,13 @@ impl Format {
     ///
     /// # Errors
     /// Those of `tensor`; or a scale is not one that this format allows.
-    pub fn assemble<E: From<WeightsError>>(
+    pub fn assemble<E: From<WeightFileError>>(
         &self,
-        mut tensor: impl FnMut(usize) -> Result<Tensor, E>,
+        mut tensor: impl FnMut(usize) -> Result<ScaledTensor, E>,
     ) -> Result<QuantisedWeights, E> {
         let mut buffer = vec![0; Values::byte_len(self.layout.len)];
         for (index, place) in self.layout.tensors.iter().enumerate() {
-            let Tensor { values, bits } = tensor(index)?;
+            let ScaledTensor { values, bits } = tensor(index)?;
             buffer[2 * index..][..2].copy_from_slice(&bits.to_le_bytes());
             let target = buffer[2 * place.start..][..2 * place.len].chunks_exact_mut(2);
             for (target, value) in target.zip(values) {
@@ -199,15 +199,15 @@ impl Format {
             }
         }
         let weights = QuantisedWeights::from_bytes(&self.spec, &buffer);
-        Ok(weights.map_err(WeightsError::from)?)
+        Ok(weights.map_err(WeightFileError::from)?)
     }
 
-    fn check_scale(&self, index: usize, values: &[i16], bits: i16) -> Result<(), WeightsError> {
+    fn check_scale(&self, index: usize, values: &[i16], bits: i16) -> Result<(), WeightFileError> {
         scale::check(&self.tensors[index].name, values, bits, self.limits[index])
     }
 
     /// What is wrong with the header of a file that has another one than this format.
-    fn difference<R: ReadAt>(&self, file: &TensorFile<R>) -> WeightsError {
+    fn difference<R: ReadAt>(&self, file: &TensorFile<R>) -> WeightFileError {
         let (mut expected, count) = (self.tensors.iter(), [self.tensors.len()]);
         let different = expected
             .find_map(|tensor| file.check(&tensor.name, Dtype::I16, &tensor.shape).err())
@@ -217,8 +217,8 @@ impl Format {
         }
         let known = |name: &String| *name == SCALES || self.tensors.iter().any(|t| t.name == *name);
         match file.names().into_iter().find(|name| !known(name)) {
-            Some(name) => WeightsError::Extra(zk0_protocol::quote::short(&name)),
-            None => WeightsError::OtherHeader,
+            Some(name) => WeightFileError::Extra(zk0_protocol::quote::short(&name)),
+            None => WeightFileError::OtherHeader,
         }
     }
 }
@@ -254,7 +254,7 @@ impl BuiltFile {
     ///
     /// # Errors
     /// The specification is another one than that of the format.
-    pub fn weights(&self, spec: &EvalSpec) -> Result<QuantisedWeights, WeightsError> {
+    pub fn weights(&self, spec: &EvalSpec) -> Result<QuantisedWeights, WeightFileError> {
         Ok(QuantisedWeights::from_bytes(spec, self.numbers())?)
     }
 }
@@ -277,10 +277,10 @@ impl<R: ReadAt> WeightsFile<'_, R> {
     ///
     /// # Errors
     /// The file cannot be read, or the tensor does not have the one scale that its values have.
-    pub fn tensor(&self, index: usize) -> Result<Tensor, WeightsError> {
+    pub fn tensor(&self, index: usize) -> Result<ScaledTensor, WeightFileError> {
         let TensorSpec { name, shape } = &self.format.tensors[index];
         let (values, bits) = (self.file.read_i16(name, shape)?, self.scales[index]);
         self.format.check_scale(index, &values, bits)?;
-        Ok(Tensor { values, bits })
+        Ok(ScaledTensor { values, bits })
     }
 }

@@ -17,7 +17,7 @@ pub mod scale;
 pub mod stretch;
 pub mod unread;
 
-pub use error::WeightsError;
+pub use error::WeightFileError;
 pub use format::{BuiltFile, Format, WeightsFile};
-pub use scale::Tensor;
+pub use scale::ScaledTensor;
 pub use unread::{Changed, Unread};

@@ -8,7 +8,7 @@
 //! Exact numbers are counted in units of 2^−24, because no tensor has more fraction bits than that: every weight is then an integer
 //! below 2^39 in magnitude.
 
-use crate::error::WeightsError;
+use crate::error::WeightFileError;
 use crate::rounding::{rounded, Unit, MAX_MAGNITUDE};
 use zk0_circuits::model::layout::MAX_WEIGHT_BITS;
 
@@ -16,7 +16,7 @@ pub use crate::rounding::exact;
 
 /// A tensor with its scale.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Tensor {
+pub struct ScaledTensor {
     /// The values, row-major.
     pub values: Vec<i16>,
     /// Their fraction bits.
@@ -32,16 +32,16 @@ pub fn check(
     values: &[i16],
     bits: i16,
     limits: (i16, i16),
-) -> Result<(), WeightsError> {
+) -> Result<(), WeightFileError> {
     check_limits(name, bits, limits)?;
     if let Some(index) = values.iter().position(|value| *value == i16::MIN) {
         let name = name.into();
-        return Err(WeightsError::TooLarge { name, index });
+        return Err(WeightFileError::TooLarge { name, index });
     }
     let largest = values.iter().map(|value| value.unsigned_abs()).max();
     match largest.unwrap_or(0) {
         largest if bits < limits.1 && 2 * largest <= MAX_MAGNITUDE => {
-            Err(WeightsError::CoarseScale {
+            Err(WeightFileError::CoarseScale {
                 name: name.into(),
                 bits,
                 largest,
@@ -55,10 +55,14 @@ pub fn check(
 ///
 /// # Errors
 /// It is not.
-pub fn check_limits(name: &str, bits: i16, (least, most): (i16, i16)) -> Result<(), WeightsError> {
+pub fn check_limits(
+    name: &str,
+    bits: i16,
+    (least, most): (i16, i16),
+) -> Result<(), WeightFileError> {
     match (least..=most).contains(&bits) {
         true => Ok(()),
-        false => Err(WeightsError::Scale {
+        false => Err(WeightFileError::Scale {
             name: name.into(),
             bits,
             least,
@@ -80,7 +84,7 @@ pub fn rescaled(value: i16, from: i16, to: i16) -> i64 {
 /// keep to them, because a mean is no larger than the largest of its values.
 ///
 /// The numerators must be below 2^126 in magnitude, and the divisor is at least 1 and below 2^100.
-pub fn narrowed(numerators: &[i128], divisor: i128, limits: (i16, i16)) -> Tensor {
+pub fn narrowed(numerators: &[i128], divisor: i128, limits: (i16, i16)) -> ScaledTensor {
     let unit = Unit {
         bits: MAX_WEIGHT_BITS,
         divisor,
@@ -91,7 +95,7 @@ pub fn narrowed(numerators: &[i128], divisor: i128, limits: (i16, i16)) -> Tenso
     let mut bytes = vec![0; 2 * numerators.len()];
     unit.to(bits).write(numerators, largest, &mut bytes);
     let pairs = bytes.as_chunks::<2>().0.iter();
-    Tensor {
+    ScaledTensor {
         values: pairs.map(|pair| i16::from_le_bytes(*pair)).collect(),
         bits,
     }

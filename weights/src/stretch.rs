@@ -6,7 +6,7 @@ use zk0_circuits::EvalSpec;
 
 /// The end of a tensor, which the evaluation does not read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Stretch {
+pub struct TensorStretch {
     /// The tensor's number.
     pub tensor: usize,
     /// The first value that is not read, in row-major order.
@@ -15,7 +15,7 @@ pub struct Stretch {
 
 /// Where the weights lie that the evaluation of a valid specification does not read: what is left of each tensor after the rows that
 /// the linear layers use. It reads the whole of every norm gain.
-pub(crate) fn stretches(spec: &EvalSpec, tensors: &[TensorSpec]) -> Vec<Stretch> {
+pub(crate) fn stretches(spec: &EvalSpec, tensors: &[TensorSpec]) -> Vec<TensorStretch> {
     let linears = linears(spec);
     let outputs = linears
         .iter()
@@ -26,6 +26,6 @@ pub(crate) fn stretches(spec: &EvalSpec, tensors: &[TensorSpec]) -> Vec<Stretch>
         matrix.into_iter().chain(bias)
     });
     read.filter(|(tensor, read)| *read < tensors[*tensor].len())
-        .map(|(tensor, from)| Stretch { tensor, from })
+        .map(|(tensor, from)| TensorStretch { tensor, from })
         .collect()
 }

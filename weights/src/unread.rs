@@ -10,21 +10,21 @@
 //! and the scale fix every value. What a coarser scale rounds away in one update is not lost, because the result takes the base's numbers
 //! and not the update's; only if the result's own scale is coarser than the base's are they rounded, once, to its nearest step.
 
-use crate::error::WeightsError;
+use crate::error::WeightFileError;
 use crate::format::{Format, WeightsFile};
 use crate::scale::{exact, rescaled};
-use crate::stretch::Stretch;
+use crate::stretch::TensorStretch;
 use zk0_circuits::QuantisedWeights;
 use zk0_tensors::ReadAt;
 
 /// What the base weights of a round hold where the evaluation does not read.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Unread(Vec<Kept>);
+pub struct Unread(Vec<UnreadValues>);
 
 /// The values of one stretch.
 #[derive(Clone, Debug, PartialEq, Eq)]
-struct Kept {
-    stretch: Stretch,
+struct UnreadValues {
+    stretch: TensorStretch,
     values: Vec<i16>,
     bits: i16,
 }
@@ -49,10 +49,13 @@ impl Unread {
     ///
     /// # Errors
     /// The file cannot be read.
-    pub fn of<R: ReadAt>(format: &Format, base: &WeightsFile<'_, R>) -> Result<Self, WeightsError> {
+    pub fn of<R: ReadAt>(
+        format: &Format,
+        base: &WeightsFile<'_, R>,
+    ) -> Result<Self, WeightFileError> {
         let kept = format.unread().iter().map(|&stretch| {
             let mut tensor = base.tensor(stretch.tensor)?;
-            Ok::<_, WeightsError>(Kept {
+            Ok::<_, WeightFileError>(UnreadValues {
                 stretch,
                 values: tensor.values.split_off(stretch.from),
                 bits: tensor.bits,
@@ -67,7 +70,7 @@ impl Unread {
     /// The first weight that differs.
     pub fn check(&self, format: &Format, update: &QuantisedWeights) -> Result<(), Changed> {
         for kept in &self.0 {
-            let Stretch { tensor, from } = kept.stretch;
+            let TensorStretch { tensor, from } = kept.stretch;
             let (values, bits) = format.tensor(update, tensor);
             let pairs = values[from..].iter().zip(&kept.values);
             for (index, (&found, &base)) in pairs.enumerate() {

@@ -7,7 +7,7 @@ use std::fmt::Write as _;
 use zk0_circuits::{EvalSpec, QuantisedWeights};
 use zk0_tensors::TensorError;
 use zk0_weights::format::SCALES;
-use zk0_weights::{Format, WeightsError};
+use zk0_weights::{Format, WeightFileError};
 
 const FIRST: &str = "model.action_in_proj.weight";
 const LAST: &str = "model.action_out_proj.bias";
@@ -33,7 +33,7 @@ fn good() -> Vec<u8> {
     format().write(&weights())
 }
 
-fn refused(file: &[u8]) -> WeightsError {
+fn refused(file: &[u8]) -> WeightFileError {
     format().read(file).unwrap_err()
 }
 
@@ -125,7 +125,7 @@ fn bytes_after_the_data_are_refused() {
     let longer = [&good()[..], &[0]].concat();
     let error = refused(&longer);
     assert!(
-        matches!(error, WeightsError::Tensor(TensorError::Length(_))),
+        matches!(error, WeightFileError::Tensor(TensorError::Length(_))),
         "{error}"
     );
 }
@@ -137,13 +137,13 @@ fn a_header_beyond_the_file_or_the_limit_is_refused() {
     let too_large = refused(&bytes);
     assert!(matches!(
         too_large,
-        WeightsError::Tensor(TensorError::HeaderTooLarge { .. })
+        WeightFileError::Tensor(TensorError::HeaderTooLarge { .. })
     ));
     bytes[..8].copy_from_slice(&100_000u64.to_le_bytes());
     let truncated = refused(&bytes);
     assert!(matches!(
         truncated,
-        WeightsError::Tensor(TensorError::HeaderTruncated { .. })
+        WeightFileError::Tensor(TensorError::HeaderTruncated { .. })
     ));
 }
 
@@ -161,7 +161,7 @@ fn missing_and_extra_tensors_are_named() {
         raw.insert(3, (name.into(), Dtype::I16, vec![1], vec![1, 0]));
     }
     for _ in 0..4 {
-        assert_eq!(refused(&file(&raw, "")), WeightsError::Extra("h".into()));
+        assert_eq!(refused(&file(&raw, "")), WeightFileError::Extra("h".into()));
     }
 }
 
@@ -198,10 +198,10 @@ fn wrong_types_and_shapes_are_named() {
 #[test]
 fn another_spelling_of_the_same_file_is_refused() {
     let note = file(&raw(), r#""__metadata__":{"a":"b"}"#);
-    assert_eq!(refused(&note), WeightsError::OtherHeader);
+    assert_eq!(refused(&note), WeightFileError::OtherHeader);
     let mut swapped = raw();
     swapped.swap(2, 4);
-    assert_eq!(refused(&file(&swapped, "")), WeightsError::OtherHeader);
+    assert_eq!(refused(&file(&swapped, "")), WeightFileError::OtherHeader);
     let good = good();
     let longer = (data(&good) as u64).to_le_bytes();
     let spaces = [
@@ -211,7 +211,7 @@ fn another_spelling_of_the_same_file_is_refused() {
         &good[data(&good)..],
     ]
     .concat();
-    assert_eq!(refused(&spaces), WeightsError::OtherHeader);
+    assert_eq!(refused(&spaces), WeightFileError::OtherHeader);
 }
 
 #[test]
@@ -232,7 +232,7 @@ fn another_scale_of_the_same_weights_is_refused_by_name() {
     }
     let error = refused(&coarser);
     assert!(
-        matches!(&error, WeightsError::CoarseScale { name, .. } if name == FIRST),
+        matches!(&error, WeightFileError::CoarseScale { name, .. } if name == FIRST),
         "{error}"
     );
     let opened = format.open(&coarser[..]).unwrap();
@@ -244,7 +244,7 @@ fn another_scale_of_the_same_weights_is_refused_by_name() {
         changed[at..][..2].copy_from_slice(&beyond.to_le_bytes());
         let error = refused(&changed);
         assert!(
-            matches!(&error, WeightsError::Scale { name, bits, .. } if name == FIRST && *bits == beyond),
+            matches!(&error, WeightFileError::Scale { name, bits, .. } if name == FIRST && *bits == beyond),
             "{error}"
         );
         assert_eq!(format.open(&changed[..]).err(), Some(error));
@@ -257,7 +257,7 @@ fn a_value_without_an_opposite_is_refused_by_name() {
     let last = bytes.len() - 2;
     bytes[last..].copy_from_slice(&i16::MIN.to_le_bytes());
     let (name, index) = (LAST.to_owned(), 7);
-    assert_eq!(refused(&bytes), WeightsError::TooLarge { name, index });
+    assert_eq!(refused(&bytes), WeightFileError::TooLarge { name, index });
 }
 
 proptest! {

@@ -5,7 +5,7 @@ use zk0_circuits::model::draw::Draw;
 use zk0_circuits::model::eval::{evaluate, Overflow};
 use zk0_circuits::model::sample::SampleParts;
 use zk0_circuits::{EvalSpec, QuantisedWeights, Sample};
-use zk0_weights::{Format, Tensor, WeightsError};
+use zk0_weights::{Format, ScaledTensor, WeightFileError};
 
 fn sample(spec: &EvalSpec) -> Sample {
     let dims = &spec.dims;
@@ -41,7 +41,7 @@ fn draws(spec: &EvalSpec) -> Vec<Draw> {
         .collect()
 }
 
-fn tensors(format: &Format) -> Vec<Tensor> {
+fn tensors(format: &Format) -> Vec<ScaledTensor> {
     let mut state = 5u32;
     let mut next = move || {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -49,7 +49,7 @@ fn tensors(format: &Format) -> Vec<Tensor> {
     };
     let tensors = format.tensors().iter().zip(format.limits());
     tensors
-        .map(|(tensor, limits)| Tensor {
+        .map(|(tensor, limits)| ScaledTensor {
             values: (0..tensor.len()).map(|_| next() as i16).collect(),
             bits: 15.clamp(limits.0, limits.1),
         })
@@ -76,9 +76,9 @@ fn exactly_the_listed_weights_change_nothing() {
         .all(|(name, _)| name.contains("action_out_proj")));
 
     let (sample, draws) = (sample(&spec), draws(&spec));
-    let loss = |tensors: &[Tensor]| {
+    let loss = |tensors: &[ScaledTensor]| {
         let weights: QuantisedWeights = format
-            .assemble(|index| Ok::<_, WeightsError>(tensors[index].clone()))
+            .assemble(|index| Ok::<_, WeightFileError>(tensors[index].clone()))
             .unwrap();
         let losses = draws
             .iter()

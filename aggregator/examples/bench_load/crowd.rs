@@ -10,7 +10,7 @@ use tokio::net::{TcpSocket, TcpStream};
 use tokio::task::JoinSet;
 use tokio::time::{interval, sleep};
 use zk0_aggregator::{Config, Limits};
-use zk0_testkit::aggregator::{weights, Network, Node};
+use zk0_testkit::aggregator::{weights, Network, SigningNode};
 
 const NODES: u16 = 200;
 const IDLE: u32 = 2000;
@@ -43,9 +43,9 @@ fn median(mut values: Vec<f64>) -> f64 {
 /// How long honest nodes take to register, upload and commit.
 async fn honest_seconds(crowded: bool) -> f64 {
     let nodes: Vec<_> = (1..=NODES)
-        .map(|seed| Arc::new(Node::numbered(seed)))
+        .map(|seed| Arc::new(SigningNode::numbered(seed)))
         .collect();
-    let of: Vec<&Node> = nodes.iter().map(|node| &**node).collect();
+    let of: Vec<&SigningNode> = nodes.iter().map(|node| &**node).collect();
     let config = Config {
         rounds: Some(1),
         min_nodes: NODES.into(),

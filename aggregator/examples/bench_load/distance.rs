@@ -13,7 +13,7 @@ use zk0_aggregator::{Config, Limits};
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
 use zk0_protocol::rpc::federation::DownloadRequest;
-use zk0_testkit::aggregator::{genesis, Network, Node};
+use zk0_testkit::aggregator::{genesis, Network, SigningNode};
 
 /// Bits a second, in either direction.
 const LINE: f64 = 100e6;
@@ -36,7 +36,7 @@ pub async fn measure(megabytes: u64) {
         min_nodes: 1,
     };
     for round_trip in ROUND_TRIPS {
-        let node = Node::numbered(1);
+        let node = SigningNode::numbered(1);
         let limits = Limits::default();
         let mut network =
             Network::start_as(&[&node], config, limits, genesis.clone(), None, None).await;

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::Semaphore;
 use tokio::task::JoinSet;
 use tonic::{Code, Status};
-use zk0_testkit::aggregator::{Network, Node};
+use zk0_testkit::aggregator::{Network, SigningNode};
 
 /// How many nodes have a request in progress. Each holds its message, and they are in the aggregator's process.
 const AT_ONCE: usize = 256;
@@ -25,8 +25,8 @@ pub struct Answers<T> {
 /// Lets all nodes ask. A node that is told to ask later, or whose connection is lost, asks again, as `zk0 node` would.
 pub async fn all_ask<T, F>(
     network: &Arc<Network>,
-    nodes: &[Arc<Node>],
-    ask: impl Fn(usize, Arc<Network>, Arc<Node>) -> F + Clone + Send + 'static,
+    nodes: &[Arc<SigningNode>],
+    ask: impl Fn(usize, Arc<Network>, Arc<SigningNode>) -> F + Clone + Send + 'static,
 ) -> Answers<T>
 where
     T: Send + 'static,

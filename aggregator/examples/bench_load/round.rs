@@ -13,7 +13,7 @@ use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::Refusal;
 use zk0_testkit::aggregator::real_proof::real_proof;
-use zk0_testkit::aggregator::{genesis, weights, Network, Node};
+use zk0_testkit::aggregator::{genesis, weights, Network, SigningNode};
 use zk0_verifier::releases::check_proof_of;
 
 /// How many proofs are verified for the peer's figure.
@@ -23,7 +23,7 @@ pub async fn measure(count: u16) {
     let (program, proof) = real_proof();
     let proof = Arc::new(proof);
     let nodes: Vec<_> = (1..=count)
-        .map(|seed| Arc::new(Node::numbered(seed)))
+        .map(|seed| Arc::new(SigningNode::numbered(seed)))
         .collect();
     let mut genesis = Genesis {
         program: program.key.clone(),
@@ -37,7 +37,7 @@ pub async fn measure(count: u16) {
     };
     eprintln!("enrols {count} nodes …");
     let started = Instant::now();
-    let of: Vec<&Node> = nodes.iter().map(|node| &**node).collect();
+    let of: Vec<&SigningNode> = nodes.iter().map(|node| &**node).collect();
     let network = Network::start_as(&of, config, Limits::default(), genesis, None, None).await;
     let network = Arc::new(network);
     eprintln!("{:.1} s", started.elapsed().as_secs_f64());
@@ -110,7 +110,7 @@ fn said(bench: &str, seconds: &f64, repeated: usize) {
 }
 
 /// The claim that the ledger expects of each node.
-async fn claims(network: &Network, nodes: &[Arc<Node>]) -> Vec<Claim> {
+async fn claims(network: &Network, nodes: &[Arc<SigningNode>]) -> Vec<Claim> {
     let ids: Vec<_> = nodes.iter().map(|node| node.id()).collect();
     let expected = move |aggregator: &mut zk0_aggregator::Aggregator| {
         let state = aggregator.state();

@@ -11,7 +11,7 @@ use zk0_circuits::Digest;
 use zk0_protocol::entries::signed::{Signed, UploadRequest};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
-use zk0_testkit::aggregator::{genesis, Network, Node};
+use zk0_testkit::aggregator::{genesis, Network, SigningNode};
 
 /// What a node sends at once, as `zk0 node` does.
 const CHUNK: usize = 16 << 10;
@@ -20,9 +20,9 @@ pub async fn measure(count: u16, megabytes: u64) {
     let mut genesis = genesis();
     genesis.rules.max_update_bytes = megabytes * 1_000_000;
     let nodes: Vec<_> = (1..=count)
-        .map(|seed| Arc::new(Node::numbered(seed)))
+        .map(|seed| Arc::new(SigningNode::numbered(seed)))
         .collect();
-    let of: Vec<&Node> = nodes.iter().map(|node| &**node).collect();
+    let of: Vec<&SigningNode> = nodes.iter().map(|node| &**node).collect();
     let config = Config {
         rounds: Some(1),
         min_nodes: count.into(),
@@ -76,7 +76,7 @@ impl Update {
         }
     }
 
-    pub async fn upload(&self, network: &Network, node: &Node) -> Result<(), Status> {
+    pub async fn upload(&self, network: &Network, node: &SigningNode) -> Result<(), Status> {
         let request = UploadRequest {
             network: network.genesis.network_id(),
             round: 0,

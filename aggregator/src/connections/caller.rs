@@ -1,6 +1,6 @@
 //! The connection that a request came on, as the request sees it.
 
-use crate::connections::places::{Places, Seat};
+use crate::connections::places::{ConnectionSlots, Seat};
 use std::sync::Arc;
 use tokio::sync::{watch, Semaphore};
 use zk0_circuits::NodeId;
@@ -9,7 +9,7 @@ use zk0_circuits::NodeId;
 #[derive(Clone)]
 pub(crate) struct Caller {
     number: u64,
-    places: Arc<Places>,
+    places: Arc<ConnectionSlots>,
     /// For the requests of this connection that are in progress.
     pub(super) turns: Arc<Semaphore>,
     /// For the large messages of strangers at this address.

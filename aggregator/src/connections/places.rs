@@ -35,7 +35,7 @@ pub(crate) struct Counts {
 }
 
 /// The places of one server.
-pub(crate) struct Places {
+pub(crate) struct ConnectionSlots {
     limits: ConnectionLimits,
     held: Mutex<Held>,
 }
@@ -43,13 +43,13 @@ pub(crate) struct Places {
 #[derive(Default)]
 struct Held {
     next: u64,
-    places: BTreeMap<u64, Place>,
+    places: BTreeMap<u64, TrackedConnection>,
     /// For the large messages of each node. It is here as long as somebody waits for it, or has it.
     turns: BTreeMap<NodeId, Weak<Semaphore>>,
 }
 
 /// What is known of a connection.
-struct Place {
+struct TrackedConnection {
     /// The address that counts: an IPv6 network stands for all its addresses.
     from: IpAddr,
     /// Whose place it is, if a node keeps it.
@@ -66,12 +66,12 @@ struct Place {
 /// A connection's place, until it is dropped.
 pub(crate) struct Seat {
     pub(super) number: u64,
-    pub(super) places: Arc<Places>,
+    pub(super) places: Arc<ConnectionSlots>,
     pub(super) large: Arc<Semaphore>,
     evicted: Arc<Notify>,
 }
 
-impl Places {
+impl ConnectionSlots {
     pub fn new(limits: ConnectionLimits) -> Arc<Self> {
         Arc::new(Self {
             limits,
@@ -102,7 +102,7 @@ impl Places {
             Some(place) if place.node.is_none() && full => return false,
             Some(_) => {}
         }
-        let own = |place: &Place| place.node == Some(node);
+        let own = |place: &TrackedConnection| place.node == Some(node);
         if held.places.values().filter(|place| own(place)).count() >= PLACES_PER_NODE {
             if let Some(idle) = held.idlest(own) {
                 held.places
@@ -153,7 +153,7 @@ impl Places {
         });
     }
 
-    fn change(&self, number: u64, change: impl FnOnce(&mut Place)) {
+    fn change(&self, number: u64, change: impl FnOnce(&mut TrackedConnection)) {
         if let Some(place) = self.held().places.get_mut(&number) {
             change(place);
             place.active = Instant::now();
@@ -204,7 +204,7 @@ impl Held {
         });
         let (number, evicted) = (self.next, Arc::new(Notify::new()));
         self.next += 1;
-        let place = Place {
+        let place = TrackedConnection {
             from,
             node: None,
             requests: 0,
@@ -218,14 +218,19 @@ impl Held {
     }
 
     /// Of these connections, the one that has been idle longest.
-    fn idlest(&self, among: impl Fn(&Place) -> bool) -> Option<u64> {
+    fn idlest(&self, among: impl Fn(&TrackedConnection) -> bool) -> Option<u64> {
         let places = self.places.iter().filter(|(_, place)| among(place));
         let idlest = places.min_by_key(|(_, place)| (place.requests > 0, place.active));
         idlest.map(|(number, _)| *number)
     }
 
     /// Takes the place of a stranger among these connections, for one that comes from `newcomer`. Returns whether there was one.
-    fn evict(&mut self, newcomer: IpAddr, now: Instant, among: impl Fn(&Place) -> bool) -> bool {
+    fn evict(
+        &mut self,
+        newcomer: IpAddr,
+        now: Instant,
+        among: impl Fn(&TrackedConnection) -> bool,
+    ) -> bool {
         let places = self.places.iter();
         let places = places.filter(|(_, place)| place.node.is_none() && among(place));
         let strangers = places.map(|(number, place)| Stranger {
@@ -295,8 +300,8 @@ mod tests {
 
     const NODE: NodeId = NodeId([1; 32]);
 
-    fn places(most: usize, per_address: usize) -> Arc<Places> {
-        Places::new(ConnectionLimits {
+    fn places(most: usize, per_address: usize) -> Arc<ConnectionSlots> {
+        ConnectionSlots::new(ConnectionLimits {
             most,
             per_address,
             ..ConnectionLimits::default()
@@ -308,7 +313,7 @@ mod tests {
     }
 
     /// Takes a place a little later than whatever came before.
-    async fn enter(places: &Arc<Places>, address: u8) -> Seat {
+    async fn enter(places: &Arc<ConnectionSlots>, address: u8) -> Seat {
         sleep(Duration::from_millis(2)).await;
         places.enter(from(address)).unwrap()
     }

@@ -57,7 +57,7 @@ impl Requests {
         let (Ok(own), Ok(shared)) = turns else {
             return Status::unavailable("the aggregator ends").into_http();
         };
-        let turn = Turn {
+        let turn = RequestPermit {
             _progress: caller.begin(),
             _permits: [own, shared],
         };
@@ -89,7 +89,7 @@ impl Requests {
 }
 
 /// A request's turn, until it is dropped.
-struct Turn {
+struct RequestPermit {
     _progress: InProgress,
     _permits: [OwnedSemaphorePermit; 2],
 }
@@ -97,7 +97,7 @@ struct Turn {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::connections::places::Places;
+    use crate::connections::places::ConnectionSlots;
     use axum::middleware::from_fn;
     use axum::Router;
     use hyper::service::Service;
@@ -124,7 +124,7 @@ mod tests {
         let layer = from_fn(move |request, next| requests.clone().answer(request, next));
         let router = Router::new().fallback(work).layer(layer);
         let service = TowerToHyperService::new(router);
-        let seat = Places::new(limits).enter(Ipv4Addr::LOCALHOST.into());
+        let seat = ConnectionSlots::new(limits).enter(Ipv4Addr::LOCALHOST.into());
         let caller = Caller::new(&seat.unwrap(), 4);
         for _ in 0..40 {
             let mut request = Request::new(Body::empty());

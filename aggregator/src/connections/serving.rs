@@ -3,10 +3,10 @@
 
 use crate::connections::caller::Caller;
 use crate::connections::limits::ConnectionLimits;
-use crate::connections::places::{NoPlace, Places, Seat};
+use crate::connections::places::{ConnectionSlots, NoPlace, Seat};
 use crate::connections::stream::CountedStream;
 use crate::connections::windows::Windows;
-use crate::observe::connections::{ConnectionMetrics, Lost};
+use crate::observe::connections::{ConnectionLoss, ConnectionMetrics};
 use axum::body::Body;
 use axum::Router;
 use hyper::body::Incoming;
@@ -56,7 +56,7 @@ pub(crate) struct Serving {
 impl Serving {
     /// Serves on `listener` until `stop` is ready, and then until the open requests are answered, but no longer than the limits say.
     pub async fn serve(self, listener: TcpListener, stop: impl Future<Output = ()>) {
-        let (drain, places) = (self.limits.drain, Places::new(self.limits));
+        let (drain, places) = (self.limits.drain, ConnectionSlots::new(self.limits));
         self.metrics.watch(&places);
         let (stopping, stopped) = watch::channel(false);
         let (serving, mut connections) = (Arc::new(self), JoinSet::new());
@@ -76,15 +76,15 @@ impl Serving {
                     }
                     Err(why) => {
                         serving.metrics.lost(match why {
-                            NoPlace::OfAddress { .. } => Lost::OfAddress,
-                            NoPlace::AtAll { .. } => Lost::AtAll,
+                            NoPlace::OfAddress { .. } => ConnectionLoss::OfAddress,
+                            NoPlace::AtAll { .. } => ConnectionLoss::AtAll,
                         });
                         why.to_string()
                     }
                 },
                 Err(error) => {
                     // Most likely the process has no file descriptor left. Connections that end give some back.
-                    serving.metrics.lost(Lost::OpenFiles);
+                    serving.metrics.lost(ConnectionLoss::OpenFiles);
                     sleep(Duration::from_millis(100)).await;
                     error.to_string()
                 }
@@ -112,7 +112,7 @@ impl Serving {
         stopped: watch::Receiver<bool>,
     ) {
         tokio::select! {
-            () = seat.evicted() => self.metrics.lost(Lost::MadeRoom),
+            () = seat.evicted() => self.metrics.lost(ConnectionLoss::MadeRoom),
             () = self.connection(stream, &seat, stopped) => {}
         }
     }
@@ -128,10 +128,10 @@ impl Serving {
                     Ok(Ok(encrypted)) => CountedStream::new(Box::new(encrypted)),
                     // It is no event when a client goes away, takes too long, or does not speak TLS.
                     Ok(Err(error)) => {
-                        self.metrics.lost(Lost::Handshake);
+                        self.metrics.lost(ConnectionLoss::Handshake);
                         return tracing::debug!("a TLS handshake failed: {error}");
                     }
-                    Err(_) => return self.metrics.lost(Lost::Handshake),
+                    Err(_) => return self.metrics.lost(ConnectionLoss::Handshake),
                 },
                 () = told(&mut stopped) => return,
             },

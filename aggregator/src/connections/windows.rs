@@ -26,7 +26,7 @@ pub(crate) struct Windows {
 
 /// The window of a connection. When it is dropped, others can have its memory.
 #[derive(Debug)]
-pub(crate) struct Window {
+pub(crate) struct ConnectionWindow {
     /// In bytes.
     pub bytes: u32,
     of: Windows,
@@ -40,18 +40,18 @@ impl Windows {
     }
 
     /// The window of a new connection.
-    pub fn take(&self) -> Window {
+    pub fn take(&self) -> ConnectionWindow {
         let mut left = self.left.lock().unwrap_or_else(|e| e.into_inner());
         let more = (*left / PARTS).min(u64::from(MOST - LEAST));
         *left -= more;
-        Window {
+        ConnectionWindow {
             bytes: LEAST + more as u32,
             of: self.clone(),
         }
     }
 }
 
-impl Drop for Window {
+impl Drop for ConnectionWindow {
     fn drop(&mut self) {
         let mut left = self.of.left.lock().unwrap_or_else(|e| e.into_inner());
         *left += u64::from(self.bytes - LEAST);

@@ -6,7 +6,7 @@ use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::registry::Registry;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
-use zk0_ledger::blobs::usage::{Amount, Operation};
+use zk0_ledger::blobs::usage::{Amount, StoreOperation};
 use zk0_ledger::blobs::Blobs;
 
 type Labels<const COUNT: usize> = [(&'static str, &'static str); COUNT];
@@ -87,7 +87,7 @@ impl BlobMetrics {
         held("stored", stored);
         let failing = usage.failing().map_or(0, |since| since.as_secs());
         self.failing.set(whole(failing));
-        for operation in Operation::ALL {
+        for operation in StoreOperation::ALL {
             let (name, count) = (operation.name(), usage.of(operation));
             let ended = |how: &'static str, number: u64| {
                 let labels = [("operation", name), ("ended", how)];
@@ -101,7 +101,7 @@ impl BlobMetrics {
             let seconds = Duration::as_secs_f64(&count.time).to_bits();
             let time = self.seconds.get_or_create(&label);
             time.inner().store(seconds, Ordering::Relaxed);
-            if matches!(operation, Operation::Put | Operation::Get) {
+            if matches!(operation, StoreOperation::Put | StoreOperation::Get) {
                 let moved = self.moved.get_or_create(&label);
                 moved.inner().store(count.bytes, Ordering::Relaxed);
             }

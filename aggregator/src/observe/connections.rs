@@ -1,6 +1,6 @@
 //! Connections of a server, counted.
 
-use crate::connections::places::{Counts, Places};
+use crate::connections::places::{ConnectionSlots, Counts};
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::registry::Registry;
@@ -8,7 +8,7 @@ use std::sync::{Arc, OnceLock, Weak};
 
 /// Why a connection got no place, or lost it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Lost {
+pub(crate) enum ConnectionLoss {
     /// All places are taken, and nodes hold them.
     AtAll,
     /// Nodes hold all places of the address.
@@ -21,7 +21,7 @@ pub(crate) enum Lost {
     MadeRoom,
 }
 
-impl Lost {
+impl ConnectionLoss {
     fn label(self) -> &'static str {
         match self {
             Self::AtAll => "max-connections",
@@ -36,7 +36,7 @@ impl Lost {
 /// The connections of one server.
 #[derive(Clone, Default)]
 pub(crate) struct ConnectionMetrics {
-    places: Arc<OnceLock<Weak<Places>>>,
+    places: Arc<OnceLock<Weak<ConnectionSlots>>>,
     lost: Family<[(&'static str, &'static str); 1], Counter>,
 }
 
@@ -52,13 +52,13 @@ impl ConnectionMetrics {
     }
 
     /// From now on, these are the places that are counted.
-    pub fn watch(&self, places: &Arc<Places>) {
+    pub fn watch(&self, places: &Arc<ConnectionSlots>) {
         // A server has its places once.
         let _ = self.places.set(Arc::downgrade(places));
     }
 
     /// A connection is lost.
-    pub fn lost(&self, why: Lost) {
+    pub fn lost(&self, why: ConnectionLoss) {
         self.lost.get_or_create(&[("limit", why.label())]).inc();
     }
 

@@ -118,10 +118,10 @@ pub(crate) struct Verification {
 }
 
 /// Something waits for its verification, until this is dropped.
-pub(crate) struct Waiting(Verification);
+pub(crate) struct WaitingVerification(Verification);
 
 /// Something is being verified, until this is dropped.
-pub(crate) struct Running(Verification, Instant);
+pub(crate) struct RunningVerification(Verification, Instant);
 
 impl Verification {
     fn registered(registry: &mut Registry) -> Self {
@@ -149,9 +149,9 @@ impl Verification {
         metrics
     }
 
-    pub fn wait(&self) -> Waiting {
+    pub fn wait(&self) -> WaitingVerification {
         self.waiting.inc();
-        Waiting(self.clone())
+        WaitingVerification(self.clone())
     }
 
     /// How many wait, and how many run.
@@ -167,20 +167,20 @@ impl Verification {
     }
 }
 
-impl Waiting {
-    pub fn begins(self) -> Running {
+impl WaitingVerification {
+    pub fn begins(self) -> RunningVerification {
         self.0.running.inc();
-        Running(self.0.clone(), Instant::now())
+        RunningVerification(self.0.clone(), Instant::now())
     }
 }
 
-impl Drop for Waiting {
+impl Drop for WaitingVerification {
     fn drop(&mut self) {
         self.0.waiting.dec();
     }
 }
 
-impl Drop for Running {
+impl Drop for RunningVerification {
     fn drop(&mut self) {
         let Self(metrics, begun) = self;
         let took = begun.elapsed();

@@ -75,13 +75,13 @@ fn said(errors: &[(String, ServerError)]) -> String {
 }
 
 #[derive(Deserialize)]
-struct Beacon {
+struct DrandBeacon {
     round: u64,
     signature: String,
 }
 
 #[derive(Deserialize)]
-struct Info {
+struct ChainInfo {
     public_key: String,
 }
 
@@ -141,7 +141,7 @@ impl BeaconServers {
             }
             status => return Err(ServerError::Status(status)),
         }
-        let beacon: Beacon = read(&body)?;
+        let beacon: DrandBeacon = read(&body)?;
         if beacon.round != round {
             return Err(ServerError::OtherRound {
                 found: beacon.round,
@@ -170,7 +170,7 @@ impl BeaconServers {
             status => return Err(ServerError::Status(status)),
         }
         let (found, expected) = (
-            read::<Info>(&body)?.public_key,
+            read::<ChainInfo>(&body)?.public_key,
             hex::encode(chain.public_key),
         );
         match found == expected {

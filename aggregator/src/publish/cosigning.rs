@@ -13,7 +13,7 @@ use zk0_protocol::quote::short;
 use zk0_protocol::tlog::checkpoint::{CheckpointError, Parsed};
 use zk0_protocol::tlog::cosigner;
 use zk0_protocol::tlog::witness::AddCheckpoint;
-use zk0_protocol::tlog::witness_policy::{Witness, WitnessPolicy};
+use zk0_protocol::tlog::witness_policy::{PolicyWitness, WitnessPolicy};
 use zk0_tls::authorities::{Authorities, AuthoritiesError};
 use zk0_traces::carried::{self, TRACEPARENT};
 
@@ -24,12 +24,12 @@ const MAX_ANSWER_BYTES: u64 = 16 << 10;
 const ATTEMPTS: usize = 3;
 
 /// Makes the consistency proof from one size to another.
-pub type Prove = Arc<dyn Fn(u64, u64) -> Result<Vec<Digest>, String> + Send + Sync>;
+pub type ConsistencyProver = Arc<dyn Fn(u64, u64) -> Result<Vec<Digest>, String> + Send + Sync>;
 
 /// The witnesses of a policy, and what the log knows of each.
 pub struct Witnesses {
     policy: WitnessPolicy,
-    clients: Vec<Arc<Client>>,
+    clients: Vec<Arc<CosigningClient>>,
     deadline: Duration,
 }
 
@@ -69,8 +69,8 @@ pub struct Cosigned {
     pub cosignatures: Vec<Cosignature>,
 }
 
-struct Client {
-    witness: Witness,
+struct CosigningClient {
+    witness: PolicyWitness,
     url: String,
     client: HttpClient,
     /// The size of the last checkpoint that the witness has cosigned, as far as we know.
@@ -108,7 +108,7 @@ impl Witnesses {
                         file: file.display().to_string(),
                     });
                 }
-                Ok(Arc::new(Client {
+                Ok(Arc::new(CosigningClient {
                     witness: witness.clone(),
                     url: format!("{}/add-checkpoint", url.trim_end_matches('/')),
                     client: http.clone(),
@@ -135,13 +135,21 @@ impl Witnesses {
     }
 
     /// Asks for cosignatures of a checkpoint that the log has signed, until the quorum is met.
-    pub fn cosign(&self, checkpoint: &[u8], prove: &Prove) -> Result<Cosigned, CosigningError> {
+    pub fn cosign(
+        &self,
+        checkpoint: &[u8],
+        prove: &ConsistencyProver,
+    ) -> Result<Cosigned, CosigningError> {
         let quorum = |cosigned: &[bool]| self.policy.met_by(cosigned);
         self.collect(checkpoint, prove, quorum, self.policy.to_string())
     }
 
     /// Asks for the cosignatures of all witnesses.
-    pub fn cosign_all(&self, checkpoint: &[u8], prove: &Prove) -> Result<Cosigned, CosigningError> {
+    pub fn cosign_all(
+        &self,
+        checkpoint: &[u8],
+        prove: &ConsistencyProver,
+    ) -> Result<Cosigned, CosigningError> {
         let all = |cosigned: &[bool]| cosigned.iter().all(|cosigned| *cosigned);
         let names = self.policy.witnesses().iter();
         let names: Vec<_> = names.map(|witness| witness.name.clone()).collect();
@@ -153,7 +161,7 @@ impl Witnesses {
     fn collect(
         &self,
         checkpoint: &[u8],
-        prove: &Prove,
+        prove: &ConsistencyProver,
         enough: impl Fn(&[bool]) -> bool,
         wanted: String,
     ) -> Result<Cosigned, CosigningError> {
@@ -203,13 +211,13 @@ impl Witnesses {
     }
 }
 
-impl Client {
+impl CosigningClient {
     /// Asks for a cosignature. Returns its line in the note and the cosignature itself, or what went wrong.
     fn ask(
         &self,
         checkpoint: &[u8],
         size: u64,
-        prove: &Prove,
+        prove: &ConsistencyProver,
     ) -> Result<(Vec<u8>, Cosignature), String> {
         let note = Parsed::read(checkpoint)
             .map_err(|error| error.to_string())?

@@ -1,7 +1,7 @@
 //! The answer to a request for a file, or for its rest (RFC 9110, section 14). A reader whose connection broke asks for what is missing.
 
-use crate::file_parts::{file_parts, Pace};
-use crate::publish::http::{answer, text, Limits, IMMUTABLE};
+use crate::file_parts::{file_parts, ReadingPace};
+use crate::publish::http::{answer, text, HttpLimits, IMMUTABLE};
 use axum::body::Body;
 use axum::http::header::{ACCEPT_RANGES, CONTENT_LENGTH, CONTENT_RANGE, IF_RANGE, RANGE};
 use axum::http::{HeaderMap, Method, StatusCode};
@@ -29,7 +29,7 @@ pub(super) async fn file_answer(
     length: u64,
     begins: Option<u64>,
     kind: &'static str,
-    limits: &Limits,
+    limits: &HttpLimits,
 ) -> io::Result<Response> {
     let first = begins.unwrap_or(0);
     if begins.is_some_and(|first| first >= length) {
@@ -39,7 +39,7 @@ pub(super) async fn file_answer(
     }
     file.seek(SeekFrom::Start(first)).await?;
     let left = length - first;
-    let pace = Pace::of_bytes(left, limits.silence, limits.lifetime);
+    let pace = ReadingPace::of_bytes(left, limits.silence, limits.lifetime);
     // Each connection has one request at a time, so the connections bound the files that are being sent.
     let parts = Body::from_stream(file_parts(file.take(left), pace, ()));
     let about = [

@@ -2,10 +2,10 @@
 //!
 //! | what | limit |
 //! |---|---|
-//! | connections at once, in all and from one address | [`Limits::connections`]; one request at a time on each |
-//! | the head of a request | 16 KiB, within [`Limits::silence`] |
-//! | its body | [`Limits::body`] bytes, within [`Limits::silence`] |
-//! | how long a connection takes requests | [`Limits::lifetime`]; the answer in progress may end, in a time that depends on its size |
+//! | connections at once, in all and from one address | [`HttpLimits::connections`]; one request at a time on each |
+//! | the head of a request | 16 KiB, within [`HttpLimits::silence`] |
+//! | its body | [`HttpLimits::body`] bytes, within [`HttpLimits::silence`] |
+//! | how long a connection takes requests | [`HttpLimits::lifetime`]; the answer in progress may end, in a time that depends on its size |
 //!
 //! [`serve`] does not encrypt. [`serve_with`] does so if it has a certificate.
 
@@ -35,7 +35,7 @@ pub use axum::Router;
 
 /// What a server puts up with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Limits {
+pub struct HttpLimits {
     /// Connections at once, and how long they may be silent.
     pub connections: ConnectionLimits,
     /// How long a client may take to send a request, or to take the next part of a file.
@@ -49,7 +49,7 @@ pub struct Limits {
 /// As many connections as a server of files has, if nothing else is said.
 const MOST_CONNECTIONS: usize = 256;
 
-impl Default for Limits {
+impl Default for HttpLimits {
     fn default() -> Self {
         Self {
             connections: ConnectionLimits {
@@ -93,7 +93,7 @@ pub(crate) fn text(status: u16, text: impl Into<String>) -> Response {
 pub fn serve<'a>(
     listener: TcpListener,
     router: Router,
-    limits: Limits,
+    limits: HttpLimits,
     stop: impl Future<Output = ()> + Send + 'a,
 ) -> BoxFuture<'a, ()> {
     serve_with(listener, router, limits, None, stop)
@@ -103,7 +103,7 @@ pub fn serve<'a>(
 pub fn serve_with<'a>(
     listener: TcpListener,
     router: Router,
-    limits: Limits,
+    limits: HttpLimits,
     certificate: Option<&'a Arc<ServerCertificate>>,
     stop: impl Future<Output = ()> + Send + 'a,
 ) -> BoxFuture<'a, ()> {
@@ -113,7 +113,7 @@ pub fn serve_with<'a>(
 fn serve_until<'a>(
     listener: TcpListener,
     router: Router,
-    limits: Limits,
+    limits: HttpLimits,
     certificate: Option<&'a Arc<ServerCertificate>>,
     stop: BoxFuture<'a, ()>,
 ) -> BoxFuture<'a, ()> {
@@ -123,7 +123,7 @@ fn serve_until<'a>(
 async fn served(
     listener: TcpListener,
     router: Router,
-    limits: Limits,
+    limits: HttpLimits,
     certificate: Option<&Arc<ServerCertificate>>,
     stop: BoxFuture<'_, ()>,
 ) {
@@ -151,7 +151,7 @@ async fn served(
 }
 
 /// Hands a request on once its body is here.
-async fn with_whole_body(request: Request, next: Next, limits: Limits) -> Response {
+async fn with_whole_body(request: Request, next: Next, limits: HttpLimits) -> Response {
     let (head, body) = request.into_parts();
     let progress = head.extensions.get().map(Caller::begin);
     let response = match timeout(limits.silence, to_bytes(body, limits.body)).await {

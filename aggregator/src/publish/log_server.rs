@@ -1,9 +1,9 @@
 //! Serves a ledger's folder as a tiled log (C2SP tlog-tiles), read-only. It can run beside the aggregator that writes the ledger,
 //! or without one.
 
-use crate::line::Line;
+use crate::line::WorkQueue;
 use crate::publish::file_answer::{begins, file_answer};
-use crate::publish::http::{answer, text, Limits, Router, IMMUTABLE, NO_CACHE, TEXT};
+use crate::publish::http::{answer, text, HttpLimits, Router, IMMUTABLE, NO_CACHE, TEXT};
 use axum::extract::State;
 use axum::http::header::RETRY_AFTER;
 use axum::http::{HeaderMap, Method, Uri};
@@ -36,7 +36,7 @@ pub struct LogServer {
     dir: PathBuf,
     blobs: Blobs,
     /// Places for requests that wait for the store of the blobs.
-    reading: Line,
+    reading: WorkQueue,
     /// How many bytes of blobs the folder may hold; `None` for no limit.
     cache_bytes: Option<u64>,
     held: Mutex<Option<Arc<Publication>>>,
@@ -48,7 +48,7 @@ impl LogServer {
         Self {
             dir: dir.into(),
             blobs: Blobs::at(dir),
-            reading: Line::new(READING, WAITING),
+            reading: WorkQueue::new(READING, WAITING),
             cache_bytes: None,
             held: Mutex::new(None),
         }
@@ -69,7 +69,7 @@ impl LogServer {
     }
 
     /// The log's routes.
-    pub fn router(self, limits: Limits) -> Router {
+    pub fn router(self, limits: HttpLimits) -> Router {
         Router::new()
             .fallback(get(read).fallback(|| async { text(405, "a log can only be read\n") }))
             .with_state((Arc::new(self), limits))
@@ -128,7 +128,7 @@ impl LogServer {
 }
 
 async fn read(
-    State((server, limits)): State<(Arc<LogServer>, Limits)>,
+    State((server, limits)): State<(Arc<LogServer>, HttpLimits)>,
     method: Method,
     headers: HeaderMap,
     address: Uri,

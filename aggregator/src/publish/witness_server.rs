@@ -1,6 +1,6 @@
 //! A witness on the network: C2SP tlog-witness' `add-checkpoint`, and the last checkpoint of each log that it cosigned.
 
-use crate::publish::http::{answer, text, Limits, Router, NO_CACHE, TEXT};
+use crate::publish::http::{answer, text, HttpLimits, Router, NO_CACHE, TEXT};
 use crate::round::clock::Clock;
 use axum::body::Bytes;
 use axum::extract::{Path, State};
@@ -39,10 +39,10 @@ impl WitnessServer {
     }
 
     /// The limits of such a server.
-    pub fn limits() -> Limits {
-        Limits {
+    pub fn limits() -> HttpLimits {
+        HttpLimits {
             body: MAX_REQUEST_BYTES,
-            ..Limits::default()
+            ..HttpLimits::default()
         }
     }
 

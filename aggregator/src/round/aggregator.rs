@@ -49,7 +49,7 @@ pub struct Config {
 
 /// What [`Aggregator::step`] has done.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Progress {
+pub enum StepOutcome {
     /// Nothing: the aggregator waits for nodes.
     Waiting,
     /// It opened this round.
@@ -237,15 +237,15 @@ impl Aggregator {
     }
 
     /// Opens the next round, or takes the open one a step further, if it is time to.
-    pub fn step(&mut self) -> Result<Progress, RequestError> {
+    pub fn step(&mut self) -> Result<StepOutcome, RequestError> {
         if let Err(error) = self.arrivals.now_ms() {
-            return Ok(Progress::WrongClock(error));
+            return Ok(StepOutcome::WrongClock(error));
         }
         let now = self.now_ms();
         let state = self.state();
         if let Some(deadline_ms) = self.passed_deadline(now) {
             if self.arrivals.any_by(deadline_ms) {
-                return Ok(Progress::Waiting);
+                return Ok(StepOutcome::Waiting);
             }
         }
         if state.round().is_some() {
@@ -255,7 +255,7 @@ impl Aggregator {
             return self.settle(number, now);
         }
         if let Some((entry, dispute)) = state.undecided() {
-            return Ok(Progress::NeedsVerdict(Disputed {
+            return Ok(StepOutcome::NeedsVerdict(Disputed {
                 dispute: entry,
                 contribution: dispute.contribution,
                 dir: self.ledger.dir().into(),
@@ -268,33 +268,33 @@ impl Aggregator {
             .rounds
             .is_some_and(|rounds| state.next_round() >= rounds)
         {
-            return Ok(Progress::Finished);
+            return Ok(StepOutcome::Finished);
         }
         let (all, least) = (state.nodes().values(), self.config.min_nodes);
         let ready = all.filter(|node| node.dataset.is_some() && node.standing == Standing::Active);
         // A pause is counted in rounds, so that a network whose nodes all pause goes on.
         let some = state.expected().chain(state.pausing()).next().is_some();
         if ready.count() < least || (least > 0 && !some) {
-            return Ok(Progress::Waiting);
+            return Ok(StepOutcome::Waiting);
         }
         if self.waits_for_more() {
-            return Ok(Progress::Waiting);
+            return Ok(StepOutcome::Waiting);
         }
         let away = self.only_in_store();
         if !away.is_empty() {
-            return Ok(Progress::NeedsBlobs(away));
+            return Ok(StepOutcome::NeedsBlobs(away));
         }
         if let Some(why) = self.blocked() {
-            return Ok(Progress::Blocked(why));
+            return Ok(StepOutcome::Blocked(why));
         }
         if let Some(samples) = self.unchecked_samples() {
-            return Ok(Progress::NeedsSamples(Box::new(samples)));
+            return Ok(StepOutcome::NeedsSamples(Box::new(samples)));
         }
         let opening = self.state().next_opening(now)?;
         let round = opening.round;
         self.append_at(now, Body::RoundOpened(opening))?;
         tracing::info!(round, "round opened");
-        Ok(Progress::Opened(round))
+        Ok(StepOutcome::Opened(round))
     }
 
     /// Whether fewer nodes are present than the rules ask for.
@@ -349,7 +349,7 @@ impl Aggregator {
         None
     }
 
-    fn settle(&mut self, number: u64, now: u64) -> Result<Progress, RequestError> {
+    fn settle(&mut self, number: u64, now: u64) -> Result<StepOutcome, RequestError> {
         let outcome = self.state().outcome(number, now)?;
         tracing::info!(proposal = number, %outcome, "proposal settled");
         let settled = ProposalSettled {
@@ -357,7 +357,7 @@ impl Aggregator {
             outcome,
         };
         self.append_at(now, Body::ProposalSettled(settled))?;
-        Ok(Progress::Settled(number))
+        Ok(StepOutcome::Settled(number))
     }
 
     /// Records the verdict on a dispute: what [`Disputed::verify_again`] says against the contribution.
@@ -366,10 +366,10 @@ impl Aggregator {
         &mut self,
         dispute: u64,
         upheld: Option<Refusal>,
-    ) -> Result<Progress, RequestError> {
+    ) -> Result<StepOutcome, RequestError> {
         match &upheld {
             Some(unchecked @ Refusal::NoVerifier { .. }) => {
-                return Ok(Progress::Blocked(format!(
+                return Ok(StepOutcome::Blocked(format!(
                     "the dispute of entry {dispute} cannot be decided by this release of zk0: {unchecked}"
                 )))
             }
@@ -377,7 +377,7 @@ impl Aggregator {
             None => tracing::info!(dispute, "dispute dismissed: the contribution verifies"),
         }
         self.append(Body::DisputeResolved(DisputeResolved { dispute, upheld }))?;
-        Ok(Progress::Resolved(dispute))
+        Ok(StepOutcome::Resolved(dispute))
     }
 
     /// The receipt of an open proposal, if it is among the first `published` entries.

@@ -2,7 +2,7 @@
 //! aggregator then records the end, if the round is still the same.
 
 use crate::round::accepted::{verify_all, Accepted};
-use crate::round::aggregator::{Aggregator, Progress};
+use crate::round::aggregator::{Aggregator, StepOutcome};
 use crate::round::ledger_index::still_valid;
 use crate::round::request_error::RequestError;
 use std::fmt::Display;
@@ -153,7 +153,7 @@ impl Aggregator {
     /// Records the end of the open round. If its contributors are not those that the end was computed from, because a node has changed its
     /// key, nothing is recorded, and the end has to be computed again. If the clock was set back meanwhile, to before the deadline of a
     /// submission, the round waits: what still comes in time counts, so that the end is computed again, too.
-    pub fn close(&mut self, computed: ComputedClosing) -> Result<Progress, RequestError> {
+    pub fn close(&mut self, computed: ComputedClosing) -> Result<StepOutcome, RequestError> {
         let ComputedClosing {
             closing,
             contributors,
@@ -165,12 +165,12 @@ impl Aggregator {
         if open.map(|open| open.number()) != Some(round)
             || self.state().contributors() != contributors
         {
-            return Ok(Progress::NeedsClosing(round));
+            return Ok(StepOutcome::NeedsClosing(round));
         }
         // All of the end has one time, by which it is judged.
         let now = self.now_ms();
         if !self.state().may_close(now) {
-            return Ok(Progress::Waiting);
+            return Ok(StepOutcome::Waiting);
         }
         // What came too late was answered, too.
         closed.unanswered = self.state().unanswered();
@@ -188,6 +188,6 @@ impl Aggregator {
             Some(ResultOutcome::Taken) | None => {}
             Some(outcome) => tracing::warn!(round, "{outcome}"),
         }
-        Ok(Progress::Closed(round))
+        Ok(StepOutcome::Closed(round))
     }
 }

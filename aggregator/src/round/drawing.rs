@@ -2,7 +2,7 @@
 //! elsewhere, so that the ledger goes on meanwhile: a beacon by [`crate::serve::beacon_fetching`], cosignatures by
 //! [`crate::serve::service`].
 
-use crate::round::aggregator::{Aggregator, Progress};
+use crate::round::aggregator::{Aggregator, StepOutcome};
 use crate::round::awaited_beacon::AwaitedBeacon;
 use crate::round::request_error::RequestError;
 use zk0_protocol::challenge::closing::CommitmentsClosing;
@@ -25,35 +25,35 @@ pub struct ToCosign {
 
 impl Aggregator {
     /// Takes the open round one step further, if it is time to.
-    pub(super) fn step_in_round(&mut self, now: u64) -> Result<Progress, RequestError> {
+    pub(super) fn step_in_round(&mut self, now: u64) -> Result<StepOutcome, RequestError> {
         let state = self.state();
         if let Some(round) = state.round().filter(|_| state.may_close(now)) {
-            return Ok(Progress::NeedsClosing(round.number()));
+            return Ok(StepOutcome::NeedsClosing(round.number()));
         }
         // Where no node may commit, the rules let a round end at once. The log would be full of such rounds.
         let empty =
             |round: &Round| round.commits.is_empty() && now <= round.opened.commit_deadline_ms;
         if state.round().is_some_and(empty) {
-            return Ok(Progress::Waiting);
+            return Ok(StepOutcome::Waiting);
         }
         if let Some(closed) = state.next_commitments_closed(now) {
             let round = closed.round;
             self.append_at(now, Body::CommitmentsClosed(closed))?;
             tracing::info!(round, "commitments closed");
-            return Ok(Progress::CommitmentsClosed(round));
+            return Ok(StepOutcome::CommitmentsClosed(round));
         }
         let (Some(closing), Some(round)) = (state.to_draw(now), state.round()) else {
-            return Ok(Progress::Waiting);
+            return Ok(StepOutcome::Waiting);
         };
         let round = round.number();
         match &state.rules().randomness {
             RandomnessSource::LogVrf => {
                 let proof = self.ledger.vrf(&closing.commitments);
                 self.draw(round, Drawing::LogVrf(proof))?;
-                Ok(Progress::Drawn(round))
+                Ok(StepOutcome::Drawn(round))
             }
             RandomnessSource::Drand(chain) => Ok(awaited(round, chain, closing, now)),
-            RandomnessSource::Witnesses => Ok(Progress::Waiting),
+            RandomnessSource::Witnesses => Ok(StepOutcome::Waiting),
         }
     }
 
@@ -107,14 +107,14 @@ impl Aggregator {
     }
 }
 
-fn awaited(round: u64, chain: &DrandChain, closing: &CommitmentsClosing, now: u64) -> Progress {
+fn awaited(round: u64, chain: &DrandChain, closing: &CommitmentsClosing, now: u64) -> StepOutcome {
     let beacon = chain.round_after(closing.time_ms);
     match now >= chain.time_ms(beacon) {
-        true => Progress::NeedsBeacon(AwaitedBeacon {
+        true => StepOutcome::NeedsBeacon(AwaitedBeacon {
             round,
             chain: chain.clone(),
             beacon,
         }),
-        false => Progress::Waiting,
+        false => StepOutcome::Waiting,
     }
 }

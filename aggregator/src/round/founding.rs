@@ -91,7 +91,7 @@ impl Founding {
         self.check_public_samples()?;
         // The blobs come first, so that no ledger names weights that are not there.
         let blobs = Blobs::at(dir);
-        let mut blob = Blob(blobs.writer(limit)?);
+        let mut blob = BlobSink(blobs.writer(limit)?);
         let mut out = BufWriter::with_capacity(1 << 20, &mut blob);
         let written = write_policy(&mut out).and_then(|digest| out.flush().map(|()| digest));
         drop(out);
@@ -212,9 +212,9 @@ pub fn enrol(
 }
 
 /// A blob as something to write to.
-struct Blob(BlobWriter);
+struct BlobSink(BlobWriter);
 
-impl Write for Blob {
+impl Write for BlobSink {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         self.0.write(bytes).map_err(io::Error::other)?;
         Ok(bytes.len())

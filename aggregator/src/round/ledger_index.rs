@@ -9,7 +9,7 @@ use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::log::Ledger;
-use zk0_ledger::replay::{replay, Finding, Recheck, Verdict};
+use zk0_ledger::replay::{replay, Finding, Recheck, ReplayVerdict};
 use zk0_protocol::entries::entry::{Body, Entry, RoundOpened};
 use zk0_protocol::rules::disclosed_blobs::DisclosedBlobs;
 use zk0_protocol::rules::network_rules::Strategy;
@@ -166,9 +166,9 @@ pub struct FromLedger {
 /// # Errors
 /// The ledger does not replay, or an accepted contribution does not verify any more.
 pub fn read(ledger: &Ledger) -> Result<FromLedger, RequestError> {
-    let mut reader = Reader::default();
+    let mut reader = IndexReader::default();
     let report = replay(ledger.dir(), Some(ledger.state().network()), &mut reader);
-    if report.verdict != Verdict::Verified {
+    if report.verdict != ReplayVerdict::Verified {
         let findings: Vec<_> = report
             .findings
             .iter()
@@ -217,12 +217,12 @@ pub(super) fn still_valid(
 }
 
 #[derive(Default)]
-struct Reader {
+struct IndexReader {
     index: LedgerIndex,
     accepted: Vec<Accepted>,
 }
 
-impl Recheck for Reader {
+impl Recheck for IndexReader {
     fn entry(&mut self, before: &State, index: u64, entry: &Entry, _: &Blobs) -> Vec<Finding> {
         self.index.observe(index, &entry.body);
         self.accepted.extend(Accepted::of(before, entry));

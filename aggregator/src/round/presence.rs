@@ -18,11 +18,11 @@ pub const AFTERWARDS: Duration = Duration::from_secs(60);
 /// The nodes that have been seen. There are not more of them than members.
 pub struct Presence {
     clock: Arc<dyn Clock>,
-    nodes: Mutex<HashMap<NodeId, Seen>>,
+    nodes: Mutex<HashMap<NodeId, LastSeen>>,
 }
 
 #[derive(Default)]
-struct Seen {
+struct LastSeen {
     /// With how many requests the node follows the rounds now.
     following: usize,
     /// When it last ended one, by the clock that nobody can set.
@@ -65,7 +65,7 @@ impl Presence {
     }
 
     /// A panic elsewhere does not spoil the map: it is never half changed.
-    fn nodes(&self) -> MutexGuard<'_, HashMap<NodeId, Seen>> {
+    fn nodes(&self) -> MutexGuard<'_, HashMap<NodeId, LastSeen>> {
         self.nodes.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -1,14 +1,14 @@
 //! The requests of `proto/federation.proto`, answered by the rounds behind a [`Service`].
 
 use crate::connections::caller::{Awaited, Caller};
-use crate::file_parts::{file_parts, Pace};
+use crate::file_parts::{file_parts, ReadingPace};
 use crate::round::intake::arrivals::Arrival;
 use crate::round::intake::group::ToRecord;
 use crate::round::intake::statements::{
     decode, Admission, AllowedCommitment, AllowedRegistration, AllowedStatement, MemberStatement,
 };
 use crate::round::request_error::RequestError;
-use crate::serve::senders::heads::{sent_by, taken, Message};
+use crate::serve::senders::heads::{sent_by, taken, RequestContent};
 use crate::serve::senders::sender::read_hashed;
 use crate::serve::service::{blocking, Service};
 use std::io::{ErrorKind, SeekFrom};
@@ -78,7 +78,7 @@ impl Federation for Service {
         let sender = match (node, head) {
             (_, Err(HeadRefusal::Missing)) | (None, _) => None,
             (Some(signer), head) => {
-                let message = Message {
+                let message = RequestContent {
                     method: Method::WatchRound,
                     round,
                     signer,
@@ -99,7 +99,7 @@ impl Federation for Service {
         let (said, digest) =
             blocking(move || Ok((MemberStatement::read(&body)?, blob_digest(&body)))).await?;
         let said = Arc::new(said);
-        let message = Message {
+        let message = RequestContent {
             method: Method::Record,
             round: None,
             signer: said.signer(),
@@ -130,7 +130,7 @@ impl Federation for Service {
         let (head, EnrolRequest { enrolment }) = taken(request);
         let (signed, body) = read_hashed::<Enrolment>("enrolment", enrolment).await?;
         let Enrolment { node, operator, .. } = signed.statement;
-        let message = Message {
+        let message = RequestContent {
             method: Method::Enrol,
             round: None,
             signer: operator,
@@ -205,7 +205,7 @@ impl Federation for Service {
             )));
         }
         file.seek(SeekFrom::Start(begins)).await.map_err(&failed)?;
-        let pace = Pace {
+        let pace = ReadingPace {
             silence: self.limits.silence,
             all: self.limits.download,
         };
@@ -227,7 +227,7 @@ impl Federation for Service {
         let (signed, body) =
             read_hashed::<DatasetRegistration>("dataset registration", registration).await?;
         let (node, samples) = (signed.statement.node, signed.statement.dataset.samples);
-        let message = Message {
+        let message = RequestContent {
             method: Method::RegisterDataset,
             round: None,
             signer: node,
@@ -272,7 +272,7 @@ impl Federation for Service {
             update,
             ..
         } = signed.statement;
-        let message = Message {
+        let message = RequestContent {
             method: Method::Commit,
             round: Some(round),
             signer: node,
@@ -299,7 +299,7 @@ impl Federation for Service {
         let (head, SubmitRequest { submission, proof }) = taken(request);
         let signed: Signed<Submission> = decode("submission", &submission)?;
         let terms = &signed.statement.claim.terms;
-        let message = Message {
+        let message = RequestContent {
             method: Method::Submit,
             round: Some(terms.round),
             signer: terms.node,

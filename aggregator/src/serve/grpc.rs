@@ -6,7 +6,7 @@ use crate::connections::request_limits::Requests;
 use crate::connections::serving::Serving;
 use crate::connections::windows::Windows;
 use crate::observe::metrics::Metrics;
-use crate::serve::health::InOrder;
+use crate::serve::health::HealthyService;
 use crate::serve::limits::{Limits, CONCURRENT};
 use axum::middleware::from_fn;
 use hyper_util::rt::{TokioExecutor, TokioTimer};
@@ -69,7 +69,7 @@ impl Grpc {
         let memory = MessageMemory::new(message_memory, self.largest_message)
             .counted_by(self.metrics.message_bytes);
         let requests = Requests::new(&connections, CONCURRENT, memory, message);
-        let in_order = InOrder {
+        let in_order = HealthyService {
             ending: self.ending,
             longest: watch,
         };

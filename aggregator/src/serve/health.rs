@@ -13,14 +13,14 @@ use zk0_protocol::rpc::health::health_server::Health;
 use zk0_protocol::rpc::health::{HealthCheckRequest, HealthCheckResponse};
 
 /// Answers that the server and its one service are in order.
-pub(super) struct InOrder {
+pub(super) struct HealthyService {
     /// Whether the service ends.
     pub ending: watch::Receiver<bool>,
     /// How long a monitor watches before it has to ask again.
     pub longest: Duration,
 }
 
-impl InOrder {
+impl HealthyService {
     fn status(service: &str) -> ServingStatus {
         match service {
             "" | SERVICE_NAME => ServingStatus::Serving,
@@ -30,7 +30,7 @@ impl InOrder {
 }
 
 #[tonic::async_trait]
-impl Health for InOrder {
+impl Health for HealthyService {
     async fn check(
         &self,
         request: Request<HealthCheckRequest>,

@@ -12,19 +12,19 @@ const GROUP: usize = 1024;
 
 /// The requests that wait, in the order in which they came.
 #[derive(Clone, Default)]
-pub(super) struct Recorder(Arc<Mutex<Vec<Waiting>>>);
+pub(super) struct Recorder(Arc<Mutex<Vec<WaitingEntry>>>);
 
 /// The receipt, or why nothing is recorded.
 type Answer = Result<Receipt, RequestError>;
 
-struct Waiting {
+struct WaitingEntry {
     arrived_ms: u64,
     what: ToRecord,
     answer: oneshot::Sender<Answer>,
 }
 
 impl Recorder {
-    fn waiting(&self) -> MutexGuard<'_, Vec<Waiting>> {
+    fn waiting(&self) -> MutexGuard<'_, Vec<WaitingEntry>> {
         // A panic elsewhere does not spoil the list: it is never half changed.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -32,7 +32,7 @@ impl Recorder {
     /// Lets a request wait that arrived at `arrived_ms`. Its receipt comes when it is recorded.
     pub fn push(&self, arrived_ms: u64, what: ToRecord) -> Receiver<Answer> {
         let (answer, answered) = oneshot::channel();
-        self.waiting().push(Waiting {
+        self.waiting().push(WaitingEntry {
             arrived_ms,
             what,
             answer,
@@ -46,7 +46,7 @@ impl Recorder {
         // The ledger's time never goes back, so the earliest comes first.
         all.sort_by_key(|one| one.arrived_ms);
         let arrivals = aggregator.arrivals().clone();
-        let may = |one: &Waiting| match aggregator.passed_deadline(one.arrived_ms) {
+        let may = |one: &WaitingEntry| match aggregator.passed_deadline(one.arrived_ms) {
             Some(deadline_ms) => !arrivals.any_by(deadline_ms),
             None => true,
         };

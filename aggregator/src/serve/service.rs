@@ -22,7 +22,7 @@
 use crate::connections::transfers::Transfers;
 use crate::observe::metrics::Metrics;
 use crate::publish::beacon::BeaconServers;
-use crate::publish::cosigning::{Cosigned, Prove, Witnesses};
+use crate::publish::cosigning::{ConsistencyProver, Cosigned, Witnesses};
 use crate::round::aggregator::Aggregator;
 use crate::round::drawing::ToCosign;
 use crate::round::intake::arrivals::Arrivals;
@@ -304,7 +304,7 @@ impl Service {
                 continue;
             }
             let (witnesses, aggregator) = (publishing.witnesses.clone(), self.aggregator.clone());
-            let prove: Prove = Arc::new(move |old, new| {
+            let prove: ConsistencyProver = Arc::new(move |old, new| {
                 let aggregator = aggregator.blocking_lock();
                 let proof = aggregator.ledger().consistency_between(old, new);
                 proof.map_err(|error| error.to_string())

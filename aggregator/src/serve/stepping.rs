@@ -1,6 +1,6 @@
 //! The rounds, one step after the other. What takes long, or waits for somebody else, is done away from the aggregator.
 
-use crate::round::aggregator::{Aggregator, Progress};
+use crate::round::aggregator::{Aggregator, StepOutcome};
 use crate::round::request_error::RequestError;
 use crate::serve::service::{blocking, Service, TICK};
 use futures_core::future::BoxFuture;
@@ -36,7 +36,7 @@ impl Service {
             };
             match step.await {
                 Err(error) => return error,
-                Ok(Progress::NeedsBeacon(awaited)) => match self.fetch_beacon(awaited).await {
+                Ok(StepOutcome::NeedsBeacon(awaited)) => match self.fetch_beacon(awaited).await {
                     Ok(None) => said = None,
                     Ok(Some(why)) => {
                         // It is asked for again and again, so the log says the same reason once.
@@ -50,14 +50,14 @@ impl Service {
                     Err(error) => return error,
                 },
                 Ok(
-                    Progress::Opened(_)
-                    | Progress::CommitmentsClosed(_)
-                    | Progress::Drawn(_)
-                    | Progress::Closed(_)
-                    | Progress::Settled(_)
-                    | Progress::Resolved(_),
+                    StepOutcome::Opened(_)
+                    | StepOutcome::CommitmentsClosed(_)
+                    | StepOutcome::Drawn(_)
+                    | StepOutcome::Closed(_)
+                    | StepOutcome::Settled(_)
+                    | StepOutcome::Resolved(_),
                 ) => said = None,
-                Ok(Progress::WrongClock(error)) => {
+                Ok(StepOutcome::WrongClock(error)) => {
                     // By the clock that jumped the text is another one each time, so the kind of the message counts.
                     let kind = Some("the clock is wrong".to_owned());
                     if said != kind {
@@ -66,7 +66,7 @@ impl Service {
                     }
                     sleep(BLOCKED_RETRY).await;
                 }
-                Ok(Progress::Blocked(why)) => {
+                Ok(StepOutcome::Blocked(why)) => {
                     // It stays blocked for long, so the log says it once.
                     if said.as_ref() != Some(&why) {
                         tracing::error!("{why}; this is tried again every {BLOCKED_RETRY:?}");
@@ -74,15 +74,15 @@ impl Service {
                     }
                     sleep(BLOCKED_RETRY).await;
                 }
-                Ok(Progress::Waiting | Progress::Finished) => {
+                Ok(StepOutcome::Waiting | StepOutcome::Finished) => {
                     let _ = timeout(TICK, self.changed.notified()).await;
                 }
                 // What the last step computed is out of date, or what it lacked is here now.
                 Ok(
-                    Progress::NeedsVerdict(_)
-                    | Progress::NeedsClosing(_)
-                    | Progress::NeedsBlobs(_)
-                    | Progress::NeedsSamples(_),
+                    StepOutcome::NeedsVerdict(_)
+                    | StepOutcome::NeedsClosing(_)
+                    | StepOutcome::NeedsBlobs(_)
+                    | StepOutcome::NeedsSamples(_),
                 ) => {}
             }
         }
@@ -90,49 +90,49 @@ impl Service {
 
     /// Takes the rounds one step further, as [`Aggregator::step`] does. What takes long is done away from the aggregator. The future is boxed, so that a
     /// crate that awaits it does not compile the steps anew.
-    pub fn step(&self) -> BoxFuture<'_, Result<Progress, RequestError>> {
+    pub fn step(&self) -> BoxFuture<'_, Result<StepOutcome, RequestError>> {
         Box::pin(async {
             match self.whole_step().await {
                 // It has jumped since the step began.
-                Err(RequestError::Clock(error)) => Ok(Progress::WrongClock(error)),
+                Err(RequestError::Clock(error)) => Ok(StepOutcome::WrongClock(error)),
                 done => done,
             }
         })
     }
 
-    async fn whole_step(&self) -> Result<Progress, RequestError> {
+    async fn whole_step(&self) -> Result<StepOutcome, RequestError> {
         let _alone = self.stepping.lock().await;
         match self.with(Aggregator::step).await? {
-            Progress::NeedsVerdict(disputed) => {
+            StepOutcome::NeedsVerdict(disputed) => {
                 let dispute = disputed.dispute;
                 match blocking(move || disputed.verify_again()).await {
                     Ok(verdict) => {
                         self.with(move |aggregator| aggregator.resolve(dispute, verdict))
                             .await
                     }
-                    Err(error) => Ok(Progress::Blocked(format!(
+                    Err(error) => Ok(StepOutcome::Blocked(format!(
                         "the dispute of entry {dispute} cannot be decided: {error}"
                     ))),
                 }
             }
-            Progress::NeedsClosing(round) => self.close(round).await,
-            Progress::NeedsBlobs(away) => match self.fetched(away.clone()).await {
-                Ok(()) => Ok(Progress::NeedsBlobs(away)),
-                Err(error) => Ok(Progress::Blocked(format!(
+            StepOutcome::NeedsClosing(round) => self.close(round).await,
+            StepOutcome::NeedsBlobs(away) => match self.fetched(away.clone()).await {
+                Ok(()) => Ok(StepOutcome::NeedsBlobs(away)),
+                Err(error) => Ok(StepOutcome::Blocked(format!(
                     "the next round cannot open: {error}"
                 ))),
             },
-            Progress::NeedsSamples(samples) => {
+            StepOutcome::NeedsSamples(samples) => {
                 let unchecked = samples.clone();
                 match blocking(move || Ok(unchecked.check())).await? {
                     Ok(()) => {
                         let checked = move |aggregator: &mut Aggregator| {
                             aggregator.samples_checked(&samples);
-                            Ok(Progress::NeedsSamples(samples))
+                            Ok(StepOutcome::NeedsSamples(samples))
                         };
                         self.with(checked).await
                     }
-                    Err(why) => Ok(Progress::Blocked(why)),
+                    Err(why) => Ok(StepOutcome::Blocked(why)),
                 }
             }
             done => Ok(done),
@@ -141,18 +141,18 @@ impl Service {
 
     /// Closes the open round, if its end can be computed. That is done away from the aggregator.
     #[instrument(name = "close the round", skip_all, fields(zk0.round = round))]
-    async fn close(&self, round: u64) -> Result<Progress, RequestError> {
+    async fn close(&self, round: u64) -> Result<StepOutcome, RequestError> {
         let ended = self.with(|aggregator| Ok(aggregator.to_close())).await?;
         match blocking(move || ended.compute()).await? {
             Ok(computed) => {
                 let recorded = self.with(|aggregator| aggregator.close(computed));
                 let progress = recorded.instrument(info_span!("record")).await?;
-                if let Progress::Closed(round) = progress {
+                if let StepOutcome::Closed(round) = progress {
                     self.clear_uploads(round).await?;
                 }
                 Ok(progress)
             }
-            Err(why) => Ok(Progress::Blocked(why)),
+            Err(why) => Ok(StepOutcome::Blocked(why)),
         }
     }
 

@@ -4,7 +4,7 @@
 use crate::round::intake::arrivals::Arrival;
 use crate::round::intake::group::ToRecord;
 use crate::round::intake::statements::Admission;
-use crate::round::intake::submission::Decided;
+use crate::round::intake::submission::SubmissionAnswer;
 use crate::round::request_error::RequestError;
 use crate::serve::service::{blocking, Service};
 use tokio::sync::OwnedSemaphorePermit;
@@ -18,7 +18,7 @@ impl Service {
         arrival: Arrival,
         submission: Signed<Submission>,
         proof: Vec<u8>,
-    ) -> Result<Decided, RequestError> {
+    ) -> Result<SubmissionAnswer, RequestError> {
         let decided = self.decided(&arrival, submission, proof).await?;
         // Others may wait for what arrived before them. They need not wait for witnesses.
         drop(arrival);
@@ -31,7 +31,7 @@ impl Service {
         arrival: &Arrival,
         signed: Signed<Submission>,
         proof: Vec<u8>,
-    ) -> Result<Decided, RequestError> {
+    ) -> Result<SubmissionAnswer, RequestError> {
         let arrived_ms = arrival.at_ms();
         let begin = || {
             let signed = signed.clone();
@@ -66,7 +66,7 @@ impl Service {
         let rejected = judged.rejected().cloned();
         let decision = ToRecord::Decision(Box::new(judged));
         let receipt = self.record_in_turn(arrival, decision).await?;
-        Ok(Decided { rejected, receipt })
+        Ok(SubmissionAnswer { rejected, receipt })
     }
 
     /// Runs `work` in `span`, when one of as many places as there are cores is free.

@@ -5,7 +5,7 @@ use crate::round::intake::staging::Staging;
 use crate::round::intake::statements::Admission;
 use crate::round::request_error::RequestError;
 use crate::serve::limits::Limits;
-use crate::serve::senders::heads::{Head, Message};
+use crate::serve::senders::heads::{Head, RequestContent};
 use crate::serve::senders::sender::read_hashed;
 use crate::serve::service::{blocking, Service};
 use crate::serve::uploads::Newest;
@@ -66,7 +66,7 @@ impl Service {
         };
         let (signed, body) = read_hashed::<UploadRequest>("upload request", first).await?;
         let upload = signed.statement.clone();
-        let message = Message {
+        let message = RequestContent {
             method: Method::Upload,
             round: Some(upload.round),
             signer: upload.node,

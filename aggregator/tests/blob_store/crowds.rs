@@ -10,7 +10,7 @@ use tokio::task::JoinSet;
 use tokio::time::timeout;
 use tonic::transport::Channel;
 use tonic::{Code, Status};
-use zk0_aggregator::publish::http::{self, Limits as HttpLimits};
+use zk0_aggregator::publish::http::{self, HttpLimits};
 use zk0_aggregator::publish::log_server::LogServer;
 use zk0_aggregator::{ConnectionLimits, Limits};
 use zk0_circuits::Digest;
@@ -39,7 +39,7 @@ fn four(
 #[tokio::test(flavor = "multi_thread")]
 async fn downloads_whose_callers_have_left_hold_no_turns() {
     let Some(s3) = S3::start() else { return };
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let limits = Limits {
         // So 16 requests may be in progress, on all connections together.
         connections: ConnectionLimits {
@@ -74,7 +74,7 @@ async fn downloads_whose_callers_have_left_hold_no_turns() {
 #[tokio::test(flavor = "multi_thread")]
 async fn few_downloads_wait_for_the_store_and_the_others_are_told_to_come_again() {
     let Some(s3) = S3::start() else { return };
-    let network = started(&s3, &Node::new(1), SECONDS).await;
+    let network = started(&s3, &SigningNode::new(1), SECONDS).await;
     emptied(&network);
     s3.network.fail_always(Fault::Silent);
     let mut downloads = JoinSet::new();
@@ -127,7 +127,7 @@ fn readers_of_the_log_who_have_left_hold_no_threads() {
         .build()
         .unwrap();
     runtime.block_on(async {
-        let network = started(&s3, &Node::new(1), SECONDS).await;
+        let network = started(&s3, &SigningNode::new(1), SECONDS).await;
         let blobs = network
             .service()
             .with(|aggregator| Ok(aggregator.ledger().blobs().clone()));

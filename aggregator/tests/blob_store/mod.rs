@@ -7,8 +7,8 @@ use std::fs;
 use std::time::{Duration, Instant};
 use tokio::task::JoinSet;
 use tonic::Code;
-use zk0_aggregator::{Config, Limits, Progress};
-use zk0_bucket::waiting::Patience;
+use zk0_aggregator::{Config, Limits, StepOutcome};
+use zk0_bucket::waiting::RetryPeriod;
 use zk0_bucket::Bucket;
 use zk0_ledger::blobs::Blobs;
 use zk0_protocol::entries::entry::Body;
@@ -33,19 +33,19 @@ const SECONDS: u64 = 6;
 const AT_ONCE: Duration = Duration::from_secs(SECONDS / 2);
 
 /// A network whose blobs are kept in the bucket, from its founding on.
-async fn started(s3: &S3, node: &Node, seconds: u64) -> Network {
+async fn started(s3: &S3, node: &SigningNode, seconds: u64) -> Network {
     started_as(s3, &[node], genesis(), seconds).await
 }
 
 /// The network of `genesis` with these nodes.
-async fn started_as(s3: &S3, nodes: &[&Node], genesis: Genesis, seconds: u64) -> Network {
+async fn started_as(s3: &S3, nodes: &[&SigningNode], genesis: Genesis, seconds: u64) -> Network {
     started_with(s3, nodes, genesis, Limits::default(), seconds).await
 }
 
 /// The same under these limits.
 async fn started_with(
     s3: &S3,
-    nodes: &[&Node],
+    nodes: &[&SigningNode],
     genesis: Genesis,
     limits: Limits,
     seconds: u64,
@@ -58,7 +58,11 @@ async fn started_with(
     network.stop().await;
     let (address, variables) = (s3.address("net"), s3.variables());
     network.keep_blobs(move |dir| {
-        let bucket = Bucket::open(&address, &variables, Patience(Duration::from_secs(seconds)));
+        let bucket = Bucket::open(
+            &address,
+            &variables,
+            RetryPeriod(Duration::from_secs(seconds)),
+        );
         Blobs::in_store(dir, Box::new(bucket.unwrap())).unwrap()
     });
     network.start_again().await;
@@ -85,7 +89,7 @@ async fn answers_while_the_store_is_asked(network: &Network, s3: &S3) {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_commitment_is_recorded_only_when_its_update_is_in_the_store() {
     let Some(s3) = S3::start() else { return };
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let network = started(&s3, &node, SECONDS).await;
     node.register(&network).await.unwrap();
     network.settle().await;
@@ -124,7 +128,7 @@ async fn a_commitment_is_recorded_only_when_its_update_is_in_the_store() {
 #[tokio::test(flavor = "multi_thread")]
 async fn an_aggregator_goes_on_when_its_folder_of_blobs_is_lost() {
     let Some(s3) = S3::start() else { return };
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let mut network = started(&s3, &node, 10).await;
     node.register(&network).await.unwrap();
     emptied(&network);
@@ -167,7 +171,7 @@ async fn an_aggregator_goes_on_when_its_folder_of_blobs_is_lost() {
 #[tokio::test(flavor = "multi_thread")]
 async fn no_round_opens_from_weights_that_the_store_has_altered() {
     let Some(s3) = S3::start() else { return };
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let mut network = started(&s3, &node, 5).await;
     let base = network.genesis.initial.blob;
     let file = s3.file("net", base);
@@ -179,7 +183,7 @@ async fn no_round_opens_from_weights_that_the_store_has_altered() {
     network.restart().await;
     node.register(&network).await.unwrap();
     let blocked = network.service().step().await.unwrap();
-    let Progress::Blocked(why) = blocked else {
+    let StepOutcome::Blocked(why) = blocked else {
         panic!("{blocked:?}");
     };
     assert!(why.contains("the next round cannot open"), "{why}");
@@ -205,7 +209,7 @@ fn a_store_that_is_silent_holds_only_who_needs_it() {
         .build()
         .unwrap();
     runtime.block_on(async {
-        let node = Node::new(1);
+        let node = SigningNode::new(1);
         let network = started(&s3, &node, SECONDS).await;
         node.register(&network).await.unwrap();
         network.settle().await;
@@ -238,7 +242,7 @@ fn a_store_that_is_silent_holds_only_who_needs_it() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_bounded_folder_holds_what_the_open_round_needs() {
     let Some(s3) = S3::start() else { return };
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let mut network = started(&s3, &node, 10).await;
     network.blob_cache_bytes = Some(0);
     network.restart().await;

@@ -17,7 +17,7 @@ use zk0_testkit::until_async;
 use zk0_verifier::blob_digest;
 
 /// A network with an open round, which gives addresses of the bucket to its nodes.
-async fn opened(s3: &S3, node: &Node, seconds: u64) -> Network {
+async fn opened(s3: &S3, node: &SigningNode, seconds: u64) -> Network {
     let mut network = started(s3, node, seconds).await;
     network.presigned = Some(Duration::from_secs(60));
     network.restart().await;
@@ -26,31 +26,31 @@ async fn opened(s3: &S3, node: &Node, seconds: u64) -> Network {
     network
 }
 
-fn signed(network: &Network, node: &Node, update: &[u8]) -> Signed<UploadRequest> {
+fn signed(network: &Network, node: &SigningNode, update: &[u8]) -> Signed<UploadRequest> {
     let request = node.upload_request(&network.genesis.network_id(), 0, update);
     Signed::new(request, &node.key)
 }
 
-async fn address(network: &Network, node: &Node, update: &[u8]) -> String {
+async fn address(network: &Network, node: &SigningNode, update: &[u8]) -> String {
     let request = signed(network, node, update);
     node.upload_info(network, &request).await.unwrap().address
 }
 
 /// Puts bytes at the address of an update.
-async fn put(network: &Network, node: &Node, update: &[u8], bytes: &[u8]) {
+async fn put(network: &Network, node: &SigningNode, update: &[u8], bytes: &[u8]) {
     let (address, bytes) = (address(network, node, update).await, bytes.to_vec());
     let status = spawn_blocking(move || send("PUT", &address, &bytes)).await;
     assert_eq!(status.unwrap(), 200);
 }
 
-async fn stored(network: &Network, node: &Node, update: &[u8]) -> Result<(), Status> {
+async fn stored(network: &Network, node: &SigningNode, update: &[u8]) -> Result<(), Status> {
     node.stored(network, &signed(network, node, update)).await
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_update_in_the_bucket_is_taken_and_committed_to() {
     let Some(s3) = S3::start() else { return };
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let network = opened(&s3, &node, 10).await;
     let update = weights(7);
     put(&network, &node, &update, &update).await;
@@ -74,7 +74,7 @@ async fn an_update_in_the_bucket_is_taken_and_committed_to() {
 #[tokio::test(flavor = "multi_thread")]
 async fn what_is_not_the_signed_update_is_refused_by_name_and_not_kept() {
     let Some(s3) = S3::start() else { return };
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let network = opened(&s3, &node, 10).await;
     let update = weights(7);
     let missing = stored(&network, &node, &update).await;
@@ -107,7 +107,7 @@ async fn garbage_of_two_nodes_is_not_kept_and_holds_no_third() {
     let size = megabytes * 1_000_000;
     let mut genesis = genesis();
     genesis.rules.max_update_bytes = size as u64;
-    let nodes = [1, 2, 3].map(Node::new);
+    let nodes = [1, 2, 3].map(SigningNode::new);
     let of: Vec<_> = nodes.iter().collect();
     let mut network = started_as(&s3, &of, genesis, 60).await;
     network.presigned = Some(Duration::from_secs(60));
@@ -140,9 +140,9 @@ async fn garbage_of_two_nodes_is_not_kept_and_holds_no_third() {
 #[tokio::test(flavor = "multi_thread")]
 async fn only_who_may_begin_an_upload_gets_an_address() {
     let Some(s3) = S3::start() else { return };
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let mut network = opened(&s3, &node, 10).await;
-    let stranger = Node::new(9);
+    let stranger = SigningNode::new(9);
     let request = signed(&network, &stranger, &weights(1));
     let asked = stranger.upload_info(&network, &request).await;
     refused(asked, Code::PermissionDenied, "not enrolled");
@@ -174,7 +174,7 @@ async fn only_who_may_begin_an_upload_gets_an_address() {
 #[tokio::test(flavor = "multi_thread")]
 async fn nothing_follows_the_request_of_an_update_in_the_bucket() {
     let Some(s3) = S3::start() else { return };
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let network = opened(&s3, &node, 10).await;
     let update = weights(7);
     put(&network, &node, &update, &update).await;
@@ -193,7 +193,7 @@ async fn nothing_follows_the_request_of_an_update_in_the_bucket() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_bucket_that_fails_holds_neither_the_node_nor_others() {
     let Some(s3) = S3::start() else { return };
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let network = opened(&s3, &node, SECONDS).await;
     let update = weights(7);
     put(&network, &node, &update, &update).await;
@@ -224,7 +224,7 @@ async fn a_bucket_that_fails_holds_neither_the_node_nor_others() {
 #[tokio::test(flavor = "multi_thread")]
 async fn what_nobody_claims_is_removed_when_its_round_has_closed() {
     let Some(s3) = S3::start() else { return };
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let network = opened(&s3, &node, 10).await;
     put(&network, &node, &weights(7), &weights(7)).await;
     node.upload(&network, 0, &weights(8)).await.unwrap();

@@ -11,14 +11,14 @@ use zk0_aggregator::Config;
 use zk0_protocol::rpc::health::health_check_response::ServingStatus;
 use zk0_protocol::rpc::health::health_client::HealthClient;
 use zk0_protocol::rpc::health::HealthCheckRequest;
-use zk0_testkit::aggregator::{Network, Node};
+use zk0_testkit::aggregator::{Network, SigningNode};
 
 async fn served() -> (Network, Channel) {
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,
     };
-    let network = Network::start(&[&Node::new(1)], config).await;
+    let network = Network::start(&[&SigningNode::new(1)], config).await;
     let endpoint = Endpoint::try_from(network.address.clone()).unwrap();
     let channel = endpoint.connect().await.unwrap();
     (network, channel)

@@ -80,7 +80,7 @@ const SOON: Duration = Duration::from_secs(20);
 const LONG_DRAIN: Duration = Duration::from_secs(60);
 
 /// A network whose requests have [`LONG_DRAIN`] to end.
-async fn with_a_long_drain() -> (Network, [Node; 2]) {
+async fn with_a_long_drain() -> (Network, [SigningNode; 2]) {
     with(ConnectionLimits {
         drain: LONG_DRAIN,
         ..ConnectionLimits::default()
@@ -89,7 +89,7 @@ async fn with_a_long_drain() -> (Network, [Node; 2]) {
 }
 
 /// Tells the server to end while somebody has the aggregator. The rounds wait for it, and behind them two requests. Both have to be answered.
-async fn end_with_requests_behind_the_rounds(network: &mut Network, node: &Node) -> Test {
+async fn end_with_requests_behind_the_rounds(network: &mut Network, node: &SigningNode) -> Test {
     let (has, holds) = oneshot::channel();
     let (let_go, held) = std::sync::mpsc::channel::<()>();
     let hold = move |_: &mut Aggregator| {

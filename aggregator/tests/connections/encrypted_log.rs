@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::spawn_blocking;
-use zk0_aggregator::publish::http::{self, Limits};
+use zk0_aggregator::publish::http::{self, HttpLimits};
 use zk0_aggregator::publish::log_server::LogServer;
-use zk0_ledger::published::source::Source;
+use zk0_ledger::published::source::LogSource;
 use zk0_ledger::published::web::Web;
 use zk0_testkit::aggregator::REAL;
 use zk0_tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
@@ -26,7 +26,7 @@ async fn a_log_is_read_over_tls_and_not_without() -> Test {
     let listener = TcpListener::bind("127.0.0.1:0").await?;
     let address = listener.local_addr()?;
     tokio::spawn(async move {
-        let limits = Limits::default();
+        let limits = HttpLimits::default();
         let router = LogServer::new(Path::new(REAL)).router(limits);
         http::serve_with(listener, router, limits, Some(&certificate), pending()).await;
     });

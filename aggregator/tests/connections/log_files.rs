@@ -7,14 +7,14 @@ use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::time::{sleep, timeout};
-use zk0_aggregator::publish::http::{self, Limits};
+use zk0_aggregator::publish::http::{self, HttpLimits};
 use zk0_aggregator::publish::log_server::LogServer;
 use zk0_aggregator::ConnectionLimits;
 use zk0_ledger::blobs::Blobs;
 use zk0_testkit::aggregator::*;
 
 /// Serves the log of `network` with these limits. Returns the path of a blob of [`LONG_BYTES`], and a connection that takes little of it ahead.
-async fn served(network: &Network, limits: Limits) -> (String, TcpStream) {
+async fn served(network: &Network, limits: HttpLimits) -> (String, TcpStream) {
     network.long_download();
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap();
@@ -46,9 +46,9 @@ async fn head(stream: &mut TcpStream) -> String {
 async fn a_connection_whose_time_is_over_sends_its_file_to_the_end_and_takes_no_new_request() -> Test
 {
     let (network, _) = with(ConnectionLimits::default()).await;
-    let limits = Limits {
+    let limits = HttpLimits {
         lifetime: Duration::from_millis(300),
-        ..Limits::default()
+        ..HttpLimits::default()
     };
     let (path, mut stream) = served(&network, limits).await;
     ask(&mut stream, &path, "x: y").await;
@@ -71,9 +71,9 @@ async fn a_connection_whose_time_is_over_sends_its_file_to_the_end_and_takes_no_
 #[tokio::test(flavor = "multi_thread")]
 async fn an_idle_connection_whose_time_is_over_is_closed() -> Test {
     let (network, _) = with(ConnectionLimits::default()).await;
-    let limits = Limits {
+    let limits = HttpLimits {
         lifetime: Duration::from_millis(500),
-        ..Limits::default()
+        ..HttpLimits::default()
     };
     let (_, mut stream) = served(&network, limits).await;
     ask(&mut stream, "/nothing", "x: y").await;
@@ -86,7 +86,7 @@ async fn an_idle_connection_whose_time_is_over_is_closed() -> Test {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_reader_takes_the_rest_of_a_file() -> Test {
     let (network, _) = with(ConnectionLimits::default()).await;
-    let (path, mut stream) = served(&network, Limits::default()).await;
+    let (path, mut stream) = served(&network, HttpLimits::default()).await;
     let file = std::fs::read(Blobs::at(network.dir.path()).path(&network.genesis.policy))?;
     let size = file.len();
 

@@ -18,7 +18,7 @@ use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::federation_client::FederationClient;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
-use zk0_testkit::aggregator::{weights, Network, Node};
+use zk0_testkit::aggregator::{weights, Network, SigningNode};
 use zk0_testkit::sockets::{begin_large_message, from};
 
 /// A large message that the aggregator refuses after it has read it.
@@ -126,7 +126,7 @@ async fn an_address_sends_one_large_message_at_a_time() -> Test {
 type Sender = mpsc::Sender<Result<Bytes, std::io::Error>>;
 
 /// Connects, and shows that it is this node.
-async fn introduced(network: &Network, node: &Node) -> Channel {
+async fn introduced(network: &Network, node: &SigningNode) -> Channel {
     let endpoint = Endpoint::try_from(network.address.clone()).unwrap();
     let channel = endpoint.connect().await.unwrap();
     let request = registration(network, node);

@@ -16,11 +16,11 @@ mod waiting;
 
 use zk0_aggregator::{Config, ConnectionLimits, Limits};
 use zk0_protocol::rpc::federation as proto;
-use zk0_testkit::aggregator::{Network, Node};
+use zk0_testkit::aggregator::{Network, SigningNode};
 
 /// A network of two nodes, of whom none has registered, with these limits.
-async fn network(limits: Limits) -> (Network, [Node; 2]) {
-    let nodes = [Node::new(1), Node::new(2)];
+async fn network(limits: Limits) -> (Network, [SigningNode; 2]) {
+    let nodes = [SigningNode::new(1), SigningNode::new(2)];
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,
@@ -30,7 +30,7 @@ async fn network(limits: Limits) -> (Network, [Node; 2]) {
 }
 
 /// A network with these limits of connections.
-async fn with(connections: ConnectionLimits) -> (Network, [Node; 2]) {
+async fn with(connections: ConnectionLimits) -> (Network, [SigningNode; 2]) {
     network(Limits {
         connections,
         ..Limits::default()
@@ -38,7 +38,10 @@ async fn with(connections: ConnectionLimits) -> (Network, [Node; 2]) {
     .await
 }
 
-fn registration(network: &Network, node: &Node) -> tonic::Request<proto::RegisterDatasetRequest> {
+fn registration(
+    network: &Network,
+    node: &SigningNode,
+) -> tonic::Request<proto::RegisterDatasetRequest> {
     let registration = node.registration(&network.genesis.network_id());
     node.registering(network, &registration, node.list())
 }

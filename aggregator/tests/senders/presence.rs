@@ -16,8 +16,8 @@ use zk0_testkit::until_async;
 const SOON: Duration = Duration::from_secs(10);
 
 /// A network of three nodes with datasets, whose rounds wait for so many of them.
-async fn waiting(min_nodes: u32, fraction_bps: u32) -> (Network, [Node; 3]) {
-    let nodes = [1, 2, 3].map(Node::new);
+async fn waiting(min_nodes: u32, fraction_bps: u32) -> (Network, [SigningNode; 3]) {
+    let nodes = [1, 2, 3].map(SigningNode::new);
     let mut genesis = genesis();
     genesis.rules.participation = Participation::Present {
         min_nodes,
@@ -37,7 +37,7 @@ async fn waiting(min_nodes: u32, fraction_bps: u32) -> (Network, [Node; 3]) {
     (network, nodes)
 }
 
-fn question(node: &Node) -> proto::GetRoundRequest {
+fn question(node: &SigningNode) -> proto::GetRoundRequest {
     proto::GetRoundRequest {
         round: None,
         node: node.id().0.to_vec(),
@@ -45,7 +45,10 @@ fn question(node: &Node) -> proto::GetRoundRequest {
 }
 
 /// A node follows the rounds, and signs that.
-async fn follow(network: &Network, node: &Node) -> Result<Streaming<proto::RoundInfo>, Status> {
+async fn follow(
+    network: &Network,
+    node: &SigningNode,
+) -> Result<Streaming<proto::RoundInfo>, Status> {
     let message = question(node);
     let statement = message.node.clone();
     let request = network.request(&node.key, Method::WatchRound, None, &statement, message);
@@ -59,7 +62,7 @@ async fn opened(network: &Network) -> bool {
 }
 
 /// Waits until the aggregator has noticed that a node has gone.
-async fn noticed(network: &Network, node: &Node) {
+async fn noticed(network: &Network, node: &SigningNode) {
     let id = node.id();
     let presence = network
         .service()

@@ -14,7 +14,7 @@ use zk0_protocol::rpc::head_metadata::{with_head, HEAD};
 use zk0_testkit::aggregator::*;
 
 /// A network in round 0, a node that has uploaded an update, and its commitment to it.
-async fn uploaded() -> (Network, Node, proto::CommitRequest) {
+async fn uploaded() -> (Network, SigningNode, proto::CommitRequest) {
     let (network, first, _) = open_round().await;
     let update = weights(1);
     first.upload(&network, 0, &update).await.unwrap();
@@ -23,7 +23,7 @@ async fn uploaded() -> (Network, Node, proto::CommitRequest) {
     (network, first, proto::CommitRequest { commitment })
 }
 
-fn head_of(network: &Network, node: &Node, message: &proto::CommitRequest) -> RequestHead {
+fn head_of(network: &Network, node: &SigningNode, message: &proto::CommitRequest) -> RequestHead {
     network.head(&node.key, Method::Commit, Some(0), &message.commitment)
 }
 
@@ -50,7 +50,7 @@ const CHANGES: [Change; 7] = [
         "message with SHA-256 0909",
     ),
     (
-        |head| head.sender = Node::new(2).id(),
+        |head| head.sender = SigningNode::new(2).id(),
         "only the signer sends it",
     ),
     (|head| head.time_ms -= 120_001, "differ by 120.001 s"),
@@ -64,7 +64,11 @@ async fn each_field_of_a_head_is_compared_with_its_request() -> Test {
         let mut head = head_of(&network, &node, &message);
         change(&mut head);
         // Whoever signs it: somebody who has taken the node's head, the node itself, or the one that the head names.
-        for key in [&Node::new(3).key, &node.key, &Node::new(2).key] {
+        for key in [
+            &SigningNode::new(3).key,
+            &node.key,
+            &SigningNode::new(2).key,
+        ] {
             let head = Signed::new(head.clone(), key);
             let result = commit(&network, with_head(message.clone(), &head)).await;
             let status = result.unwrap_err();
@@ -83,7 +87,7 @@ async fn a_head_is_signed_by_its_sender() -> Test {
     let head = head_of(&network, &node, &message);
     let mut changed = Signed::new(head.clone(), &node.key);
     changed.statement.nonce[0] ^= 1;
-    let forged = Signed::new(head, &Node::new(2).key);
+    let forged = Signed::new(head, &SigningNode::new(2).key);
     for head in [changed, forged] {
         let result = commit(&network, with_head(message.clone(), &head)).await;
         refused(result, Code::Unauthenticated, "the signature is not");
@@ -134,7 +138,7 @@ async fn a_head_is_neither_old_nor_of_the_future() -> Test {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn the_operator_chooses_how_much_clocks_may_differ() -> Test {
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,
@@ -216,7 +220,7 @@ async fn no_request_changes_anything_without_its_head() -> Test {
     let enrolment = Enrolment {
         network: id,
         operator: zk0_circuits::NodeId(log_key().verifying_key().to_bytes()),
-        node: Node::new(3).id(),
+        node: SigningNode::new(3).id(),
         name: "third".into(),
     };
     let enrolment = borsh::to_vec(&Signed::new(enrolment, &log_key()))?;

@@ -12,10 +12,10 @@ use tokio::net::TcpListener;
 use tokio::task::spawn_blocking;
 use tonic::Code;
 use zk0_aggregator::publish::beacon::{BeaconServers, NoBeacon, ServerError};
-use zk0_aggregator::publish::http::{self, Limits as HttpLimits};
-use zk0_aggregator::{Aggregator, Config, Limits, Progress};
+use zk0_aggregator::publish::http::{self, HttpLimits};
+use zk0_aggregator::{Aggregator, Config, Limits, StepOutcome};
 use zk0_audit::Auditor;
-use zk0_ledger::replay::{replay, Verdict};
+use zk0_ledger::replay::{replay, ReplayVerdict};
 use zk0_protocol::challenge::drand::{BeaconSignature, DrandChain};
 use zk0_protocol::challenge::source::RandomnessSource;
 use zk0_protocol::entries::entry::Body;
@@ -210,12 +210,12 @@ async fn each_thing_that_is_wrong_with_a_server_is_named() {
 }
 
 /// A network with a beacon, in round 0, in which both nodes have committed.
-async fn waiting(does: Does) -> (Network, Node, Doing) {
+async fn waiting(does: Does) -> (Network, SigningNode, Doing) {
     let (url, doing) = server(does).await;
     let mut founded = genesis();
     founded.rules.randomness = RandomnessSource::Drand(Box::new(chain()));
     founded.rules.randomness_window_ms = 60_000;
-    let (first, second) = (Node::new(1), Node::new(2));
+    let (first, second) = (SigningNode::new(1), SigningNode::new(2));
     let config = Config {
         rounds: Some(1),
         min_nodes: 2,
@@ -233,7 +233,7 @@ async fn waiting(does: Does) -> (Network, Node, Doing) {
     (network, first, doing)
 }
 
-async fn step(network: &Network) -> Progress {
+async fn step(network: &Network) -> StepOutcome {
     network.service().with(Aggregator::step).await.unwrap()
 }
 
@@ -241,16 +241,19 @@ async fn step(network: &Network) -> Progress {
 async fn a_round_waits_for_its_beacon_and_goes_on_with_it() -> Test {
     let (network, first, doing) = waiting(Does::Fails).await;
     // The beacon's time has not come, so nobody is asked.
-    assert_eq!(step(&network).await, Progress::Waiting);
+    assert_eq!(step(&network).await, StepOutcome::Waiting);
     network.clock.advance(MARGIN_MS + 3_000);
     let awaited = step(&network).await;
-    assert!(matches!(awaited, Progress::NeedsBeacon(_)), "{awaited:?}");
+    assert!(
+        matches!(awaited, StepOutcome::NeedsBeacon(_)),
+        "{awaited:?}"
+    );
     for does in [Does::Late, Does::WrongSignature, Does::OtherChain] {
         doing.set(does);
         doing.asked_twice().await;
         // The ledger takes what others send meanwhile.
         let enrol = move |aggregator: &mut Aggregator| {
-            let node = Node::new(20 + does as u8);
+            let node = SigningNode::new(20 + does as u8);
             aggregator.enrol(node.id(), "late".into())
         };
         network.service().with(enrol).await?;
@@ -262,7 +265,12 @@ async fn a_round_waits_for_its_beacon_and_goes_on_with_it() -> Test {
     let claim = first.claim(&network).await;
     first.submit(&network, claim, b"no proof").await?;
     let report = replay(network.dir.path(), None, &mut Auditor::default());
-    assert_ne!(report.verdict, Verdict::Failed, "{:?}", report.findings);
+    assert_ne!(
+        report.verdict,
+        ReplayVerdict::Failed,
+        "{:?}",
+        report.findings
+    );
     Ok(())
 }
 
@@ -270,7 +278,7 @@ async fn a_round_waits_for_its_beacon_and_goes_on_with_it() -> Test {
 async fn a_round_whose_beacon_never_comes_closes_and_the_next_one_may_open() -> Test {
     let (network, first, _) = waiting(Does::Fails).await;
     network.clock.advance(60_000);
-    assert!(matches!(step(&network).await, Progress::NeedsBeacon(_)));
+    assert!(matches!(step(&network).await, StepOutcome::NeedsBeacon(_)));
     network.clock.advance(1);
     let closed = async || network.round(Some(0)).await.closed;
     let closed = until_async("the round closes", closed).await;
@@ -283,6 +291,11 @@ async fn a_round_whose_beacon_never_comes_closes_and_the_next_one_may_open() -> 
     let late = first.upload(&network, 0, &weights(5)).await;
     refused(late, Code::FailedPrecondition, "round 0");
     let report = replay(network.dir.path(), None, &mut Auditor::default());
-    assert_ne!(report.verdict, Verdict::Failed, "{:?}", report.findings);
+    assert_ne!(
+        report.verdict,
+        ReplayVerdict::Failed,
+        "{:?}",
+        report.findings
+    );
     Ok(())
 }

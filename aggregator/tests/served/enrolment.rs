@@ -12,7 +12,7 @@ use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rules::network_rules::EnrolmentRule;
 use zk0_testkit::aggregator::*;
 
-fn enrolment(network: &Digest, node: &Node) -> Enrolment {
+fn enrolment(network: &Digest, node: &SigningNode) -> Enrolment {
     Enrolment {
         network: *network,
         operator: NodeId(log_key().verifying_key().to_bytes()),
@@ -43,7 +43,7 @@ fn config() -> Config {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_node_that_is_enrolled_while_the_aggregator_runs_takes_part() -> Test {
-    let (first, second) = (Node::new(1), Node::new(2));
+    let (first, second) = (SigningNode::new(1), SigningNode::new(2));
     let network = Network::start(&[&first], config()).await;
     first.register(&network).await?;
     let result = second.register(&network).await;
@@ -63,7 +63,7 @@ async fn a_node_that_is_enrolled_while_the_aggregator_runs_takes_part() -> Test 
 
 #[tokio::test(flavor = "multi_thread")]
 async fn nobody_but_the_operator_enrols() -> Test {
-    let (first, second) = (Node::new(1), Node::new(2));
+    let (first, second) = (SigningNode::new(1), SigningNode::new(2));
     let network = Network::start(&[&first], config()).await;
     let id = network.genesis.network_id();
     let before = network.entries().await.len();
@@ -95,7 +95,7 @@ async fn where_a_vote_enrols_the_operator_does_not() -> Test {
     let limits = Limits::default();
     let network = Network::start_as(&[], config(), limits, genesis, None, None).await;
     let id = network.genesis.network_id();
-    let signed = Signed::new(enrolment(&id, &Node::new(1)), &log_key());
+    let signed = Signed::new(enrolment(&id, &SigningNode::new(1)), &log_key());
     let result = enrol(&network, &log_key(), &signed).await;
     refused(result, Code::FailedPrecondition, "vote");
     Ok(())

@@ -4,7 +4,7 @@ use crate::Test;
 use std::sync::Arc;
 use tonic::{Code, Status};
 use zk0_aggregator::serve::service::ServeError;
-use zk0_aggregator::{Aggregator, Config, Progress, Service};
+use zk0_aggregator::{Aggregator, Config, Service, StepOutcome};
 use zk0_circuits::Digest;
 use zk0_ledger::log::Ledger;
 use zk0_protocol::challenge::drawing::Drawing;
@@ -28,7 +28,7 @@ async fn record(network: &Network, body: &Body) -> Result<u64, Status> {
     Ok(index)
 }
 
-fn proposal(network: &Network, by: &Node, number: u64, action: Action) -> Body {
+fn proposal(network: &Network, by: &SigningNode, number: u64, action: Action) -> Body {
     let proposal = Proposal {
         network: network.genesis.network_id(),
         number,
@@ -40,7 +40,7 @@ fn proposal(network: &Network, by: &Node, number: u64, action: Action) -> Body {
     Body::Proposed(Signed::new(proposal, &by.key))
 }
 
-fn vote(network: &Network, by: &Node, on: &Body, ballot: Ballot) -> Body {
+fn vote(network: &Network, by: &SigningNode, on: &Body, ballot: Ballot) -> Body {
     let Body::Proposed(proposed) = on else {
         panic!("not a proposal: {on:?}");
     };
@@ -63,7 +63,11 @@ fn config() -> Config {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_vote_changes_the_next_round() -> Test {
-    let (governor, first, second) = (Node::new(GOVERNOR), Node::new(1), Node::new(2));
+    let (governor, first, second) = (
+        SigningNode::new(GOVERNOR),
+        SigningNode::new(1),
+        SigningNode::new(2),
+    );
     let mut network = Network::start(&[&first, &second], config()).await;
     for node in [&first, &second] {
         node.register(&network).await?;
@@ -123,7 +127,7 @@ async fn a_vote_changes_the_next_round() -> Test {
     assert!(closed < settled && settled < opened);
     assert!(matches!(&bodies[opened], Body::RoundOpened(opened) if opened.rules == rules));
     // The aggregator tells a node whether it is invited, before the node trains.
-    let asked = |node: &Node| proto::GetRoundRequest {
+    let asked = |node: &SigningNode| proto::GetRoundRequest {
         round: Some(1),
         node: node.id().0.to_vec(),
     };
@@ -153,7 +157,7 @@ async fn a_vote_changes_the_next_round() -> Test {
 async fn only_what_members_may_say_is_recorded() -> Test {
     let network = Network::start(&[], config()).await;
     let enrolled = Body::NodeEnrolled(NodeEnrolled {
-        node: Node::new(5).id(),
+        node: SigningNode::new(5).id(),
         name: "by myself".into(),
     });
     refused(
@@ -172,7 +176,11 @@ async fn only_what_members_may_say_is_recorded() -> Test {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_node_goes_on_under_its_next_key() -> Test {
-    let (first, second, next) = (Node::new(1), Node::new(2), Node::new(7));
+    let (first, second, next) = (
+        SigningNode::new(1),
+        SigningNode::new(2),
+        SigningNode::new(7),
+    );
     let network = Network::start(&[&first, &second], config()).await;
     for node in [&first, &second] {
         node.register(&network).await?;
@@ -201,7 +209,7 @@ async fn a_node_goes_on_under_its_next_key() -> Test {
 fn with_a_false_contribution(
 ) -> Result<(tempfile::TempDir, Aggregator, u64), Box<dyn std::error::Error>> {
     let (dir, clock) = (tempfile::tempdir()?, Arc::new(ManualClock::at(START_MS)));
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let open =
         |clock: Arc<ManualClock>| Aggregator::open(dir.path(), None, log_key(), clock, config());
     let mut aggregator = found(
@@ -216,7 +224,7 @@ fn with_a_false_contribution(
     let network = genesis().network_id();
     aggregator.enrol(node.id(), "the only one".into())?;
     aggregator.register(&borsh::to_vec(&node.registration(&network))?, &node.list())?;
-    assert_eq!(aggregator.step()?, Progress::Opened(0));
+    assert_eq!(aggregator.step()?, StepOutcome::Opened(0));
     drop(aggregator);
     let mut ledger = Ledger::open(dir.path(), None, log_key())?;
     let update = weights(1);
@@ -265,10 +273,10 @@ fn with_a_false_contribution(
 #[test]
 fn a_disputed_contribution_is_verified_again() -> Test {
     let (_dir, mut aggregator, accepted) = with_a_false_contribution()?;
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let earned = |aggregator: &Aggregator| aggregator.state().node(&node.id()).unwrap().credits;
     assert!(earned(&aggregator) > 0);
-    let governor = Node::new(GOVERNOR);
+    let governor = SigningNode::new(GOVERNOR);
     let dispute = Dispute {
         network: *aggregator.state().network(),
         disputer: governor.id(),
@@ -277,7 +285,7 @@ fn a_disputed_contribution_is_verified_again() -> Test {
     };
     let body = Body::Disputed(Signed::new(dispute, &governor.key));
     let entry = aggregator.say(&borsh::to_vec(&body)?)?.index;
-    assert_eq!(aggregator.go_on()?, Progress::Resolved(entry));
+    assert_eq!(aggregator.go_on()?, StepOutcome::Resolved(entry));
     let last = aggregator.ledger().entry(aggregator.ledger().size() - 1)?;
     let Body::DisputeResolved(resolved) = last.body else {
         panic!("{last:?}");
@@ -288,14 +296,14 @@ fn a_disputed_contribution_is_verified_again() -> Test {
     let standing = aggregator.state().node(&node.id()).unwrap().standing;
     assert_eq!(standing, Standing::Suspended);
     // No node is ready for another round.
-    assert_eq!(aggregator.step()?, Progress::Waiting);
+    assert_eq!(aggregator.step()?, StepOutcome::Waiting);
     Ok(())
 }
 
 #[test]
 fn a_dispute_by_what_a_document_says_waits_for_a_vote() -> Test {
     let (_dir, mut aggregator, accepted) = with_a_false_contribution()?;
-    let governor = Node::new(GOVERNOR);
+    let governor = SigningNode::new(GOVERNOR);
     let dispute = Dispute {
         network: *aggregator.state().network(),
         disputer: governor.id(),

@@ -21,7 +21,7 @@ const SOON: Duration = Duration::from_secs(10);
 const A_MOMENT: Duration = Duration::from_millis(100);
 
 /// A network in which the first node has committed to an update, and its claim. Reading the update takes until the test lets go of it.
-async fn with_a_slow_update() -> (Network, Node, Claim, SlowFile) {
+async fn with_a_slow_update() -> (Network, SigningNode, Claim, SlowFile) {
     let (network, first, _) = open_round().await;
     let update = committed(&network, &first, 0, 1).await;
     let claim = first.claim(&network).await;
@@ -126,7 +126,7 @@ async fn what_arrives_late_waits_for_what_arrived_in_time() -> Test {
     let blobs = network.dir.path().join("blobs/sha256");
     let slow = SlowFile::instead_of(blobs.join(blob_digest(&weights(1)).to_string()));
     let network = std::sync::Arc::new(network);
-    let submitting = |node: Node, claim: Claim| {
+    let submitting = |node: SigningNode, claim: Claim| {
         let network = network.clone();
         tokio::spawn(async move { node.submit(&network, claim, b"no proof").await })
     };
@@ -179,7 +179,7 @@ async fn a_late_request_does_not_hold_up_an_earlier_one_of_its_node() -> Test {
     let network = std::sync::Arc::new(network);
     let submitting = |proof: Vec<u8>| {
         let (network, claim) = (network.clone(), claim.clone());
-        tokio::spawn(async move { Node::new(1).submit(&network, claim, &proof).await })
+        tokio::spawn(async move { SigningNode::new(1).submit(&network, claim, &proof).await })
     };
     // The proof of the earlier one takes longer to hash, so that the late one is the first to ask for the turn of their node.
     let early = submitting(vec![1; 2_000_000]);

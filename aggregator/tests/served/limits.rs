@@ -9,7 +9,9 @@ use zk0_aggregator::round::intake::registrations::PERIOD_MS;
 use zk0_aggregator::{Config, Limits};
 use zk0_circuits::vm::merkle;
 use zk0_circuits::Digest;
-use zk0_protocol::entries::signed::{Episode, KeyRotation, KeyTakeover, Signed, UploadRequest};
+use zk0_protocol::entries::signed::{
+    KeyRotation, KeyTakeover, RegisteredEpisode, Signed, UploadRequest,
+};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rules::apply::MAX_EPISODES;
@@ -176,7 +178,7 @@ async fn what_was_not_committed_goes_when_the_round_does() -> Test {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn the_longest_list_of_episodes_is_registered() -> Test {
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let config = Config {
         rounds: Some(1),
         min_nodes: 2,
@@ -187,7 +189,7 @@ async fn the_longest_list_of_episodes_is_registered() -> Test {
         .map(|number| {
             let mut digest = [1; 32];
             digest[..4].copy_from_slice(&number.to_be_bytes());
-            Episode {
+            RegisteredEpisode {
                 digest: Digest(digest),
                 frames: 400,
             }
@@ -200,7 +202,7 @@ async fn the_longest_list_of_episodes_is_registered() -> Test {
 }
 
 /// Registers the node's samples under another salt.
-async fn register_again(network: &Network, node: &Node, salt: u8) -> Result<(), Status> {
+async fn register_again(network: &Network, node: &SigningNode, salt: u8) -> Result<(), Status> {
     let leaves: Vec<_> = (0..10)
         .map(|at| {
             let mut leaf = [salt; 32];
@@ -217,7 +219,11 @@ async fn register_again(network: &Network, node: &Node, salt: u8) -> Result<(), 
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_node_registers_four_times_until_a_round_has_closed() -> Test {
-    let (first, second, next) = (Node::new(1), Node::new(2), Node::new(7));
+    let (first, second, next) = (
+        SigningNode::new(1),
+        SigningNode::new(2),
+        SigningNode::new(7),
+    );
     let config = Config {
         rounds: Some(1),
         min_nodes: 2,
@@ -261,8 +267,8 @@ async fn a_node_registers_four_times_until_a_round_has_closed() -> Test {
 }
 
 /// A network of one node in round 0, with little patience.
-async fn impatient(limits: Limits) -> (Network, Node) {
-    let node = Node::new(1);
+async fn impatient(limits: Limits) -> (Network, SigningNode) {
+    let node = SigningNode::new(1);
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,
@@ -275,7 +281,7 @@ async fn impatient(limits: Limits) -> (Network, Node) {
 
 fn begun(
     network: &Network,
-    node: &Node,
+    node: &SigningNode,
     update: &[u8],
 ) -> (Signed<UploadRequest>, [proto::UploadChunk; 2]) {
     let request = node.upload_request(&network.genesis.network_id(), 0, update);

@@ -8,7 +8,7 @@ use std::sync::{mpsc, Arc};
 use std::thread;
 use std::time::Duration;
 use zk0_aggregator::round::closing::ComputedClosing;
-use zk0_aggregator::{Aggregator, Config, Progress};
+use zk0_aggregator::{Aggregator, Config, StepOutcome};
 use zk0_circuits::Digest;
 use zk0_protocol::entries::entry::{MomentsComputed, RoundClosed};
 use zk0_protocol::rules::network_rules::Strategy;
@@ -32,7 +32,7 @@ fn no_round_opens_without_the_weights_that_its_momentum_starts_from() {
             server_rate_bps: 10_000,
             momentum_bps,
         };
-        let node = Node::new(1);
+        let node = SigningNode::new(1);
         let mut operator = Operator::founds(dir.path(), founded, &[&node]);
         let initial = operator.state().global().blob;
         operator.round(&node, 1, &[1]);
@@ -43,14 +43,14 @@ fn no_round_opens_without_the_weights_that_its_momentum_starts_from() {
         let file = fs::read(&lost).unwrap();
         fs::remove_file(&lost).unwrap();
         if needs_it {
-            let Progress::Blocked(why) = aggregator.step().unwrap() else {
+            let StepOutcome::Blocked(why) = aggregator.step().unwrap() else {
                 panic!("it opened a round");
             };
             let expected = format!("its strategy reads the weights {initial}");
             assert!(why.contains(&expected), "{why}");
             fs::write(&lost, file).unwrap();
         }
-        assert_eq!(aggregator.step().unwrap(), Progress::Opened(1));
+        assert_eq!(aggregator.step().unwrap(), StepOutcome::Opened(1));
     }
 }
 
@@ -74,7 +74,7 @@ fn no_round_opens_without_the_moments_that_it_goes_on_from() {
     let dir = tempfile::tempdir().unwrap();
     let mut founded = genesis();
     founded.rules.strategy = FED_ADAM;
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let mut operator = Operator::founds(dir.path(), founded, &[&node]);
     let moments = operator.ledger.blobs().put(b"moments").unwrap();
     operator.open();
@@ -87,13 +87,13 @@ fn no_round_opens_without_the_moments_that_it_goes_on_from() {
     drop(operator);
     fs::remove_file(&lost).unwrap();
     let mut aggregator = Aggregator::open(dir.path(), None, log_key(), clock, CONFIG).unwrap();
-    let Progress::Blocked(why) = aggregator.step().unwrap() else {
+    let StepOutcome::Blocked(why) = aggregator.step().unwrap() else {
         panic!("it opened a round");
     };
     let expected = format!("goes on from the moments {moments}");
     assert!(why.contains(&expected), "{why}");
     fs::write(&lost, b"moments").unwrap();
-    assert_eq!(aggregator.step().unwrap(), Progress::Opened(1));
+    assert_eq!(aggregator.step().unwrap(), StepOutcome::Opened(1));
 }
 
 /// The moments of a round and its closing are two entries. An aggregator that is killed between them records the second one after its start.
@@ -103,7 +103,7 @@ fn an_aggregator_that_was_killed_after_the_moments_closes_the_round() {
         let dir = tempfile::tempdir().unwrap();
         let mut founded = genesis();
         founded.rules.strategy = FED_ADAM;
-        let node = Node::new(1);
+        let node = SigningNode::new(1);
         let mut operator = Operator::founds(dir.path(), founded, &[&node]);
         operator.open();
         let submission = operator.submission(&node, 1, &[1]);
@@ -135,7 +135,7 @@ fn an_aggregator_that_was_killed_after_the_moments_closes_the_round() {
             closing,
             contributors,
         };
-        assert_eq!(aggregator.close(computed).unwrap(), Progress::Closed(0));
+        assert_eq!(aggregator.close(computed).unwrap(), StepOutcome::Closed(0));
         let recorded = aggregator.ledger().size() - entries;
         assert_eq!(recorded, if killed { 1 } else { 2 });
         let kept = aggregator.state().moments().unwrap();
@@ -144,7 +144,7 @@ fn an_aggregator_that_was_killed_after_the_moments_closes_the_round() {
 }
 
 /// A ledger whose open round has accepted an update of each node, and the time of its last entry. The operator has accepted proofs of nothing.
-fn accepted(dir: &Path, nodes: &[&Node]) -> u64 {
+fn accepted(dir: &Path, nodes: &[&SigningNode]) -> u64 {
     let mut operator = Operator::founds(dir, genesis(), nodes);
     operator.open();
     for (node, seed) in nodes.iter().zip(1..) {
@@ -166,7 +166,7 @@ fn blob(dir: &Path, bytes: &[u8]) -> PathBuf {
 #[test]
 fn an_aggregator_starts_without_a_file_of_its_open_round_and_names_it() {
     let dir = tempfile::tempdir().unwrap();
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let time_ms = accepted(dir.path(), &[&node]);
     for lost in [weights(1), vec![1]] {
         let path = blob(dir.path(), &lost);
@@ -175,7 +175,7 @@ fn an_aggregator_starts_without_a_file_of_its_open_round_and_names_it() {
         let mut aggregator = Aggregator::open(dir.path(), None, log_key(), clock, CONFIG).unwrap();
         // The ledger goes on: members can register and vote.
         assert_eq!(aggregator.state().round().unwrap().number(), 0);
-        let Progress::Blocked(why) = aggregator.go_on().unwrap() else {
+        let StepOutcome::Blocked(why) = aggregator.go_on().unwrap() else {
             panic!("the round closed");
         };
         let name = blob_digest(&lost).to_string();
@@ -191,7 +191,7 @@ fn an_aggregator_starts_without_a_file_of_its_open_round_and_names_it() {
 #[test]
 fn a_restarted_aggregator_verifies_contributions_at_the_same_time() {
     let dir = tempfile::tempdir().unwrap();
-    let nodes = [Node::new(1), Node::new(2)];
+    let nodes = [SigningNode::new(1), SigningNode::new(2)];
     let time_ms = accepted(dir.path(), &[&nodes[0], &nodes[1]]);
     // Whoever reads a named pipe waits for somebody who writes, and the other way round.
     let pipes: Vec<_> = (1..=2)

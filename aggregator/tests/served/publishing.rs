@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::task::{spawn_blocking, JoinHandle};
-use zk0_aggregator::publish::http::{self, Limits};
+use zk0_aggregator::publish::http::{self, HttpLimits};
 use zk0_aggregator::publish::log_server::LogServer;
 use zk0_aggregator::Aggregator;
 use zk0_aggregator::ConnectionLimits;
@@ -19,9 +19,9 @@ use zk0_ledger::published::export::{export, ExportError};
 use zk0_ledger::published::mirror::{mirror, MirrorError};
 use zk0_ledger::published::publication::Publication;
 use zk0_ledger::published::reader::{PublishedError, PublishedLog};
-use zk0_ledger::published::source::{Folder, Source};
+use zk0_ledger::published::source::{FolderSource, LogSource};
 use zk0_ledger::published::web::Web;
-use zk0_ledger::replay::{replay, Verdict};
+use zk0_ledger::replay::{replay, ReplayVerdict};
 use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
 use zk0_protocol::WitnessPolicy;
 use zk0_testkit::aggregator::*;
@@ -51,20 +51,26 @@ async fn busy() -> (Network, Digest, Digest) {
 
 /// Records one more entry.
 async fn grow(network: &Network) {
-    let enrol = |aggregator: &mut Aggregator| aggregator.enrol(Node::new(9).id(), "late".into());
+    let enrol =
+        |aggregator: &mut Aggregator| aggregator.enrol(SigningNode::new(9).id(), "late".into());
     network.service().with(enrol).await.unwrap();
 }
 
-fn mirrored(source: &dyn Source, dir: &Path) -> Result<u64, MirrorError> {
+fn mirrored(source: &dyn LogSource, dir: &Path) -> Result<u64, MirrorError> {
     mirror(source, dir, None, None).map(|done| done.new_entries)
 }
 
 fn same_replay(ours: &Path, theirs: &Path) {
     let report = |dir| replay(dir, None, &mut Auditor::default());
     let (ours, theirs) = (report(ours), report(theirs));
-    assert_eq!(ours.verdict, Verdict::Verified, "{:?}", ours.findings);
+    assert_eq!(ours.verdict, ReplayVerdict::Verified, "{:?}", ours.findings);
     // What the aggregator still holds back is not in the copy, and so it is not checked.
-    assert_ne!(theirs.verdict, Verdict::Failed, "{:?}", theirs.findings);
+    assert_ne!(
+        theirs.verdict,
+        ReplayVerdict::Failed,
+        "{:?}",
+        theirs.findings
+    );
     assert_eq!(theirs.root, ours.root);
     assert_eq!(theirs.state, ours.state);
     assert_eq!(
@@ -80,7 +86,7 @@ async fn an_export_outlives_the_ledger() {
     let (out, copy) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     // The aggregator works on the ledger at the same time.
     let done = export(&Publication::open(dir, None).unwrap(), out.path()).unwrap();
-    let folder = Folder::at(out.path());
+    let folder = FolderSource::at(out.path());
     assert_eq!(mirrored(&folder, copy.path()).unwrap(), done.entries);
     same_replay(dir, copy.path());
     // The mirror holds all public blobs, and nothing of the open round.
@@ -110,7 +116,7 @@ async fn an_export_outlives_the_ledger() {
 /// Makes two ledgers of one log key. Their first entries are the same, and the later ones differ.
 fn forked(ours: &Path, other: &Path) {
     let enrol = |ledger: &mut Ledger, node: u8| {
-        let node = Node::new(node).id();
+        let node = SigningNode::new(node).id();
         let name = "a node".into();
         let enrolled = zk0_protocol::entries::member::NodeEnrolled { node, name };
         ledger
@@ -169,7 +175,7 @@ fn a_mirror_follows_no_fork_and_no_rollback() {
         fs::read(out.join("checkpoint")).unwrap(),
     );
     assert_eq!(before, after);
-    assert_eq!(replay(copy, None, &mut ()).verdict, Verdict::Verified);
+    assert_eq!(replay(copy, None, &mut ()).verdict, ReplayVerdict::Verified);
     // A second operator has another key under the same name.
     let theirs = tempfile::tempdir().unwrap();
     let secret = ed25519_dalek::SigningKey::from_bytes(&[43; 32]);
@@ -220,7 +226,7 @@ fn a_mirror_takes_nothing_on_trust() {
             fs::write(&path, bytes).unwrap();
             let copy = tempfile::tempdir().unwrap();
             assert!(
-                mirrored(&Folder::at(&out), copy.path()).is_err(),
+                mirrored(&FolderSource::at(&out), copy.path()).is_err(),
                 "{file} {change}"
             );
         }
@@ -232,10 +238,10 @@ fn a_mirror_takes_nothing_on_trust() {
     export(&Publication::open(ours, None).unwrap(), &out).unwrap();
     fs::write(Blobs::at(&out).path(&blob_digest(&blob)), b"something else").unwrap();
     let copy = tempfile::tempdir().unwrap();
-    let error = mirrored(&Folder::at(&out), copy.path()).unwrap_err();
+    let error = mirrored(&FolderSource::at(&out), copy.path()).unwrap_err();
     assert!(error.to_string().contains("SHA-256"), "{error}");
     let wrong = Digest([9; 32]);
-    let refused = mirror(&Folder::at(&out), copy.path(), None, Some(&wrong));
+    let refused = mirror(&FolderSource::at(&out), copy.path(), None, Some(&wrong));
     assert!(refused.unwrap_err().to_string().contains("of network"));
 }
 
@@ -264,7 +270,7 @@ fn a_damaged_ledger_is_not_published() {
     assert!(opened.contains("rolled back"), "{opened}");
 }
 
-async fn served(dir: &Path, limits: Limits) -> (String, JoinHandle<()>) {
+async fn served(dir: &Path, limits: HttpLimits) -> (String, JoinHandle<()>) {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap().to_string();
     let router = LogServer::new(dir).router(limits);
@@ -298,7 +304,7 @@ async fn get(address: &str, path: &str) -> String {
 async fn a_served_log_is_read_while_it_grows() {
     let (network, update, proof) = busy().await;
     let dir = network.dir.path().to_owned();
-    let (address, _server) = served(&dir, Limits::default()).await;
+    let (address, _server) = served(&dir, HttpLimits::default()).await;
     let url = format!("http://{address}");
     let copy = tempfile::tempdir().unwrap();
     let to = copy.path().to_owned();
@@ -390,7 +396,7 @@ async fn a_served_log_is_read_while_it_grows() {
 async fn a_server_of_files_has_limits() {
     let dir = tempfile::tempdir().unwrap();
     drop(Ledger::create(dir.path(), genesis(), log_key(), START_MS).unwrap());
-    let limits = Limits {
+    let limits = HttpLimits {
         connections: ConnectionLimits {
             most: 2,
             ..ConnectionLimits::default()
@@ -424,7 +430,7 @@ async fn a_server_of_files_has_limits() {
 async fn what_is_not_http_or_not_a_log_is_said_so() {
     assert!(Web::at("ftp://x", None).is_err());
     let empty = tempfile::tempdir().unwrap();
-    let (address, _server) = served(empty.path(), Limits::default()).await;
+    let (address, _server) = served(empty.path(), HttpLimits::default()).await;
     let answer = get(&address, "checkpoint").await;
     assert!(answer.starts_with("HTTP/1.1 500"), "{answer}");
     assert!(!answer.contains(empty.path().to_str().unwrap()), "{answer}");

@@ -15,7 +15,7 @@ use zk0_verifier::blob_digest;
 #[tokio::test(flavor = "multi_thread")]
 async fn an_unknown_node_is_turned_away_everywhere() -> Test {
     let (network, first, _) = open_round().await;
-    let stranger = Node::new(9);
+    let stranger = SigningNode::new(9);
     let update = weights(5);
     let before = network.entries().await.len();
     refused(
@@ -387,7 +387,7 @@ async fn other_bytes_than_the_node_signed_leave_no_trace() -> Test {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn datasets_are_checked_before_they_are_recorded() -> Test {
-    let first = Node::new(1);
+    let first = SigningNode::new(1);
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,

@@ -5,10 +5,10 @@ use ed25519_dalek::SigningKey;
 use std::io::Write;
 use std::sync::Arc;
 use tonic::Code;
-use zk0_aggregator::{Aggregator, Config, Progress};
+use zk0_aggregator::{Aggregator, Config, StepOutcome};
 use zk0_audit::Auditor;
 use zk0_circuits::Digest;
-use zk0_ledger::replay::{replay, Verdict};
+use zk0_ledger::replay::{replay, ReplayVerdict};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::rules::network_rules::{Participation, Scaffold, Strategy};
@@ -26,14 +26,14 @@ fn a_round_in_which_nobody_may_commit_takes_its_time() -> Test {
         min_nodes: 0,
     };
     let mut aggregator = found(dir.path(), genesis(), clock.clone(), config)?;
-    assert!(matches!(aggregator.go_on()?, Progress::Opened(0)));
+    assert!(matches!(aggregator.go_on()?, StepOutcome::Opened(0)));
     for _ in 0..3 {
-        assert!(matches!(aggregator.go_on()?, Progress::Waiting));
+        assert!(matches!(aggregator.go_on()?, StepOutcome::Waiting));
     }
     clock.advance(COMMIT_MS + 1);
     assert!(matches!(
         aggregator.go_on()?,
-        Progress::CommitmentsClosed(0)
+        StepOutcome::CommitmentsClosed(0)
     ));
     Ok(())
 }
@@ -41,7 +41,7 @@ fn a_round_in_which_nobody_may_commit_takes_its_time() -> Test {
 #[test]
 fn no_round_opens_where_no_node_with_a_dataset_may_contribute() -> Test {
     let dir = tempfile::tempdir()?;
-    let (there, listed) = (Node::new(1), Node::new(2));
+    let (there, listed) = (SigningNode::new(1), SigningNode::new(2));
     let mut genesis = genesis();
     genesis.rules.participation = Participation::Listed(vec![listed.id()]);
     let network = genesis.network_id();
@@ -57,7 +57,7 @@ fn no_round_opens_where_no_node_with_a_dataset_may_contribute() -> Test {
     for (node, opens) in [(&there, false), (&listed, true)] {
         let registration = borsh::to_vec(&node.registration(&network))?;
         aggregator.register(&registration, &node.list())?;
-        let opened = matches!(aggregator.go_on()?, Progress::Opened(0));
+        let opened = matches!(aggregator.go_on()?, StepOutcome::Opened(0));
         assert_eq!(opened, opens);
     }
     Ok(())
@@ -65,7 +65,7 @@ fn no_round_opens_where_no_node_with_a_dataset_may_contribute() -> Test {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_round_opens_when_enough_nodes_have_datasets() -> Test {
-    let (first, second) = (Node::new(1), Node::new(2));
+    let (first, second) = (SigningNode::new(1), SigningNode::new(2));
     let config = Config {
         rounds: Some(1),
         min_nodes: 2,
@@ -250,7 +250,7 @@ async fn nothing_acknowledged_is_lost_when_the_aggregator_is_killed() -> Test {
 #[test]
 fn a_submission_after_the_deadline_of_an_open_round_is_recorded_as_late() -> Test {
     // This aggregator runs without the timer that would close the round at once.
-    let (dir, node) = (tempfile::tempdir()?, Node::new(1));
+    let (dir, node) = (tempfile::tempdir()?, SigningNode::new(1));
     let clock = Arc::new(ManualClock::at(START_MS));
     let config = Config {
         rounds: Some(1),
@@ -261,7 +261,7 @@ fn a_submission_after_the_deadline_of_an_open_round_is_recorded_as_late() -> Tes
     let network = genesis().network_id();
     let registration = borsh::to_vec(&node.registration(&network))?;
     aggregator.register(&registration, &node.list())?;
-    assert_eq!(aggregator.step()?, Progress::Opened(0));
+    assert_eq!(aggregator.step()?, StepOutcome::Opened(0));
     let update = weights(1);
     let request = Signed::new(node.upload_request(&network, 0, &update), &node.key);
     let writer = aggregator.upload(&borsh::to_vec(&request)?)?;
@@ -270,8 +270,8 @@ fn a_submission_after_the_deadline_of_an_open_round_is_recorded_as_late() -> Tes
     writer.finish()?;
     let commitment = Signed::new(node.commitment(&network, 0, &update), &node.key);
     aggregator.commit(&borsh::to_vec(&commitment)?)?;
-    assert_eq!(aggregator.step()?, Progress::CommitmentsClosed(0));
-    assert_eq!(aggregator.step()?, Progress::Drawn(0));
+    assert_eq!(aggregator.step()?, StepOutcome::CommitmentsClosed(0));
+    assert_eq!(aggregator.step()?, StepOutcome::Drawn(0));
     let claim = node.claim_of(aggregator.state().expected_claim(&node.id())?);
     let submission = borsh::to_vec(&node.submission(claim, b"no proof"))?;
     clock.advance(SUBMIT_MS + 5);
@@ -284,10 +284,15 @@ fn a_submission_after_the_deadline_of_an_open_round_is_recorded_as_late() -> Tes
             ..
         })
     ));
-    assert_eq!(aggregator.go_on()?, Progress::Closed(0));
-    assert_eq!(aggregator.step()?, Progress::Finished);
+    assert_eq!(aggregator.go_on()?, StepOutcome::Closed(0));
+    assert_eq!(aggregator.step()?, StepOutcome::Finished);
     let report = replay(dir.path(), None, &mut Auditor::default());
-    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
+    assert_eq!(
+        report.verdict,
+        ReplayVerdict::Verified,
+        "{:?}",
+        report.findings
+    );
     Ok(())
 }
 
@@ -368,7 +373,7 @@ fn a_node_is_shown_its_contributions_as_long_as_scaffold_reads_them() {
         learning_rate_millionths: 1000,
         restart_rounds: 3,
     });
-    let (node, other) = (Node::new(1), Node::new(2));
+    let (node, other) = (SigningNode::new(1), SigningNode::new(2));
     let mut operator = Operator::founds(dir.path(), founded, &[&node]);
     let accepted: Vec<_> = (0..3)
         .map(|round| operator.round(&node, round + 1, &[round as u8]))
@@ -380,9 +385,9 @@ fn a_node_is_shown_its_contributions_as_long_as_scaffold_reads_them() {
         min_nodes: 1,
     };
     let mut aggregator = Aggregator::open(dir.path(), None, log_key(), clock, config).unwrap();
-    let shown = |aggregator: &Aggregator, round, node: Option<&Node>| {
+    let shown = |aggregator: &Aggregator, round, node: Option<&SigningNode>| {
         let published = aggregator.ledger().size();
-        let node = node.map(Node::id);
+        let node = node.map(SigningNode::id);
         let receipts = aggregator.round(Some(round), node, published).unwrap();
         receipts.contribution.map(|receipt| receipt.index)
     };
@@ -393,7 +398,7 @@ fn a_node_is_shown_its_contributions_as_long_as_scaffold_reads_them() {
         assert_eq!(shown(&aggregator, round, None), None);
     }
     // The control variates begin again.
-    assert_eq!(aggregator.step().unwrap(), Progress::Opened(3));
+    assert_eq!(aggregator.step().unwrap(), StepOutcome::Opened(3));
     for round in 0..4 {
         assert_eq!(
             shown(&aggregator, round, Some(&node)),

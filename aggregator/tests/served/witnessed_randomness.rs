@@ -5,7 +5,7 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::time::timeout;
 use zk0_aggregator::{Config, Limits};
-use zk0_ledger::replay::{replay, Verdict};
+use zk0_ledger::replay::{replay, ReplayVerdict};
 use zk0_protocol::challenge::drawing::Drawing;
 use zk0_protocol::challenge::source::RandomnessSource;
 use zk0_protocol::entries::entry::Body;
@@ -23,7 +23,7 @@ async fn all_witnesses_draw_the_randomness_and_one_of_them_may_be_late() -> Test
     let mut founded = genesis();
     founded.rules.witness_policy = policy.clone();
     founded.rules.randomness = RandomnessSource::Witnesses;
-    let (first, second) = (Node::new(1), Node::new(2));
+    let (first, second) = (SigningNode::new(1), SigningNode::new(2));
     let config = Config {
         rounds: Some(1),
         min_nodes: 2,
@@ -53,7 +53,7 @@ async fn all_witnesses_draw_the_randomness_and_one_of_them_may_be_late() -> Test
     assert!(matches!(network.last().await, Body::CommitmentsClosed(_)));
     // The ledger goes on, although it is not published.
     let enrol = |aggregator: &mut zk0_aggregator::Aggregator| {
-        aggregator.enrol(Node::new(9).id(), "late".into())
+        aggregator.enrol(SigningNode::new(9).id(), "late".into())
     };
     network.service().with(enrol).await?;
     other.on().await;
@@ -67,6 +67,11 @@ async fn all_witnesses_draw_the_randomness_and_one_of_them_may_be_late() -> Test
     let claim = first.claim(&network).await;
     first.submit(&network, claim, b"no proof").await?;
     let report = replay(network.dir.path(), None, &mut ());
-    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
+    assert_eq!(
+        report.verdict,
+        ReplayVerdict::Verified,
+        "{:?}",
+        report.findings
+    );
     Ok(())
 }

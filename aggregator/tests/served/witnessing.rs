@@ -26,7 +26,7 @@ fn published(dir: &Path) -> u64 {
 #[tokio::test(flavor = "multi_thread")]
 async fn receipts_wait_for_the_quorum_and_entries_do_not() {
     let (mut witnesses, policy) = three().await;
-    let (first, second) = (Node::new(1), Node::new(2));
+    let (first, second) = (SigningNode::new(1), SigningNode::new(2));
     let config = Config {
         rounds: Some(1),
         min_nodes: 4,
@@ -48,7 +48,7 @@ async fn receipts_wait_for_the_quorum_and_entries_do_not() {
     // With two witnesses stopped, the entry is on disk, but the receipt and the checkpoint are not published.
     witnesses[1].off().await;
     let before = (published(&dir), fs::read(dir.join("cosigned")).unwrap());
-    let third = Node::new(3);
+    let third = SigningNode::new(3);
     let (id, name) = (third.id(), "late".to_owned());
     network
         .service()
@@ -99,7 +99,7 @@ async fn receipts_wait_for_the_quorum_and_entries_do_not() {
 }
 
 /// Registers a node's dataset, and checks that the entry is published when the receipt comes.
-async fn registered(network: &Network, node: &Node, dir: &Path) {
+async fn registered(network: &Network, node: &SigningNode, dir: &Path) {
     let receipt = node.register(network).await.unwrap();
     assert!(published(dir) > receipt.index);
 }
@@ -107,7 +107,7 @@ async fn registered(network: &Network, node: &Node, dir: &Path) {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_round_that_is_not_published_is_not_shown() {
     let (mut witnesses, policy) = three().await;
-    let (first, second) = (Node::new(1), Node::new(2));
+    let (first, second) = (SigningNode::new(1), SigningNode::new(2));
     let config = Config {
         rounds: Some(1),
         min_nodes: 2,
@@ -141,7 +141,7 @@ async fn nothing_is_published_before_the_first_quorum() {
     for witness in &mut witnesses {
         witness.off().await;
     }
-    let first = Node::new(1);
+    let first = SigningNode::new(1);
     let config = Config {
         rounds: Some(1),
         min_nodes: 2,

@@ -13,7 +13,7 @@ use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_testkit::aggregator::*;
 use zk0_testkit::until_async;
 
-pub fn signed(network: &Network, node: &Node, update: &[u8]) -> Signed<UploadRequest> {
+pub fn signed(network: &Network, node: &SigningNode, update: &[u8]) -> Signed<UploadRequest> {
     let request = node.upload_request(&network.genesis.network_id(), 0, update);
     Signed::new(request, &node.key)
 }
@@ -21,7 +21,7 @@ pub fn signed(network: &Network, node: &Node, update: &[u8]) -> Signed<UploadReq
 /// An upload whose node has sent `sent` bytes and is silent then.
 async fn silent_after(
     network: &Network,
-    node: &Node,
+    node: &SigningNode,
     update: &[u8],
     sent: usize,
 ) -> (
@@ -188,7 +188,7 @@ async fn only_the_node_learns_how_much_has_come() -> Test {
         Code::Unauthenticated,
         "signature",
     );
-    let stranger = Node::new(9);
+    let stranger = SigningNode::new(9);
     let request = signed(&network, &stranger, &update);
     refused(
         stranger.held(&network, &request).await,

@@ -16,7 +16,7 @@ async fn record(network: &Network, body: &Body) -> Result<(), Status> {
 }
 
 /// The node begins an upload, and asks how much of it has come.
-async fn uploads_nothing(network: &Network, node: &Node, code: Code, words: &str) {
+async fn uploads_nothing(network: &Network, node: &SigningNode, code: Code, words: &str) {
     let (update, before) = (weights(9), network.uploads());
     refused(node.upload(network, 0, &update).await, code, words);
     let request = signed(network, node, &update);
@@ -27,7 +27,11 @@ async fn uploads_nothing(network: &Network, node: &Node, code: Code, words: &str
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_revoked_node_uploads_nothing() -> Test {
-    let (governor, first, second) = (Node::new(GOVERNOR), Node::new(1), Node::new(2));
+    let (governor, first, second) = (
+        SigningNode::new(GOVERNOR),
+        SigningNode::new(1),
+        SigningNode::new(2),
+    );
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,

@@ -10,7 +10,7 @@ use zk0_circuits::{Digest, EvalSpec, Mode, Sample};
 
 /// The commitment to a sample.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Committed {
+pub struct SampleCommitment {
     /// Its leaf follows from it ([`zk0_circuits::claim::dataset::leaf`]).
     pub digest: Digest,
     /// What an argument would have to hash again without it: digests of a Merkle tree over the sample's codewords. Nothing in mode `direct`.
@@ -18,15 +18,15 @@ pub struct Committed {
 }
 
 /// Commits to a sample. In mode `succinct` it is a commitment to all values, which takes seconds at the published size, and which `blind` hides.
-pub fn committed(mode: Mode, spec: &EvalSpec, sample: &Sample, blind: &Blind) -> Committed {
+pub fn committed(mode: Mode, spec: &EvalSpec, sample: &Sample, blind: &Blind) -> SampleCommitment {
     match mode {
-        Mode::Direct => Committed {
+        Mode::Direct => SampleCommitment {
             digest: sample.digest(),
             kept: vec![],
         },
         Mode::Succinct => {
             let (digest, kept) = of_succinct(spec, sample, blind);
-            Committed {
+            SampleCommitment {
                 digest: digest.into(),
                 kept: bytes_of(&kept),
             }

@@ -6,7 +6,7 @@ use super::input::{ClaimInput, SampleOpening};
 use super::source::ClaimSource;
 use crate::expert::argument::prove::prove;
 use crate::expert::blinding::Blind;
-use crate::expert::witness::{evaluate, Common, Samples, Unprovable, Witness};
+use crate::expert::witness::{evaluate, Common, SampleValues, Samples, Unprovable};
 use crate::hash::Digest;
 use crate::prove::progress::Phase;
 use std::borrow::Cow;
@@ -29,12 +29,12 @@ pub enum NotMade {
 }
 
 /// The opened samples of a claim, with their draws.
-struct Opened<'a, S: ?Sized> {
+struct ClaimSamples<'a, S: ?Sized> {
     source: &'a S,
     draws: Vec<Draw>,
 }
 
-impl<S: ClaimSource + ?Sized> Samples for Opened<'_, S> {
+impl<S: ClaimSource + ?Sized> Samples for ClaimSamples<'_, S> {
     fn draws(&self) -> Vec<&Draw> {
         self.draws.iter().collect()
     }
@@ -69,7 +69,7 @@ pub fn make(
         let (challenge, count) = (&header.terms.challenge, header.terms.eval_samples);
         draw(&header.spec, challenge, position, count)
     });
-    let samples = Opened {
+    let samples = ClaimSamples {
         source,
         draws: draws.collect(),
     };
@@ -91,7 +91,7 @@ pub fn make(
         evaluate(context(header), &header.spec, models, &samples, &tell).map_err(failed)?;
     conclude(&statement, header, None)?;
     let common = Common::new(&statement, models);
-    let witness = |number| Witness::of(&statement, &common, number, models, &samples);
+    let witness = |number| SampleValues::of(&statement, &common, number, models, &samples);
     let argument = prove(&statement, &common, blind, folder, &tell, witness).map_err(failed)?;
     let openings = places.iter().zip(&statement.samples);
     let openings = openings.map(|((index, path), evaluated)| SampleOpening {

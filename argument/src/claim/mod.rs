@@ -22,7 +22,7 @@ mod source;
 pub use crate::expert::blinding::Blind;
 pub use check::{check, context, NotShown};
 #[cfg(feature = "prove")]
-pub use committed::{committed, digest_of, most_samples, most_uses, Committed};
+pub use committed::{committed, digest_of, most_samples, most_uses, SampleCommitment};
 #[cfg(feature = "prove")]
 pub use cost::Cost;
 pub use input::{ClaimInput, SampleOpening, CLAIM_BUFFERS};

@@ -23,7 +23,7 @@ pub trait ClaimSource {
     /// It cannot be read.
     fn sample(&self, position: usize) -> io::Result<Cow<'_, Sample>>;
 
-    /// What is kept of its commitment ([`super::Committed::kept`]); nothing if it is not known.
+    /// What is kept of its commitment ([`super::SampleCommitment::kept`]); nothing if it is not known.
     ///
     /// # Errors
     /// It cannot be read.

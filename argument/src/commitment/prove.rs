@@ -12,7 +12,7 @@ mod stored;
 
 use super::parameters::{cap_bits, Parameters, CAP, FOLDS, POSITION_WORK, SALT, SIBLINGS};
 use crate::field::{Extension, Goldilocks};
-use crate::hash::packed::{self, Begun, LANES};
+use crate::hash::packed::{self, SpongeCapacity, LANES};
 use crate::hash::Digest;
 use crate::multilinear::{bind, eq_table};
 use crate::prove::progress::{Phase, Tell};
@@ -22,7 +22,7 @@ use crate::tree::prove::{parents, Tree};
 use columns::{add_combination, evaluate};
 pub use encode::Encoder;
 use encode::{encode_extension, fold};
-pub use matrix::Matrix;
+pub use matrix::CodeMatrix;
 use p3_field::PrimeField64;
 use rayon::prelude::*;
 use std::io;
@@ -46,8 +46,8 @@ pub struct Committing {
     parameters: Parameters,
     encoder: Encoder,
     /// Of each row what it is up to now, one coset after the other.
-    begun: Vec<Begun>,
-    matrices: Vec<Matrix>,
+    begun: Vec<SpongeCapacity>,
+    matrices: Vec<CodeMatrix>,
 }
 
 impl Committing {
@@ -56,13 +56,13 @@ impl Committing {
         Self {
             parameters: *parameters,
             encoder: Encoder::new(parameters.rate.bits()),
-            begun: vec![Begun::new(columns + SALT); 1 << parameters.length()],
+            begun: vec![SpongeCapacity::new(columns + SALT); 1 << parameters.length()],
             matrices: vec![],
         }
     }
 
     /// Commits to a matrix which is not the last one.
-    pub fn add(&mut self, matrix: Matrix) {
+    pub fn add(&mut self, matrix: CodeMatrix) {
         let (width, height) = (matrix.width(), 1usize << self.parameters.height);
         let cosets = self.begun.chunks_exact_mut(height).enumerate();
         for (coset, begun) in cosets {
@@ -86,10 +86,10 @@ impl Committing {
     }
 
     /// Commits to the last matrix, and to salts.
-    pub fn finish(mut self, last: Matrix, hiding: Box<dyn Hiding>) -> Committed {
+    pub fn finish(mut self, last: CodeMatrix, hiding: Box<dyn Hiding>) -> CommittedSegment {
         let (width, height) = (last.width(), 1usize << self.parameters.height);
         let parameters = self.parameters;
-        let columns: usize = self.matrices.iter().map(Matrix::width).sum();
+        let columns: usize = self.matrices.iter().map(CodeMatrix::width).sum();
         let missing = missing(&parameters, columns + width);
         let mut lowest = Vec::with_capacity(1 << (parameters.length() - missing));
         for coset in self.encoder.order() {
@@ -118,7 +118,7 @@ impl Committing {
         self.begun.clear();
         self.begun.shrink_to_fit();
         self.matrices.push(last);
-        Committed {
+        CommittedSegment {
             matrices: self.matrices,
             hiding,
             tree: Tree::of_leaves(lowest, CAP),
@@ -134,8 +134,8 @@ fn missing(parameters: &Parameters, columns: usize) -> u32 {
 }
 
 /// A segment that was committed to.
-pub struct Committed {
-    matrices: Vec<Matrix>,
+pub struct CommittedSegment {
+    matrices: Vec<CodeMatrix>,
     hiding: Box<dyn Hiding>,
     /// The tree, without the lowest levels.
     tree: Tree,
@@ -143,11 +143,11 @@ pub struct Committed {
     missing: u32,
 }
 
-impl Committed {
+impl CommittedSegment {
     /// To a matrix that was committed to before, whose tree had these digests in the lowest level that is kept. `None` if it has another number of them.
     pub fn again(
         parameters: &Parameters,
-        matrix: Matrix,
+        matrix: CodeMatrix,
         hiding: Box<dyn Hiding>,
         lowest: Vec<Digest>,
     ) -> Option<Self> {
@@ -180,7 +180,7 @@ impl Committed {
     }
 
     /// What was committed to.
-    pub fn matrices(&self) -> &[Matrix] {
+    pub fn matrices(&self) -> &[CodeMatrix] {
         &self.matrices
     }
 
@@ -190,7 +190,7 @@ impl Committed {
     }
 
     fn width(&self) -> usize {
-        self.matrices.iter().map(Matrix::width).sum()
+        self.matrices.iter().map(CodeMatrix::width).sum()
     }
 
     /// The values of all columns at a point.
@@ -264,7 +264,7 @@ impl Committed {
         let mut digests = vec![Digest::default(); rows];
         for (block, digests) in digests.chunks_mut(LANES).enumerate() {
             let element = |row: usize, column: usize| group[(block * LANES + row) * wide + column];
-            let mut begun = vec![Begun::new(wide); digests.len()];
+            let mut begun = vec![SpongeCapacity::new(wide); digests.len()];
             let mut first = 0;
             for matrix in &self.matrices[..self.matrices.len() - 1] {
                 packed::absorb(&mut begun, matrix.width(), |row, column| {
@@ -297,7 +297,7 @@ impl Message {
     /// `Σ weights · columns`, one segment after the other.
     pub fn of_columns(
         parameters: &Parameters,
-        segments: &[&Committed],
+        segments: &[&CommittedSegment],
         weights: &[Extension],
     ) -> Self {
         let mut values = vec![Extension::ZERO; 1 << parameters.height];
@@ -318,7 +318,7 @@ impl Message {
     }
 
     /// Adds a column of the last matrix of a segment, times `weight`.
-    pub fn add_random(&mut self, segment: &Committed, column: usize, weight: Extension) {
+    pub fn add_random(&mut self, segment: &CommittedSegment, column: usize, weight: Extension) {
         let Some(matrix) = segment.matrices.last() else {
             return;
         };
@@ -334,7 +334,7 @@ impl Message {
 pub fn open(
     prover: &mut Prover,
     parameters: &Parameters,
-    segments: &[&Committed],
+    segments: &[&CommittedSegment],
     message: Message,
     point: &[Extension],
     tell: Tell<'_>,

@@ -269,13 +269,13 @@ pub fn verify_with(
 pub mod prove {
     use super::*;
     use crate::commitment::prove::columns::Column;
-    use crate::commitment::prove::{open, Committed, Committing, Hiding, Matrix};
+    use crate::commitment::prove::{open, CodeMatrix, CommittedSegment, Committing, Hiding};
     use crate::expert::blinding::Blind;
     use crate::expert::sample::prove::commit;
-    use crate::expert::witness::{Common, Witness};
+    use crate::expert::witness::{Common, SampleValues};
     use crate::opening::prove::Claimed;
     use crate::prove::progress::{Phase, Tell};
-    use crate::prove::{Instance, Proving, Values};
+    use crate::prove::{Instance, Proving, SourceValues};
     use crate::transcript::{Pads, Prover};
     use std::io;
     use std::path::Path;
@@ -304,7 +304,7 @@ pub mod prove {
         blind: &Blind,
         folder: Option<&Path>,
         tell: Tell<'_>,
-        witness: impl FnMut(usize) -> Result<Witness, E>,
+        witness: impl FnMut(usize) -> Result<SampleValues, E>,
     ) -> Result<Vec<u64>, E> {
         let hidden = Hidden {
             argument: Box::new(blind.of_argument(&statement.digest())?),
@@ -363,7 +363,7 @@ pub mod prove {
         hidden: Hidden<'_>,
         folder: Option<&Path>,
         tell: Tell<'_>,
-        mut witness: impl FnMut(usize) -> Result<Witness, E>,
+        mut witness: impl FnMut(usize) -> Result<SampleValues, E>,
         argued: impl FnOnce(&mut Proving<'_>, &Expert, &Shape) -> Result<Left<Extension>, Refused>,
     ) -> Result<Prover, E> {
         let expert = Expert::new(statement);
@@ -386,7 +386,10 @@ pub mod prove {
             let first = sample * shape.widths[0];
             let tails = first..first + shape.widths[0];
             let tails = tails.map(|column| hiding.elements(column, parameters.positions()));
-            main.add(Matrix::new(cut(own.main, shape.widths[0]), tails.collect()));
+            main.add(CodeMatrix::new(
+                cut(own.main, shape.widths[0]),
+                tails.collect(),
+            ));
             main.into_files(folder)?;
             let columns = cut(own.data, shape.widths[1]);
             let evaluated = &statement.samples[sample];
@@ -413,8 +416,8 @@ pub mod prove {
             .map_or(&[][..], |column| Extension::of_coefficients(column));
         let pads = Pads::new(pads.to_vec());
         let columns = random.into_iter().map(Column::from).collect();
-        let main = main.finish(Matrix::new(columns, tails), hiding);
-        let segments: Vec<&Committed> = [&main].into_iter().chain(&data).collect();
+        let main = main.finish(CodeMatrix::new(columns, tails), hiding);
+        let segments: Vec<&CommittedSegment> = [&main].into_iter().chain(&data).collect();
 
         let digest = statement.digest();
         let mut prover = Prover::new(&digest, pads);
@@ -422,10 +425,10 @@ pub mod prove {
             prover = prover.deaf();
         }
         segments.iter().for_each(|segment| segment.say(&mut prover));
-        fn of_matrix(matrix: Option<&Matrix>) -> &[Column] {
-            matrix.map_or(&[], Matrix::columns)
+        fn of_matrix(matrix: Option<&CodeMatrix>) -> &[Column] {
+            matrix.map_or(&[], CodeMatrix::columns)
         }
-        let values = |columns| Values::Columns(columns, bits);
+        let values = |columns| SourceValues::Columns(columns, bits);
         let nothing = Expert::new(&statement.of(None));
         let instances = (0..shape.samples.next_power_of_two()).map(|sample| {
             let expert = experts.get(sample).map_or(&nothing, |expert| &**expert);

@@ -21,8 +21,8 @@ impl Blind {
     }
 
     /// What hides a sample with this digest of its values, wherever it is opened.
-    pub fn of_sample(&self, values: &zk0_circuits::Digest) -> Keys {
-        Keys(tagged_sha256("zk0/blind/sample/v1", &[&self.0, &values.0]).0)
+    pub fn of_sample(&self, values: &zk0_circuits::Digest) -> BlindingKeys {
+        BlindingKeys(tagged_sha256("zk0/blind/sample/v1", &[&self.0, &values.0]).0)
     }
 
     /// What hides all else in an argument for a statement. It is new each time: it follows from 32 bytes of the system, and from the secret, in
@@ -30,19 +30,21 @@ impl Blind {
     ///
     /// # Errors
     /// The system has no random bytes.
-    pub fn of_argument(&self, statement: &Digest) -> io::Result<Keys> {
+    pub fn of_argument(&self, statement: &Digest) -> io::Result<BlindingKeys> {
         let mut fresh = [0; 32];
         getrandom::fill(&mut fresh).map_err(|error| io::Error::other(error.to_string()))?;
         let statement = zk0_circuits::Digest::from(*statement);
         let parts: [&[u8]; 3] = [&self.0, &fresh, &statement.0];
-        Ok(Keys(tagged_sha256("zk0/blind/argument/v1", &parts).0))
+        Ok(BlindingKeys(
+            tagged_sha256("zk0/blind/argument/v1", &parts).0,
+        ))
     }
 }
 
 /// The key of a stream of ChaCha20 for each column of a tree, and one for its salts.
-pub struct Keys([u8; 32]);
+pub struct BlindingKeys([u8; 32]);
 
-impl Keys {
+impl BlindingKeys {
     fn stream(&self, number: u64) -> ChaCha20Rng {
         let mut stream = ChaCha20Rng::from_seed(self.0);
         stream.set_stream(number);
@@ -50,7 +52,7 @@ impl Keys {
     }
 }
 
-impl Hiding for Keys {
+impl Hiding for BlindingKeys {
     /// Words from p on are thrown away, so that no element is likelier than another.
     fn elements(&self, column: usize, count: usize) -> Vec<Goldilocks> {
         let mut stream = self.stream(column as u64);
@@ -77,7 +79,7 @@ mod tests {
 
     const STATEMENT: Digest = Digest([1, 2, 3, 4]);
 
-    fn hidden(keys: &Keys) -> Vec<Goldilocks> {
+    fn hidden(keys: &BlindingKeys) -> Vec<Goldilocks> {
         let salts = keys.salts(0, 4).into_flattened();
         [keys.elements(0, 8), keys.elements(1, 8), salts].concat()
     }

@@ -50,8 +50,8 @@ pub mod prove {
     use super::*;
     use crate::commitment::parameters::CAP;
     use crate::commitment::prove::columns::Column;
-    use crate::commitment::prove::Committed as Commitment;
-    use crate::commitment::prove::{Committing, Hiding, Matrix};
+    use crate::commitment::prove::CommittedSegment as Commitment;
+    use crate::commitment::prove::{CodeMatrix, Committing, Hiding};
     use crate::commitment::Parameters;
     use crate::expert::blinding::Blind;
     use crate::expert::builder::bits_of;
@@ -110,7 +110,7 @@ pub mod prove {
         let tails = tails.map(|column| hiding.elements(column, parameters.longest_tail()));
         let tails = tails.collect();
         let width = columns.len();
-        let matrix = Matrix::new(columns, tails);
+        let matrix = CodeMatrix::new(columns, tails);
         match kept {
             Some(kept) => Commitment::again(parameters, matrix, hiding, kept),
             None => Some(Committing::new(parameters, width).finish(matrix, hiding)),

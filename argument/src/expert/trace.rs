@@ -11,7 +11,7 @@ use zk0_circuits::model::multiply::{Direct, Multiply};
 use zk0_circuits::{EvalSpec, QuantisedWeights, Sample};
 
 /// The sums of a linear layer, by its number: one matrix after the other, a row of outputs for each row of the input.
-pub type Kept = (usize, Vec<i32>);
+pub type LinearSums = (usize, Vec<i32>);
 
 /// The linear layer whose outputs enter layer 0.
 pub const EMBEDDED: usize = 2;
@@ -28,7 +28,7 @@ fn is_on_stream(index: usize) -> bool {
 struct Keeping<'a> {
     direct: Direct<'a>,
     spec: &'a EvalSpec,
-    kept: Vec<Kept>,
+    kept: Vec<LinearSums>,
     /// Whether scores lie further apart than the table of powers reaches.
     apart: bool,
 }
@@ -91,7 +91,7 @@ pub struct Traced {
     /// The loss.
     pub loss: LossSum,
     /// The sums that the residual stream is made of, in the order of the evaluation.
-    pub kept: Vec<Kept>,
+    pub kept: Vec<LinearSums>,
     /// Whether an argument about it has to be one of a statement that saturates.
     pub saturates: bool,
 }

@@ -6,10 +6,10 @@ use super::published::tables;
 use super::sample::prove::frames;
 use super::sizes::{Sizes, L, M, N, T};
 use super::statement::{Evaluated, Statement};
-use super::trace::{trace, Kept, Traced, EMBEDDED};
+use super::trace::{trace, LinearSums, Traced, EMBEDDED};
 use crate::prove::filling::Filling;
 use crate::prove::progress::{Phase, Tell};
-use crate::prove::{Computed, NotInTable, Values};
+use crate::prove::{Computed, NotInTable, SourceValues};
 use crate::relation::{Source, Tensor};
 use std::borrow::Cow;
 use std::io;
@@ -85,7 +85,7 @@ pub struct Common {
 
 /// The values of one sample.
 #[derive(Clone)]
-pub struct Witness {
+pub struct SampleValues {
     /// The relations of a statement about this sample alone.
     pub expert: Rc<Expert>,
     /// What is committed to.
@@ -228,9 +228,18 @@ impl Common {
     }
 
     /// The values of all sources, by number.
-    pub fn sources<'a>(&'a self, main: Values<'a>, data: Values<'a>) -> [Values<'a>; 4] {
+    pub fn sources<'a>(
+        &'a self,
+        main: SourceValues<'a>,
+        data: SourceValues<'a>,
+    ) -> [SourceValues<'a>; 4] {
         let (weights, tables) = (&self.weights, &self.tables);
-        [main, data, Values::Narrow(weights), Values::Wide(tables)]
+        [
+            main,
+            data,
+            SourceValues::Narrow(weights),
+            SourceValues::Wide(tables),
+        ]
     }
 }
 
@@ -239,10 +248,13 @@ fn length(expert: &Expert, source: Source) -> usize {
     1 << expert.source_bits[source.0 as usize]
 }
 
-impl Witness {
+impl SampleValues {
     /// The values of all sources, by number.
-    pub fn sources<'a>(&'a self, common: &'a Common) -> [Values<'a>; 4] {
-        common.sources(Values::Wide(&self.main), Values::Wide(&self.data))
+    pub fn sources<'a>(&'a self, common: &'a Common) -> [SourceValues<'a>; 4] {
+        common.sources(
+            SourceValues::Wide(&self.main),
+            SourceValues::Wide(&self.data),
+        )
     }
 
     /// Computes all values of sample number `number`. They obey the relations, if the evaluation did not fail.
@@ -339,7 +351,7 @@ fn columns(expert: &Expert, length: usize) -> Vec<i64> {
 fn fill_hidden(
     statement: &Statement,
     sizes: &Sizes,
-    kept: &[Kept],
+    kept: &[LinearSums],
     model: usize,
     tensor: &Tensor,
     main: &mut [i64],

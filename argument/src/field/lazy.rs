@@ -6,12 +6,12 @@ use super::goldilocks::{reduce, Goldilocks};
 
 /// A sum of products of 64 bits each, of which there are up to 2^32.
 #[derive(Clone, Copy, Default)]
-struct Products {
+struct WideProducts {
     sum: u128,
     carries: u64,
 }
 
-impl Products {
+impl WideProducts {
     #[inline(always)]
     fn add(&mut self, a: Goldilocks, b: Goldilocks) {
         let (sum, carry) = self.sum.overflowing_add(product(a, b));
@@ -28,15 +28,15 @@ impl Products {
 
 /// A sum of products of the extension.
 #[derive(Clone, Copy, Default)]
-pub struct Sum {
+pub struct LazySum {
     /// Of the constant coefficients.
-    constant: Products,
+    constant: WideProducts,
     /// Of the linear coefficients, which x² goes with.
-    square: Products,
-    linear: Products,
+    square: WideProducts,
+    linear: WideProducts,
 }
 
-impl Sum {
+impl LazySum {
     /// Adds `a · b`.
     #[inline(always)]
     pub fn add(&mut self, a: Extension, b: Extension) {
@@ -66,13 +66,13 @@ impl Sum {
 
 /// An element that many others are multiplied with.
 #[derive(Clone, Copy)]
-pub struct Factor {
+pub struct LazyFactor {
     factor: Extension,
     /// Its linear coefficient times x².
     square: Goldilocks,
 }
 
-impl Factor {
+impl LazyFactor {
     /// Prepares `factor`.
     pub fn new(factor: Extension) -> Self {
         let square = reduce(factor.0[1].value() as u128 * SQUARE);
@@ -125,10 +125,10 @@ mod tests {
             .iter()
             .flat_map(|&a| elements.iter().map(move |&b| [a, b]));
         let extensions: Vec<Extension> = pairs.map(Extension).collect();
-        let mut sum = Sum::default();
+        let mut sum = LazySum::default();
         let mut plain = Extension::ZERO;
         for &a in &extensions {
-            let factor = Factor::new(a);
+            let factor = LazyFactor::new(a);
             for &b in &extensions {
                 sum.add(a, b);
                 plain += a * b;

@@ -1,6 +1,6 @@
 //! The fractions of one layer, as the prover reads them.
 
-use crate::field::lazy::{Factor, Sum};
+use crate::field::lazy::{LazyFactor, LazySum};
 use crate::field::{Extension, Goldilocks};
 use rayon::prelude::*;
 
@@ -60,9 +60,9 @@ pub trait Numerator: Copy + Default + Send + Sync {
     /// `self − other`.
     fn minus(self, other: Self) -> Self;
     /// Adds `self · factor` to a sum.
-    fn add_to(self, sum: &mut Sum, factor: Extension);
+    fn add_to(self, sum: &mut LazySum, factor: Extension);
     /// The value between `zero` and `one`.
-    fn between(factor: &Factor, zero: Self, one: Self) -> Extension;
+    fn between(factor: &LazyFactor, zero: Self, one: Self) -> Extension;
 }
 
 impl Numerator for Extension {
@@ -77,12 +77,12 @@ impl Numerator for Extension {
     }
 
     #[inline(always)]
-    fn add_to(self, sum: &mut Sum, factor: Extension) {
+    fn add_to(self, sum: &mut LazySum, factor: Extension) {
         sum.add(self, factor);
     }
 
     #[inline(always)]
-    fn between(factor: &Factor, zero: Self, one: Self) -> Extension {
+    fn between(factor: &LazyFactor, zero: Self, one: Self) -> Extension {
         factor.between(zero, one)
     }
 }
@@ -99,23 +99,23 @@ impl Numerator for Goldilocks {
     }
 
     #[inline(always)]
-    fn add_to(self, sum: &mut Sum, factor: Extension) {
+    fn add_to(self, sum: &mut LazySum, factor: Extension) {
         sum.add_scaled(factor, self);
     }
 
     #[inline(always)]
-    fn between(factor: &Factor, zero: Self, one: Self) -> Extension {
+    fn between(factor: &LazyFactor, zero: Self, one: Self) -> Extension {
         factor.between_base(zero, one)
     }
 }
 
 /// Fractions in memory: numerators and denominators.
-pub struct Stored<N> {
+pub struct StoredFractions<N> {
     numerators: Vec<N>,
     denominators: Vec<Extension>,
 }
 
-impl<N: Numerator> Stored<N> {
+impl<N: Numerator> StoredFractions<N> {
     /// These fractions: as many numerators as denominators.
     pub fn new(numerators: Vec<N>, denominators: Vec<Extension>) -> Self {
         assert_eq!(numerators.len(), denominators.len());
@@ -126,7 +126,7 @@ impl<N: Numerator> Stored<N> {
     }
 }
 
-impl<N: Numerator> Leaves for Stored<N> {
+impl<N: Numerator> Leaves for StoredFractions<N> {
     type Numerator = N;
 
     fn len(&self) -> usize {
@@ -143,7 +143,7 @@ impl<N: Numerator> Leaves for Stored<N> {
 /// The sum of two fractions.
 #[inline(always)]
 fn sum<N: Numerator>(p: &[N; 2], q: &[Extension; 2]) -> (Extension, Extension) {
-    let mut sum = Sum::default();
+    let mut sum = LazySum::default();
     p[0].add_to(&mut sum, q[1]);
     p[1].add_to(&mut sum, q[0]);
     (sum.reduce(), q[0] * q[1])
@@ -193,7 +193,7 @@ impl Pieces {
     pub fn parents(leaves: &impl Leaves) -> Self {
         let count = leaves.len().div_ceil(2).max(1);
         let pieces = (0..count.div_ceil(PIECE)).into_par_iter();
-        let pieces = pieces.map_init(Block::default, |block, number| {
+        let pieces = pieces.map_init(FractionBuffer::default, |block, number| {
             let first = number * PIECE;
             let (p, q) = block.read(leaves, 2 * first, 2 * PIECE.min(count - first));
             let pairs = p.as_chunks().0.iter().zip(q.as_chunks().0);
@@ -233,15 +233,15 @@ impl Leaves for Pieces {
 }
 
 /// Room for fractions that are read.
-pub struct Block<N>(Vec<N>, Vec<Extension>);
+pub struct FractionBuffer<N>(Vec<N>, Vec<Extension>);
 
-impl<N> Default for Block<N> {
+impl<N> Default for FractionBuffer<N> {
     fn default() -> Self {
         Self(vec![], vec![])
     }
 }
 
-impl<N: Numerator> Block<N> {
+impl<N: Numerator> FractionBuffer<N> {
     /// Reads `count` fractions.
     pub fn read<L: Leaves<Numerator = N>>(
         &mut self,

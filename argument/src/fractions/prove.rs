@@ -6,14 +6,14 @@
 pub mod halves;
 
 use super::{Children, LeafClaim};
-use crate::field::lazy::{Factor, Sum};
+use crate::field::lazy::{LazyFactor, LazySum};
 use crate::field::{Extension, Goldilocks};
 use crate::multilinear::eq_table;
 use crate::transcript::{Challenges, Prover};
 use rayon::prelude::*;
 
-use super::leaves::{Block, Parents, Pieces};
-pub use super::leaves::{Leaves, Numerator, Stored};
+use super::leaves::{FractionBuffer, Parents, Pieces};
+pub use super::leaves::{Leaves, Numerator, StoredFractions};
 
 /// Proves that Σ numerators/denominators = 0, over 2^n ≥ 2 fractions.
 pub fn sum(
@@ -30,10 +30,18 @@ pub fn sum(
     numerators.truncate(used);
     denominators.truncate(used);
     if numerators.par_iter().any(|p| p.0[1] != Goldilocks::ZERO) {
-        return sum_of(prover, variables, Stored::new(numerators, denominators));
+        return sum_of(
+            prover,
+            variables,
+            StoredFractions::new(numerators, denominators),
+        );
     }
     let numerators: Vec<Goldilocks> = numerators.into_par_iter().map(|p| p.0[0]).collect();
-    sum_of(prover, variables, Stored::new(numerators, denominators))
+    sum_of(
+        prover,
+        variables,
+        StoredFractions::new(numerators, denominators),
+    )
 }
 
 /// Proves that 2^`variables` ≥ 2 fractions add up to zero.
@@ -83,7 +91,7 @@ fn send(prover: &mut Prover, children: &Children<Extension>) {
 }
 
 fn top_of(leaves: &impl Leaves) -> Children<Extension> {
-    let mut block = Block::default();
+    let mut block = FractionBuffer::default();
     let (p, q) = block.read(leaves, 0, 2);
     Children {
         p: [p[0].extension(), p[1].extension()],
@@ -93,17 +101,17 @@ fn top_of(leaves: &impl Leaves) -> Children<Extension> {
 
 /// What a sumcheck is about at one place: the summand is p0·q1 + q0·mixed, where `mixed` is p1 + λ·q1.
 #[derive(Clone, Copy)]
-struct Place<N> {
+struct Summand<N> {
     p0: N,
     q0: Extension,
     q1: Extension,
     mixed: Extension,
 }
 
-impl<N: Numerator> Place<N> {
+impl<N: Numerator> Summand<N> {
     /// From the fractions 2x and 2x + 1.
     #[inline(always)]
-    fn of(p: &[N], q: &[Extension], lambda: &Factor) -> Self {
+    fn of(p: &[N], q: &[Extension], lambda: &LazyFactor) -> Self {
         Self {
             p0: p[0],
             q0: q[0],
@@ -114,7 +122,7 @@ impl<N: Numerator> Place<N> {
 
     #[inline(always)]
     fn summand(self) -> Extension {
-        let mut sum = Sum::default();
+        let mut sum = LazySum::default();
         self.p0.add_to(&mut sum, self.q1);
         sum.add(self.q0, self.mixed);
         sum.reduce()
@@ -131,9 +139,9 @@ impl<N: Numerator> Place<N> {
     }
 }
 
-impl Place<Extension> {
+impl Summand<Extension> {
     #[inline(always)]
-    fn between(factor: &Factor, zero: &Self, one: &Self) -> Self {
+    fn between(factor: &LazyFactor, zero: &Self, one: &Self) -> Self {
         Self {
             p0: factor.between(zero.p0, one.p0),
             q0: factor.between(zero.q0, one.q0),
@@ -144,18 +152,18 @@ impl Place<Extension> {
 }
 
 /// The places of all pairs in use, in pieces of as many as one table of weights is for.
-type Places = Vec<Vec<Place<Extension>>>;
+type Summands = Vec<Vec<Summand<Extension>>>;
 
 /// A sum with weights over pairs of places: the constant and the leading coefficient of the round polynomial.
 #[derive(Clone, Copy, Default)]
-struct Round {
-    constant: Sum,
-    square: Sum,
+struct RoundPolynomial {
+    constant: LazySum,
+    square: LazySum,
 }
 
-impl Round {
+impl RoundPolynomial {
     #[inline(always)]
-    fn add<N: Numerator>(&mut self, weight: Extension, zero: Place<N>, one: Place<N>) {
+    fn add<N: Numerator>(&mut self, weight: Extension, zero: Summand<N>, one: Summand<N>) {
         self.constant.add(weight, zero.summand());
         self.square.add(weight, one.minus(zero).summand());
     }
@@ -169,14 +177,14 @@ impl Round {
 const LOW: usize = 9;
 
 /// eq of a point and the numbers of pairs: the product of two tables.
-struct Weights {
+struct PairWeights {
     low: Vec<Extension>,
     high: Vec<Extension>,
     /// The sum of the weights of pairs that are not in use.
     unused: Extension,
 }
 
-impl Weights {
+impl PairWeights {
     fn new(point: &[Extension], used: usize) -> Self {
         let (low, high) = point.split_at(point.len().min(LOW));
         Self {
@@ -219,26 +227,26 @@ fn add(a: [Extension; 2], b: [Extension; 2]) -> [Extension; 2] {
 }
 
 /// A layer's sumcheck in progress.
-struct Layer {
-    lambda: Factor,
+struct LayerSumcheck {
+    lambda: LazyFactor,
     /// The summand where both fractions are 0/1.
     padding: Extension,
 }
 
-impl Layer {
+impl LayerSumcheck {
     /// The first round polynomial.
     fn first<L: Leaves>(&self, leaves: &L, point: &[Extension]) -> [Extension; 2] {
         let pairs = leaves.len().div_ceil(4);
-        let weights = Weights::new(point, pairs);
+        let weights = PairWeights::new(point, pairs);
         let size = weights.low.len();
         let blocks = (0..weights.blocks(pairs)).into_par_iter();
-        let sums = blocks.map_init(Block::default, |block, number| {
+        let sums = blocks.map_init(FractionBuffer::default, |block, number| {
             let first = number * size;
             let (p, q) = block.read(leaves, 4 * first, 4 * size.min(pairs - first));
             let fractions = p.as_chunks::<4>().0.iter().zip(q.as_chunks::<4>().0);
-            let mut round = Round::default();
+            let mut round = RoundPolynomial::default();
             for ((p, q), &weight) in fractions.zip(&weights.low) {
-                let place = |at: usize| Place::of(&p[at..at + 2], &q[at..at + 2], &self.lambda);
+                let place = |at: usize| Summand::of(&p[at..at + 2], &q[at..at + 2], &self.lambda);
                 round.add(weight, place(0), place(2));
             }
             round.times(weights.high[number])
@@ -250,23 +258,23 @@ impl Layer {
     fn second<L: Leaves>(
         &self,
         leaves: &L,
-        challenge: &Factor,
+        challenge: &LazyFactor,
         point: &[Extension],
-    ) -> (Places, [Extension; 2]) {
+    ) -> (Summands, [Extension; 2]) {
         let pairs = leaves.len().div_ceil(8);
-        let weights = Weights::new(point, pairs);
+        let weights = PairWeights::new(point, pairs);
         let size = weights.low.len();
         let blocks = (0..weights.blocks(pairs)).into_par_iter();
-        let blocks = blocks.map_init(Block::default, |block, number| {
+        let blocks = blocks.map_init(FractionBuffer::default, |block, number| {
             let first = number * size;
             let (p, q) = block.read(leaves, 8 * first, 8 * size.min(pairs - first));
             let fractions = p.as_chunks().0.iter().zip(q.as_chunks().0);
             let places = fractions.map(|(p, q)| self.bound(p, q, challenge));
-            let places: Vec<Place<Extension>> = places.collect();
+            let places: Vec<Summand<Extension>> = places.collect();
             let sums = round(&places, &weights.low).times(weights.high[number]);
             (places, sums)
         });
-        let (places, sums): (Places, Vec<_>) = blocks.unzip();
+        let (places, sums): (Summands, Vec<_>) = blocks.unzip();
         (
             places,
             self.padded(sums.into_iter().fold(Default::default(), add), &weights),
@@ -274,13 +282,18 @@ impl Layer {
     }
 
     /// Binds the next variable, and computes the round polynomial after it.
-    fn next(&self, places: &mut Places, challenge: &Factor, point: &[Extension]) -> [Extension; 2] {
-        let pad = |places: &mut Vec<Place<Extension>>, multiple: usize| {
+    fn next(
+        &self,
+        places: &mut Summands,
+        challenge: &LazyFactor,
+        point: &[Extension],
+    ) -> [Extension; 2] {
+        let pad = |places: &mut Vec<Summand<Extension>>, multiple: usize| {
             places.resize(places.len().next_multiple_of(multiple), self.place());
         };
         let used: usize = places.iter().map(Vec::len).sum();
         let pairs = used.div_ceil(4);
-        let weights = Weights::new(point, pairs);
+        let weights = PairWeights::new(point, pairs);
         let blocks = places.par_chunks_mut(2).zip(&weights.high);
         let sums = blocks.map(|(pieces, &weight)| {
             let [bound, rest @ ..] = pieces else {
@@ -288,14 +301,14 @@ impl Layer {
             };
             pad(bound, 2);
             for at in 0..bound.len() / 2 {
-                bound[at] = Place::between(challenge, &bound[2 * at], &bound[2 * at + 1]);
+                bound[at] = Summand::between(challenge, &bound[2 * at], &bound[2 * at + 1]);
             }
             bound.truncate(bound.len() / 2);
             for piece in rest.iter_mut().map(core::mem::take) {
                 let pairs = piece.chunks(2);
                 bound.extend(pairs.map(|pair| {
                     let one = pair.get(1).copied().unwrap_or(self.place());
-                    Place::between(challenge, &pair[0], &one)
+                    Summand::between(challenge, &pair[0], &one)
                 }));
             }
             pad(bound, 2);
@@ -312,16 +325,16 @@ impl Layer {
         &self,
         p: &[N; 4],
         q: &[Extension; 4],
-        challenge: &Factor,
-    ) -> Place<Extension> {
+        challenge: &LazyFactor,
+    ) -> Summand<Extension> {
         let numerators = [0, 1].map(|at| N::between(challenge, p[at], p[at + 2]));
         let denominators = [0, 1].map(|at| challenge.between(q[at], q[at + 2]));
-        Place::of(&numerators, &denominators, &self.lambda)
+        Summand::of(&numerators, &denominators, &self.lambda)
     }
 
     /// A place where both fractions are 0/1.
-    fn place(&self) -> Place<Extension> {
-        Place {
+    fn place(&self) -> Summand<Extension> {
+        Summand {
             p0: Extension::ZERO,
             q0: Extension::ONE,
             q1: Extension::ONE,
@@ -329,13 +342,13 @@ impl Layer {
         }
     }
 
-    fn padded(&self, [constant, square]: [Extension; 2], weights: &Weights) -> [Extension; 2] {
+    fn padded(&self, [constant, square]: [Extension; 2], weights: &PairWeights) -> [Extension; 2] {
         [constant + self.padding * weights.unused, square]
     }
 }
 
-fn round(places: &[Place<Extension>], weights: &[Extension]) -> Round {
-    let mut round = Round::default();
+fn round(places: &[Summand<Extension>], weights: &[Extension]) -> RoundPolynomial {
+    let mut round = RoundPolynomial::default();
     for (&[zero, one], &weight) in places.as_chunks().0.iter().zip(weights) {
         round.add(weight, zero, one);
     }
@@ -352,8 +365,8 @@ fn prove_layer<L: Leaves>(
 ) -> (Vec<Extension>, Children<Extension>) {
     let lambda = prover.challenge();
     let mut claim = numerator + lambda * denominator;
-    let layer = Layer {
-        lambda: Factor::new(lambda),
+    let layer = LayerSumcheck {
+        lambda: LazyFactor::new(lambda),
         padding: lambda,
     };
     let mut point = Vec::with_capacity(claimed_at.len() + 1);
@@ -364,12 +377,12 @@ fn prove_layer<L: Leaves>(
         let challenge = prover.challenge();
         claim = constant + challenge * (slope - square + challenge * square);
         point.push(challenge);
-        Factor::new(challenge)
+        LazyFactor::new(challenge)
     };
     let mut challenge = say(claimed_at[0], layer.first(&leaves, &claimed_at[1..]));
     let last = match claimed_at.len() {
         1 => {
-            let mut block = Block::default();
+            let mut block = FractionBuffer::default();
             let (p, q) = block.read(&leaves, 0, 4);
             layer.bound(
                 &[p[0], p[1], p[2], p[3]],
@@ -387,10 +400,10 @@ fn prove_layer<L: Leaves>(
             challenge = say(claimed_at[claimed_at.len() - 1], sums);
             let mut places = places.into_iter().flatten();
             let [zero, one] = [0, 1].map(|_| places.next().unwrap_or(layer.place()));
-            Place::between(&challenge, &zero, &one)
+            Summand::between(&challenge, &zero, &one)
         }
     };
-    let Place { p0, q0, q1, mixed } = last;
+    let Summand { p0, q0, q1, mixed } = last;
     let children = Children {
         p: [p0, mixed - lambda * q1],
         q: [q0, q1],

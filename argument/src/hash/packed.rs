@@ -34,9 +34,9 @@ fn half<V: Vectors>(state: &V::State, first: usize) -> [Digest; LANES] {
 
 /// The half of a row's state that nothing overwrites: what the row was up to now.
 #[derive(Clone, Copy)]
-pub struct Begun([u64; RATE]);
+pub struct SpongeCapacity([u64; RATE]);
 
-impl Begun {
+impl SpongeCapacity {
     /// Of rows that have `width` elements in all.
     pub fn new(width: usize) -> Self {
         Self([Domain::Leaf as u64 | (width as u64) << 32, 0, 0, 0])
@@ -56,7 +56,7 @@ fn begin<V: Vectors>(begun: impl Fn(usize) -> [u64; RATE]) -> V::State {
 
 /// Absorbs elements of rows.
 struct Absorbing<'a, E> {
-    begun: &'a [Begun],
+    begun: &'a [SpongeCapacity],
     width: usize,
     element: E,
     /// The first word of the half that is the result.
@@ -95,7 +95,7 @@ impl<E: Fn(usize, usize) -> u64> InVectors for Absorbing<'_, E> {
 }
 
 /// Absorbs the next `width` elements of as many rows as were begun, up to [`LANES`]. `element` gives the canonical value for a row and a column.
-pub fn absorb(begun: &mut [Begun], width: usize, element: impl Fn(usize, usize) -> u64) {
+pub fn absorb(begun: &mut [SpongeCapacity], width: usize, element: impl Fn(usize, usize) -> u64) {
     let inner = in_vectors(Absorbing {
         begun,
         width,
@@ -103,13 +103,13 @@ pub fn absorb(begun: &mut [Begun], width: usize, element: impl Fn(usize, usize) 
         half: RATE,
     });
     for (begun, Digest(inner)) in begun.iter_mut().zip(inner) {
-        *begun = Begun(inner);
+        *begun = SpongeCapacity(inner);
     }
 }
 
 /// Absorbs the last `width` elements of rows, and gives their digests.
 pub fn finish(
-    begun: &[Begun],
+    begun: &[SpongeCapacity],
     width: usize,
     element: impl Fn(usize, usize) -> u64,
     results: &mut [Digest],
@@ -126,7 +126,7 @@ pub fn finish(
 /// [`super::leaf`] for as many rows as there are places for digests, up to [`LANES`]. All have `width` elements; `element` gives the
 /// canonical value for a row and a column.
 pub fn leaves(width: usize, element: impl Fn(usize, usize) -> u64, results: &mut [Digest]) {
-    let begun = vec![Begun::new(width); results.len()];
+    let begun = vec![SpongeCapacity::new(width); results.len()];
     finish(&begun, width, element, results);
 }
 
@@ -241,7 +241,7 @@ mod tests {
     fn rows_are_absorbed_piece_by_piece() {
         let rows = elements(11 * LANES);
         let value = |row: usize, column: usize| rows[11 * row + column].value();
-        let mut begun = vec![Begun::new(11); LANES];
+        let mut begun = vec![SpongeCapacity::new(11); LANES];
         absorb(&mut begun, 3, value);
         absorb(&mut begun, 6, |row, column| value(row, 3 + column));
         let mut digests = vec![Digest::default(); LANES];

@@ -15,10 +15,10 @@ const CLASSES: usize = 64;
 /// Entries of arrays for each row of a table, at most.
 const SPARE: usize = 4;
 
-type Entry = [i64; COLUMNS];
-type Columns = [Vec<i64>; COLUMNS];
+type LookupRow = [i64; COLUMNS];
+type LookupColumns = [Vec<i64>; COLUMNS];
 /// Which look-up an entry is of, and which number it has there.
-type Place = (usize, usize);
+type LookupPosition = (usize, usize);
 
 /// Rows with equal values in one column, or all.
 struct Class {
@@ -37,7 +37,7 @@ struct Dense {
 }
 
 impl Dense {
-    fn new(rows: &Columns, by: Option<usize>) -> Option<Self> {
+    fn new(rows: &LookupColumns, by: Option<usize>) -> Option<Self> {
         let mut ranges: Vec<(i64, [i64; 2])> = vec![];
         for (row, &value) in rows[0].iter().enumerate() {
             let of = by.map_or(0, |by| rows[by][row]);
@@ -78,7 +78,7 @@ impl Dense {
 
     /// The class of an entry, and its place there.
     #[inline(always)]
-    fn place(&self, entry: &Entry) -> Option<(usize, usize)> {
+    fn place(&self, entry: &LookupRow) -> Option<(usize, usize)> {
         let of = self.by.map_or(0, |by| entry[by]);
         let class = self.classes.iter().rposition(|class| class.of == of)?;
         let index = entry[0].checked_sub(self.classes[class].least)?;
@@ -87,7 +87,7 @@ impl Dense {
 
     /// The row that is equal to an entry.
     #[inline(always)]
-    fn row(&self, rows: &Columns, entry: &Entry) -> Option<usize> {
+    fn row(&self, rows: &LookupColumns, entry: &LookupRow) -> Option<usize> {
         let (class, index) = self.place(entry)?;
         let row = *self.classes[class].rows.get(index)? as usize;
         let row = row.checked_sub(1)?;
@@ -95,32 +95,32 @@ impl Dense {
     }
 }
 
-fn at(rows: &Columns, row: usize) -> Entry {
+fn at(rows: &LookupColumns, row: usize) -> LookupRow {
     core::array::from_fn(|column| rows[column][row])
 }
 
 /// Tables with one tag.
-struct Group {
+struct TableGroup {
     tag: i64,
     /// Their numbers.
     tables: Vec<usize>,
     /// The rows of all, one table after the other.
-    rows: Columns,
+    rows: LookupColumns,
     dense: Option<Dense>,
 }
 
 /// Where an entry's row is.
-pub struct Index {
+pub struct RowIndex {
     /// How many rows each table has.
     sizes: Vec<usize>,
-    groups: Vec<Group>,
+    groups: Vec<TableGroup>,
 }
 
-impl Index {
+impl RowIndex {
     /// Of these tables, by columns.
-    pub fn new(tables: Vec<Columns>) -> Self {
+    pub fn new(tables: Vec<LookupColumns>) -> Self {
         let sizes = tables.iter().map(|rows| rows[0].len()).collect();
-        let mut groups: Vec<Group> = vec![];
+        let mut groups: Vec<TableGroup> = vec![];
         for (number, rows) in tables.into_iter().enumerate() {
             let tag = rows[TAG].first().copied().unwrap_or_default();
             match groups.iter_mut().find(|group| group.tag == tag) {
@@ -130,7 +130,7 @@ impl Index {
                         all.extend(own);
                     }
                 }
-                None => groups.push(Group {
+                None => groups.push(TableGroup {
                     tag,
                     tables: vec![number],
                     rows,
@@ -138,7 +138,7 @@ impl Index {
                 }),
             }
         }
-        let has_one_tag = |group: &Group| group.rows[TAG].iter().all(|&tag| tag == group.tag);
+        let has_one_tag = |group: &TableGroup| group.rows[TAG].iter().all(|&tag| tag == group.tag);
         if groups.iter().all(has_one_tag) {
             groups.par_iter_mut().for_each(|group| {
                 let ways = (1..TAG).map(Some);
@@ -152,18 +152,18 @@ impl Index {
 
 /// What was counted.
 pub struct Counting<'a> {
-    index: &'a Index,
+    index: &'a RowIndex,
     /// For each group in arrays, how often each row is looked up.
     dense: Vec<Vec<u32>>,
     /// All other entries, with the first place of each.
-    others: FxHashMap<Entry, (u32, Place)>,
+    others: FxHashMap<LookupRow, (u32, LookupPosition)>,
     /// The first entry that is in no array.
-    missing: Option<(Place, Entry)>,
+    missing: Option<(LookupPosition, LookupRow)>,
 }
 
 impl<'a> Counting<'a> {
     /// Nothing.
-    pub fn new(index: &'a Index) -> Self {
+    pub fn new(index: &'a RowIndex) -> Self {
         let dense = index.groups.iter().map(|group| match group.dense {
             Some(_) => vec![0; group.rows[0].len()],
             None => vec![],
@@ -178,13 +178,13 @@ impl<'a> Counting<'a> {
 
     /// Counts an entry.
     #[inline(always)]
-    pub fn add(&mut self, place: Place, entry: Entry) {
+    pub fn add(&mut self, place: LookupPosition, entry: LookupRow) {
         let groups = &self.index.groups;
         let number = groups.iter().position(|group| group.tag == entry[TAG]);
         let group = number.map(|number| (number, &groups[number]));
         if let Some((
             number,
-            Group {
+            TableGroup {
                 rows,
                 dense: Some(dense),
                 ..
@@ -203,7 +203,7 @@ impl<'a> Counting<'a> {
     }
 
     #[cold]
-    fn miss(&mut self, missing: (Place, Entry)) {
+    fn miss(&mut self, missing: (LookupPosition, LookupRow)) {
         let known = self.missing.take().unwrap_or(missing);
         self.missing = Some(known.min(missing));
     }
@@ -226,7 +226,7 @@ impl<'a> Counting<'a> {
     }
 
     /// The counts of each table's rows, or the first entry that is in no table.
-    pub fn counts(mut self) -> Result<Vec<Vec<i64>>, (Place, Entry)> {
+    pub fn counts(mut self) -> Result<Vec<Vec<i64>>, (LookupPosition, LookupRow)> {
         let mut counts = vec![vec![]; self.index.sizes.len()];
         for (group, own) in self.index.groups.iter().zip(&mut self.dense) {
             if group.dense.is_none() {

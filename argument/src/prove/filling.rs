@@ -2,7 +2,7 @@
 
 use super::looked_up::{count, NotInTable};
 use super::tables::{Computed, Tables};
-use super::values::{numbers, packed, Values, BLOCK};
+use super::values::{numbers, packed, SourceValues, BLOCK};
 use crate::relation::along::Along;
 use crate::relation::{Atom, Axis, Committed, Count, Linear, Relations};
 use rayon::prelude::*;
@@ -25,12 +25,12 @@ pub struct Filling<'a> {
 
 impl Filling<'_> {
     /// The values of all sources, by number.
-    pub fn sources(&self) -> [Values<'_>; 4] {
+    pub fn sources(&self) -> [SourceValues<'_>; 4] {
         [
-            Values::Wide(&self.main),
-            Values::Wide(self.data),
-            Values::Narrow(self.weights),
-            Values::Wide(self.tables),
+            SourceValues::Wide(&self.main),
+            SourceValues::Wide(self.data),
+            SourceValues::Narrow(self.weights),
+            SourceValues::Wide(self.tables),
         ]
     }
 

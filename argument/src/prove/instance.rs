@@ -1,7 +1,7 @@
 //! One instance of a statement, as the prover has it.
 
 use super::tables::{Computed, Tables};
-use super::values::Values;
+use super::values::SourceValues;
 use crate::relation::Relations;
 
 /// One instance of a statement: its relations, in which the axis of instances has one index, and the values of each source, by number.
@@ -9,7 +9,7 @@ pub struct Instance<'a> {
     /// The relations.
     pub relations: &'a Relations,
     /// The values.
-    pub sources: Vec<Values<'a>>,
+    pub sources: Vec<SourceValues<'a>>,
 }
 
 impl Instance<'_> {
@@ -27,6 +27,6 @@ impl Instance<'_> {
 
     /// Drops values that are in files from the process's memory, until somebody uses them again.
     pub fn release(&self) {
-        self.sources.iter().for_each(Values::release);
+        self.sources.iter().for_each(SourceValues::release);
     }
 }

@@ -8,18 +8,18 @@ mod table;
 
 use crate::field::{Extension, Goldilocks};
 use crate::transcript::{Challenges, Prover};
-use columns::{round, Monomials};
+use columns::{round, TableMonomials};
 use rayon::prelude::*;
+pub use table::MultilinearTable;
 use table::Piece;
-pub use table::Table;
 
 /// Terms of a piece, which one core computes at a time.
 const PIECE: usize = 1 << 10;
 
 /// A sum over all indices of `Σ coefficient · Π tables`.
 pub struct Joined {
-    tables: Vec<Table>,
-    monomials: Monomials,
+    tables: Vec<MultilinearTable>,
+    monomials: TableMonomials,
     /// The challenge of the last round: the highest variable is not yet bound to it.
     pending: Option<Extension>,
     /// What the values of the next round polynomial at 0 and 1 add up to, once a round polynomial was computed.
@@ -31,14 +31,20 @@ pub struct Joined {
 impl Joined {
     /// All tables have the same length, a power of two. A monomial names its tables by number.
     pub fn new(tables: Vec<Vec<Extension>>, monomials: Vec<(Extension, Vec<usize>)>) -> Self {
-        Self::of_tables(tables.into_iter().map(Table::from).collect(), monomials)
+        Self::of_tables(
+            tables.into_iter().map(MultilinearTable::from).collect(),
+            monomials,
+        )
     }
 
     /// Likewise, with tables that are known to be in the base field.
-    pub fn of_tables(tables: Vec<Table>, monomials: Vec<(Extension, Vec<usize>)>) -> Self {
+    pub fn of_tables(
+        tables: Vec<MultilinearTable>,
+        monomials: Vec<(Extension, Vec<usize>)>,
+    ) -> Self {
         Self {
             tables,
-            monomials: Monomials::new(monomials),
+            monomials: TableMonomials::new(monomials),
             pending: None,
             claim: None,
             factor: Extension::ONE,
@@ -53,7 +59,7 @@ impl Joined {
 
     /// The length of the tables once all challenges are bound.
     fn len(&self) -> usize {
-        let len = self.tables.first().map_or(0, Table::len);
+        let len = self.tables.first().map_or(0, MultilinearTable::len);
         len >> self.pending.is_some() as u32
     }
 
@@ -62,7 +68,7 @@ impl Joined {
         let half = self.len() / 2;
         let challenge = self.pending.take();
         if challenge.is_some() {
-            self.tables.iter_mut().for_each(Table::make_room);
+            self.tables.iter_mut().for_each(MultilinearTable::make_room);
         }
         let mut tables: Vec<_> = self
             .tables
@@ -241,9 +247,11 @@ mod tests {
     /// The sum over all indices of what `value` gives for the values of all tables there.
     fn total(sum: &Joined) -> Extension {
         let at = |index: usize| {
-            let value = |table: &Table| match table {
-                Table::Base(values) | Table::Bound(values, _) => values[index].into(),
-                Table::Extension(values) => values[index],
+            let value = |table: &MultilinearTable| match table {
+                MultilinearTable::Base(values) | MultilinearTable::Bound(values, _) => {
+                    values[index].into()
+                }
+                MultilinearTable::Extension(values) => values[index],
             };
             sum.monomials.value(|table| value(&sum.tables[table]))
         };
@@ -277,10 +285,10 @@ mod tests {
                 let tables = core::mem::take(&mut sum.tables).into_iter();
                 let at = |table| {
                     let values: Vec<Extension> = match table {
-                        Table::Base(values) | Table::Bound(values, _) => {
+                        MultilinearTable::Base(values) | MultilinearTable::Bound(values, _) => {
                             values.into_iter().map(Extension::from).collect()
                         }
-                        Table::Extension(values) => values,
+                        MultilinearTable::Extension(values) => values,
                     };
                     evaluate_extension(&values, &said[..variables])
                 };

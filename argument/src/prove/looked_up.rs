@@ -1,9 +1,9 @@
 //! Look-ups: how often each row of a table is looked up, and the fractions that show it.
 
-use super::counting::{Counting, Index};
-use super::reading::{all, narrowed, Reader};
+use super::counting::{Counting, RowIndex};
+use super::reading::{all, narrowed, SumReader};
 use super::tables::Tables;
-use super::values::{Values, BLOCK};
+use super::values::{SourceValues, BLOCK};
 use crate::commitment::prove::columns::Column;
 use crate::field::{Extension, Goldilocks};
 use crate::fractions::prove::Leaves;
@@ -90,7 +90,7 @@ fn row(columns: &[Vec<i64>; COLUMNS], index: usize) -> [i64; COLUMNS] {
 }
 
 /// Whether each entry counts, unless all do.
-fn mask<'a>(tables: &Tables<'a>, lookup: &Lookup) -> Option<Reader<'a>> {
+fn mask<'a>(tables: &Tables<'a>, lookup: &Lookup) -> Option<SumReader<'a>> {
     match lookup.count {
         Count::Masked(public) => Some(tables.atom(Atom::Public(public), &lookup.axes)),
         _ => None,
@@ -99,8 +99,8 @@ fn mask<'a>(tables: &Tables<'a>, lookup: &Lookup) -> Option<Reader<'a>> {
 
 /// Reads the entries of a look-up.
 struct Entries<'a> {
-    columns: [Reader<'a>; COLUMNS],
-    mask: Option<Reader<'a>>,
+    columns: [SumReader<'a>; COLUMNS],
+    mask: Option<SumReader<'a>>,
 }
 
 /// Room for the entries of a block.
@@ -148,7 +148,7 @@ pub fn count(tables: &Tables<'_>) -> Result<Vec<(usize, Vec<i64>)>, NotInTable> 
     let (offered, others): (Vec<_>, Vec<_>) =
         lookups.partition(|(_, lookup)| matches!(lookup.count, Count::Offered(_)));
     let rows = offered.iter().map(|(_, lookup)| columns(tables, lookup));
-    let index = Index::new(rows.collect());
+    let index = RowIndex::new(rows.collect());
     let entries: Vec<Entries> = others
         .iter()
         .map(|(_, lookup)| Entries::new(tables, lookup))
@@ -191,7 +191,7 @@ pub fn count(tables: &Tables<'_>) -> Result<Vec<(usize, Vec<i64>)>, NotInTable> 
 }
 
 /// The fractions of one look-up.
-struct Piece<'a> {
+struct FractionPiece<'a> {
     /// The first leaf, and the one after the last.
     leaves: Range<usize>,
     /// The first column of all entries, which may take long to compute.
@@ -199,14 +199,14 @@ struct Piece<'a> {
     /// What is the same in all denominators.
     shift: Extension,
     /// The other columns, and what they are multiplied with.
-    columns: Vec<(Extension, Reader<'a>)>,
+    columns: Vec<(Extension, SumReader<'a>)>,
     /// The numerators, but for their sign; all are 1 if there is none.
-    counts: Option<Reader<'a>>,
+    counts: Option<SumReader<'a>>,
     sign: i64,
 }
 
 /// The fractions of all look-ups, which are put together when they are read: that takes less time than to read them from memory, and a sixth of it.
-pub struct Fractions<'a>(Vec<Piece<'a>>);
+pub struct Fractions<'a>(Vec<FractionPiece<'a>>);
 
 impl<'a> Fractions<'a> {
     /// Of one instance.
@@ -229,7 +229,7 @@ impl<'a> Fractions<'a> {
                 Count::Masked(public) => (1, Some(Atom::Public(public))),
                 Count::Offered(number) => (-1, Some(Atom::Virtual(number))),
             };
-            Piece {
+            FractionPiece {
                 leaves: offset..offset + size,
                 first: kept(&reader(0), size),
                 shift,
@@ -238,14 +238,14 @@ impl<'a> Fractions<'a> {
                 sign,
             }
         });
-        let mut pieces: Vec<Piece> = pieces.collect();
+        let mut pieces: Vec<FractionPiece> = pieces.collect();
         pieces.sort_by_key(|piece| piece.leaves.start);
         Self(pieces)
     }
 }
 
 /// Values in as few bytes as most of them need.
-fn kept(reader: &Reader<'_>, count: usize) -> Column {
+fn kept(reader: &SumReader<'_>, count: usize) -> Column {
     let read = |first: usize, values: &mut [i64]| reader.read(first, values);
     match narrowed::<i32>(count, read) {
         Some(values) => Column::Medium(values.into()),
@@ -253,13 +253,13 @@ fn kept(reader: &Reader<'_>, count: usize) -> Column {
     }
 }
 
-impl Piece<'_> {
+impl FractionPiece<'_> {
     fn read(&self, first: usize, numerators: &mut [Goldilocks], denominators: &mut [Extension]) {
         let element = Goldilocks::from_i64;
         let mut values = [0; BLOCK];
         let values = &mut values[..numerators.len()];
         let bits = self.leaves.len().ilog2();
-        Values::Columns(slice::from_ref(&self.first), bits).add(first, 1, values);
+        SourceValues::Columns(slice::from_ref(&self.first), bits).add(first, 1, values);
         for (target, &value) in denominators.iter_mut().zip(&*values) {
             *target = Extension([self.shift.0[0] - element(value), self.shift.0[1]]);
         }

@@ -19,4 +19,4 @@ pub use instance::Instance;
 pub use looked_up::{check, check_equalities, count, NotInTable, Violation};
 pub use party::Proving;
 pub use tables::{Computed, Tables};
-pub use values::{value, Values};
+pub use values::{value, SourceValues};

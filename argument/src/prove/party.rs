@@ -385,7 +385,12 @@ fn of_instance(instance: &Instance<'_>, parts: &Parts, about: &Weighted) -> Exte
 
 impl Proving<'_> {
     /// The sum over all instances of the values of a source, with weights.
-    fn combined(&self, source: usize, bits: usize, weights: &[Extension]) -> joined::Table {
+    fn combined(
+        &self,
+        source: usize,
+        bits: usize,
+        weights: &[Extension],
+    ) -> joined::MultilinearTable {
         if let [_] = weights {
             let own = self.instances[0].sources[source];
             let mut all = vec![Goldilocks::ZERO; 1 << bits];

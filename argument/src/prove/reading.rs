@@ -1,6 +1,6 @@
 //! Values on some axes that are computed where they are read, a block at a time: then nobody has to keep all of them.
 
-use super::values::{Values, BLOCK};
+use super::values::{SourceValues, BLOCK};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
@@ -11,7 +11,7 @@ pub const NOTHING: usize = usize::MAX;
 /// What numbers of values are about.
 pub enum Where<'a> {
     /// A source.
-    Source(Values<'a>),
+    Source(SourceValues<'a>),
     /// What was computed.
     Computed(Arc<Vec<i64>>),
 }
@@ -34,7 +34,7 @@ impl Where<'_> {
 }
 
 /// How the numbers of neighbours on the lowest axes differ.
-enum Row {
+enum RowStride {
     /// They follow each other.
     Beside,
     /// They are the same.
@@ -48,7 +48,7 @@ pub struct Gather<'a> {
     from: Where<'a>,
     start: usize,
     factor: i64,
-    row: Row,
+    row: RowStride,
     /// Bits of the number of a value in a row.
     bits: u32,
     /// The steps on the axes above a row.
@@ -62,7 +62,7 @@ impl<'a> Gather<'a> {
             from,
             start,
             factor,
-            row: Row::Beside,
+            row: RowStride::Beside,
             bits: 0,
             above: vec![],
         };
@@ -73,9 +73,9 @@ impl<'a> Gather<'a> {
         while let Some(own) = steps.peek() {
             let all_are = |step: usize| own.iter().enumerate().all(|(n, &own)| own == n * step);
             match gather.row {
-                Row::Beside if all_are(1 << gather.bits) => {}
-                Row::Same if all_are(0) => {}
-                _ if gather.bits == 0 && all_are(0) => gather.row = Row::Same,
+                RowStride::Beside if all_are(1 << gather.bits) => {}
+                RowStride::Same if all_are(0) => {}
+                _ if gather.bits == 0 && all_are(0) => gather.row = RowStride::Same,
                 _ => break,
             }
             gather.bits += own.len().ilog2();
@@ -84,7 +84,7 @@ impl<'a> Gather<'a> {
         if gather.bits == 0 {
             if let Some(own) = steps.next() {
                 gather.bits = own.len().ilog2();
-                gather.row = Row::Any(own);
+                gather.row = RowStride::Any(own);
             }
         }
         gather.above = steps.collect();
@@ -94,7 +94,7 @@ impl<'a> Gather<'a> {
     /// All values, if they are a source's int16 as they lie there.
     pub fn as_they_lie(&self, count: usize) -> Option<&'a [i16]> {
         match (&self.from, &self.row) {
-            (Where::Source(Values::Narrow(values)), Row::Beside)
+            (Where::Source(SourceValues::Narrow(values)), RowStride::Beside)
                 if self.above.is_empty() && self.factor == 1 =>
             {
                 values.get(self.start..self.start + count)
@@ -125,13 +125,13 @@ impl<'a> Gather<'a> {
             let (now, later) = sums.split_at_mut(sums.len().min(width - inner));
             if let Some(start) = self.row(first >> self.bits) {
                 match &self.row {
-                    Row::Beside => self.from.add(start + inner, factor, now),
-                    Row::Same => {
+                    RowStride::Beside => self.from.add(start + inner, factor, now),
+                    RowStride::Same => {
                         let value = self.from.get(start).wrapping_mul(factor);
                         now.iter_mut()
                             .for_each(|sum| *sum = sum.wrapping_add(value));
                     }
-                    Row::Any(steps) => {
+                    RowStride::Any(steps) => {
                         for (sum, &step) in now.iter_mut().zip(&steps[inner..]) {
                             if step != NOTHING {
                                 let value = self.from.get(start + step);
@@ -148,7 +148,7 @@ impl<'a> Gather<'a> {
 }
 
 /// `Σ coefficient · Π factors`, where each factor is a sum of gathered values.
-pub struct Products<'a> {
+pub struct GatheredProducts<'a> {
     /// Coefficients and factors.
     pub terms: Vec<(i64, Vec<Vec<Gather<'a>>>)>,
     /// How many values there are.
@@ -157,7 +157,7 @@ pub struct Products<'a> {
     pub summed: usize,
 }
 
-impl Products<'_> {
+impl GatheredProducts<'_> {
     fn add(&self, first: usize, sums: &mut [i64]) {
         let (mut product, mut factor) = ([0; BLOCK], [0; BLOCK]);
         let (product, factor) = (&mut product[..sums.len()], &mut factor[..sums.len()]);
@@ -189,11 +189,11 @@ pub enum What<'a> {
     /// A sum of gathered values.
     Gathered(Vec<Gather<'a>>),
     /// Products.
-    Products(Products<'a>),
+    Products(GatheredProducts<'a>),
 }
 
 /// `factor · coefficients · what`.
-pub struct Term<'a> {
+pub struct GatheredTerm<'a> {
     /// The same everywhere.
     pub factor: i64,
     /// Others, if there are any.
@@ -203,12 +203,12 @@ pub struct Term<'a> {
 }
 
 /// A sum of terms for each index on some axes.
-pub struct Reader<'a>(pub Vec<Term<'a>>);
+pub struct SumReader<'a>(pub Vec<GatheredTerm<'a>>);
 
-impl Reader<'_> {
+impl SumReader<'_> {
     /// The value, if it is the same everywhere.
     pub fn constant(&self) -> Option<i64> {
-        let same = |term: &Term| match (&term.what, &term.coefficients) {
+        let same = |term: &GatheredTerm| match (&term.what, &term.coefficients) {
             (What::One, None) => Some(term.factor),
             _ => None,
         };
@@ -224,7 +224,7 @@ impl Reader<'_> {
     }
 }
 
-impl Term<'_> {
+impl GatheredTerm<'_> {
     fn add(&self, first: usize, sums: &mut [i64]) {
         match (&self.what, &self.coefficients) {
             (What::One, None) => {

@@ -2,7 +2,7 @@
 
 use super::grid::Grid;
 use super::instance::Instance;
-use super::joined::{Joined, Table};
+use super::joined::{Joined, MultilinearTable};
 use super::tables::Tables;
 use super::values::contract;
 use crate::commitment::prove::columns::Column;
@@ -215,7 +215,7 @@ pub fn monomials(
     let own = outer_of(parts, &ids);
     let size = 1 << relations.size_of_one(&monomials.axes);
     let repeated: Vec<Extension> = own.iter().copied().cycle().take(size).collect();
-    let mut all = vec![Table::from(repeated)];
+    let mut all = vec![MultilinearTable::from(repeated)];
     let (factors, terms) = factors_of(monomials);
     for factor in factors {
         let of =

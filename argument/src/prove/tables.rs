@@ -1,7 +1,9 @@
 //! All values of tensors that nobody commits to.
 
-use super::reading::{all, narrowed, Gather, Products, Reader, Term, What, Where, NOTHING};
-use super::values::{Values, BLOCK};
+use super::reading::{
+    all, narrowed, Gather, GatheredProducts, GatheredTerm, SumReader, What, Where, NOTHING,
+};
+use super::values::{SourceValues, BLOCK};
 use crate::relation::along::Along;
 use crate::relation::{self, Atom, Axis, Factor, Index, Linear, Relations, View};
 use rayon::prelude::*;
@@ -34,7 +36,7 @@ pub struct Tables<'a> {
     /// The relations.
     pub relations: &'a Relations,
     /// The values of each source.
-    pub sources: &'a [Values<'a>],
+    pub sources: &'a [SourceValues<'a>],
     /// What was computed before.
     pub computed: &'a Computed,
 }
@@ -58,22 +60,22 @@ impl<'a> Tables<'a> {
     /// The values of a factor on these axes.
     pub fn factor(&self, factor: Factor, axes: &[Axis]) -> Vec<i64> {
         let what = What::Gathered(self.gather(factor, axes));
-        self.all(axes, &Reader(vec![once(what)]))
+        self.all(axes, &SumReader(vec![once(what)]))
     }
 
     /// The values of monomials on those of their axes that are not summed over.
     pub fn monomials(&self, number: usize) -> Vec<i64> {
         let what = What::Products(self.products_of(number));
-        self.all(self.monomial_axes(number), &Reader(vec![once(what)]))
+        self.all(self.monomial_axes(number), &SumReader(vec![once(what)]))
     }
 
-    fn all(&self, axes: &[Axis], reader: &Reader<'_>) -> Vec<i64> {
+    fn all(&self, axes: &[Axis], reader: &SumReader<'_>) -> Vec<i64> {
         let count = 1 << self.relations.size(axes);
         all(count, |first, values| reader.read(first, values))
     }
 
     /// Reads the values of a sum of terms on these axes.
-    pub fn reader(&self, linear: &Linear, axes: &[Axis]) -> Reader<'a> {
+    pub fn reader(&self, linear: &Linear, axes: &[Axis]) -> SumReader<'a> {
         let terms = linear.iter().map(|term| {
             let what = match term.atom {
                 Atom::One => What::One,
@@ -95,7 +97,7 @@ impl<'a> Tables<'a> {
                     let summed = &self.relations.sums[number];
                     let all = [axes, &summed.axes].concat();
                     let factor = self.gather(Factor::Virtual(summed.of), &all);
-                    What::Products(Products {
+                    What::Products(GatheredProducts {
                         terms: vec![(1, vec![factor])],
                         count: 1 << self.relations.size(axes),
                         summed: 1 << self.relations.size(&summed.axes),
@@ -107,17 +109,17 @@ impl<'a> Tables<'a> {
                 let values = coefficients.iter().map(|&c| integer(c)).collect();
                 self.repeated(Arc::new(values), &[*axis], axes)
             });
-            Term {
+            GatheredTerm {
                 factor: term.factor,
                 coefficients,
                 what,
             }
         });
-        Reader(terms.collect())
+        SumReader(terms.collect())
     }
 
     /// Reads the values of an atom on these axes.
-    pub fn atom(&self, atom: Atom, axes: &[Axis]) -> Reader<'a> {
+    pub fn atom(&self, atom: Atom, axes: &[Axis]) -> SumReader<'a> {
         let term = relation::Term {
             factor: 1,
             coefficients: None,
@@ -127,9 +129,9 @@ impl<'a> Tables<'a> {
     }
 
     /// Reads numbers that may differ along an axis.
-    pub fn along(&self, numbers: &Along, axes: &[Axis]) -> Reader<'a> {
-        Reader(vec![match numbers {
-            Along::Everywhere(number) => Term {
+    pub fn along(&self, numbers: &Along, axes: &[Axis]) -> SumReader<'a> {
+        SumReader(vec![match numbers {
+            Along::Everywhere(number) => GatheredTerm {
                 factor: *number,
                 coefficients: None,
                 what: What::One,
@@ -147,7 +149,7 @@ impl<'a> Tables<'a> {
         &monomials.axes[..monomials.axes.len() - monomials.summed]
     }
 
-    fn products_of(&self, number: usize) -> Products<'a> {
+    fn products_of(&self, number: usize) -> GatheredProducts<'a> {
         let monomials = &self.relations.monomials[number];
         let kept = self.relations.size(self.monomial_axes(number));
         let terms = monomials.terms.iter().map(|(coefficient, factors)| {
@@ -155,7 +157,7 @@ impl<'a> Tables<'a> {
             let factors = factors.map(|&factor| self.gather(factor, &monomials.axes));
             (*coefficient, factors.collect())
         });
-        Products {
+        GatheredProducts {
             terms: terms.collect(),
             count: 1 << kept,
             summed: 1 << (self.relations.size(&monomials.axes) - kept),
@@ -293,8 +295,8 @@ impl<'a> Tables<'a> {
 }
 
 /// `what`, once.
-fn once(what: What<'_>) -> Term<'_> {
-    Term {
+fn once(what: What<'_>) -> GatheredTerm<'_> {
+    GatheredTerm {
         factor: 1,
         coefficients: None,
         what,

@@ -11,7 +11,7 @@ pub const BLOCK: usize = 1 << 11;
 
 /// Values of a source.
 #[derive(Clone, Copy)]
-pub enum Values<'a> {
+pub enum SourceValues<'a> {
     /// Weights, as a policy has them.
     Narrow(&'a [i16]),
     /// Anything else.
@@ -20,7 +20,7 @@ pub enum Values<'a> {
     Columns(&'a [Column], u32),
 }
 
-impl Values<'_> {
+impl SourceValues<'_> {
     /// Drops values that are in files from the process's memory, until somebody uses them again.
     pub fn release(&self) {
         if let Self::Columns(columns, _) = self {
@@ -76,7 +76,7 @@ pub fn add<T: Copy + Into<i64>>(values: &[T], factor: i64, sums: &mut [i64]) {
 }
 
 /// What a claim about these values is about.
-pub fn value(values: Values<'_>, parts: &Parts, about: &Weighted) -> Extension {
+pub fn value(values: SourceValues<'_>, parts: &Parts, about: &Weighted) -> Extension {
     let places = about.parts.iter();
     let places = places.map(|&(shift, id)| (shift, parts.get(id).bits()));
     let places: Vec<_> = places.collect();

@@ -13,7 +13,7 @@ use zk0_circuits::claim::statement_error::StatementError;
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{Digest, EvalSpec, Sample};
-use zk0_testkit::claims::{honest, Parts, Random};
+use zk0_testkit::claims::{honest, FloatSample, Random};
 
 /// A node has one sample in its dataset, and argues about another one, with the path of the first.
 fn told(committed: &Sample, evaluated: &Sample) -> Result<(), NotShown> {
@@ -35,14 +35,14 @@ fn not_committed() -> Result<(), NotShown> {
 fn a_sample_with_other_values_is_not_the_committed_one() {
     let spec = EvalSpec::micro();
     let [committed, evaluated] =
-        [77, 78].map(|seed| Parts::random(&spec, &mut Random(seed), 3, 0).quantise(&spec));
+        [77, 78].map(|seed| FloatSample::random(&spec, &mut Random(seed), 3, 0).quantise(&spec));
     assert_eq!(told(&committed, &evaluated), not_committed());
 }
 
 #[test]
 fn a_frame_of_padding_does_not_count() {
     let spec = EvalSpec::micro();
-    let mut parts = Parts::random(&spec, &mut Random(72), 3, 2);
+    let mut parts = FloatSample::random(&spec, &mut Random(72), 3, 2);
     let chunk = spec.dims.chunk as usize;
     let width = spec.dims.max_action_dim as usize;
     parts.actions[(chunk - 2) * width..].fill(0.0);
@@ -54,7 +54,7 @@ fn a_frame_of_padding_does_not_count() {
 #[test]
 fn a_token_beyond_the_prefix_is_not_read() {
     let spec = EvalSpec::micro();
-    let mut parts = Parts::random(&spec, &mut Random(73), 3, 0);
+    let mut parts = FloatSample::random(&spec, &mut Random(73), 3, 0);
     let committed = parts.quantise(&spec);
     for (keys, values) in &mut parts.cache {
         for all in [keys, values] {

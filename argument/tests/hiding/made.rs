@@ -9,15 +9,15 @@ use zk0_argument::expert::argument::prove::{prove_with, Hidden};
 use zk0_argument::expert::argument::{argued, verify_with, Drawn, Left, Shape};
 use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::statement::Statement;
-use zk0_argument::expert::witness::{evaluate, Common, Witness};
+use zk0_argument::expert::witness::{evaluate, Common, SampleValues};
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::prove::progress::silently;
 use zk0_argument::prove::Proving;
-use zk0_argument::prove::Values;
+use zk0_argument::prove::SourceValues;
 use zk0_argument::transcript::{Prover, Refused, Verifier};
 use zk0_circuits::model::layout::{expert_tensors, Layout};
 use zk0_circuits::{Digest, EvalSpec, QuantisedWeights};
-use zk0_testkit::claims::{Parts, Random};
+use zk0_testkit::claims::{FloatSample, Random};
 
 /// Elements that look random, the same for a seed and a number.
 pub fn elements(seed: u64, count: usize) -> Vec<Goldilocks> {
@@ -79,7 +79,7 @@ pub struct Made {
     pub statement: Statement,
     pub shape: Shape,
     common: Common,
-    pub witnesses: Vec<Witness>,
+    pub witnesses: Vec<SampleValues>,
 }
 
 impl Made {
@@ -90,8 +90,9 @@ impl Made {
             evaluate(context, &models.spec, weights, &models.samples, &silently).unwrap();
         let expert = Expert::new(&statement);
         let common = Common::new(&statement, weights);
-        let witness =
-            |number| Witness::of(&statement, &common, number, weights, &models.samples).unwrap();
+        let witness = |number| {
+            SampleValues::of(&statement, &common, number, weights, &models.samples).unwrap()
+        };
         Self {
             witnesses: (0..models.samples.len()).map(witness).collect(),
             shape: Shape::new(&expert),
@@ -125,8 +126,10 @@ impl Made {
     }
 
     /// The values of weights and tables.
-    pub fn published(&self) -> [Values<'_>; 2] {
-        let [_, _, published @ ..] = self.common.sources(Values::Wide(&[]), Values::Wide(&[]));
+    pub fn published(&self) -> [SourceValues<'_>; 2] {
+        let [_, _, published @ ..] = self
+            .common
+            .sources(SourceValues::Wide(&[]), SourceValues::Wide(&[]));
         published
     }
 
@@ -208,8 +211,8 @@ pub fn alike(count: usize, seed: u64) -> [Models; 2] {
         }
         for (number, (sample, _)) in models.samples.iter_mut().enumerate() {
             let padded = number % 2;
-            let mut parts = Parts::random(&spec, &mut Random(seed), 2, padded);
-            parts.cache = Parts::random(&spec, &mut Random(seed + cache), 2, padded).cache;
+            let mut parts = FloatSample::random(&spec, &mut Random(seed), 2, padded);
+            parts.cache = FloatSample::random(&spec, &mut Random(seed + cache), 2, padded).cache;
             *sample = parts.quantise(&spec);
         }
         models

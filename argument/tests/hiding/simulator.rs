@@ -19,7 +19,7 @@ use zk0_argument::multilinear::{bind, eq_table, evaluate_extension};
 use zk0_argument::opening::{self, RANDOM};
 use zk0_argument::party::{Claim, Fold, Party, Sources, Sum, Weighted};
 use zk0_argument::prove::progress::silently;
-use zk0_argument::prove::{value, Values};
+use zk0_argument::prove::{value, SourceValues};
 use zk0_argument::relation::{Parts, Relations};
 use zk0_argument::sumcheck::JoinedPoint;
 use zk0_argument::transcript::{Challenges, Pads, Prover, Refused, Verifier};
@@ -30,8 +30,8 @@ use zk0_circuits::EvalSpec;
 /// Reads words that look random, but computes what is published.
 struct Computing<'a, 'v> {
     verifying: Verifying<'a, 'v>,
-    weights: Values<'a>,
-    tables: Values<'a>,
+    weights: SourceValues<'a>,
+    tables: SourceValues<'a>,
     /// The places of published values, and these.
     published: Vec<(usize, Extension)>,
 }

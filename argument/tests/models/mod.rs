@@ -3,7 +3,7 @@
 use zk0_argument::claim::{committed, Blind};
 use zk0_circuits::model::draw::{draw, Draw};
 use zk0_circuits::{Digest, EvalSpec, Mode, QuantisedWeights, Sample};
-use zk0_testkit::claims::{calmer, louder, quantise, tensors, Honest, Parts, Random};
+use zk0_testkit::claims::{calmer, louder, quantise, tensors, FloatSample, Honest, Random};
 
 /// What hides samples here.
 pub const BLIND: Blind = Blind::new([5; 32]);
@@ -26,7 +26,7 @@ impl Models {
         let sample = |index: usize| {
             let prefix = most - index % 2 * (most / 3);
             let padded = (index % 3).min(spec.dims.chunk as usize - 1);
-            let parts = Parts::random(spec, &mut random, prefix, padded);
+            let parts = FloatSample::random(spec, &mut random, prefix, padded);
             let draw = draw(spec, &challenge, index as u32, samples as u32);
             (parts.quantise(spec), draw)
         };

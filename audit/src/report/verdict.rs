@@ -5,7 +5,7 @@ use crate::auditor::Auditor;
 use crate::depth::Depth;
 use crate::report::describe::printable;
 use serde::Serialize;
-use zk0_ledger::replay::{Finding, Report, Severity, Verdict};
+use zk0_ledger::replay::{Finding, ReplayReport, ReplayVerdict, Severity};
 use zk0_protocol::counted::counted;
 
 /// The report of an audit: what the replay found, what was checked, and what was not.
@@ -13,7 +13,7 @@ use zk0_protocol::counted::counted;
 pub struct Audited {
     /// What the replay found.
     #[serde(flatten)]
-    pub report: Report,
+    pub report: ReplayReport,
     /// Light or full.
     pub depth: Depth,
     /// How much was checked.
@@ -24,7 +24,7 @@ pub struct Audited {
 
 impl Audited {
     /// The report of `auditor`'s replay.
-    pub fn new(report: Report, depth: Depth, auditor: &Auditor) -> Self {
+    pub fn new(report: ReplayReport, depth: Depth, auditor: &Auditor) -> Self {
         Self {
             report,
             depth,
@@ -35,14 +35,14 @@ impl Audited {
 
     /// Whether everything that was checked holds. Something may not have been checked.
     pub fn holds(&self) -> bool {
-        self.report.verdict != Verdict::Failed
+        self.report.verdict != ReplayVerdict::Failed
     }
 }
 
 impl std::ops::Deref for Audited {
-    type Target = Report;
+    type Target = ReplayReport;
 
-    fn deref(&self) -> &Report {
+    fn deref(&self) -> &ReplayReport {
         &self.report
     }
 }
@@ -95,19 +95,19 @@ fn placed(finding: &Finding) -> String {
 /// The verdict in a word and a sentence.
 pub fn sentence(audited: &Audited) -> (&'static str, &'static str) {
     match (audited.report.verdict, audited.depth) {
-        (Verdict::Verified, _) => (
+        (ReplayVerdict::Verified, _) => (
             "VERIFIED",
             "this audit checked every entry, signature, proof, update, refusal, average and result again, and all of them hold",
         ),
-        (Verdict::Incomplete, Depth::Light) => (
+        (ReplayVerdict::Incomplete, Depth::Light) => (
             "INCOMPLETE",
             "light audit: weights not verified; everything that this audit checked holds",
         ),
-        (Verdict::Incomplete, Depth::Full) => (
+        (ReplayVerdict::Incomplete, Depth::Full) => (
             "INCOMPLETE",
             "everything that this audit checked holds, but the lines above name what it could not check",
         ),
-        (Verdict::Failed, _) => (
+        (ReplayVerdict::Failed, _) => (
             "FAILED",
             "this audit found faults: do not trust this ledger",
         ),

@@ -10,7 +10,7 @@ use std::process::{Command, ExitStatus};
 const FOLDER: &str = "ZK0_TEST_PRUNING_IN";
 const NOW_MS: &str = "ZK0_TEST_PRUNING_AT";
 
-const KEEP: Keep = Keep {
+const KEEP: Retention = Retention {
     without_proofs: true,
     ..TWO_ROUNDS
 };

@@ -11,14 +11,14 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 use tempfile::TempDir;
-use zk0_aggregator::{Aggregator, Config, Progress};
+use zk0_aggregator::{Aggregator, Config, StepOutcome};
 use zk0_audit::account::{CheckKind, SkipReason};
 use zk0_audit::fsck::fsck;
 use zk0_audit::{Auditor, Depth};
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
-use zk0_ledger::prune::{Keep, Longer, Plan, Reason};
-use zk0_ledger::replay::{replay, Report, Severity, Verdict};
+use zk0_ledger::prune::{Longer, PrunePlan, Reason, Retention};
+use zk0_ledger::replay::{replay, ReplayReport, ReplayVerdict, Severity};
 use zk0_ledger::{Ledger, LedgerError};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
@@ -29,7 +29,7 @@ use zk0_testkit::aggregator::*;
 use zk0_verifier::blob_digest;
 
 /// Keeps the last two closed rounds, and the proofs and weights of all.
-const TWO_ROUNDS: Keep = Keep {
+const TWO_ROUNDS: Retention = Retention {
     rounds: Some(2),
     without_proofs: false,
     without_weights: false,
@@ -59,12 +59,12 @@ fn round(operator: &mut Operator, refused: Option<Refusal>) {
     let number = operator.state().next_round() as u8;
     operator.open();
     for node in [1, 2] {
-        operator.commit(&Node::new(node), &update(number, node));
+        operator.commit(&SigningNode::new(node), &update(number, node));
     }
     operator.draw();
     for (node, refused) in [(1, None), (2, refused)] {
         let (update, proof) = (update(number, node), proof(number, node));
-        let submission = operator.submission_of(&Node::new(node), &update, &proof);
+        let submission = operator.submission_of(&SigningNode::new(node), &update, &proof);
         operator.append(match refused {
             None => Body::ContributionAccepted(submission),
             Some(reason) => Body::ContributionRejected { submission, reason },
@@ -77,7 +77,7 @@ fn round(operator: &mut Operator, refused: Option<Refusal>) {
 
 /// The network of `genesis` with nodes 1, 2 and 3. An audit cannot verify its proofs, so that they are no faults.
 fn founded(dir: &Path, genesis: Genesis) -> Operator {
-    let nodes = [1, 2, 3].map(Node::new);
+    let nodes = [1, 2, 3].map(SigningNode::new);
     let program = genesis.program.clone();
     let mut operator = Operator::founds(dir, genesis, &nodes.each_ref());
     operator.decide(Action::ReplaceProgram(Program {
@@ -95,12 +95,12 @@ fn four_rounds() -> (TempDir, u64) {
     round(&mut operator, None);
     operator.open();
     for node in [1, 2, 3] {
-        operator.commit(&Node::new(node), &update(1, node));
+        operator.commit(&SigningNode::new(node), &update(1, node));
     }
     operator.draw();
-    let accepted = operator.submission_of(&Node::new(1), &update(1, 1), &proof(1, 1));
+    let accepted = operator.submission_of(&SigningNode::new(1), &update(1, 1), &proof(1, 1));
     operator.append(Body::ContributionAccepted(accepted));
-    let submission = operator.submission_of(&Node::new(2), &update(1, 2), &proof(1, 2));
+    let submission = operator.submission_of(&SigningNode::new(2), &update(1, 2), &proof(1, 2));
     operator.append(Body::ContributionRejected {
         submission,
         reason: Refusal::MalformedUpdate("it has no header".into()),
@@ -112,26 +112,26 @@ fn four_rounds() -> (TempDir, u64) {
     let refused = Refusal::MalformedProof("it is empty".into());
     round(&mut operator, Some(refused));
     operator.open();
-    operator.commit(&Node::new(1), &update(4, 1));
+    operator.commit(&SigningNode::new(1), &update(4, 1));
     operator.ledger.blobs().put(b"nobody's").unwrap();
     (dir, operator.time_ms)
 }
 
 /// Prunes the ledger in `dir`, as somebody who has stopped its aggregator.
-fn prune(dir: &Path, keep: &Keep, now_ms: u64) -> Plan {
+fn prune(dir: &Path, keep: &Retention, now_ms: u64) -> PrunePlan {
     let ledger = Ledger::open(dir, None, log_key()).unwrap();
-    let plan = Plan::of(&ledger, keep, now_ms).unwrap();
+    let plan = PrunePlan::of(&ledger, keep, now_ms).unwrap();
     plan.carry_out(&ledger).unwrap();
     plan
 }
 
-fn audit(dir: &Path, depth: Depth) -> (Report, Auditor) {
+fn audit(dir: &Path, depth: Depth) -> (ReplayReport, Auditor) {
     let mut auditor = Auditor::new(depth);
     (replay(dir, None, &mut auditor), auditor)
 }
 
 /// What the audit calls faults.
-fn faults(report: &Report) -> Vec<&str> {
+fn faults(report: &ReplayReport) -> Vec<&str> {
     let findings = report.findings.iter();
     let faults = findings.filter(|finding| finding.severity == Severity::Fault);
     faults.map(|finding| finding.text.as_str()).collect()
@@ -146,7 +146,7 @@ fn left_out(auditor: &Auditor, what: CheckKind) -> u64 {
         .sum()
 }
 
-fn says(report: &Report, words: &str) -> bool {
+fn says(report: &ReplayReport, words: &str) -> bool {
     let mut findings = report.findings.iter();
     findings.any(|finding| finding.text.contains(words))
 }
@@ -155,7 +155,7 @@ fn names(blobs: &[Vec<u8>]) -> BTreeSet<Digest> {
     blobs.iter().map(|blob| blob_digest(blob)).collect()
 }
 
-fn doomed(plan: &Plan, reason: Reason) -> BTreeSet<Digest> {
+fn doomed(plan: &PrunePlan, reason: Reason) -> BTreeSet<Digest> {
     let these = plan.doomed.iter().filter(|blob| blob.reason == reason);
     these.map(|blob| blob.digest).collect()
 }
@@ -165,9 +165,14 @@ fn updates_of_older_rounds_go_and_audits_say_what_they_could_not_check() {
     let (dir, now_ms) = four_rounds();
     let dir = dir.path();
     let (before, auditor) = audit(dir, Depth::Full);
-    assert_eq!(before.verdict, Verdict::Incomplete, "{:?}", before.findings);
+    assert_eq!(
+        before.verdict,
+        ReplayVerdict::Incomplete,
+        "{:?}",
+        before.findings
+    );
     assert_eq!(left_out(&auditor, CheckKind::Updates), 0);
-    let dry = Plan::look(dir, &Blobs::at(dir), &TWO_ROUNDS, now_ms).unwrap();
+    let dry = PrunePlan::look(dir, &Blobs::at(dir), &TWO_ROUNDS, now_ms).unwrap();
     let all = files(&dir.join("blobs"));
     let plan = prune(dir, &TWO_ROUNDS, now_ms);
     assert_eq!(plan.doomed, dry.doomed);
@@ -192,7 +197,7 @@ fn updates_of_older_rounds_go_and_audits_say_what_they_could_not_check() {
 
     for depth in [Depth::Full, Depth::Light] {
         let (after, auditor) = audit(dir, depth);
-        assert_eq!(after.verdict, Verdict::Incomplete);
+        assert_eq!(after.verdict, ReplayVerdict::Incomplete);
         assert_eq!(faults(&after), [] as [&str; 0]);
         assert!(says(
             &after,
@@ -241,7 +246,7 @@ fn what_is_lost_without_having_been_pruned_is_a_fault() {
 fn proofs_and_weights_of_older_rounds_go_where_that_is_asked_for() {
     let (dir, now_ms) = four_rounds();
     let dir = dir.path();
-    let keep = Keep {
+    let keep = Retention {
         without_proofs: true,
         without_weights: true,
         ..TWO_ROUNDS
@@ -253,7 +258,7 @@ fn proofs_and_weights_of_older_rounds_go_where_that_is_asked_for() {
     assert_eq!(doomed(&plan, Reason::Weights), names(&[global(0)]));
     let (report, auditor) = audit(dir, Depth::Full);
     assert_eq!(faults(&report), [] as [&str; 0]);
-    assert_eq!(report.verdict, Verdict::Incomplete);
+    assert_eq!(report.verdict, ReplayVerdict::Incomplete);
     assert_eq!(left_out(&auditor, CheckKind::Proofs), 3);
     assert_eq!(left_out(&auditor, CheckKind::Updates), 3);
     assert_eq!(left_out(&auditor, CheckKind::Bases), 1);
@@ -267,7 +272,7 @@ fn proofs_and_weights_of_older_rounds_go_where_that_is_asked_for() {
 fn without_rounds_to_keep_only_that_goes_which_no_audit_reads() {
     let (dir, now_ms) = four_rounds();
     let before = audit(dir.path(), Depth::Full);
-    let plan = prune(dir.path(), &Keep::default(), now_ms);
+    let plan = prune(dir.path(), &Retention::default(), now_ms);
     assert_eq!(plan.doomed.len(), 3);
     assert_eq!(plan.statement, None);
     assert!(!dir.path().join("pruned").exists());
@@ -279,7 +284,7 @@ fn without_rounds_to_keep_only_that_goes_which_no_audit_reads() {
 #[test]
 fn an_aggregator_goes_on_with_a_pruned_ledger() {
     let (dir, now_ms) = four_rounds();
-    let keep = Keep {
+    let keep = Retention {
         rounds: Some(0),
         without_proofs: true,
         without_weights: true,
@@ -300,7 +305,11 @@ fn an_aggregator_goes_on_with_a_pruned_ledger() {
 
     // A network of this release's program.
     let dir = tempfile::tempdir().unwrap();
-    let mut operator = Operator::founds(dir.path(), genesis(), &[&Node::new(1), &Node::new(2)]);
+    let mut operator = Operator::founds(
+        dir.path(),
+        genesis(),
+        &[&SigningNode::new(1), &SigningNode::new(2)],
+    );
     (0..3).for_each(|_| round(&mut operator, None));
     let clock = Arc::new(ManualClock::at(operator.time_ms));
     drop(operator);
@@ -308,7 +317,7 @@ fn an_aggregator_goes_on_with_a_pruned_ledger() {
     assert_eq!(plan.first_kept, 3);
     assert!(!doomed(&plan, Reason::Weights).is_empty());
     let mut aggregator = Aggregator::open(dir.path(), None, log_key(), clock, config).unwrap();
-    assert_eq!(aggregator.step().unwrap(), Progress::Opened(3));
+    assert_eq!(aggregator.step().unwrap(), StepOutcome::Opened(3));
     let error = aggregator.blob(&blob_digest(&update(0, 1))).unwrap_err();
     assert!(error.to_string().contains("it was pruned"), "{error}");
     // While it runs, nobody prunes.
@@ -328,12 +337,12 @@ fn nothing_is_pruned_that_may_still_be_disputed() {
     round(&mut operator, None);
     let closed_ms = operator.state().time_ms();
     drop(operator);
-    let keep = Keep {
+    let keep = Retention {
         rounds: Some(0),
         ..TWO_ROUNDS
     };
     let of = |now_ms| {
-        let plan = Plan::look(dir.path(), &Blobs::at(dir.path()), &keep, now_ms).unwrap();
+        let plan = PrunePlan::look(dir.path(), &Blobs::at(dir.path()), &keep, now_ms).unwrap();
         (plan.first_kept, plan.longer)
     };
     assert_eq!(of(closed_ms), (1, Some(Longer::Disputable(1))));

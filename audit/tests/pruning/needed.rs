@@ -12,7 +12,7 @@ use zk0_protocol::WitnessPolicy;
 use zk0_testkit::aggregator::operator::proposed;
 
 /// Keeps no closed round.
-const NO_ROUND: Keep = Keep {
+const NO_ROUND: Retention = Retention {
     rounds: Some(0),
     without_proofs: true,
     without_weights: true,
@@ -20,7 +20,7 @@ const NO_ROUND: Keep = Keep {
 };
 
 /// Which rounds' weights are there after pruning.
-fn weights_after(operator: Operator, dir: &Path, keep: &Keep) -> Vec<u8> {
+fn weights_after(operator: Operator, dir: &Path, keep: &Retention) -> Vec<u8> {
     let (rounds, now_ms) = (operator.state().next_round() as u8, operator.time_ms);
     drop(operator);
     prune(dir, keep, now_ms);
@@ -47,7 +47,7 @@ fn the_newest_weights_are_kept_and_those_before_them_for_their_momentum() {
     assert_eq!(weights_after(operator, dir.path(), &NO_ROUND), [2, 3]);
 
     // An audit of a kept round reads what its strategy read.
-    let one_round = Keep {
+    let one_round = Retention {
         rounds: Some(1),
         ..NO_ROUND
     };
@@ -82,7 +82,7 @@ fn adam() -> Genesis {
 fn round_of_adam(operator: &mut Operator, moments: &[u8]) {
     let number = operator.state().next_round() as u8;
     operator.open();
-    let (node, update, proof) = (Node::new(1), update(number, 1), proof(number, 1));
+    let (node, update, proof) = (SigningNode::new(1), update(number, 1), proof(number, 1));
     operator.commit(&node, &update);
     operator.draw();
     let submission = operator.submission_of(&node, &update, &proof);
@@ -104,7 +104,7 @@ fn moments_are_kept_that_a_kept_round_goes_on_from() {
         (0..4).for_each(|number| round_of_adam(&mut operator, &[number, 9]));
         let now_ms = operator.time_ms;
         drop(operator);
-        let keep = Keep {
+        let keep = Retention {
             rounds: Some(rounds),
             ..NO_ROUND
         };
@@ -144,7 +144,7 @@ fn rounds_whose_end_no_witness_has_cosigned_are_kept() {
     let now_ms = operator.time_ms;
     drop(operator);
     let of = || {
-        let plan = Plan::look(dir.path(), &Blobs::at(dir.path()), &NO_ROUND, now_ms).unwrap();
+        let plan = PrunePlan::look(dir.path(), &Blobs::at(dir.path()), &NO_ROUND, now_ms).unwrap();
         (plan.first_kept, plan.longer)
     };
     assert_eq!(of(), (2, None));
@@ -173,7 +173,7 @@ fn restored_weights_are_kept_as_the_base_of_the_rounds_after_them() {
     assert_eq!(operator.state().global().blob, blob_digest(&global(0)));
     round(&mut operator, None);
     round(&mut operator, None);
-    let two_rounds = Keep {
+    let two_rounds = Retention {
         rounds: Some(2),
         ..NO_ROUND
     };
@@ -195,7 +195,7 @@ fn the_weights_of_the_policy_folder_that_was_due_last_are_kept() {
     ] {
         let dir = tempfile::tempdir().unwrap();
         let operator = after(7, genesis(), dir.path());
-        let keep = Keep {
+        let keep = Retention {
             checkpoint_interval: Some(interval),
             ..NO_ROUND
         };
@@ -211,7 +211,7 @@ fn a_contribution_under_dispute_is_kept_until_it_is_decided() {
     round(&mut operator, None);
     operator.time_ms -= 2_000;
     let contribution = *operator.state().contributions().keys().next().unwrap();
-    let disputer = Node::new(3);
+    let disputer = SigningNode::new(3);
     let dispute = Dispute {
         network: *operator.state().network(),
         disputer: disputer.id(),
@@ -235,10 +235,10 @@ fn everything_of_the_open_round_is_kept() {
     let mut operator = after(1, genesis(), dir.path());
     operator.open();
     for node in [1, 2, 3] {
-        operator.commit(&Node::new(node), &update(1, node));
+        operator.commit(&SigningNode::new(node), &update(1, node));
     }
     operator.draw();
-    let late = operator.submission_of(&Node::new(2), &update(1, 2), &proof(1, 2));
+    let late = operator.submission_of(&SigningNode::new(2), &update(1, 2), &proof(1, 2));
     operator.append(Body::ContributionRejected {
         submission: late,
         reason: Refusal::MalformedProof("it is empty".into()),

@@ -11,7 +11,7 @@ use zk0_ledger::backup::backup;
 use zk0_ledger::published::export::export;
 use zk0_ledger::published::mirror::MirrorError;
 use zk0_ledger::published::publication::Publication;
-use zk0_ledger::replay::{Keep as KeepState, Saved};
+use zk0_ledger::replay::{SaveOptions as KeepState, SavedReplay};
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::pruning::Pruning;
 use zk0_protocol::Signed;
@@ -48,10 +48,10 @@ fn only_a_statement_of_the_log_about_rounds_that_had_closed_counts() {
     assert_eq!((true_one.proofs_before, true_one.weights_before), (0, 0));
     let (report, _) = audit(dir, Depth::Full);
     assert_eq!(faults(&report), [] as [&str; 0]);
-    let stranger = Node::new(7);
+    let stranger = SigningNode::new(7);
     let fails = |words: &str| {
         let (report, _) = audit(dir, Depth::Full);
-        assert_eq!(report.verdict, Verdict::Failed);
+        assert_eq!(report.verdict, ReplayVerdict::Failed);
         let faults = faults(&report);
         let found = faults.iter().any(|fault| fault.contains(words));
         assert!(found, "{words}: {faults:?}");
@@ -94,11 +94,11 @@ fn only_a_statement_of_the_log_about_rounds_that_had_closed_counts() {
 fn a_later_statement_includes_the_earlier_one() {
     let (dir, now_ms) = four_rounds();
     let dir = dir.path();
-    let of = |rounds| Keep {
+    let of = |rounds| Retention {
         rounds: Some(rounds),
         ..TWO_ROUNDS
     };
-    let without_proofs = Keep {
+    let without_proofs = Retention {
         without_proofs: true,
         ..of(3)
     };
@@ -181,7 +181,7 @@ fn an_export_that_is_being_updated_is_not_called_rolled_back() {
         time_ms: now_ms,
     };
     operator.append(Body::NodeEnrolled(NodeEnrolled {
-        node: Node::new(8).id(),
+        node: SigningNode::new(8).id(),
         name: "late".into(),
     }));
     assert_eq!(operator.ledger.size(), size + 1);
@@ -214,7 +214,7 @@ fn an_export_that_is_being_updated_is_not_called_rolled_back() {
         progress: None,
     };
     assert!(audit_it.run(&mirror).unwrap().holds());
-    let saved = Saved::read(&state).unwrap().unwrap();
+    let saved = SavedReplay::read(&state).unwrap().unwrap();
     let unfinished = follow(&out, &at("another")).unwrap_err();
     let why = rolled_back(&unfinished.into(), &saved).unwrap();
     assert!(why.contains("ROLLED BACK"), "{why}");

@@ -15,8 +15,8 @@ use tokio::time::sleep;
 use zk0_aggregator::round::request_error::RequestError;
 use zk0_aggregator::{Aggregator, Service};
 use zk0_circuits::NodeId;
-use zk0_hub::target::Patience;
-use zk0_hub::{publish, Repository, Target};
+use zk0_hub::target::RetryPolicy;
+use zk0_hub::{publish, PublishTarget, Repository};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::Entry;
 
@@ -41,7 +41,7 @@ pub struct HubUploadOptions {
 
 /// Publishes policy folders.
 pub struct HubUploads {
-    target: Target,
+    target: PublishTarget,
     card: CardOptions,
     /// Where the policy folders are.
     folders: PathBuf,
@@ -65,11 +65,11 @@ impl HubUploadOptions {
         let (Some(repository), Some(folders)) = (&self.hf_repo_id, folders) else {
             return Ok(None);
         };
-        let target = Target {
+        let target = PublishTarget {
             // The tries are counted here.
-            patience: Patience {
+            patience: RetryPolicy {
                 tries: 1,
-                ..Patience::default()
+                ..RetryPolicy::default()
             },
             ..target(repository, self.hf_private).context("--hf-repo-id")?
         };
@@ -117,7 +117,7 @@ impl HubUploads {
                 Ok(publish(&target, &folder, &summary(round))?)
             };
             spawn_blocking(upload).await??;
-            let Target {
+            let PublishTarget {
                 endpoint,
                 repository,
                 ..

@@ -5,7 +5,7 @@ use std::net::SocketAddr;
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 use zk0_aggregator::observe::endpoint;
-use zk0_aggregator::publish::http::{self, Limits};
+use zk0_aggregator::publish::http::{self, HttpLimits};
 use zk0_aggregator::Service;
 
 /// Metrics.
@@ -30,7 +30,7 @@ pub fn serve_metrics(
     tokio::spawn(http::serve(
         listener,
         router,
-        Limits::default(),
+        HttpLimits::default(),
         future::pending(),
     ))
 }

@@ -50,8 +50,8 @@ impl NetworkEdge {
     }
 
     /// The limits of the aggregator, and of the server of the log's files. The system has to allow as many open files.
-    pub fn limits(&self, serves_log: bool) -> (Limits, http::Limits) {
-        let mut log = http::Limits::default();
+    pub fn limits(&self, serves_log: bool) -> (Limits, http::HttpLimits) {
+        let mut log = http::HttpLimits::default();
         let mut connections = ConnectionLimits {
             most: self.max_connections as usize,
             per_address: self.max_connections_per_address as usize,

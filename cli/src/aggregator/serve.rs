@@ -201,7 +201,7 @@ fn serve_log(
     (listener, address): (TcpListener, SocketAddr),
     server: LogServer,
     certificate: Option<Arc<ServerCertificate>>,
-    limits: http::Limits,
+    limits: http::HttpLimits,
 ) -> JoinHandle<()> {
     let router = server.router(limits);
     let scheme = scheme(certificate.as_ref());

@@ -22,7 +22,7 @@ use zk0_lerobot::dataset::{Dataset, RenameMap};
 use zk0_node::error::ParticipantError;
 use zk0_node::recording::recompute::{recompute, Recomputed};
 use zk0_node::recording::secret::{Secrets, MAX_BYTES};
-use zk0_node::recording::Recording;
+use zk0_node::recording::OpenRecording;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::signed::DatasetRegistration;
@@ -68,10 +68,10 @@ pub fn run(options: &AuditRecordingOptions) -> Result<bool> {
     let mirror = options.mirror.as_deref();
     let located = locate(&options.ledger, mirror, &trust, WantedBlobs::Everything)?;
     let dir = &located.dir;
-    let replaying = replay::Options {
+    let replaying = replay::ReplayOptions {
         opened: replay::open(dir)?,
         network: trust.network,
-        ..replay::Options::default()
+        ..replay::ReplayOptions::default()
     };
     let report = replay_with(dir, replaying, &mut ());
     let mut faults = report.findings.iter();
@@ -116,7 +116,7 @@ pub fn run(options: &AuditRecordingOptions) -> Result<bool> {
     }
     let found = (|| {
         let dataset = Dataset::open(&recording)?.renamed(&options.rename_map)?;
-        let recording = Recording::of(dataset, &policy, cache.as_ref())?;
+        let recording = OpenRecording::of(dataset, &policy, cache.as_ref())?;
         let maker = recording.maker();
         let samples = recording.samples(&maker);
         recompute(

@@ -20,7 +20,7 @@ use zk0_audit::report::{history, html};
 use zk0_audit::run::{check_state_file, Audit};
 use zk0_audit::Depth;
 use zk0_files::atomic_file;
-use zk0_ledger::replay::{Finding, Keep, Saved, Verdict};
+use zk0_ledger::replay::{Finding, ReplayVerdict, SaveOptions, SavedReplay};
 
 /// `zk0 audit replay`.
 #[derive(Debug, clap::Args)]
@@ -71,7 +71,7 @@ pub fn run(options: &AuditReplayOptions) -> Result<ExitCode> {
     let trust = options.trust.read()?;
     let located = locate(&options.ledger, mirror, &trust, depth.into())
         .map_err(|error| options.rolled_back(error))?;
-    let state_file = options.state.as_ref().map(|path| Keep {
+    let state_file = options.state.as_ref().map(|path| SaveOptions {
         path: path.clone(),
         every: Duration::from_secs(options.state_every),
     });
@@ -116,24 +116,24 @@ pub fn run(options: &AuditReplayOptions) -> Result<ExitCode> {
         .and(page)
         .and(saved)
         .map_err(|error| match audited.verdict {
-            Verdict::Failed => {
+            ReplayVerdict::Failed => {
                 let why =
                     "the verdict is FAILED, but not all that this audit found could be written";
                 error.context(AuditFailed(why.into()))
             }
-            Verdict::Verified | Verdict::Incomplete => error,
+            ReplayVerdict::Verified | ReplayVerdict::Incomplete => error,
         })?;
     Ok(ExitCode::from(match audited.verdict {
-        Verdict::Verified => 0,
-        Verdict::Failed => 1,
-        Verdict::Incomplete => 3,
+        ReplayVerdict::Verified => 0,
+        ReplayVerdict::Failed => 1,
+        ReplayVerdict::Incomplete => 3,
     }))
 }
 
 impl AuditReplayOptions {
     /// Adds to an error that the log was rolled back, if the state file shows that.
     fn rolled_back(&self, error: anyhow::Error) -> anyhow::Error {
-        let saved = self.state.as_deref().map(Saved::read);
+        let saved = self.state.as_deref().map(SavedReplay::read);
         let Some(Ok(Some(saved))) = saved else {
             return error;
         };

@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use std::path::PathBuf;
 use zk0_circuits::{Disclosure, Losses};
 use zk0_files::bounded_file;
-use zk0_node::client::Node;
+use zk0_node::client::NodeClient;
 use zk0_node::error::ParticipantError;
 use zk0_node::turn::Turn;
 use zk0_protocol::entries::refusal::Refusal;
@@ -30,7 +30,7 @@ pub async fn run(options: &LazyNodeOptions) -> Result<()> {
     let proof = bounded_file::read(&options.stolen_proof, MAX_PROOF_BYTES)
         .with_context(|| format!("reading the proof {}", options.stolen_proof.display()))?;
     let (participant, mut node) = options.member.begin().await?;
-    let play = async |turn: &Turn<'_>, node: &mut Node| play(turn, node, &proof).await;
+    let play = async |turn: &Turn<'_>, node: &mut NodeClient| play(turn, node, &proof).await;
     Ok(participant
         .rounds(&mut node, options.member.rounds, play)
         .await?)
@@ -38,7 +38,7 @@ pub async fn run(options: &LazyNodeOptions) -> Result<()> {
 
 async fn play(
     turn: &Turn<'_>,
-    node: &mut Node,
+    node: &mut NodeClient,
     proof: &[u8],
 ) -> Result<Option<Refusal>, ParticipantError> {
     let base = turn.base(node).await?;

@@ -2,7 +2,7 @@
 
 use crate::output::{eprintln, println};
 use serde::Serialize;
-use zk0_smolvla::measure::calibrate::Range;
+use zk0_smolvla::measure::calibrate::ObservedRange;
 use zk0_smolvla::measure::fidelity::{Fidelity, FidelityError};
 
 /// One comparison.
@@ -66,7 +66,7 @@ impl ComparisonOutcome {
             fixed_point_loss: fidelity.fixed_point_loss,
             relative_difference: fidelity.relative_difference(),
             worst_sample: fidelity.worst_sample,
-            least_headroom: tightest.map_or(f64::INFINITY, Range::headroom),
+            least_headroom: tightest.map_or(f64::INFINITY, ObservedRange::headroom),
             least_headroom_at: tightest.map_or(String::new(), |range| range.place.to_string()),
         }
     }
@@ -84,8 +84,8 @@ impl ComparisonOutcome {
 }
 
 /// Prints a JSON line for each place to standard output, and for each kind of place a line about its tightest layer to standard error.
-pub fn print_ranges(row: &ComparisonRow, ranges: &[Range]) -> serde_json::Result<()> {
-    let mut kinds: Vec<(String, Range)> = Vec::new();
+pub fn print_ranges(row: &ComparisonRow, ranges: &[ObservedRange]) -> serde_json::Result<()> {
+    let mut kinds: Vec<(String, ObservedRange)> = Vec::new();
     for range in ranges {
         let place = range.place.to_string();
         let line = RangeLine {

@@ -6,7 +6,7 @@ use crate::output::println;
 use anyhow::{Context, Result};
 use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};
-use zk0_ledger::prune::{Doomed, Keep, Longer, Plan, Reason};
+use zk0_ledger::prune::{Doomed, Longer, PrunePlan, Reason, Retention};
 use zk0_ledger::Ledger;
 use zk0_protocol::counted::counted;
 use zk0_protocol::pruning::rounds_before;
@@ -62,7 +62,7 @@ const KINDS: [(Reason, &str, &str); 5] = [
 
 /// Runs the command.
 pub fn prune(options: &Prune) -> Result<()> {
-    let keep = Keep {
+    let keep = Retention {
         rounds: options.keep_rounds,
         without_proofs: options.proofs_too,
         without_weights: options.weights_too,
@@ -75,13 +75,13 @@ pub fn prune(options: &Prune) -> Result<()> {
     )?;
     let kept = options.store.blobs(&options.dir)?;
     let Some(key) = options.key.as_ref().filter(|_| !options.dry_run) else {
-        say(&Plan::look(&options.dir, &kept, &keep, now_ms)?);
+        say(&PrunePlan::look(&options.dir, &kept, &keep, now_ms)?);
         println!("dry run      nothing was deleted");
         return Ok(());
     };
     // While the ledger is open here, no aggregator can open it.
     let ledger = Ledger::open_with(&options.dir, None, keys::read(key)?, kept)?;
-    let plan = Plan::of(&ledger, &keep, now_ms)?;
+    let plan = PrunePlan::of(&ledger, &keep, now_ms)?;
     say(&plan);
     plan.carry_out(&ledger)?;
     println!("deleted      {}", blobs(plan.doomed.len(), plan.bytes()));
@@ -89,7 +89,7 @@ pub fn prune(options: &Prune) -> Result<()> {
 }
 
 /// Prints what would be deleted and kept, and what nobody can audit afterwards.
-fn say(plan: &Plan) {
+fn say(plan: &PrunePlan) {
     println!("closed       {}", counted(plan.closed, "round", "rounds"));
     match plan.longer {
         Some(Longer::Disputable(round)) => println!(

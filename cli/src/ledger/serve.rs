@@ -6,7 +6,7 @@ use crate::serve::serve_http;
 use anyhow::Result;
 use std::net::SocketAddr;
 use std::path::PathBuf;
-use zk0_aggregator::publish::http::Limits;
+use zk0_aggregator::publish::http::HttpLimits;
 use zk0_aggregator::publish::log_server::LogServer;
 use zk0_ledger::published::publication::PublicationError;
 
@@ -40,7 +40,7 @@ pub fn serve(options: &LedgerServeOptions) -> Result<()> {
         Ok(_) | Err(PublicationError::NotCosigned(_)) => {}
         Err(error) => return Err(error.into()),
     }
-    let limits = Limits::default();
+    let limits = HttpLimits::default();
     let router = server.router(limits);
     serve_http("log", options.listen, &options.certificate, router, limits)
 }

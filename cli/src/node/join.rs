@@ -7,7 +7,7 @@ use anyhow::{ensure, Context, Result};
 use std::path::PathBuf;
 use std::sync::Arc;
 use zk0_node::participant::Participant;
-use zk0_node::turn::Training;
+use zk0_node::turn::LocalTraining;
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::error::PolicyError;
 use zk0_smolvla::policy::device::{check_name, device};
@@ -69,7 +69,7 @@ pub struct Join {
 pub async fn run(options: &Join) -> Result<()> {
     let curves = options.tensorboard.as_deref().map(EventFile::go_on);
     let curves = curves.transpose().context("--tensorboard")?;
-    let training = Training {
+    let training = LocalTraining {
         device: device(&options.device).context("--device")?,
         steps: options.steps as usize,
         batch_size: options.batch_size as usize,

@@ -9,7 +9,7 @@ use anyhow::{bail, Context, Result};
 use std::path::{Path, PathBuf};
 use zk0_audit::report::history;
 use zk0_circuits::Digest;
-use zk0_hub::{publish, Repository, Target};
+use zk0_hub::{publish, PublishTarget, Repository};
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::replay::Severity;
 use zk0_lerobot::hub::HubOptions;
@@ -92,13 +92,13 @@ pub fn summary(round: u64) -> String {
 ///
 /// # Errors
 /// There is no token.
-pub fn target(repository: &Repository, private: bool) -> Result<Target> {
+pub fn target(repository: &Repository, private: bool) -> Result<PublishTarget> {
     let HubOptions {
         endpoint, token, ..
     } = HubOptions::from_env()?;
-    Ok(Target {
+    Ok(PublishTarget {
         private,
-        ..Target::new(repository.clone(), Some(endpoint), token)?
+        ..PublishTarget::new(repository.clone(), Some(endpoint), token)?
     })
 }
 

@@ -7,7 +7,7 @@ use std::fs::{self, File};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use zk0_files::atomic_file;
-use zk0_smolvla::train::Step;
+use zk0_smolvla::train::TrainingStep;
 use zk0_tensorboard::{metrics, EventFile};
 
 /// A point of the training curve is the mean of this many steps, or of more: a long run has at most 400 points.
@@ -49,7 +49,7 @@ pub enum MetricsLine {
 
 impl MetricsLine {
     /// The line of a step of `samples` samples that took `seconds`.
-    pub fn of(step: &Step, samples: usize, seconds: f64) -> Self {
+    pub fn of(step: &TrainingStep, samples: usize, seconds: f64) -> Self {
         Self::Step {
             step: step.step,
             loss: f64::from(step.loss),

@@ -37,7 +37,7 @@ use zk0_smolvla::train::measured_loss::measured_loss;
 use zk0_smolvla::train::snapshots::{RunIdentity, Snapshots};
 use zk0_smolvla::train::split::{self, Split};
 use zk0_smolvla::train::trainer::evaluate_samples;
-use zk0_smolvla::train::{Samples, TrainOptions, Trainer};
+use zk0_smolvla::train::{TrainOptions, Trainer, TrainingSamples};
 use zk0_smolvla::{ExpertWeights, Policy, PolicyConfig, PolicyError};
 use zk0_tensors::TensorSet;
 
@@ -115,7 +115,7 @@ fn train<S: SampleKind>(options: &TrainRunOptions) -> Result<()> {
     };
 
     let lines = out.join("metrics.jsonl");
-    let run = |samples: Samples<'_>| -> Result<TrainingRun> {
+    let run = |samples: TrainingSamples<'_>| -> Result<TrainingRun> {
         let start = |training: TrainOptions| {
             let (frozen, expert) = (frozen.as_ref(), &policy.expert);
             Trainer::on(&at, &config, expert, frozen, samples, training)
@@ -397,7 +397,7 @@ fn fits(config: &PolicyConfig, dataset: &Dataset) -> Result<()> {
 }
 
 /// The factor for the learning rate of a client whose loss is high.
-fn boosted(options: &TrainRunOptions, trainer: &Trainer, samples: Samples) -> Result<f64> {
+fn boosted(options: &TrainRunOptions, trainer: &Trainer, samples: TrainingSamples) -> Result<f64> {
     let (Some(factor), Some(prior)) = (options.lr_boost, options.prior_loss) else {
         return Ok(1.0);
     };

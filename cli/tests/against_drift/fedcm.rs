@@ -8,11 +8,11 @@ use zk0_circuits::{EvalSpec, WeightsDigest};
 use zk0_ledger::Blobs;
 use zk0_node::exchanged_weights::Base;
 use zk0_protocol::Body;
-use zk0_smolvla::frames::batch::InMemory;
+use zk0_smolvla::frames::batch::SamplesInMemory;
 use zk0_smolvla::measure::fixed_point::dequantise_weights;
 use zk0_smolvla::policy::device::Device;
 use zk0_smolvla::policy::policy_file::PolicyFile;
-use zk0_smolvla::train::{train_on, FedCm, Samples, TrainOptions};
+use zk0_smolvla::train::{train_on, FedCm, TrainOptions, TrainingSamples};
 use zk0_weights::Format;
 
 const ALPHA: f64 = 0.6;
@@ -37,7 +37,7 @@ fn trained(
 ) -> Vec<u8> {
     let samples = network.samples(file);
     let config = &file.policy.config;
-    let samples = InMemory::new(config, &samples).unwrap();
+    let samples = SamplesInMemory::new(config, &samples).unwrap();
     let spec = EvalSpec::decode(&network.genesis().evaluation).unwrap();
     let format = Format::new(&spec).unwrap();
     let blobs = Blobs::at(Path::new(&network.path("ledger")));
@@ -57,7 +57,7 @@ fn trained(
         alpha: ALPHA,
         earlier: &earlier.weights,
     });
-    let samples = Samples::Prepared(&samples);
+    let samples = TrainingSamples::Prepared(&samples);
     let (on, base_weights) = (&Device::Cpu, &base.weights);
     let trained = train_on(
         on,

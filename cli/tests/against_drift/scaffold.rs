@@ -13,17 +13,19 @@ use zk0_node::exchanged_weights::Base;
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::entry::ProposalSettled;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
-use zk0_protocol::entries::signed::{DatasetRegistration, Episode, Leaving, Proposal, Vote};
+use zk0_protocol::entries::signed::{
+    DatasetRegistration, Leaving, Proposal, RegisteredEpisode, Vote,
+};
 use zk0_protocol::rules::network_rules::{Scaffold, Strategy};
 use zk0_protocol::{Body, Signed};
-use zk0_smolvla::frames::batch::InMemory;
+use zk0_smolvla::frames::batch::SamplesInMemory;
 use zk0_smolvla::measure::fixed_point::{dequantise_weights, quantise_weights};
 use zk0_smolvla::policy::device::Device;
 use zk0_smolvla::policy::init::init_policy;
 use zk0_smolvla::policy::policy_file::PolicyFile;
 use zk0_smolvla::train::scaffold::{ControlVariates, PastRound};
 use zk0_smolvla::train::schedule::Schedule;
-use zk0_smolvla::train::{train_by_sgd, Samples, TrainOptions};
+use zk0_smolvla::train::{train_by_sgd, TrainOptions, TrainingSamples};
 use zk0_weights::Format;
 
 const NODE: &str = "node.key";
@@ -80,7 +82,7 @@ fn register_other(network: &LocalNetwork) {
         },
         evaluation_frames: frames,
         leaves: Digest([4; 32]),
-        episodes: vec![Episode {
+        episodes: vec![RegisteredEpisode {
             digest: Digest([5; 32]),
             frames,
         }],
@@ -194,8 +196,8 @@ fn trained(
 ) -> Vec<u8> {
     let samples = network.samples(file);
     let config = &file.policy.config;
-    let samples = InMemory::new(config, &samples).unwrap();
-    let samples = Samples::Prepared(&samples);
+    let samples = SamplesInMemory::new(config, &samples).unwrap();
+    let samples = TrainingSamples::Prepared(&samples);
     let base = weights(network, file, base);
     let options = TrainOptions {
         steps: 150,

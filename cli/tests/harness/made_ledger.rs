@@ -10,7 +10,9 @@ use zk0_protocol::challenge::drawing::Drawing;
 use zk0_protocol::challenge::unanswered::UnansweredRule;
 use zk0_protocol::entries::entry::{RandomnessDrawn, RoundClosed};
 use zk0_protocol::entries::member::NodeEnrolled;
-use zk0_protocol::entries::signed::{DatasetRegistration, Episode, Submission, UpdateCommitment};
+use zk0_protocol::entries::signed::{
+    DatasetRegistration, RegisteredEpisode, Submission, UpdateCommitment,
+};
 use zk0_protocol::rules::closing::credits::CreditRule;
 use zk0_protocol::{Body, Genesis, Refusal, Rules, Signed};
 
@@ -110,7 +112,7 @@ impl Made {
                 },
                 leaves: Digest([0x60 + node; 32]),
                 evaluation_frames: Rules::default().evaluation_frames,
-                episodes: vec![Episode {
+                episodes: vec![RegisteredEpisode {
                     digest: Digest([node; 32]),
                     frames: 100,
                 }],

@@ -19,12 +19,12 @@ use zk0_ledger::log::Ledger;
 use zk0_lerobot::dataset::Dataset;
 use zk0_node::recording::evaluation_set::{EvaluationSet, EvaluationSetSpec};
 use zk0_node::recording::secret::Secrets;
-use zk0_node::recording::{prepare_samples, Recording};
+use zk0_node::recording::{prepare_samples, OpenRecording};
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_prover::program::{Execution, GuestInput};
 use zk0_prover::prove::Proof;
-use zk0_prover::service::{Backend, JobError, Pace, ProvingService, Waiting};
+use zk0_prover::service::{Backend, JobError, Pace, ProvingService, WaitingClient};
 use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::policy::policy_file::{self, PolicyFile};
 use zk0_testkit::until;
@@ -151,7 +151,7 @@ impl LocalNetwork {
         let dir = tempfile::tempdir().unwrap();
         let policy = dir.path().join("policy.safetensors");
         policy_file::save(&file.policy, &file.tokenizer, None, &policy).unwrap();
-        let recording = Recording::open(&root().join(RECORDING), &policy, None).unwrap();
+        let recording = OpenRecording::open(&root().join(RECORDING), &policy, None).unwrap();
         let maker = recording.maker();
         let secrets = Secrets::of_registered(Path::new(&self.path("state"))).unwrap();
         let by = EvaluationSetSpec {
@@ -313,7 +313,12 @@ impl Backend for NoProver {
         })
     }
 
-    async fn prove(&self, _: &GuestInput, _: &Execution, _: &Waiting) -> Result<Proof, JobError> {
+    async fn prove(
+        &self,
+        _: &GuestInput,
+        _: &Execution,
+        _: &WaitingClient,
+    ) -> Result<Proof, JobError> {
         Ok(Proof {
             bytes: format!("no proof {}", MADE.fetch_add(1, Ordering::SeqCst)).into_bytes(),
             public_values: Vec::new(),

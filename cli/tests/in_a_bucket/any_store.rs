@@ -12,13 +12,13 @@ use std::fs;
 use std::thread::sleep;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use zk0_bucket::bucket::PART_BYTES;
-use zk0_bucket::waiting::Patience;
+use zk0_bucket::waiting::RetryPeriod;
 use zk0_bucket::Bucket;
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::store::BlobStore;
 use zk0_ledger::blobs::unverified::Unverified;
 use zk0_ledger::blobs::Blobs;
-use zk0_node::client::stored_update::{StoreClient, StoreError};
+use zk0_node::client::stored_update::{StoreClient, StoredUpdateError};
 use zk0_testkit::members::Member;
 use zk0_tls::service_address::ServiceAddress;
 
@@ -44,7 +44,7 @@ fn fresh(name: &str, step: &str) -> String {
 }
 
 fn bucket(address: &str) -> Bucket {
-    Bucket::open(address, &variables(), Patience(MINUTE)).unwrap()
+    Bucket::open(address, &variables(), RetryPeriod(MINUTE)).unwrap()
 }
 
 /// A node's client for a store, by any protocol.
@@ -121,7 +121,10 @@ fn an_address_takes_one_object_for_some_time() {
     sent.remove(&object).unwrap();
     let refused = |address: &str| {
         let refused = client().put(address, b"update").unwrap_err();
-        assert!(matches!(refused, StoreError::Refused { .. }), "{refused}");
+        assert!(
+            matches!(refused, StoredUpdateError::Refused { .. }),
+            "{refused}"
+        );
     };
     refused(&address.replace(&node.to_string(), &NodeId([8; 32]).to_string()));
     let short = sent.address(&object, Duration::from_secs(1)).unwrap();

@@ -12,13 +12,13 @@ use tempfile::TempDir;
 use tokio::runtime::Runtime;
 use tokio::task::JoinSet;
 use zk0_bucket::bucket::PART_BYTES;
-use zk0_bucket::waiting::Patience;
+use zk0_bucket::waiting::RetryPeriod;
 use zk0_bucket::Bucket;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::store::BlobStore;
 use zk0_ledger::blobs::unverified::Unverified;
-use zk0_node::client::stored_update::{StoreClient, StoreError};
-use zk0_node::client::Node;
+use zk0_node::client::stored_update::{StoreClient, StoredUpdateError};
+use zk0_node::client::NodeClient;
 use zk0_testkit::members::{found, Member};
 use zk0_testkit::own_port::OwnPort;
 use zk0_testkit::s3::failing_network::Fault;
@@ -90,7 +90,7 @@ impl Large {
     }
 
     /// The member's node, in the open round, and its update.
-    async fn joined(&self, member: Member) -> (Node, Vec<u8>) {
+    async fn joined(&self, member: Member) -> (NodeClient, Vec<u8>) {
         let address = format!("http://{}", self.ports[0].address());
         let node = member.join(&address, self.network).await;
         (node, member.update(bytes()))
@@ -211,7 +211,7 @@ fn a_bucket_that_fails_in_the_middle_of_an_update_is_asked_again() {
 #[test]
 fn an_update_that_is_cut_on_its_way_into_the_bucket_is_said() {
     let Some(s3) = S3::start() else { return };
-    let patience = Patience(Duration::from_secs(60));
+    let patience = RetryPeriod(Duration::from_secs(60));
     let bucket = Bucket::open(&s3.address("net"), &s3.variables(), patience).unwrap();
     let sent = bucket.sent().unwrap();
     let node = Member(1).id();
@@ -229,14 +229,17 @@ fn an_update_that_is_cut_on_its_way_into_the_bucket_is_said() {
         error
     };
     let cut = put(Fault::CutRequest(bytes() / 2));
-    assert!(matches!(cut, StoreError::Unreachable { .. }), "{cut}");
+    assert!(
+        matches!(cut, StoredUpdateError::Unreachable { .. }),
+        "{cut}"
+    );
     assert_eq!(sent.size(&object).unwrap(), None);
     let unavailable = put(Fault::Unavailable);
     let said = unavailable.to_string();
     assert!(said.contains("does not take the update: 503"), "{said}");
     let unanswered = put(Fault::CutAnswer(0));
     assert!(
-        matches!(unanswered, StoreError::Unreachable { .. }),
+        matches!(unanswered, StoredUpdateError::Unreachable { .. }),
         "{unanswered}"
     );
     client.put(&address, &update).unwrap();

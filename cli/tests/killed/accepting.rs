@@ -12,7 +12,7 @@ use tempfile::TempDir;
 use tokio::runtime::Runtime;
 use tokio::task::JoinHandle;
 use zk0_circuits::{Digest, NodeId};
-use zk0_node::client::{Decision, Node};
+use zk0_node::client::{NodeClient, SubmissionDecision};
 use zk0_protocol::entries::entry::{Body, Entry, RoundClosed};
 use zk0_testkit::own_port::OwnPort;
 
@@ -62,13 +62,13 @@ impl Served {
     }
 
     /// Lets each member play its part in round 0.
-    fn play(&self) -> Vec<JoinHandle<Decision>> {
+    fn play(&self) -> Vec<JoinHandle<SubmissionDecision>> {
         let members = 0..self.members.len();
         let played = members.map(|number| {
             let (members, url) = (self.members.clone(), self.relay.url.clone());
             let (network, key) = (self.network(), self.recorded.key(&members[number]));
             self.runtime.spawn(async move {
-                let mut node = Node::connect(url, network, key).await.unwrap();
+                let mut node = NodeClient::connect(url, network, key).await.unwrap();
                 part(&members[number], &mut node).await
             })
         });
@@ -76,11 +76,11 @@ impl Served {
     }
 
     /// Submits again what a member has submitted.
-    fn again(&self, member: &Member) -> Decision {
+    fn again(&self, member: &Member) -> SubmissionDecision {
         let (url, key) = (self.relay.url.clone(), self.recorded.key(member));
         let network = self.network();
         self.runtime.block_on(async {
-            let mut node = Node::connect(url, network, key).await.unwrap();
+            let mut node = NodeClient::connect(url, network, key).await.unwrap();
             let claim = member.submission.claim.clone();
             node.submit(claim, member.proof.clone()).await.unwrap()
         })
@@ -91,7 +91,7 @@ impl Served {
         let (url, key) = (self.relay.url.clone(), self.recorded.key(&self.members[0]));
         let network = self.network();
         self.runtime.block_on(async {
-            let mut node = Node::connect(url, network, key).await.unwrap();
+            let mut node = NodeClient::connect(url, network, key).await.unwrap();
             node.wait_for_close(0).await.unwrap()
         })
     }
@@ -112,7 +112,7 @@ fn serving(recorded: &Recorded, dir: &Path, listen: &str, nodes: usize) -> Proce
 }
 
 /// A member's part in round 0, with the proof that it once made.
-async fn part(member: &Member, node: &mut Node) -> Decision {
+async fn part(member: &Member, node: &mut NodeClient) -> SubmissionDecision {
     let (registration, leaves) = (member.registration.clone(), member.leaves.clone());
     node.register(registration, leaves).await.unwrap();
     let opened = node.wait_for_round(0).await.unwrap().opened;
@@ -148,7 +148,7 @@ fn closings(entries: &[Entry]) -> Vec<&RoundClosed> {
 
 impl Served {
     /// Waits for the end of the round, and checks that it is what was recorded, once and for all.
-    fn ends(mut self, played: Vec<JoinHandle<Decision>>) {
+    fn ends(mut self, played: Vec<JoinHandle<SubmissionDecision>>) {
         let decisions: Vec<_> = played
             .into_iter()
             .map(|played| self.runtime.block_on(played).unwrap())
@@ -195,7 +195,7 @@ fn goes_on(step: &str, times: usize) {
 /// for.
 fn at_the_moment(
     kill: impl Fn(&mut Served),
-    right: impl Fn(&Served, &[Entry], &[JoinHandle<Decision>]) -> bool,
+    right: impl Fn(&Served, &[Entry], &[JoinHandle<SubmissionDecision>]) -> bool,
 ) {
     for _ in 0..10 {
         let mut served = Served::start();

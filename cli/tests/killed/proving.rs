@@ -19,7 +19,7 @@ use zk0_circuits::Mode;
 use zk0_protocol::Body;
 use zk0_prover::program::{Execution, GuestInput};
 use zk0_prover::prove::Proof;
-use zk0_prover::service::{Backend, JobError, ProvingClient, Waiting};
+use zk0_prover::service::{Backend, JobError, ProvingClient, WaitingClient};
 use zk0_testkit::own_port::OwnPort;
 
 /// What a node says when the proving service cannot do it now, for the first time and later.
@@ -62,7 +62,7 @@ impl Backend for Held {
         &self,
         input: &GuestInput,
         execution: &Execution,
-        waiting: &Waiting,
+        waiting: &WaitingClient,
     ) -> Result<Proof, JobError> {
         // The test may not listen any more.
         let _ = self.begun.send(());

@@ -11,7 +11,7 @@ use tokio::task::JoinHandle;
 use zk0::keys;
 use zk0_aggregator::{Aggregator, Config, ConnectionLimits, Limits, Service, SystemClock};
 use zk0_circuits::Digest;
-use zk0_node::client::Node;
+use zk0_node::client::NodeClient;
 use zk0_node::client_error::NodeError;
 use zk0_tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
 use zk0_tls::server_certificate::ServerCertificate;
@@ -89,11 +89,15 @@ impl Encrypted {
     }
 
     /// Connects to the aggregator by `scheme` as a node that believes the authorities in `ca`.
-    pub async fn connect(&self, scheme: &str, ca: Option<PathBuf>) -> Result<Node, NodeError> {
+    pub async fn connect(
+        &self,
+        scheme: &str,
+        ca: Option<PathBuf>,
+    ) -> Result<NodeClient, NodeError> {
         let url = format!("{scheme}://{}", self.address);
         let address = ServiceAddress::from(url).with_ca(ca);
         let key = keys::read(Path::new(&self.local.path("node.key"))).unwrap();
-        Node::connect(address, self.network, key).await
+        NodeClient::connect(address, self.network, key).await
     }
 
     /// Why a node that believes the authorities in `ca` cannot connect.

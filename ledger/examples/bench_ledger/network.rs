@@ -6,13 +6,15 @@ use ed25519_dalek::SigningKey;
 use rayon::prelude::*;
 use std::path::Path;
 use zk0_circuits::{Claim, DatasetCommitment, Digest, Losses, NodeId, WeightsDigest};
-use zk0_ledger::group::Wanted;
+use zk0_ledger::group::WantedEntry;
 use zk0_ledger::Ledger;
 use zk0_protocol::challenge::closing::commitments;
 use zk0_protocol::entries::authentic::AuthenticBody;
 use zk0_protocol::entries::entry::{CommitmentsClosed, RoundClosed, RoundOpened};
 use zk0_protocol::entries::member::NodeEnrolled;
-use zk0_protocol::entries::signed::{DatasetRegistration, Episode, Submission, UpdateCommitment};
+use zk0_protocol::entries::signed::{
+    DatasetRegistration, RegisteredEpisode, Submission, UpdateCommitment,
+};
 use zk0_protocol::{Body, RuleViolation, Signed, State};
 use zk0_testkit::network::{
     closed, commitments_closed, drawn, genesis, invalid_proof, log_key, opened, T0,
@@ -110,7 +112,7 @@ pub fn registrations(state: &State, times: u64) -> Vec<Body> {
             dataset: dataset(number % NODES),
             leaves: digest(7, number),
             evaluation_frames: state.rules().evaluation_frames,
-            episodes: vec![Episode {
+            episodes: vec![RegisteredEpisode {
                 digest: digest(9, number % NODES),
                 frames: 400,
             }],
@@ -134,7 +136,7 @@ pub fn record(ledger: &mut Ledger, time_ms: u64, bodies: Vec<Body>) -> Result<Ve
     // A service verifies signatures on all cores, before it has its turn.
     let wanted = bodies.into_par_iter().map(|body| {
         let body = AuthenticBody::of(body)?;
-        Ok(Wanted { time_ms, body })
+        Ok(WantedEntry { time_ms, body })
     });
     let outcomes = ledger.commit(wanted.collect::<Result<_, RuleViolation>>()?)?;
     Ok(outcomes.into_iter().collect::<Result<_, _>>()?)

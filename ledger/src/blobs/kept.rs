@@ -6,7 +6,7 @@
 //! it ([`Blobs::beside_writer`]) asks the store about each blob that is not in the folder.
 
 use super::error::{io_error, BlobError};
-use super::store::{BlobStore, Kept};
+use super::store::{BlobStore, IndexedStore};
 use super::usage::{Amount, Usage};
 use super::{check, check_file, Blobs, UnfinishedBlob};
 use sha2::{Digest as _, Sha256};
@@ -20,7 +20,7 @@ impl Blobs {
     /// The blobs of the ledger in `dir`, which are kept in `store`. Reads the store's list.
     pub fn in_store(dir: &Path, store: Box<dyn BlobStore>) -> Result<Self, BlobError> {
         Ok(Self {
-            kept: Some(Arc::new(Kept::new(store, false)?)),
+            kept: Some(Arc::new(IndexedStore::new(store, false)?)),
             ..Self::at(dir)
         })
     }
@@ -28,7 +28,7 @@ impl Blobs {
     /// The same for a reader. The ledger's writer may add blobs and remove some at the same time.
     pub fn beside_writer(dir: &Path, store: Box<dyn BlobStore>) -> Result<Self, BlobError> {
         Ok(Self {
-            kept: Some(Arc::new(Kept::new(store, true)?)),
+            kept: Some(Arc::new(IndexedStore::new(store, true)?)),
             ..Self::at(dir)
         })
     }
@@ -108,7 +108,7 @@ impl Blobs {
     }
 
     /// Reads a blob from the store, and verifies its digest.
-    fn read_from(&self, kept: &Kept, blob: &Digest) -> Result<UnfinishedBlob, BlobError> {
+    fn read_from(&self, kept: &IndexedStore, blob: &Digest) -> Result<UnfinishedBlob, BlobError> {
         let size = kept.size(blob)?.ok_or(BlobError::Missing(*blob))?;
         let mut unfinished = self.begin()?;
         kept.get(size, |store| {

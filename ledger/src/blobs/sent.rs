@@ -6,9 +6,9 @@
 
 use super::error::{io_error, BlobError};
 use super::partial::PartialBlob;
-use super::store::Kept;
+use super::store::IndexedStore;
 use super::unverified::{removed, SentStore, Unverified};
-use super::usage::Operation;
+use super::usage::StoreOperation;
 use super::Blobs;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,7 +17,7 @@ use zk0_circuits::{Digest, NodeId};
 use zk0_files::random_number::random_number;
 
 impl Blobs {
-    fn sent(&self) -> Option<(&Kept, &dyn SentStore)> {
+    fn sent(&self) -> Option<(&IndexedStore, &dyn SentStore)> {
         let kept = self.kept.as_ref()?;
         Some((kept, kept.sent()?))
     }
@@ -73,7 +73,7 @@ impl Blobs {
                 partial.write(bytes)
             })
         };
-        let read = kept.counted(Operation::Get, read, |()| size);
+        let read = kept.counted(StoreOperation::Get, read, |()| size);
         match read.and_then(|()| partial.finish()) {
             Ok(()) => {
                 kept.copies.add(store, blob, copy);
@@ -94,18 +94,18 @@ impl Blobs {
         let old = |object: &Unverified| Some(object.round()) != open;
         kept.copies.forget(old);
         let list = || store.all().map_err(BlobError::from);
-        let all = kept.counted(Operation::List, list, |_| 0)?;
+        let all = kept.counted(StoreOperation::List, list, |_| 0)?;
         let mut removed = 0;
         for object in all.iter().filter(|object| old(object)) {
             let remove = || store.remove(object).map_err(BlobError::from);
-            kept.counted(Operation::Remove, remove, |()| 0)?;
+            kept.counted(StoreOperation::Remove, remove, |()| 0)?;
             removed += 1;
         }
         Ok(removed)
     }
 }
 
-impl Kept {
+impl IndexedStore {
     /// Makes a copy of what a node has put into the store, if it has this size, and removes it.
     fn copied(
         &self,
@@ -114,7 +114,7 @@ impl Kept {
         size: u64,
     ) -> Result<Unverified, BlobError> {
         let ask = || store.size(&sent).map_err(BlobError::from);
-        match self.counted(Operation::Size, ask, |_| 0)? {
+        match self.counted(StoreOperation::Size, ask, |_| 0)? {
             None => return Err(BlobError::NotSent),
             Some(found) if found != size => {
                 removed(store, &sent);

@@ -3,7 +3,7 @@
 use super::error::{io_error, BlobError, StoreError};
 use super::take::Take;
 use super::unverified::{SentStore, VerifiedCopies};
-use super::usage::{Counting, Operation, Usage};
+use super::usage::{StoreOperation, Usage, UsageCounter};
 use std::collections::BTreeMap;
 use std::fmt::Debug;
 use std::fs;
@@ -40,7 +40,7 @@ pub trait BlobStore: Debug + Send + Sync {
 
 /// A store, and what is in it.
 #[derive(Debug)]
-pub(super) struct Kept {
+pub(super) struct IndexedStore {
     store: Box<dyn BlobStore>,
     known: Mutex<BTreeMap<Digest, u64>>,
     /// The blobs that are being read. Whoever needs one of them waits, and need not read it too.
@@ -49,7 +49,7 @@ pub(super) struct Kept {
     shared: bool,
     /// What others have put into the store, and is verified.
     pub(super) copies: VerifiedCopies,
-    counting: Counting,
+    counting: UsageCounter,
 }
 
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -57,12 +57,12 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl Kept {
+impl IndexedStore {
     /// A store, whose list is read. If it is `shared`, another process may add to it and remove from it.
     pub(super) fn new(store: Box<dyn BlobStore>, shared: bool) -> Result<Self, BlobError> {
-        let counting = Counting::default();
+        let counting = UsageCounter::default();
         let list = || store.all().map_err(BlobError::from);
-        let list = counting.count(Operation::List, list, |_| 0)?;
+        let list = counting.count(StoreOperation::List, list, |_| 0)?;
         Ok(Self {
             store,
             known: Mutex::new(list.into_iter().collect()),
@@ -90,7 +90,7 @@ impl Kept {
     /// Does `work`, which asks the store, and counts it.
     pub(super) fn counted<T>(
         &self,
-        operation: Operation,
+        operation: StoreOperation,
         work: impl FnOnce() -> Result<T, BlobError>,
         bytes: impl FnOnce(&T) -> u64,
     ) -> Result<T, BlobError> {
@@ -118,7 +118,7 @@ impl Kept {
             true => Ok(()),
             false => self.store.put(blob, file, size).map_err(BlobError::from),
         };
-        self.counting.count(Operation::Put, put, |()| size)?;
+        self.counting.count(StoreOperation::Put, put, |()| size)?;
         locked(&self.known).insert(*blob, size);
         Ok(())
     }
@@ -129,7 +129,7 @@ impl Kept {
             return Ok(locked(&self.known).get(blob).copied());
         }
         let ask = || self.store.size(blob).map_err(BlobError::from);
-        let found = self.counting.count(Operation::Size, ask, |_| 0)?;
+        let found = self.counting.count(StoreOperation::Size, ask, |_| 0)?;
         let mut known = locked(&self.known);
         match found {
             Some(size) => known.insert(*blob, size),
@@ -145,13 +145,14 @@ impl Kept {
         read: impl FnOnce(&dyn BlobStore) -> Result<(), BlobError>,
     ) -> Result<(), BlobError> {
         let get = || read(&*self.store);
-        self.counting.count(Operation::Get, get, |()| size)
+        self.counting.count(StoreOperation::Get, get, |()| size)
     }
 
     /// Removes a blob. If that fails, the blob is still known, so that it can be removed later.
     pub(super) fn remove(&self, blob: &Digest) -> Result<(), BlobError> {
         let remove = || self.store.remove(blob).map_err(BlobError::from);
-        self.counting.count(Operation::Remove, remove, |()| 0)?;
+        self.counting
+            .count(StoreOperation::Remove, remove, |()| 0)?;
         locked(&self.known).remove(blob);
         Ok(())
     }

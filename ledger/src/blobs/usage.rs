@@ -7,7 +7,7 @@ use zk0_circuits::Digest;
 
 /// What a store can be asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Operation {
+pub enum StoreOperation {
     /// To store a blob.
     Put,
     /// To give a blob.
@@ -20,7 +20,7 @@ pub enum Operation {
     List,
 }
 
-impl Operation {
+impl StoreOperation {
     /// All of them.
     pub const ALL: [Self; 5] = [Self::Put, Self::Get, Self::Size, Self::Remove, Self::List];
 
@@ -38,7 +38,7 @@ impl Operation {
 
 /// How often a store was asked for one thing. A blob that is stored or read in many parts counts once.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Count {
+pub struct RequestCount {
     /// It did what it was asked for.
     pub done: u64,
     /// It failed, and trying again did not help.
@@ -54,14 +54,14 @@ pub struct Count {
 /// What a store was asked for since the process began.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Usage {
-    counts: [Count; Operation::ALL.len()],
+    counts: [RequestCount; StoreOperation::ALL.len()],
     /// When it failed first after it had last answered.
     failing: Option<Instant>,
 }
 
 impl Usage {
     /// How often the store was asked for this.
-    pub fn of(&self, operation: Operation) -> Count {
+    pub fn of(&self, operation: StoreOperation) -> RequestCount {
         self.counts[operation as usize]
     }
 
@@ -91,9 +91,9 @@ impl Amount {
 
 /// Counts what a store is asked for.
 #[derive(Debug, Default)]
-pub(super) struct Counting(Mutex<Usage>);
+pub(super) struct UsageCounter(Mutex<Usage>);
 
-impl Counting {
+impl UsageCounter {
     pub(super) fn now(&self) -> Usage {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -101,7 +101,7 @@ impl Counting {
     /// Does `work`, which asks the store, and counts it. `bytes` says how many bytes of a blob were moved.
     pub(super) fn count<T>(
         &self,
-        operation: Operation,
+        operation: StoreOperation,
         work: impl FnOnce() -> Result<T, BlobError>,
         bytes: impl FnOnce(&T) -> u64,
     ) -> Result<T, BlobError> {

@@ -5,7 +5,7 @@ use crate::blobs::damaged::DamagedBlob;
 use crate::blobs::BlobError;
 use crate::error::LedgerError;
 use crate::folder;
-use crate::published::export_place::{Folder, Place, PlaceError};
+use crate::published::export_place::{ExportFolder, ExportTarget, PlaceError};
 use crate::published::publication::{Content, Publication, PublicationError};
 use std::path::{Path, PathBuf};
 use zk0_protocol::tlog::checkpoint::{CheckpointError, MAX_NOTE_BYTES};
@@ -58,14 +58,17 @@ pub fn export(view: &Publication, out: &Path) -> Result<Exported, ExportError> {
     if folder::database(out).exists() {
         return Err(ExportError::IsLedger(out.into()));
     }
-    let mut folder = Folder::at(out);
+    let mut folder = ExportFolder::at(out);
     folder.remove_unfinished()?;
     export_to(view, &mut folder)
 }
 
 /// Writes what `view` publishes to `place`, or brings an older export of the same log up to date. The checkpoint is written last, so a
 /// reader always finds everything that the checkpoint covers.
-pub fn export_to(view: &Publication, place: &mut dyn Place) -> Result<Exported, ExportError> {
+pub fn export_to(
+    view: &Publication,
+    place: &mut dyn ExportTarget,
+) -> Result<Exported, ExportError> {
     continues(view, place)?;
     let mut exported = Exported {
         entries: view.checkpoint().size,
@@ -112,7 +115,7 @@ pub fn export_to(view: &Publication, place: &mut dyn Place) -> Result<Exported, 
 }
 
 /// Refuses to change an export of another log, and an export that has more entries than the log has now.
-fn continues(view: &Publication, place: &dyn Place) -> Result<(), ExportError> {
+fn continues(view: &Publication, place: &dyn ExportTarget) -> Result<(), ExportError> {
     let Some(text) = place.checkpoint(MAX_NOTE_BYTES as u64 + 1)? else {
         return Ok(());
     };

@@ -10,7 +10,7 @@ use zk0_files::{atomic_file, bounded_file};
 use zk0_protocol::tlog::layout::{Resource, Tile};
 
 /// Keeps the files of an export by the paths of [`zk0_protocol::tlog::layout`]. What it has stored is durable.
-pub trait Place {
+pub trait ExportTarget {
     /// What messages call it: a path, or an address without credentials.
     fn name(&self) -> String;
 
@@ -51,12 +51,12 @@ pub enum PlaceError {
 }
 
 /// A folder.
-pub struct Folder {
+pub struct ExportFolder {
     dir: PathBuf,
     blobs: Blobs,
 }
 
-impl Folder {
+impl ExportFolder {
     /// The export in `dir`. This reads and writes nothing.
     pub fn at(dir: &Path) -> Self {
         Self {
@@ -82,7 +82,7 @@ fn failed(path: &Path) -> impl FnOnce(io::Error) -> PlaceError + '_ {
     }
 }
 
-impl Place for Folder {
+impl ExportTarget for ExportFolder {
     fn name(&self) -> String {
         self.dir.display().to_string()
     }

@@ -35,7 +35,7 @@ impl HttpError {
 
 /// How long a client waits.
 #[derive(Clone, Copy)]
-enum Waiting {
+enum RequestTimeout {
     /// For all of an answer.
     Whole(Duration),
     /// For an answer to begin, and then for each part of it.
@@ -49,7 +49,7 @@ impl HttpClient {
     /// # Errors
     /// The file of authorities cannot be used.
     pub fn new(authorities: Authorities, timeout: Duration) -> Result<Self, AuthoritiesError> {
-        Self::checked(authorities, Waiting::Whole(timeout))
+        Self::checked(authorities, RequestTimeout::Whole(timeout))
     }
 
     /// Like [`Self::new`], for files of any size: an answer may take any time, and is given up when nothing comes for `silence`.
@@ -60,23 +60,26 @@ impl HttpClient {
         authorities: Authorities,
         silence: Duration,
     ) -> Result<Self, AuthoritiesError> {
-        Self::checked(authorities, Waiting::Parts(silence))
+        Self::checked(authorities, RequestTimeout::Parts(silence))
     }
 
     /// A client that believes the authorities of the system. `option` names others.
     pub fn of_system(option: &'static str, timeout: Duration) -> Self {
         let authorities = Authorities::of_system(option);
-        Self::believing(authorities, Waiting::Whole(timeout))
+        Self::believing(authorities, RequestTimeout::Whole(timeout))
     }
 
-    fn checked(authorities: Authorities, waiting: Waiting) -> Result<Self, AuthoritiesError> {
+    fn checked(
+        authorities: Authorities,
+        waiting: RequestTimeout,
+    ) -> Result<Self, AuthoritiesError> {
         if authorities.file().is_some() {
             authorities.certificates()?;
         }
         Ok(Self::believing(authorities, waiting))
     }
 
-    fn believing(authorities: Authorities, waiting: Waiting) -> Self {
+    fn believing(authorities: Authorities, waiting: RequestTimeout) -> Self {
         let (roots, no_roots) = match authorities.certificates() {
             Ok(found) => (found, None),
             Err(error) => (Vec::new(), Some(error.to_string())),
@@ -89,8 +92,8 @@ impl HttpClient {
             .root_certs(RootCerts::from(roots))
             .build();
         let (whole, part) = match waiting {
-            Waiting::Whole(whole) => (Some(whole), None),
-            Waiting::Parts(part) => (None, Some(part)),
+            RequestTimeout::Whole(whole) => (Some(whole), None),
+            RequestTimeout::Parts(part) => (None, Some(part)),
         };
         let connecting = whole.or(part).map(|time| time.min(CONNECTING));
         let agent = ureq::Agent::config_builder()

@@ -12,8 +12,8 @@ use crate::folder;
 use crate::history::check_network;
 use crate::pruned;
 use crate::published::reader::{first_entry, PublishedError, PublishedLog};
-use crate::published::source::{Source, SourceError};
-use crate::store::{Batch, Store};
+use crate::published::source::{LogSource, SourceError};
+use crate::store::{Store, StoreBatch};
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
@@ -56,7 +56,7 @@ pub struct Mirrored {
 /// Where the blobs of a copy come from.
 pub(crate) enum BlobSource<'a> {
     /// From the published log. Whoever serves a blob that is not what its name says is at fault, and the copy ends there.
-    Served(&'a dyn Source),
+    Served(&'a dyn LogSource),
     /// From a folder of one's own. Its disk may have damaged a blob. The copy goes on with the others, so that they are not lost, too.
     Own {
         /// The blobs in the folder.
@@ -128,7 +128,7 @@ impl From<BlobError> for MirrorError {
 /// rules name them. Since the rules are in the entries, the entries are stored even if their quorum is missing, but the checkpoint is
 /// not.
 pub fn mirror(
-    source: &dyn Source,
+    source: &dyn LogSource,
     dir: &Path,
     policy: Option<&WitnessPolicy>,
     network: Option<&Digest>,
@@ -138,7 +138,7 @@ pub fn mirror(
 
 /// [`mirror`], with the blobs from `blob_source`.
 pub(crate) fn mirror_with(
-    source: &dyn Source,
+    source: &dyn LogSource,
     blob_source: &BlobSource<'_>,
     dir: &Path,
     policy: Option<&WitnessPolicy>,
@@ -223,7 +223,7 @@ pub(crate) fn mirror_with(
 
 /// What the log's operator says about pruned blobs, if they say something.
 fn served_pruning(
-    source: &dyn Source,
+    source: &dyn LogSource,
     genesis: &Genesis,
 ) -> Result<Option<Signed<Pruning>>, MirrorError> {
     let path = Resource::Pruned.to_string();
@@ -294,7 +294,7 @@ fn extend(
         let number = tree.size() / TILE_WIDTH;
         let skip = (tree.size() % TILE_WIDTH) as usize;
         let (entries, checkpoints) = (log.entries(number)?, log.checkpoints(number)?);
-        let mut batch = Batch::default();
+        let mut batch = StoreBatch::default();
         for (entry, text) in entries.iter().zip(&checkpoints).skip(skip) {
             let index = tree.size();
             let body = Entry::decode(entry)?.body;
@@ -410,7 +410,7 @@ impl BlobSource<'_> {
 
 /// Copies a blob that a published log serves.
 fn copy_served(
-    source: &dyn Source,
+    source: &dyn LogSource,
     copies: &Blobs,
     blob: &Digest,
     limit: u64,

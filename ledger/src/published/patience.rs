@@ -35,7 +35,7 @@ pub(super) const WITHIN: Duration = Duration::from_secs(600);
 
 /// What went wrong, as far as it matters for the next try.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Failed {
+pub(super) enum FailedRequest {
     /// It may pass. The server may have said when to ask `again`.
     Passing { again: Option<Duration> },
     /// The server is unavailable, and does not say for how long.
@@ -46,7 +46,7 @@ pub(super) enum Failed {
 
 /// How much patience is left.
 #[derive(Debug, Default)]
-pub(super) struct Patience {
+pub(super) struct RetryBudget {
     tries: usize,
     unavailable: usize,
     waits: Duration,
@@ -54,17 +54,17 @@ pub(super) struct Patience {
     took: Duration,
 }
 
-impl Patience {
+impl RetryBudget {
     /// How long to wait before the next try; `None` if there is no other.
-    pub fn next_wait(&mut self, failed: Failed) -> Option<Duration> {
+    pub fn next_wait(&mut self, failed: FailedRequest) -> Option<Duration> {
         let step = *WAITS.get(self.tries)?;
         let wait = match failed {
-            Failed::Passing { again } => step.max(again.unwrap_or_default()),
-            Failed::Unavailable if self.unavailable < UNAVAILABLE => {
+            FailedRequest::Passing { again } => step.max(again.unwrap_or_default()),
+            FailedRequest::Unavailable if self.unavailable < UNAVAILABLE => {
                 self.unavailable += 1;
                 step
             }
-            Failed::Unavailable | Failed::ForGood => return None,
+            FailedRequest::Unavailable | FailedRequest::ForGood => return None,
         };
         let waits = self.waits.saturating_add(wait);
         if waits > ALL_WAITS {
@@ -96,16 +96,16 @@ mod tests {
     use super::*;
     use std::iter::from_fn;
 
-    const BROKEN: Failed = Failed::Passing { again: None };
+    const BROKEN: FailedRequest = FailedRequest::Passing { again: None };
 
-    fn waits(patience: &mut Patience, failed: Failed) -> Vec<u64> {
+    fn waits(patience: &mut RetryBudget, failed: FailedRequest) -> Vec<u64> {
         let waits = from_fn(|| patience.next_wait(failed));
         waits.map(|wait| wait.as_millis() as u64).collect()
     }
 
     #[test]
     fn the_waits_grow_and_end_and_begin_anew_with_each_progress() {
-        let mut patience = Patience::default();
+        let mut patience = RetryBudget::default();
         let all = [500, 1000, 2000, 4000, 8000, 12_000];
         assert_eq!(waits(&mut patience, BROKEN), all);
         assert!(all.iter().sum::<u64>() < 30_000);
@@ -115,19 +115,28 @@ mod tests {
 
     #[test]
     fn a_server_that_publishes_nothing_yet_delays_nobody_for_long() {
-        let mut patience = Patience::default();
-        assert_eq!(waits(&mut patience, Failed::Unavailable), [500, 1000]);
+        let mut patience = RetryBudget::default();
+        assert_eq!(
+            waits(&mut patience, FailedRequest::Unavailable),
+            [500, 1000]
+        );
         // It does not matter what went wrong between.
         assert_eq!(patience.next_wait(BROKEN), Some(WAITS[2]));
-        assert_eq!(patience.next_wait(Failed::Unavailable), None);
-        assert_eq!(Patience::default().next_wait(Failed::ForGood), None);
+        assert_eq!(patience.next_wait(FailedRequest::Unavailable), None);
+        assert_eq!(
+            RetryBudget::default().next_wait(FailedRequest::ForGood),
+            None
+        );
     }
 
     #[test]
     fn the_reader_waits_as_long_as_the_server_asks_for_but_not_for_ever() {
         let asks = |seconds| {
             let again = Some(Duration::from_secs(seconds));
-            waits(&mut Patience::default(), Failed::Passing { again })
+            waits(
+                &mut RetryBudget::default(),
+                FailedRequest::Passing { again },
+            )
         };
         assert_eq!(asks(5), [5000, 5000, 5000, 5000, 8000]);
         assert!(asks(30).is_empty());
@@ -136,13 +145,13 @@ mod tests {
 
     #[test]
     fn a_server_that_sends_a_byte_now_and_then_is_given_up() {
-        let mut patience = Patience::default();
+        let mut patience = RetryBudget::default();
         for _ in 0..19 {
             assert!(patience.keeps_pace(1, Duration::from_secs(30)));
         }
         assert!(!patience.keeps_pace(1, Duration::from_secs(30)));
         // A slow line keeps pace: 16 MiB come in time.
-        let mut patience = Patience::default();
+        let mut patience = RetryBudget::default();
         for _ in 0..100 {
             assert!(patience.keeps_pace(LEAST_BYTES, Duration::from_secs(599)));
         }

@@ -9,7 +9,7 @@ use crate::blobs::{BlobError, Blobs};
 use crate::error::LedgerError;
 use crate::folder;
 use crate::pruned;
-use crate::published::source::{Source, SourceError};
+use crate::published::source::{LogSource, SourceError};
 use crate::published::tiles;
 use crate::store::Store;
 use std::fs::File;
@@ -38,7 +38,7 @@ pub struct Publication {
     text: Vec<u8>,
     checkpoint: Checkpoint,
     /// What was gathered from the entries up to the checkpoint.
-    gathered: Gathered,
+    gathered: GatheredEntries,
 }
 
 /// The checkpoints that may be published. They are read before the database, because the database then holds their entries.
@@ -49,7 +49,7 @@ struct Texts {
 
 /// What is gathered from a log's first entries.
 #[derive(Clone, Default)]
-struct Gathered {
+struct GatheredEntries {
     size: u64,
     disclosed: DisclosedBlobs,
     required: RequiredWitnesses,
@@ -94,16 +94,17 @@ impl Publication {
         };
         let held = store.size()?;
         // The rules in the entries up to a checkpoint determine which cosignatures it needs.
-        let gathered_from =
-            |file: &Path, text: &[u8]| -> Result<(Gathered, WitnessPolicy), PublicationError> {
-                let signed = Parsed::read(text).map_err(not_published(file))?;
-                let size = signed.checkpoint.size.min(held);
-                let known = before.map(|view| &view.gathered);
-                let known = known.filter(|gathered| gathered.size <= size).cloned();
-                let gathered = known.unwrap_or_default().up_to(&store, size)?;
-                let ruled = gathered.required.policy().map_err(not_published(file))?;
-                Ok((gathered, ruled))
-            };
+        let gathered_from = |file: &Path,
+                             text: &[u8]|
+         -> Result<(GatheredEntries, WitnessPolicy), PublicationError> {
+            let signed = Parsed::read(text).map_err(not_published(file))?;
+            let size = signed.checkpoint.size.min(held);
+            let known = before.map(|view| &view.gathered);
+            let known = known.filter(|gathered| gathered.size <= size).cloned();
+            let gathered = known.unwrap_or_default().up_to(&store, size)?;
+            let ruled = gathered.required.policy().map_err(not_published(file))?;
+            Ok((gathered, ruled))
+        };
         let file = folder::checkpoint(dir);
         let text = texts.checkpoint;
         let text = text.ok_or_else(|| LedgerError::NoCheckpoint(file.clone()))?;
@@ -230,7 +231,7 @@ impl Publication {
 }
 
 /// A ledger's folder can be read like any published log.
-impl Source for Publication {
+impl LogSource for Publication {
     fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError> {
         let failed = |error: String| SourceError::new(path, error);
         let found = match Resource::parse(path) {
@@ -254,7 +255,7 @@ impl Texts {
     }
 }
 
-impl Gathered {
+impl GatheredEntries {
     /// Goes on to the first `size` entries, which are at least as many as before.
     fn up_to(mut self, store: &Store, size: u64) -> Result<Self, LedgerError> {
         for index in self.size..size {

@@ -1,7 +1,7 @@
 //! A published log, read without trust in whoever serves it. Every tile is verified by the signed root, every entry by its leaf, and every
 //! newer checkpoint by the older one.
 
-use crate::published::source::{Source, SourceError};
+use crate::published::source::{LogSource, SourceError};
 use std::cell::RefCell;
 use tlog_tiles::tile::{Tile as HashTile, TileHashReader, TileReader};
 use tlog_tiles::tlog::{
@@ -11,7 +11,9 @@ use tlog_tiles::tlog::{
 use zk0_circuits::Digest;
 use zk0_protocol::tlog::bundle;
 use zk0_protocol::tlog::checkpoint::{Checkpoint, CheckpointError, Parsed, MAX_NOTE_BYTES};
-use zk0_protocol::tlog::layout::{Kind, Resource, Tile, MAX_TREE_SIZE, TILE_HEIGHT, TILE_WIDTH};
+use zk0_protocol::tlog::layout::{
+    Resource, Tile, TileKind, MAX_TREE_SIZE, TILE_HEIGHT, TILE_WIDTH,
+};
 use zk0_protocol::tlog::tlog_proof::TlogProof;
 use zk0_protocol::tlog::verifier_key::VerifierKey;
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;
@@ -59,7 +61,7 @@ pub enum PublishedError {
 
 /// A log at one checkpoint.
 pub struct PublishedLog<'a> {
-    source: &'a dyn Source,
+    source: &'a dyn LogSource,
     text: Vec<u8>,
     checkpoint: Checkpoint,
 }
@@ -67,7 +69,7 @@ pub struct PublishedLog<'a> {
 impl<'a> PublishedLog<'a> {
     /// Reads the newest checkpoint of the log `key`, which `policy` has to accept.
     pub fn open(
-        source: &'a dyn Source,
+        source: &'a dyn LogSource,
         key: &VerifierKey,
         policy: &WitnessPolicy,
     ) -> Result<Self, PublishedError> {
@@ -128,7 +130,7 @@ impl<'a> PublishedLog<'a> {
 
     /// The verified entries of bundle `number`.
     pub fn entries(&self, number: u64) -> Result<Vec<Vec<u8>>, PublishedError> {
-        let (tile, entries) = self.bundle(Kind::Entries, number)?;
+        let (tile, entries) = self.bundle(TileKind::Entries, number)?;
         let positions: Vec<u64> = (tile.start()..)
             .take(entries.len())
             .map(|index| stored_hash_index(0, index))
@@ -153,7 +155,7 @@ impl<'a> PublishedLog<'a> {
     /// The checkpoints after the entries of bundle `number`, as the log serves them. They are not verified. It is `None` after an entry
     /// within a group.
     pub fn checkpoints(&self, number: u64) -> Result<Vec<Option<Vec<u8>>>, PublishedError> {
-        let (_, texts) = self.bundle(Kind::Checkpoints, number)?;
+        let (_, texts) = self.bundle(TileKind::Checkpoints, number)?;
         let there = |text: Vec<u8>| (!text.is_empty()).then_some(text);
         Ok(texts.into_iter().map(there).collect())
     }
@@ -180,7 +182,7 @@ impl<'a> PublishedLog<'a> {
         }
     }
 
-    fn bundle(&self, kind: Kind, number: u64) -> Result<(Tile, Vec<Vec<u8>>), PublishedError> {
+    fn bundle(&self, kind: TileKind, number: u64) -> Result<(Tile, Vec<Vec<u8>>), PublishedError> {
         let size = self.checkpoint.size;
         let tile = Tile::at(kind, number, size)
             .ok_or_else(|| self.no_entry(number.saturating_mul(TILE_WIDTH)))?;
@@ -213,18 +215,22 @@ impl<'a> PublishedLog<'a> {
 
 /// The first entry of a published log, which is not verified. The genesis in it names the log's key. A reader compares the genesis with the
 /// network's id, or accepts the log as it is.
-pub fn first_entry(source: &dyn Source) -> Result<Vec<u8>, PublishedError> {
+pub fn first_entry(source: &dyn LogSource) -> Result<Vec<u8>, PublishedError> {
     let path = Resource::Checkpoint.to_string();
     let text = source
         .get(&path, MAX_NOTE_BYTES as u64)?
         .ok_or(PublishedError::NoCheckpoint)?;
     let size = Parsed::read(&text)?.checkpoint.size;
-    let tile = Tile::at(Kind::Entries, 0, size).ok_or(PublishedError::Size(size))?;
+    let tile = Tile::at(TileKind::Entries, 0, size).ok_or(PublishedError::Size(size))?;
     let mut entries = read_bundle(source, tile, size)?;
     Ok(entries.swap_remove(0))
 }
 
-fn read_bundle(source: &dyn Source, tile: Tile, size: u64) -> Result<Vec<Vec<u8>>, PublishedError> {
+fn read_bundle(
+    source: &dyn LogSource,
+    tile: Tile,
+    size: u64,
+) -> Result<Vec<Vec<u8>>, PublishedError> {
     let wrong = |tile: &Tile, why: String| PublishedError::Bundle {
         path: tile.to_string(),
         why,
@@ -241,7 +247,7 @@ fn read_bundle(source: &dyn Source, tile: Tile, size: u64) -> Result<Vec<Vec<u8>
 
 /// Fetches a tile. If a partial tile is gone because the log has grown, it fetches the full one.
 fn fetch(
-    source: &dyn Source,
+    source: &dyn LogSource,
     tile: Tile,
     size: u64,
     limit: impl Fn(&Tile) -> u64,
@@ -256,7 +262,7 @@ fn fetch(
 
 /// Gives tiles to `tlog_tiles`, which verifies them.
 struct Tiles<'a> {
-    source: &'a dyn Source,
+    source: &'a dyn LogSource,
     size: u64,
     failed: RefCell<Option<PublishedError>>,
 }
@@ -269,7 +275,7 @@ impl TileReader for Tiles<'_> {
     fn read_tiles(&self, tiles: &[HashTile]) -> Result<Vec<Vec<u8>>, TreeError> {
         let read = |tile: &HashTile| {
             let tile = Tile {
-                kind: Kind::Hashes(tile.level()),
+                kind: TileKind::Hashes(tile.level()),
                 number: tile.level_index(),
                 width: tile.width() as u16,
             };

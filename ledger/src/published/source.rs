@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use zk0_files::bounded_file;
 
 /// Gives files by the paths of [`zk0_protocol::tlog::layout`].
-pub trait Source {
+pub trait LogSource {
     /// Opens a file; `None` if there is no file with this path.
     fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError>;
 
@@ -43,16 +43,16 @@ impl SourceError {
 
 /// A folder that `zk0 ledger export` wrote.
 #[derive(Clone, Debug)]
-pub struct Folder(PathBuf);
+pub struct FolderSource(PathBuf);
 
-impl Folder {
+impl FolderSource {
     /// The log in `dir`. This reads and writes nothing.
     pub fn at(dir: &Path) -> Self {
         Self(dir.into())
     }
 }
 
-impl Source for Folder {
+impl LogSource for FolderSource {
     fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError> {
         let file = self.0.join(path);
         match File::open(&file) {

@@ -4,7 +4,7 @@ use crate::error::LedgerError;
 use crate::store::Store;
 use tlog_tiles::tlog::{stored_hash_index, HashReader};
 use zk0_protocol::tlog::bundle::{push, BundleError};
-use zk0_protocol::tlog::layout::{Kind, Tile, TILE_HEIGHT};
+use zk0_protocol::tlog::layout::{Tile, TileKind, TILE_HEIGHT};
 
 /// The bytes of `tile` in the log of the first `size` entries of `store`; `None` if that log does not have the tile. A tile has the same
 /// bytes for every size.
@@ -14,17 +14,17 @@ pub fn read(store: &Store, size: u64, tile: &Tile) -> Result<Option<Vec<u8>>, Le
     }
     let positions = tile.start()..tile.start() + u64::from(tile.width);
     let bytes = match tile.kind {
-        Kind::Hashes(level) => {
+        TileKind::Hashes(level) => {
             let stored = |n| stored_hash_index(level * TILE_HEIGHT, n);
             let indexes: Vec<u64> = positions.map(stored).collect();
             let hashes = store.read_hashes(&indexes)?;
             hashes.iter().flat_map(|hash| hash.0).collect()
         }
-        Kind::Entries => bundle(positions, |index| {
+        TileKind::Entries => bundle(positions, |index| {
             store.entry(index)?.ok_or(LedgerError::NoEntry(index))
         })?,
         // After an entry within its group there is no checkpoint.
-        Kind::Checkpoints => bundle(positions, |index| {
+        TileKind::Checkpoints => bundle(positions, |index| {
             Ok(store.checkpoint(index + 1)?.unwrap_or_default())
         })?,
     };

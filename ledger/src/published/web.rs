@@ -1,7 +1,7 @@
 //! A published log under an address, read over HTTP.
 
 use crate::published::http_client::HttpClient;
-use crate::published::source::{Source, SourceError};
+use crate::published::source::{LogSource, SourceError};
 use crate::published::web_file::WebFile;
 use std::io::Read;
 use std::path::Path;
@@ -46,7 +46,7 @@ impl Web {
     }
 }
 
-impl Source for Web {
+impl LogSource for Web {
     fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError> {
         let url = format!("{}/{path}", self.base);
         let file = WebFile::open(self.client.clone(), url.clone(), &self.answered)

@@ -2,7 +2,7 @@
 //! what is missing. Whether the bytes are the right ones is for the caller to check, who knows their digest or their signature.
 
 use crate::published::http_client::{HttpClient, HttpError};
-use crate::published::patience::{Failed, Patience, LEAST_BYTES, WITHIN};
+use crate::published::patience::{FailedRequest, RetryBudget, LEAST_BYTES, WITHIN};
 use std::io::{self, Read};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
@@ -26,7 +26,7 @@ pub(super) struct WebFile {
     at: u64,
     /// How many bytes the file has, if the server has said so.
     length: Option<u64>,
-    patience: Patience,
+    patience: RetryBudget,
 }
 
 /// A file cannot be read, or not to its end.
@@ -57,21 +57,21 @@ pub(super) enum WebError {
 }
 
 impl WebError {
-    fn failed(&self) -> Failed {
+    fn failed(&self) -> FailedRequest {
         match self {
-            Self::Http(error) if error.may_pass() => Failed::Passing { again: None },
-            Self::Early(_) => Failed::Passing { again: None },
+            Self::Http(error) if error.may_pass() => FailedRequest::Passing { again: None },
+            Self::Early(_) => FailedRequest::Passing { again: None },
             Self::Status {
                 status: 503,
                 again: None,
                 ..
-            } => Failed::Unavailable,
+            } => FailedRequest::Unavailable,
             Self::Status {
                 status: 408 | 429 | 502 | 503 | 504,
                 again,
                 ..
-            } => Failed::Passing { again: *again },
-            _ => Failed::ForGood,
+            } => FailedRequest::Passing { again: *again },
+            _ => FailedRequest::ForGood,
         }
     }
 }
@@ -91,7 +91,7 @@ impl WebFile {
             skip: 0,
             at: 0,
             length: None,
-            patience: Patience::default(),
+            patience: RetryBudget::default(),
         };
         loop {
             let begun = Instant::now();

@@ -4,21 +4,21 @@
 use super::Finding;
 use crate::error::LedgerError;
 use crate::folder;
-use crate::store::{Key, Store};
+use crate::store::{DatabaseKey, Store};
 use std::path::Path;
 use std::thread::sleep;
 use std::time::Duration;
 use tlog_tiles::tlog::stored_hash_count;
 
 /// A database whose newest checkpoint is the published one.
-pub struct Opened {
+pub struct OpenedDatabase {
     pub(super) store: Store,
     /// How many entries it has.
     pub(super) size: u64,
 }
 
 /// Opens a database whose newest checkpoint is the published one. It tries again if a writer seems to be using the database.
-pub fn open_published(dir: &Path) -> Result<Opened, LedgerError> {
+pub fn open_published(dir: &Path) -> Result<OpenedDatabase, LedgerError> {
     const PAUSE: Duration = Duration::from_millis(20);
     let path = folder::database(dir);
     if !path.exists() {
@@ -61,7 +61,7 @@ fn is_earlier(dir: &Path, published: u64) -> Result<bool, LedgerError> {
     Ok(held.is_some() && held == folder::read_checkpoint(dir)?)
 }
 
-fn open_once(dir: &Path, path: &Path) -> Result<Opened, LedgerError> {
+fn open_once(dir: &Path, path: &Path) -> Result<OpenedDatabase, LedgerError> {
     let published = folder::read_checkpoint(dir)?;
     let store = Store::open_read_only(path)?;
     let size = store.size()?;
@@ -81,7 +81,7 @@ fn open_once(dir: &Path, path: &Path) -> Result<Opened, LedgerError> {
     let claimed = claimed_size(&published).unwrap_or_default();
     let at = if at_work { claimed } else { size };
     match store.checkpoint(at)? == Some(published) {
-        true => Ok(Opened { store, size }),
+        true => Ok(OpenedDatabase { store, size }),
         false => Err(LedgerError::OtherPublished {
             path: folder::checkpoint(dir),
             published: claimed,
@@ -102,9 +102,11 @@ pub fn check_keys(store: &Store, size: u64) -> Result<(), Finding> {
     for key in store.keys() {
         let key = key.map_err(|error| Finding::of_error(None, &error))?;
         let expected = match key {
-            Some(Key::Entry(_)) => entries.next().map(Key::Entry),
-            Some(Key::Hash(_)) => hashes.next().map(Key::Hash),
-            Some(Key::Checkpoint(at)) => (1..=size).contains(&at).then_some(Key::Checkpoint(at)),
+            Some(DatabaseKey::Entry(_)) => entries.next().map(DatabaseKey::Entry),
+            Some(DatabaseKey::Hash(_)) => hashes.next().map(DatabaseKey::Hash),
+            Some(DatabaseKey::Checkpoint(at)) => (1..=size)
+                .contains(&at)
+                .then_some(DatabaseKey::Checkpoint(at)),
             None => None,
         };
         if expected.is_none() || key != expected {

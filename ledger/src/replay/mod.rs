@@ -17,11 +17,11 @@ mod report;
 mod saved;
 mod serial;
 
-pub use database::Opened;
-pub use options::{Keep, Options};
+pub use database::OpenedDatabase;
+pub use options::{ReplayOptions, SaveOptions};
 pub use recheck::Recheck;
-pub use report::{Finding, Report, Severity, Verdict};
-pub use saved::{Saved, SavedError};
+pub use report::{Finding, ReplayReport, ReplayVerdict, Severity};
+pub use saved::{SavedError, SavedReplay};
 
 use crate::error::LedgerError;
 use serial::Serial;
@@ -31,19 +31,19 @@ use std::thread;
 use zk0_circuits::Digest;
 
 /// Replays the ledger in `dir`, which may be a read-only copy, or in use. If `network` is given, the ledger has to be of that network.
-pub fn replay(dir: &Path, network: Option<&Digest>, recheck: &mut dyn Recheck) -> Report {
-    let options = Options {
+pub fn replay(dir: &Path, network: Option<&Digest>, recheck: &mut dyn Recheck) -> ReplayReport {
+    let options = ReplayOptions {
         network: network.copied(),
-        ..Options::default()
+        ..ReplayOptions::default()
     };
     replay_with(dir, options, recheck)
 }
 
-/// Opens the ledger in `dir` before a replay, which takes it in its [`Options`]. `None` if something is wrong: the replay reports it.
+/// Opens the ledger in `dir` before a replay, which takes it in its [`ReplayOptions`]. `None` if something is wrong: the replay reports it.
 ///
 /// # Errors
 /// Nobody can say yet whether something is wrong: the folder cannot be read, or its writer was killed between two writes.
-pub fn open(dir: &Path) -> Result<Option<Opened>, LedgerError> {
+pub fn open(dir: &Path) -> Result<Option<OpenedDatabase>, LedgerError> {
     match database::open_published(dir) {
         Ok(opened) => Ok(Some(opened)),
         Err(error) if database::is_unread(dir, &error) => Err(error),
@@ -52,7 +52,11 @@ pub fn open(dir: &Path) -> Result<Option<Opened>, LedgerError> {
 }
 
 /// Replays the ledger in `dir` with these options; see [`replay`].
-pub fn replay_with(dir: &Path, mut options: Options<'_>, recheck: &mut dyn Recheck) -> Report {
+pub fn replay_with(
+    dir: &Path,
+    mut options: ReplayOptions<'_>,
+    recheck: &mut dyn Recheck,
+) -> ReplayReport {
     let threads = options
         .threads
         .map_or_else(default_threads, NonZeroUsize::get);

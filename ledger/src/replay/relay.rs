@@ -1,7 +1,7 @@
 //! A replay on several threads: each prepares chunks, and the serial part passes from thread to thread, in order.
 
 use super::chunk::{Chunk, CHUNK};
-use super::database::{self, Opened};
+use super::database::{self, OpenedDatabase};
 use super::report::Finding;
 use super::serial::Serial;
 use crate::error::LedgerError;
@@ -16,13 +16,13 @@ use zk0_protocol::Genesis;
 /// Replays with so many threads, and stops at the first entry that it cannot verify.
 pub fn run(
     dir: &Path,
-    opened: Option<Opened>,
+    opened: Option<OpenedDatabase>,
     threads: usize,
     progress: Option<&(dyn Fn(u64, u64) + Sync)>,
     serial: &mut Serial<'_>,
 ) -> Result<(), Finding> {
     let stops = |error: LedgerError| Finding::of_error(None, &error);
-    let Opened { store, size } = match opened {
+    let OpenedDatabase { store, size } = match opened {
         Some(opened) => opened,
         None => database::open_published(dir).map_err(stops)?,
     };

@@ -21,7 +21,7 @@ const MAX_BYTES: u64 = 1 << 32;
 
 /// The verified first entries of a log.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
-pub struct Saved {
+pub struct SavedReplay {
     /// [`ENTRY_VERSION`] of the software that wrote it.
     version: u16,
     /// How many entries are verified.
@@ -49,7 +49,7 @@ pub enum SavedError {
     Unusable { path: PathBuf, why: String },
 }
 
-impl Saved {
+impl SavedReplay {
     /// The network of the log.
     pub fn network(&self) -> &Digest {
         self.state.network()
@@ -98,7 +98,7 @@ impl Saved {
     }
 }
 
-/// The values that are written. It has the fields of [`Saved`], but borrows them.
+/// The values that are written. It has the fields of [`SavedReplay`], but borrows them.
 pub(super) struct Saving<'a> {
     pub verified: (u64, Digest),
     pub checkpoints: u64,

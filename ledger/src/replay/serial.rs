@@ -2,7 +2,10 @@
 
 use super::chunk::{Chunk, Item};
 use super::saved::Saving;
-use super::{Finding, Keep, Options, Recheck, Report, Saved, Severity, Verdict};
+use super::{
+    Finding, Recheck, ReplayOptions, ReplayReport, ReplayVerdict, SaveOptions, SavedReplay,
+    Severity,
+};
 use crate::blobs::Blobs;
 use crate::error::LedgerError;
 use crate::history::check_network;
@@ -26,10 +29,10 @@ pub struct Serial<'a> {
     dir: PathBuf,
     network: Option<Digest>,
     recheck: &'a mut dyn Recheck,
-    from: Option<Saved>,
-    known: Option<Saved>,
+    from: Option<SavedReplay>,
+    known: Option<SavedReplay>,
     seen: Option<Checkpoint>,
-    keep: Option<Keep>,
+    keep: Option<SaveOptions>,
     kept: Instant,
     /// Why the newest write to the file of `keep` failed.
     unsaved: Option<String>,
@@ -52,7 +55,7 @@ pub struct Serial<'a> {
 }
 
 impl<'a> Serial<'a> {
-    pub fn new(dir: &Path, options: Options<'_>, recheck: &'a mut dyn Recheck) -> Self {
+    pub fn new(dir: &Path, options: ReplayOptions<'_>, recheck: &'a mut dyn Recheck) -> Self {
         Self {
             dir: dir.into(),
             network: options.network,
@@ -123,7 +126,11 @@ impl<'a> Serial<'a> {
     }
 
     /// Checks that the log continues an earlier replay: it must have the same root at that size. Returns that root, and the tree.
-    fn check_continues(&self, store: &Store, saved: &Saved) -> Result<(Digest, Frontier), Finding> {
+    fn check_continues(
+        &self,
+        store: &Store,
+        saved: &SavedReplay,
+    ) -> Result<(Digest, Frontier), Finding> {
         let fault = |text: String| Finding::fault(None, text);
         let founder = Chunk::read(store, 0..1, None);
         if let Some(broken) = founder.broken {
@@ -172,7 +179,7 @@ impl<'a> Serial<'a> {
     }
 
     /// Goes on from an earlier replay.
-    fn resume(&mut self, store: &Store, saved: Saved) -> Result<u64, Finding> {
+    fn resume(&mut self, store: &Store, saved: SavedReplay) -> Result<u64, Finding> {
         let (root, tree) = self.check_continues(store, &saved)?;
         // Without new entries, no later checkpoint vouches for the last one, so it needs its own.
         if saved.size == self.size {
@@ -222,7 +229,7 @@ impl<'a> Serial<'a> {
             return Err(broken.clone());
         }
         let size = self.verified.map_or(0, |(size, _)| size);
-        let due = |keep: &Keep| size >= self.known_size && self.kept.elapsed() >= keep.every;
+        let due = |keep: &SaveOptions| size >= self.known_size && self.kept.elapsed() >= keep.every;
         if self.keep.as_ref().is_some_and(due) {
             self.save();
         }
@@ -310,7 +317,7 @@ impl<'a> Serial<'a> {
     }
 
     /// Ends the replay. If it stopped early, `stopped` says why, and nothing more is saved.
-    pub fn report(mut self, stopped: Option<Finding>) -> Report {
+    pub fn report(mut self, stopped: Option<Finding>) -> ReplayReport {
         match stopped {
             None => self.save(),
             Some(_) => {
@@ -331,12 +338,12 @@ impl<'a> Serial<'a> {
         let unread = unread.cloned();
         findings.extend(stopped);
         let worst = findings.iter().map(|finding| finding.severity).max();
-        Report {
+        ReplayReport {
             verdict: match worst {
-                _ if self.state.is_none() && unread.is_none() => Verdict::Failed,
-                Some(Severity::Fault) => Verdict::Failed,
-                Some(Severity::NotChecked) => Verdict::Incomplete,
-                Some(Severity::Note) | None => Verdict::Verified,
+                _ if self.state.is_none() && unread.is_none() => ReplayVerdict::Failed,
+                Some(Severity::Fault) => ReplayVerdict::Failed,
+                Some(Severity::NotChecked) => ReplayVerdict::Incomplete,
+                Some(Severity::Note) | None => ReplayVerdict::Verified,
             },
             name: self
                 .state

@@ -10,8 +10,8 @@
 //! A commit appends to the first two files, waits until that is on disk, and then replaces the third. What is behind the last record is from a commit
 //! that was interrupted. The next one writes over it.
 
-use super::engine::{Engine, Key, Keys};
-use crate::error::{io_error, DatabaseError, Failure, LedgerError};
+use super::engine::{DatabaseKey, Engine, Keys};
+use crate::error::{io_error, DatabaseError, DatabaseFailure, LedgerError};
 use borsh::{BorshDeserialize, BorshSerialize};
 use sha2::{Digest as _, Sha256};
 use std::fs::{File, TryLockError};
@@ -128,7 +128,7 @@ impl Files {
     /// The sizes from this one on that have a checkpoint.
     fn checkpoints(&self, from: u64) -> impl Iterator<Item = Result<u64, DatabaseError>> + '_ {
         let sizes = from.max(1)..=*self.locked_size();
-        sizes.filter_map(|size| match self.get(Key::Checkpoint(size)) {
+        sizes.filter_map(|size| match self.get(DatabaseKey::Checkpoint(size)) {
             Ok(text) => text.map(|_| Ok(size)),
             Err(error) => Some(Err(error)),
         })
@@ -152,20 +152,20 @@ impl Engine for Files {
         Ok(*self.locked_size())
     }
 
-    fn get(&self, key: Key) -> Result<Option<Vec<u8>>, DatabaseError> {
+    fn get(&self, key: DatabaseKey) -> Result<Option<Vec<u8>>, DatabaseError> {
         Ok(match key {
-            Key::Entry(index) => self.record(index)?.map(|record| record.entry),
-            Key::Checkpoint(size) => match size.checked_sub(1) {
+            DatabaseKey::Entry(index) => self.record(index)?.map(|record| record.entry),
+            DatabaseKey::Checkpoint(size) => match size.checked_sub(1) {
                 Some(index) => self.record(index)?.and_then(|record| record.checkpoint),
                 None => None,
             },
-            Key::Hash(position) if position < stored_hash_count(self.size()?) => {
+            DatabaseKey::Hash(position) if position < stored_hash_count(self.size()?) => {
                 let (level, number) = split_stored_hash_index(position);
                 // It became final with the last entry below it.
                 let record = self.record(((number + 1) << level) - 1)?;
                 record.and_then(|record| record.hashes.into_iter().nth(level.into()))
             }
-            Key::Hash(_) => None,
+            DatabaseKey::Hash(_) => None,
         })
     }
 
@@ -175,35 +175,37 @@ impl Engine for Files {
 
     fn keys(&self) -> Keys<'_> {
         let size = *self.locked_size();
-        let checkpoints = self.checkpoints(1).map(|at| at.map(Key::Checkpoint));
-        let entries = (0..size).map(|index| Ok(Key::Entry(index)));
-        let hashes = (0..stored_hash_count(size)).map(|position| Ok(Key::Hash(position)));
+        let checkpoints = self
+            .checkpoints(1)
+            .map(|at| at.map(DatabaseKey::Checkpoint));
+        let entries = (0..size).map(|index| Ok(DatabaseKey::Entry(index)));
+        let hashes = (0..stored_hash_count(size)).map(|position| Ok(DatabaseKey::Hash(position)));
         let keys = checkpoints.chain(entries).chain(hashes);
         Box::new(keys.map(|key| key.map(Some)))
     }
 
-    fn commit(&self, items: Vec<(Key, Vec<u8>)>) -> Result<(), DatabaseError> {
+    fn commit(&self, items: Vec<(DatabaseKey, Vec<u8>)>) -> Result<(), DatabaseError> {
         let mut size = self.locked_size();
         let mut records: Vec<Record> = Vec::new();
         for (key, value) in items {
             let next = *size + records.len() as u64;
             match (key, records.last_mut()) {
-                (Key::Entry(index), _) if index == next => records.push(Record {
+                (DatabaseKey::Entry(index), _) if index == next => records.push(Record {
                     entry: value,
                     hashes: Vec::new(),
                     checkpoint: None,
                 }),
-                (Key::Hash(at), Some(last))
+                (DatabaseKey::Hash(at), Some(last))
                     if at == stored_hash_index(0, next - 1) + last.hashes.len() as u64 =>
                 {
                     last.hashes.push(value);
                 }
-                (Key::Checkpoint(size), Some(last)) if size == next => {
+                (DatabaseKey::Checkpoint(size), Some(last)) if size == next => {
                     last.checkpoint = Some(value)
                 }
                 _ => {
                     let why = format!("{key:?} cannot be appended after {next} entries");
-                    return Err(DatabaseError::new(Failure::Other, why));
+                    return Err(DatabaseError::new(DatabaseFailure::Other, why));
                 }
             }
         }
@@ -241,14 +243,17 @@ fn unsealed<T: BorshDeserialize>(dir: &Path, bytes: &[u8]) -> Result<T, Database
 }
 
 fn damaged(dir: &Path, why: String) -> DatabaseError {
-    DatabaseError::new(Failure::Damaged, format!("{}: {why}", dir.display()))
+    DatabaseError::new(
+        DatabaseFailure::Damaged,
+        format!("{}: {why}", dir.display()),
+    )
 }
 
 fn failed(dir: &Path) -> impl Fn(io::Error) -> DatabaseError + '_ {
     |error| {
         let failure = match error.kind() {
-            ErrorKind::UnexpectedEof | ErrorKind::FileTooLarge => Failure::Damaged,
-            _ => Failure::OfDisk,
+            ErrorKind::UnexpectedEof | ErrorKind::FileTooLarge => DatabaseFailure::Damaged,
+            _ => DatabaseFailure::OfDisk,
         };
         DatabaseError::new(failure, format!("{}: {error}", dir.display()))
     }

@@ -6,8 +6,8 @@
 //! | `h` ‖ position (big-endian) | a tree hash, at `tlog_tiles::tlog::stored_hash_index` |
 //! | `c` ‖ size (big-endian) | the signed checkpoint of the first `size` entries |
 
-use super::engine::{Engine, Key, Keys};
-use crate::error::{DatabaseError, Failure, LedgerError};
+use super::engine::{DatabaseKey, Engine, Keys};
+use crate::error::{DatabaseError, DatabaseFailure, LedgerError};
 use rocksdb::{
     BlockBasedOptions, Cache, DBRecoveryMode, Direction, ErrorKind, InfoLogger, IteratorMode,
     LogLevel, Options, WriteBatch, WriteOptions, DB,
@@ -42,7 +42,7 @@ impl RocksDb {
     }
 
     /// The first key that is read in this way.
-    fn first(&self, mode: IteratorMode<'_>) -> Result<Option<Key>, DatabaseError> {
+    fn first(&self, mode: IteratorMode<'_>) -> Result<Option<DatabaseKey>, DatabaseError> {
         let item = self.0.iterator(mode).next().transpose()?;
         Ok(item.and_then(|(key, _)| parse(&key)))
     }
@@ -50,24 +50,24 @@ impl RocksDb {
 
 impl Engine for RocksDb {
     fn size(&self) -> Result<u64, DatabaseError> {
-        let end = bytes(Key::Entry(u64::MAX));
+        let end = bytes(DatabaseKey::Entry(u64::MAX));
         Ok(
             match self.first(IteratorMode::From(&end, Direction::Reverse))? {
-                Some(Key::Entry(index)) => index.saturating_add(1),
+                Some(DatabaseKey::Entry(index)) => index.saturating_add(1),
                 _ => 0,
             },
         )
     }
 
-    fn get(&self, key: Key) -> Result<Option<Vec<u8>>, DatabaseError> {
+    fn get(&self, key: DatabaseKey) -> Result<Option<Vec<u8>>, DatabaseError> {
         Ok(self.0.get(bytes(key))?)
     }
 
     fn checkpoint_from(&self, size: u64) -> Result<Option<u64>, DatabaseError> {
-        let start = bytes(Key::Checkpoint(size));
+        let start = bytes(DatabaseKey::Checkpoint(size));
         Ok(
             match self.first(IteratorMode::From(&start, Direction::Forward))? {
-                Some(Key::Checkpoint(size)) => Some(size),
+                Some(DatabaseKey::Checkpoint(size)) => Some(size),
                 _ => None,
             },
         )
@@ -78,7 +78,7 @@ impl Engine for RocksDb {
         Box::new(items.map(|item| Ok(parse(&item?.0))))
     }
 
-    fn commit(&self, items: Vec<(Key, Vec<u8>)>) -> Result<(), DatabaseError> {
+    fn commit(&self, items: Vec<(DatabaseKey, Vec<u8>)>) -> Result<(), DatabaseError> {
         let mut batch = WriteBatch::default();
         for (key, value) in items {
             batch.put(bytes(key), value);
@@ -89,24 +89,24 @@ impl Engine for RocksDb {
     }
 }
 
-fn bytes(key: Key) -> [u8; 9] {
+fn bytes(key: DatabaseKey) -> [u8; 9] {
     let (kind, number) = match key {
-        Key::Entry(index) => (b'e', index),
-        Key::Hash(position) => (b'h', position),
-        Key::Checkpoint(size) => (b'c', size),
+        DatabaseKey::Entry(index) => (b'e', index),
+        DatabaseKey::Hash(position) => (b'h', position),
+        DatabaseKey::Checkpoint(size) => (b'c', size),
     };
     let mut bytes = [kind; 9];
     bytes[1..].copy_from_slice(&number.to_be_bytes());
     bytes
 }
 
-fn parse(bytes: &[u8]) -> Option<Key> {
+fn parse(bytes: &[u8]) -> Option<DatabaseKey> {
     let (kind, number) = bytes.split_first()?;
     let number = u64::from_be_bytes(number.try_into().ok()?);
     match kind {
-        b'e' => Some(Key::Entry(number)),
-        b'h' => Some(Key::Hash(number)),
-        b'c' => Some(Key::Checkpoint(number)),
+        b'e' => Some(DatabaseKey::Entry(number)),
+        b'h' => Some(DatabaseKey::Hash(number)),
+        b'c' => Some(DatabaseKey::Checkpoint(number)),
         _ => None,
     }
 }
@@ -139,9 +139,9 @@ fn is_locked(error: &rocksdb::Error) -> bool {
 impl From<rocksdb::Error> for DatabaseError {
     fn from(error: rocksdb::Error) -> Self {
         let failure = match error.kind() {
-            ErrorKind::IOError => Failure::OfDisk,
-            ErrorKind::Corruption | ErrorKind::InvalidArgument => Failure::Damaged,
-            _ => Failure::Other,
+            ErrorKind::IOError => DatabaseFailure::OfDisk,
+            ErrorKind::Corruption | ErrorKind::InvalidArgument => DatabaseFailure::Damaged,
+            _ => DatabaseFailure::Other,
         };
         Self::new(failure, error)
     }
@@ -161,8 +161,8 @@ mod tests {
         let database = RocksDb(DB::open(&options, dir.path()).unwrap());
         for index in 0..3 {
             let before = options.get_ticker_count(Ticker::WalFileSynced);
-            let checkpoint = (Key::Checkpoint(index + 1), b"checkpoint".to_vec());
-            let items = vec![(Key::Entry(index), b"entry".to_vec()), checkpoint];
+            let checkpoint = (DatabaseKey::Checkpoint(index + 1), b"checkpoint".to_vec());
+            let items = vec![(DatabaseKey::Entry(index), b"entry".to_vec()), checkpoint];
             database.commit(items).unwrap();
             assert_eq!(options.get_ticker_count(Ticker::WalFileSynced), before + 1);
         }

@@ -11,7 +11,7 @@ use std::io;
 use std::path::Path;
 use zk0_files::atomic_file::{self, create_folder};
 use zk0_ledger::folder::database;
-use zk0_ledger::group::Wanted;
+use zk0_ledger::group::WantedEntry;
 use zk0_ledger::{Ledger, LedgerError};
 use zk0_protocol::entries::authentic::AuthenticBody;
 use zk0_protocol::{Body, Receipt, RuleViolation};
@@ -27,9 +27,9 @@ pub fn plain_files(dir: &Path) -> io::Result<()> {
 }
 
 /// An entry that somebody wants, if its signatures are valid.
-pub fn wanted(time_ms: u64, body: Body) -> Result<Wanted, RuleViolation> {
+pub fn wanted(time_ms: u64, body: Body) -> Result<WantedEntry, RuleViolation> {
     let body = AuthenticBody::of(body)?;
-    Ok(Wanted { time_ms, body })
+    Ok(WantedEntry { time_ms, body })
 }
 
 /// Appends several entries as one group.

@@ -34,7 +34,7 @@ pub(super) fn is_whole(path: &Path, size: u64) -> bool {
 }
 
 /// Why a file was not downloaded.
-pub(super) enum Failure {
+pub(super) enum DownloadFailure {
     /// It may go better later.
     Connection(String),
     /// The Hub does not give it to this caller.
@@ -45,7 +45,7 @@ pub(super) enum Failure {
     Other(String),
 }
 
-impl Failure {
+impl DownloadFailure {
     pub fn of(self, recording: &HubRecording, options: &HubOptions, file: &str) -> HubError {
         let (recording, file) = (recording.clone(), file.to_owned());
         match self {
@@ -113,8 +113,8 @@ pub(super) fn download(
     blob: &Path,
     meter: HubProgress,
     progress: &mut dyn FnMut(HubProgress),
-) -> Result<(), Failure> {
-    let mut last = Failure::Other("was not asked for".into());
+) -> Result<(), DownloadFailure> {
+    let mut last = DownloadFailure::Other("was not asked for".into());
     for _ in 0..RETRIES {
         // An earlier attempt left the whole file, or more. There is nothing to resume, and the Hub would refuse the request.
         let part = blob.with_extension("part");
@@ -122,7 +122,7 @@ pub(super) fn download(
             remove(&part)?;
         }
         remove(path)?;
-        let watch = Watch {
+        let watch = DownloadProgress {
             meter,
             progress: &mut *progress,
         };
@@ -135,23 +135,27 @@ pub(super) fn download(
                 Some(cause) => {
                     remove(path)?;
                     remove(blob)?;
-                    Failure::Other(cause)
+                    DownloadFailure::Other(cause)
                 }
             },
-            Ok(Err(error @ ApiError::LockAcquisition(_))) => return Err(Failure::from_api(error)),
-            Ok(Err(error)) => match Failure::from_api(error) {
-                failure @ Failure::Connection(_) => failure,
+            Ok(Err(error @ ApiError::LockAcquisition(_))) => {
+                return Err(DownloadFailure::from_api(error))
+            }
+            Ok(Err(error)) => match DownloadFailure::from_api(error) {
+                failure @ DownloadFailure::Connection(_) => failure,
                 failure => return Err(failure),
             },
-            Err(_) => Failure::Other("the Hub's answer lacks what an answer has to have".into()),
+            Err(_) => {
+                DownloadFailure::Other("the Hub's answer lacks what an answer has to have".into())
+            }
         };
     }
     Err(last)
 }
 
 /// How a file differs from what the Hub lists.
-fn check(path: &Path, file: &RemoteFile) -> Result<Option<String>, Failure> {
-    let unreadable = |e: io::Error| Failure::Cache(format!("{}: {e}", path.display()));
+fn check(path: &Path, file: &RemoteFile) -> Result<Option<String>, DownloadFailure> {
+    let unreadable = |e: io::Error| DownloadFailure::Cache(format!("{}: {e}", path.display()));
     let size = fs::metadata(path).map_err(unreadable)?.len();
     if size != file.size {
         let cause = format!("{size} bytes came where {} are listed", file.size);
@@ -173,7 +177,7 @@ fn check(path: &Path, file: &RemoteFile) -> Result<Option<String>, Failure> {
     })
 }
 
-fn remove(path: &Path) -> Result<(), Failure> {
+fn remove(path: &Path) -> Result<(), DownloadFailure> {
     match fs::remove_file(path) {
         // Where a folder of the path is a file, nothing can be written, and the download states so.
         Err(e)
@@ -182,19 +186,19 @@ fn remove(path: &Path) -> Result<(), Failure> {
                 io::ErrorKind::NotFound | io::ErrorKind::NotADirectory
             ) =>
         {
-            Err(Failure::Cache(format!("{}: {e}", path.display())))
+            Err(DownloadFailure::Cache(format!("{}: {e}", path.display())))
         }
         _ => Ok(()),
     }
 }
 
 /// Adds the bytes of the file that is coming to what is here.
-struct Watch<'a> {
+struct DownloadProgress<'a> {
     meter: HubProgress,
     progress: &'a mut dyn FnMut(HubProgress),
 }
 
-impl hf_hub::api::Progress for Watch<'_> {
+impl hf_hub::api::Progress for DownloadProgress<'_> {
     fn init(&mut self, _size: usize, _filename: &str) {}
 
     fn update(&mut self, size: usize) {

@@ -6,7 +6,7 @@ use hf_hub::api::sync::{Api, ApiBuilder};
 use hf_hub::{Cache, Repo, RepoType};
 
 use crate::dataset::{CameraStorage, Info};
-use crate::hub::download::{download, is_whole, Failure, HubProgress, RETRIES};
+use crate::hub::download::{download, is_whole, DownloadFailure, HubProgress, RETRIES};
 use crate::hub::error::HubError;
 use crate::hub::listing::{list, tagged, Listing, RemoteFile};
 use crate::hub::name::DEFAULT_REVISION;
@@ -78,7 +78,7 @@ pub fn fetch(
         let path = snapshot.join(&file.rfilename);
         if !is_whole(&path, file.size) {
             let unfinished = cache.repo(pinned.clone()).blob_path(file.etag());
-            let failed = |failure: Failure| failure.of(recording, options, &file.rfilename);
+            let failed = |failure: DownloadFailure| failure.of(recording, options, &file.rfilename);
             download(&remote, file, &path, &unfinished, meter, progress).map_err(failed)?;
         }
         meter.files += 1;

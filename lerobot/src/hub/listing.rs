@@ -28,7 +28,7 @@ pub(super) struct Listing {
 }
 
 #[derive(Deserialize)]
-struct Commit {
+struct CommitInfo {
     sha: String,
 }
 
@@ -151,7 +151,7 @@ pub(super) fn tagged(repo: &ApiRepo) -> Option<String> {
     let request = request.timeout_global(Some(LISTING_TIMEOUT)).build();
     let mut response = request.call().ok()?;
     let body = response.body_mut().with_config().limit(MAX_LISTING);
-    let commit: Commit = body.read_json().ok()?;
+    let commit: CommitInfo = body.read_json().ok()?;
     is_hash(&commit.sha).then_some(commit.sha)
 }
 

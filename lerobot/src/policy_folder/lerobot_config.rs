@@ -41,8 +41,8 @@ pub struct LeRobotConfig {
 struct PolicyJson {
     #[serde(rename = "type")]
     kind: String,
-    input_features: InOrder<Feature>,
-    output_features: InOrder<Feature>,
+    input_features: OrderedObject<PolicyFeature>,
+    output_features: OrderedObject<PolicyFeature>,
     normalization_mapping: BTreeMap<String, String>,
     chunk_size: usize,
     max_state_dim: usize,
@@ -71,8 +71,8 @@ impl Default for PolicyJson {
     fn default() -> Self {
         Self {
             kind: String::new(),
-            input_features: InOrder(Vec::new()),
-            output_features: InOrder(Vec::new()),
+            input_features: OrderedObject(Vec::new()),
+            output_features: OrderedObject(Vec::new()),
             normalization_mapping: [
                 ("VISUAL", "IDENTITY"),
                 ("STATE", "MEAN_STD"),
@@ -105,20 +105,20 @@ impl Default for PolicyJson {
 }
 
 #[derive(Deserialize)]
-struct Feature {
+struct PolicyFeature {
     #[serde(rename = "type")]
     kind: String,
     shape: Vec<usize>,
 }
 
 /// A JSON object in the order it is written in: that of the cameras counts.
-struct InOrder<V>(Vec<(String, V)>);
+struct OrderedObject<V>(Vec<(String, V)>);
 
-impl<'de, V: Deserialize<'de>> Deserialize<'de> for InOrder<V> {
+impl<'de, V: Deserialize<'de>> Deserialize<'de> for OrderedObject<V> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
         struct Entries<V>(PhantomData<V>);
         impl<'de, V: Deserialize<'de>> Visitor<'de> for Entries<V> {
-            type Value = InOrder<V>;
+            type Value = OrderedObject<V>;
             fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
                 f.write_str("an object")
             }
@@ -136,14 +136,14 @@ impl<'de, V: Deserialize<'de>> Deserialize<'de> for InOrder<V> {
                     }
                     entries.push(entry);
                 }
-                Ok(InOrder(entries))
+                Ok(OrderedObject(entries))
             }
         }
         deserializer.deserialize_map(Entries(PhantomData))
     }
 }
 
-impl InOrder<Feature> {
+impl OrderedObject<PolicyFeature> {
     fn vector_dim(&self, name: &str) -> Result<usize> {
         match self
             .0

@@ -63,7 +63,7 @@ pub(super) struct TokenizerStep {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct NormalizerStep {
-    features: Option<BTreeMap<String, Feature>>,
+    features: Option<BTreeMap<String, ProcessorFeature>>,
     norm_map: Option<BTreeMap<String, String>>,
     normalize_observation_keys: Option<Vec<String>>,
     #[serde(default = "epsilon")]
@@ -74,7 +74,7 @@ pub(super) struct NormalizerStep {
 }
 
 #[derive(Debug, Deserialize)]
-struct Feature {
+struct ProcessorFeature {
     #[serde(rename = "type")]
     kind: String,
 }
@@ -100,11 +100,11 @@ struct RelativeStep {
 
 #[derive(Deserialize)]
 struct Pipeline {
-    steps: Vec<Step>,
+    steps: Vec<ProcessorStep>,
 }
 
 #[derive(Deserialize)]
-struct Step {
+struct ProcessorStep {
     registry_name: Option<String>,
     class: Option<String>,
     #[serde(default)]
@@ -241,7 +241,7 @@ fn once<T>(name: &str, earlier: Option<T>) -> std::result::Result<(), String> {
     }
 }
 
-impl Step {
+impl ProcessorStep {
     fn config<T: DeserializeOwned>(&self, name: &str) -> std::result::Result<T, String> {
         let config = Value::Object(self.config.clone());
         serde_json::from_value(config).map_err(|e| format!("step `{name}`: {e}"))

@@ -16,7 +16,8 @@ use crate::policy_folder::json_file::read_json;
 use crate::policy_folder::other_statistics::OtherStats;
 use zk0_files::atomic_file::{self, Durability};
 use zk0_tensors::{
-    check_finite, encode, Dtype, Header, TensorData, TensorError, TensorInfo, TensorSet, BLOCK,
+    check_finite, encode, Dtype, TensorData, TensorError, TensorHeader, TensorInfo, TensorSet,
+    BLOCK,
 };
 
 /// In which type changed tensors are written.
@@ -158,18 +159,18 @@ impl PolicyFolder {
 }
 
 /// Why weights could not be written.
-enum Failure {
+enum WriteFailure {
     Weights(StoredPolicyError),
     Writing(io::Error),
 }
 
-impl From<StoredPolicyError> for Failure {
+impl From<StoredPolicyError> for WriteFailure {
     fn from(error: StoredPolicyError) -> Self {
         Self::Weights(error)
     }
 }
 
-impl From<io::Error> for Failure {
+impl From<io::Error> for WriteFailure {
     fn from(error: io::Error) -> Self {
         Self::Writing(error)
     }
@@ -191,8 +192,8 @@ impl NewWeights<'_> {
         let mut wrong = None;
         let written = atomic_file::write(path, Durability::OnDisk, |out| {
             self.write_to(out).map_err(|error| match error {
-                Failure::Writing(error) => error,
-                Failure::Weights(error) => {
+                WriteFailure::Writing(error) => error,
+                WriteFailure::Weights(error) => {
                     wrong = Some(error);
                     io::Error::from(io::ErrorKind::InvalidData)
                 }
@@ -205,7 +206,7 @@ impl NewWeights<'_> {
         }
     }
 
-    fn write_to(&self, out: &mut dyn Write) -> std::result::Result<(), Failure> {
+    fn write_to(&self, out: &mut dyn Write) -> std::result::Result<(), WriteFailure> {
         let source = &self.source.weights;
         let header = self.other_header();
         let bytes = match &header {
@@ -259,7 +260,7 @@ impl NewWeights<'_> {
     }
 
     /// A new header, for when types change. `None` when there are the tensors that there were, each of the type and shape it had.
-    fn other_header(&self) -> Option<Header<'_>> {
+    fn other_header(&self) -> Option<TensorHeader<'_>> {
         let source = &self.source.weights;
         let mut same = true;
         let mut tensors = Vec::new();
@@ -289,6 +290,6 @@ impl NewWeights<'_> {
         tensors.sort_by(|(a, x, _), (b, y, _)| (Reverse(x), a).cmp(&(Reverse(y), b)));
         let metadata = source.metadata().as_ref();
         let metadata = metadata.map(|m| m.iter().map(|(k, v)| (&k[..], &v[..])).collect());
-        Some(Header::new(metadata, tensors))
+        Some(TensorHeader::new(metadata, tensors))
     }
 }

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use safetensors::{Dtype, SafeTensors};
 use zk0_lerobot::dataset::{
-    rgb_from_yuv, Colors, Dataset, Format, Frame, Matrix, Normalizer, Sampling, Stats, VideoReader,
-    Yuv, YuvFormat,
+    rgb_from_yuv, ColorMatrix, Colors, Dataset, FormatVersion, Frame, Normalizer, Sampling, Stats,
+    VideoReader, Yuv, YuvFormat,
 };
 use zk0_testkit::recordings::{fixtures, frames, open, Copy, STATS};
 
@@ -13,7 +13,7 @@ const YUV420P: YuvFormat = YuvFormat {
     sampling: Sampling::Yuv420,
     bits: 8,
     colors: Colors {
-        matrix: Matrix::Bt601,
+        matrix: ColorMatrix::Bt601,
         full_range: false,
     },
 };
@@ -280,7 +280,7 @@ fn statistics_of_the_episodes_pool_into_those_of_the_recording() {
     let (old, new) = (open("so100_pickplace_v21"), open("so100_pickplace"));
     assert_eq!(
         (old.info().format, new.info().format),
-        (Format::V21, Format::V30)
+        (FormatVersion::V21, FormatVersion::V30)
     );
     // The same recordings have statistics per episode and statistics of the whole. The test also compares with the values
     // themselves. LeRobot 0.4 adds up squares as it goes, which is less exact.
@@ -327,7 +327,7 @@ fn v20_has_its_statistics_in_one_file() {
     .unwrap();
     copy.edit_text(zk0_testkit::recordings::INFO, "\"v2.1\"", "\"v2.0\"");
     let (ours, like) = (copy.open().unwrap(), open("so100_pickplace_v21"));
-    assert_eq!(ours.info().format, Format::V20);
+    assert_eq!(ours.info().format, FormatVersion::V20);
     assert!(ours.frame(122, 10).unwrap() == like.frame(122, 10).unwrap());
     assert_eq!(ours.stats().action, open("so100_pickplace").stats().action);
 }

@@ -6,8 +6,10 @@ use std::path::Path;
 use openh264::decoder::Decoder;
 use openh264::encoder::Profile;
 use openh264::formats::YUVSource;
-use zk0_lerobot::dataset::{rgb_from_yuv, Colors, Matrix, Sampling, VideoReader, Yuv, YuvFormat};
-use zk0_testkit::recordings::mp4_writer::{encode, Stream};
+use zk0_lerobot::dataset::{
+    rgb_from_yuv, ColorMatrix, Colors, Sampling, VideoReader, Yuv, YuvFormat,
+};
+use zk0_testkit::recordings::mp4_writer::{encode, EncodedVideo};
 use zk0_testkit::recordings::{fixtures, frames, open, patch, Copy};
 
 const HEIGHT: usize = 96;
@@ -45,7 +47,7 @@ fn psnr(a: &[u8], b: &[u8]) -> f64 {
 }
 
 /// Decodes the pictures of the raw byte stream without any container.
-fn decoded_directly(stream: &Stream) -> Vec<Vec<u8>> {
+fn decoded_directly(stream: &EncodedVideo) -> Vec<Vec<u8>> {
     let mut decoder = Decoder::new().unwrap();
     let mut pictures = Vec::new();
     for bytes in &stream.annex_b {
@@ -56,7 +58,7 @@ fn decoded_directly(stream: &Stream) -> Vec<Vec<u8>> {
                 sampling: Sampling::Yuv420,
                 bits: 8,
                 colors: Colors {
-                    matrix: Matrix::Bt601,
+                    matrix: ColorMatrix::Bt601,
                     full_range: false,
                 },
             },

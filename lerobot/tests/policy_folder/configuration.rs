@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use zk0_lerobot::config::PolicyConfig;
-use zk0_lerobot::layout::{expert_layout, policy_layout, state_dict_layout, Layout};
+use zk0_lerobot::layout::{expert_layout, policy_layout, state_dict_layout, TensorShapes};
 use zk0_lerobot::policy_folder::LeRobotConfig;
 use zk0_lerobot::StoredPolicyError;
 use zk0_testkit::recordings::fixtures;
@@ -77,7 +77,7 @@ fn published_vlm() -> String {
 
 #[test]
 fn the_published_model_has_exactly_these_tensors() {
-    let mut all = Layout::new();
+    let mut all = TensorShapes::new();
     let published = std::fs::read_to_string(fixtures().join("smolvla_full_params.json")).unwrap();
     let published: serde_json::Value = serde_json::from_str(&published).unwrap();
     for parameter in published["parameters"].as_array().unwrap() {

@@ -22,8 +22,8 @@ use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::claim::t_test::TTest;
 use zk0_circuits::{Digest, Disclosure, EvalSpec, Mode, NodeId, Terms, WeightsDigest};
 use zk0_node::recording::evaluation_set::{EvaluationSet, EvaluationSetSpec};
-use zk0_node::recording::secret::Secret;
-use zk0_node::recording::Recording;
+use zk0_node::recording::secret::RegistrationSecret;
+use zk0_node::recording::OpenRecording;
 use zk0_protocol::rules::bindings::ExpectedClaim;
 use zk0_protocol::Rules;
 use zk0_smolvla::frames::batch::SampleSource;
@@ -32,9 +32,9 @@ use zk0_smolvla::measure::fixed_point::{dims, quantise_weights};
 use zk0_smolvla::policy::device::Device;
 use zk0_smolvla::policy::init::init_policy;
 use zk0_smolvla::policy::policy_file::{self, PolicyFile};
-use zk0_smolvla::train::{train_on, Samples, TrainOptions};
+use zk0_smolvla::train::{train_on, TrainOptions, TrainingSamples};
 use zk0_smolvla::{ExpertWeights, Profile};
-use zk0_testkit::made_recording::{make, Episode};
+use zk0_testkit::made_recording::{make, MadeEpisode};
 use zk0_verifier::dataset::check_leaf_list;
 
 /// The allocator is that of the `zk0` binary.
@@ -127,7 +127,7 @@ fn pairs(words: &[String]) -> Result<Vec<(String, String)>> {
 /// Makes the recording and the policy, and measures the profile.
 fn all(profile: &str, options: &[String]) -> Result<()> {
     let dir = tempfile::tempdir()?;
-    let episode = |seed| Episode {
+    let episode = |seed| MadeEpisode {
         seed,
         frames: FRAMES,
         still: false,
@@ -163,7 +163,7 @@ fn measure(work: &Work, dir: &Path) -> Result<()> {
     let cache = DiskCache::open(&dir.join("prefix-cache"), CACHE_BYTES)?;
     let begin = Instant::now();
     let mut phase = Phases { begin, name };
-    let recording = Recording::open(&dir.join("recording"), &policy, Some(&cache))?;
+    let recording = OpenRecording::open(&dir.join("recording"), &policy, Some(&cache))?;
     phase.done("the recording is open");
     let maker = recording.maker();
     let samples = recording.samples(&maker);
@@ -172,7 +172,7 @@ fn measure(work: &Work, dir: &Path) -> Result<()> {
         network: NETWORK,
         mode: Mode::Direct,
         frames: work.drawn,
-        secret: Secret::new([3; 32]),
+        secret: RegistrationSecret::new([3; 32]),
     };
     let folder = dir.join("evaluation-set");
     let set = EvaluationSet::prepare(&recording, &samples, &spec, by, &folder)?;
@@ -186,7 +186,7 @@ fn measure(work: &Work, dir: &Path) -> Result<()> {
         batch_size: work.batch,
         ..TrainOptions::default()
     };
-    let all = Samples::Prepared(&samples);
+    let all = TrainingSamples::Prepared(&samples);
     let config = recording.config();
     let trained = train_on(
         &Device::Cpu,

@@ -1,21 +1,21 @@
 //! How an aggregator is doing, as it says itself. Only the checkpoint is signed; the rest is for people, and nothing is decided by it.
 
-use crate::client::watching::Watch;
-use crate::client::Node;
+use crate::client::watching::FollowedRound;
+use crate::client::NodeClient;
 use crate::client_error::NodeError;
 use zk0_protocol::rpc::federation as rpc;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 
 /// Follows the last round.
-pub struct RoundWatch(Watch);
+pub struct RoundWatch(FollowedRound);
 
 impl Default for RoundWatch {
     fn default() -> Self {
-        Self(Watch::of(None, Vec::new()))
+        Self(FollowedRound::of(None, Vec::new()))
     }
 }
 
-impl Node {
+impl NodeClient {
     /// How the aggregator is doing.
     pub async fn status(&mut self) -> Result<rpc::StatusInfo, NodeError> {
         let status = self.client.get_status(rpc::GetStatusRequest {}).await;

@@ -41,7 +41,7 @@ const FIRST_ASK: (&str, &str) = ("expect", "100-continue");
 
 /// Why an update cannot be put at an address.
 #[derive(Debug, thiserror::Error)]
-pub enum StoreError {
+pub enum StoredUpdateError {
     /// The text is not an address of HTTP.
     #[error("the aggregator gave something that is not the address of a store")]
     NoAddress,
@@ -85,33 +85,35 @@ impl StoreClient {
     }
 
     /// The host in an address at which an update may be put.
-    fn host(&self, address: &str) -> Result<String, StoreError> {
+    fn host(&self, address: &str) -> Result<String, StoredUpdateError> {
         if address.len() > MAX_ADDRESS_BYTES {
-            return Err(StoreError::NoAddress);
+            return Err(StoredUpdateError::NoAddress);
         }
-        let uri: Uri = address.parse().map_err(|_| StoreError::NoAddress)?;
-        let authority = uri.authority().ok_or(StoreError::NoAddress)?;
+        let uri: Uri = address.parse().map_err(|_| StoredUpdateError::NoAddress)?;
+        let authority = uri.authority().ok_or(StoredUpdateError::NoAddress)?;
         // An address may have a password before its host.
         let host = authority.as_str().rsplit('@').next().unwrap_or_default();
         match uri.scheme_str() {
             Some("https") => Ok(host.into()),
             Some("http") if !self.encrypted => Ok(host.into()),
-            Some("http") => Err(StoreError::NotEncrypted(host.into())),
-            _ => Err(StoreError::NoAddress),
+            Some("http") => Err(StoredUpdateError::NotEncrypted(host.into())),
+            _ => Err(StoredUpdateError::NoAddress),
         }
     }
 
     /// Puts the update at this address. Waits for the network.
-    pub fn put(&self, address: &str, update: &[u8]) -> Result<(), StoreError> {
+    pub fn put(&self, address: &str, update: &[u8]) -> Result<(), StoredUpdateError> {
         let host = self.host(address)?;
         let sent = self.agent().put(address);
         let sent = [KIND, FIRST_ASK]
             .into_iter()
             .fold(sent, |sent, (name, value)| sent.header(name, value));
-        let mut answer = sent.send(update).map_err(|error| StoreError::Unreachable {
-            host: host.clone(),
-            why: one_line(&why(&error)),
-        })?;
+        let mut answer = sent
+            .send(update)
+            .map_err(|error| StoredUpdateError::Unreachable {
+                host: host.clone(),
+                why: one_line(&why(&error)),
+            })?;
         if answer.status().is_success() {
             return Ok(());
         }
@@ -124,7 +126,7 @@ impl StoreClient {
             .read_to_end(&mut said);
         let said = one_line(&String::from_utf8_lossy(&said));
         let why = format!("{} {said}", answer.status());
-        Err(StoreError::Refused { host, why })
+        Err(StoredUpdateError::Refused { host, why })
     }
 
     fn agent(&self) -> Agent {

@@ -1,7 +1,7 @@
 //! Uploads and downloads, which go on where they were cut.
 
 use crate::client::heads::About;
-use crate::client::{encode, is_lost, Node, APART, ATTEMPTS};
+use crate::client::{encode, is_lost, NodeClient, APART, ATTEMPTS};
 use crate::client_error::NodeError;
 use sha2::{Digest as _, Sha256};
 use std::io::Write;
@@ -57,7 +57,7 @@ fn is_cut(status: &Status) -> bool {
     is_lost(status) || matches!(status.code(), Code::DeadlineExceeded | Code::Aborted)
 }
 
-impl Node {
+impl NodeClient {
     /// Downloads a public blob of at most `limit` bytes.
     pub async fn download(&mut self, blob: &Digest, limit: u64) -> Result<Vec<u8>, NodeError> {
         let mut bytes = Vec::new();

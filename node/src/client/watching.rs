@@ -1,7 +1,7 @@
 //! Following a round: the aggregator tells the node when a round has come further, and the node asks again when the connection is lost.
 
 use crate::client::heads::About;
-use crate::client::{is_lost, program, unexpected, Node, APART, ATTEMPTS};
+use crate::client::{is_lost, program, unexpected, NodeClient, APART, ATTEMPTS};
 use crate::client_error::NodeError;
 use std::time::Duration;
 use tonic::Streaming;
@@ -11,13 +11,13 @@ use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation as rpc;
 
 /// A round that the node follows, or whichever is the last one.
-pub(crate) struct Watch {
+pub(crate) struct FollowedRound {
     request: rpc::GetRoundRequest,
     stream: Option<Streaming<rpc::RoundInfo>>,
     failed: u32,
 }
 
-impl Watch {
+impl FollowedRound {
     /// Follows `round`, or the last round, for the node `node` if it wants to know whether it may contribute.
     pub fn of(round: Option<u64>, node: Vec<u8>) -> Self {
         Self {
@@ -37,12 +37,12 @@ pub struct OpenRound {
     pub program: Program,
 }
 
-impl Node {
+impl NodeClient {
     /// Waits until `round` is open, and returns its opening. If the round has closed meanwhile, or the rules do not let this node
     /// contribute to it, this waits for a later one.
     pub async fn wait_for_round(&mut self, round: u64) -> Result<OpenRound, NodeError> {
         let mut left_out = None;
-        let mut watch = Watch::of(None, self.id().0.to_vec());
+        let mut watch = FollowedRound::of(None, self.id().0.to_vec());
         loop {
             let info = self.next_stage(&mut watch).await?;
             if let (Some(opened), None) = (info.opened, info.closed) {
@@ -67,7 +67,7 @@ impl Node {
 
     /// Waits until `round` is closed, and returns its close.
     pub async fn wait_for_close(&mut self, round: u64) -> Result<RoundClosed, NodeError> {
-        let mut watch = Watch::of(Some(round), Vec::new());
+        let mut watch = FollowedRound::of(Some(round), Vec::new());
         loop {
             if let Some(closed) = self.next_stage(&mut watch).await?.closed {
                 match self.entry(closed)?.1.body {
@@ -80,7 +80,7 @@ impl Node {
 
     /// Whether `round` takes no more commitments, as the aggregator says. It may have closed.
     pub(crate) async fn commits_no_more(&mut self, round: u64) -> Result<bool, NodeError> {
-        let mut watch = Watch::of(Some(round), Vec::new());
+        let mut watch = FollowedRound::of(Some(round), Vec::new());
         let info = self.next_stage(&mut watch).await?;
         Ok(info.commitments_closed.is_some() || info.closed.is_some())
     }
@@ -90,7 +90,7 @@ impl Node {
         &mut self,
         opened: &RoundOpened,
     ) -> Result<Duration, NodeError> {
-        let mut watch = Watch::of(Some(opened.round), Vec::new());
+        let mut watch = FollowedRound::of(Some(opened.round), Vec::new());
         let info = self.next_stage(&mut watch).await?;
         let window_ms = opened.rules.submit_window_ms;
         let left_ms = match (info.closed, info.randomness) {
@@ -110,7 +110,7 @@ impl Node {
         &mut self,
         round: u64,
     ) -> Result<(RoundOpened, RoundClosed), NodeError> {
-        let mut watch = Watch::of(Some(round), Vec::new());
+        let mut watch = FollowedRound::of(Some(round), Vec::new());
         let info = self.next_stage(&mut watch).await?;
         let wanted = "the opening and the close of a round that is over";
         let (Some(opened), Some(closed)) = (info.opened, info.closed) else {
@@ -127,7 +127,10 @@ impl Node {
     }
 
     /// The request that follows the round. If the node names itself, it shows that it is present.
-    fn watching(&self, watch: &Watch) -> Result<tonic::Request<rpc::GetRoundRequest>, NodeError> {
+    fn watching(
+        &self,
+        watch: &FollowedRound,
+    ) -> Result<tonic::Request<rpc::GetRoundRequest>, NodeError> {
         let message = watch.request.clone();
         if message.node.is_empty() {
             return Ok(tonic::Request::new(message));
@@ -144,7 +147,7 @@ impl Node {
     /// connection is a stranger's until its node has signed a request on it, and a lost one is made anew without a word. If this fails, what
     /// comes next shows why.
     pub(crate) async fn introduce(&mut self) {
-        let watch = Watch::of(None, self.id().0.to_vec());
+        let watch = FollowedRound::of(None, self.id().0.to_vec());
         if let Ok(request) = self.watching(&watch) {
             // The aggregator knows the node when it begins to answer. What it says of the round is not needed.
             let _ = self.client.watch_round(request).await;
@@ -154,7 +157,7 @@ impl Node {
     /// Waits until the round of `watch` has come further, and returns how far. The first call returns at once.
     pub(crate) async fn next_stage(
         &mut self,
-        watch: &mut Watch,
+        watch: &mut FollowedRound,
     ) -> Result<rpc::RoundInfo, NodeError> {
         loop {
             let told = match &mut watch.stream {

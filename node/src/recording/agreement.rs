@@ -1,13 +1,13 @@
 //! Whether a recording agrees with the others of its network, as far as the network's rules ask for that.
 
 use crate::error::ParticipantError;
-use crate::recording::Recording;
+use crate::recording::OpenRecording;
 use std::collections::BTreeSet;
 use zk0_lerobot::dataset::{Dataset, JointUnit};
 use zk0_protocol::rules::recordings::{AgreedUnit, RecordingRules};
 use zk0_smolvla::PolicyConfig;
 
-impl Recording<'_> {
+impl OpenRecording<'_> {
     /// Checks that the recording is what the rules ask for. What the recording does not show is warned of.
     ///
     /// # Errors
@@ -20,7 +20,7 @@ impl Recording<'_> {
 /// The same of a recording that is open, for a policy of this configuration.
 ///
 /// # Errors
-/// As [`Recording::check`].
+/// As [`OpenRecording::check`].
 pub fn check(
     rules: &RecordingRules,
     dataset: &Dataset,

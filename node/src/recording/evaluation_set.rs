@@ -6,8 +6,8 @@ use crate::error::ParticipantError;
 use crate::progress::Progress;
 use crate::recording::opened_samples::{OpenedSample, OpenedSamples};
 use crate::recording::sample_files::SampleFiles;
-use crate::recording::secret::Secret;
-use crate::recording::Recording;
+use crate::recording::secret::RegistrationSecret;
+use crate::recording::OpenRecording;
 use std::borrow::Cow;
 use std::path::Path;
 use zk0_argument::claim::committed;
@@ -18,11 +18,11 @@ use zk0_circuits::model::weights::QuantisedWeights;
 use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{DatasetCommitment, Digest, EvalSpec, Mode, NodeId};
-use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
+use zk0_protocol::entries::signed::{DatasetRegistration, RegisteredEpisode};
 use zk0_protocol::evaluation_set::{distinct, draw, list_bytes, DrawnLeaf};
 use zk0_protocol::rules::bindings::ExpectedClaim;
 use zk0_smolvla::frames::batch::SampleSource;
-use zk0_smolvla::frames::prefix_cache::Key;
+use zk0_smolvla::frames::prefix_cache::CacheKey;
 use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::measure::fixed_point::quantise_sample;
 use zk0_smolvla::PolicyError;
@@ -37,7 +37,7 @@ pub struct EvaluationSetSpec {
     /// How many frames are drawn.
     pub frames: u32,
     /// What hides the samples.
-    pub secret: Secret,
+    pub secret: RegistrationSecret,
 }
 
 /// A node's evaluation set.
@@ -49,21 +49,21 @@ pub struct EvaluationSet {
     /// Digest of the drawn samples' names in prefix caches. It stays the same under another secret.
     pub drawn_names: Digest,
     by: EvaluationSetSpec,
-    episodes: Vec<Episode>,
+    episodes: Vec<RegisteredEpisode>,
     list: Vec<DrawnLeaf>,
     leaves: Vec<Digest>,
     /// In the order of the leaves.
-    samples: Vec<Kept>,
+    samples: Vec<DrawnSample>,
     /// The drawn frames, counted in the recording, in ascending order.
     frames: Vec<usize>,
     files: SampleFiles,
 }
 
 /// Where a sample comes from, and what it is.
-struct Kept {
+struct DrawnSample {
     /// Its frame in the recording.
     frame: usize,
-    key: Key,
+    key: CacheKey,
     digest: Digest,
 }
 
@@ -74,7 +74,7 @@ impl EvaluationSet {
     /// # Errors
     /// The frames cannot be drawn, or a sample cannot be made, does not fit the specification, or cannot be written.
     pub fn prepare(
-        recording: &Recording,
+        recording: &OpenRecording,
         samples: &dyn SampleSource<PreparedSample>,
         spec: &EvalSpec,
         by: EvaluationSetSpec,
@@ -84,7 +84,7 @@ impl EvaluationSet {
         let drawn = draw(&by.network, &episodes, by.frames).map_err(ParticipantError::Frames)?;
         let files = SampleFiles::open(folder, by.mode, spec, &by.secret)?;
         let mut progress = Progress::start("preparing the evaluation set", drawn.len() as u64);
-        let (mut list, mut all) = (Vec::new(), Vec::<Kept>::new());
+        let (mut list, mut all) = (Vec::new(), Vec::<DrawnSample>::new());
         let salt = by.secret.salt();
         for frame in drawn {
             let place = recording.frame(frame).ok_or_else(|| missing(frame))?;
@@ -100,7 +100,7 @@ impl EvaluationSet {
                 frame,
                 leaf: leaf(&salt, &digest),
             });
-            all.push(Kept {
+            all.push(DrawnSample {
                 frame: place,
                 key,
                 digest,
@@ -117,7 +117,7 @@ impl EvaluationSet {
             .iter()
             .zip(all)
             .filter_map(|(drawn, kept)| next.next_if(|leaf| **leaf == drawn.leaf).map(|_| kept));
-        let samples: Vec<Kept> = firsts.collect();
+        let samples: Vec<DrawnSample> = firsts.collect();
         let commitment = DatasetCommitment {
             root: merkle::root(&leaves),
             samples: leaves.len() as u64,
@@ -153,13 +153,13 @@ impl EvaluationSet {
     }
 
     /// What hides the samples.
-    pub fn secret(&self) -> &Secret {
+    pub fn secret(&self) -> &RegistrationSecret {
         &self.by.secret
     }
 
     /// The drawn frames of the recording as samples for measuring a loss, of all frames as samples.
-    pub fn drawn<'a>(&'a self, all: &'a dyn SampleSource<PreparedSample>) -> Drawn<'a> {
-        Drawn {
+    pub fn drawn<'a>(&'a self, all: &'a dyn SampleSource<PreparedSample>) -> EvaluationSamples<'a> {
+        EvaluationSamples {
             frames: &self.frames,
             all,
         }
@@ -211,7 +211,7 @@ impl EvaluationSet {
     fn check(
         &self,
         all: &dyn SampleSource<PreparedSample>,
-        kept: &Kept,
+        kept: &DrawnSample,
     ) -> Result<(), ParticipantError> {
         let damaged = match self.files.read(&kept.key, &kept.digest) {
             Err(damaged @ ParticipantError::BrokenFile { .. }) => damaged,
@@ -235,12 +235,12 @@ impl EvaluationSet {
 }
 
 /// The frames of an evaluation set, as samples for measuring a loss.
-pub struct Drawn<'a> {
+pub struct EvaluationSamples<'a> {
     frames: &'a [usize],
     all: &'a dyn SampleSource<PreparedSample>,
 }
 
-impl SampleSource<PreparedSample> for Drawn<'_> {
+impl SampleSource<PreparedSample> for EvaluationSamples<'_> {
     fn len(&self) -> usize {
         self.frames.len()
     }

@@ -1,6 +1,6 @@
 //! A node's own recording. It trains on all frames, and commits to the samples of those that are drawn.
 //!
-//! - [`Recording`]: the recording, open, and its frames as samples. Each sample is made when it is needed, or read from the cache.
+//! - [`OpenRecording`]: the recording, open, and its frames as samples. Each sample is made when it is needed, or read from the cache.
 //! - [`evaluation_set`]: the drawn samples in fixed point, and the commitment to them; [`sample_files`]: these samples on disk;
 //!   [`opened_samples`]: those that a claim is about.
 //! - [`secret`]: what hides the samples, and how often they were opened; [`registering`]: puts the commitment on the ledger, and another one before the secret
@@ -23,10 +23,10 @@ use std::path::{Path, PathBuf};
 use std::slice;
 use zk0_circuits::Digest;
 use zk0_lerobot::dataset::{CopiedEpisodes, Dataset};
-use zk0_protocol::entries::signed::Episode;
+use zk0_protocol::entries::signed::RegisteredEpisode;
 use zk0_smolvla::frames::image_transforms::Variants;
 use zk0_smolvla::frames::prefix_cache::{
-    DiskCache, FrameMaker, FrameNames, FrameRef, FrameSource, Key, KeySpace,
+    CacheKey, DiskCache, FrameMaker, FrameNames, FrameRef, FrameSource, KeySpace,
 };
 use zk0_smolvla::frames::sample::{PreparedSample, Preparer};
 use zk0_smolvla::policy::frozen::FrozenPlace;
@@ -35,7 +35,7 @@ use zk0_smolvla::policy::tokenizer::PolicyTokenizer;
 use zk0_smolvla::{PolicyConfig, PolicyError};
 
 /// A recording that is open, with the policy that makes samples of its frames.
-pub struct Recording<'c> {
+pub struct OpenRecording<'c> {
     dataset: Dataset,
     policy: PathBuf,
     config: PolicyConfig,
@@ -47,14 +47,14 @@ pub struct Recording<'c> {
 
 /// An episode, and where it is.
 struct Placed {
-    episode: Episode,
+    episode: RegisteredEpisode,
     /// Its first frame, as registrations count frames.
     first: u64,
     /// Its first frame in the recording.
     start: usize,
 }
 
-impl<'c> Recording<'c> {
+impl<'c> OpenRecording<'c> {
     /// Opens the LeRobotDataset in `path`, whose frames the policy in the file `policy` makes into samples. The policy's tokenizer reads
     /// the instructions. Samples that are in `cache` are not computed again; they are the same bits.
     ///
@@ -115,7 +115,7 @@ impl<'c> Recording<'c> {
     }
 
     /// Its episodes as a registration names them: in ascending order of their digests, and each once.
-    pub fn episodes(&self) -> Vec<Episode> {
+    pub fn episodes(&self) -> Vec<RegisteredEpisode> {
         self.episodes.iter().map(|placed| placed.episode).collect()
     }
 
@@ -140,7 +140,7 @@ impl<'c> Recording<'c> {
     }
 
     /// The name of a frame's sample, which says everything that decides the sample.
-    fn key(&self, frame: usize) -> Key {
+    fn key(&self, frame: usize) -> CacheKey {
         self.frames[frame].key
     }
 
@@ -199,7 +199,7 @@ fn placed(dataset: &Dataset) -> Result<Vec<Placed>, ParticipantError> {
     let mut first = 0;
     let placed = unique.into_iter().map(|(digest, (frames, start))| {
         let placed = Placed {
-            episode: Episode { digest, frames },
+            episode: RegisteredEpisode { digest, frames },
             first,
             start,
         };

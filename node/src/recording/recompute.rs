@@ -3,11 +3,11 @@
 use crate::error::ParticipantError;
 use crate::progress::Progress;
 use crate::recording::secret::Secrets;
-use crate::recording::Recording;
+use crate::recording::OpenRecording;
 use zk0_argument::claim::committed;
 use zk0_circuits::claim::dataset::leaf;
 use zk0_circuits::{Digest, EvalSpec, Mode};
-use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
+use zk0_protocol::entries::signed::{DatasetRegistration, RegisteredEpisode};
 use zk0_protocol::evaluation_set::DrawnLeaf;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::sample::PreparedSample;
@@ -55,7 +55,7 @@ pub enum Recomputed {
 /// # Errors
 /// The recording or the policy cannot be read, or a sample does not fit the specification.
 pub fn recompute(
-    recording: &Recording,
+    recording: &OpenRecording,
     samples: &dyn SampleSource<PreparedSample>,
     (mode, spec): (Mode, &EvalSpec),
     registration: &DatasetRegistration,
@@ -72,7 +72,7 @@ pub fn recompute(
     }
     let own = recording.episodes();
     if own != registration.episodes {
-        let other = |all: &[Episode], among: &[Episode]| {
+        let other = |all: &[RegisteredEpisode], among: &[RegisteredEpisode]| {
             let others = all.iter().filter(|episode| !among.contains(episode));
             others.map(|episode| episode.digest).collect()
         };

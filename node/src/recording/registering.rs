@@ -4,12 +4,12 @@
 //! is about the new one, so no round is lost. A node that was killed at any point goes on: the fresh secret is on disk before the ledger knows of it, the
 //! newest secret is registered whenever the node starts, and what was begun under the one before is ended under it.
 
-use crate::client::Node;
+use crate::client::NodeClient;
 use crate::error::ParticipantError;
 use crate::receipts;
 use crate::recording::evaluation_set::{EvaluationSet, EvaluationSetSpec};
-use crate::recording::secret::{of_another, Secret, Secrets};
-use crate::recording::Recording;
+use crate::recording::secret::{of_another, RegistrationSecret, Secrets};
+use crate::recording::OpenRecording;
 use crate::state_files::{self, broken};
 use crate::turn::unfinished;
 use std::path::Path;
@@ -28,7 +28,7 @@ pub struct Registering<'a> {
     /// The node's state folder.
     pub state: &'a Path,
     /// The recording.
-    pub recording: &'a Recording<'a>,
+    pub recording: &'a OpenRecording<'a>,
     /// All its frames.
     pub samples: &'a dyn SampleSource<PreparedSample>,
     /// How the network evaluates.
@@ -40,7 +40,7 @@ impl Registering<'_> {
     ///
     /// # Errors
     /// The secret of a recording that was registered is lost; or the recording, the aggregator or the file system fails.
-    pub async fn enter(&self, node: &mut Node) -> Result<EvaluationSet, ParticipantError> {
+    pub async fn enter(&self, node: &mut NodeClient) -> Result<EvaluationSet, ParticipantError> {
         let secret = self.secret(node)?;
         let set = self.set(node, secret).await?;
         self.register(node, &set).await?;
@@ -54,7 +54,7 @@ impl Registering<'_> {
     /// Those of [`Self::enter`].
     pub async fn again(
         &self,
-        node: &mut Node,
+        node: &mut NodeClient,
         present: &EvaluationSet,
     ) -> Result<(), ParticipantError> {
         let secrets = Secrets::of_registered(self.state)?;
@@ -82,7 +82,7 @@ impl Registering<'_> {
     /// Those of [`Self::enter`].
     pub async fn of_round(
         &self,
-        node: &mut Node,
+        node: &mut NodeClient,
         round: u64,
         present: &EvaluationSet,
     ) -> Result<Option<EvaluationSet>, ParticipantError> {
@@ -108,7 +108,7 @@ impl Registering<'_> {
     }
 
     /// The newest secret. There is a fresh one for a recording that was not registered yet.
-    fn secret(&self, node: &Node) -> Result<Secret, ParticipantError> {
+    fn secret(&self, node: &NodeClient) -> Result<RegistrationSecret, ParticipantError> {
         if let Some(registered) = self.registered(node)? {
             let secrets = Secrets::of_registered(self.state)?;
             let newest = secrets.of(&registered.dataset).and(secrets.newest());
@@ -128,8 +128,8 @@ impl Registering<'_> {
     }
 
     /// A fresh secret. It is on disk when this returns.
-    fn fresh(&self, mut secrets: Secrets) -> Result<Secret, ParticipantError> {
-        let fresh = Secret::fresh()?;
+    fn fresh(&self, mut secrets: Secrets) -> Result<RegistrationSecret, ParticipantError> {
+        let fresh = RegistrationSecret::fresh()?;
         secrets.add(fresh.clone());
         secrets.keep(self.state)?;
         Ok(fresh)
@@ -138,8 +138,8 @@ impl Registering<'_> {
     /// Prepares the evaluation set under a secret.
     async fn set(
         &self,
-        node: &mut Node,
-        secret: Secret,
+        node: &mut NodeClient,
+        secret: RegistrationSecret,
     ) -> Result<EvaluationSet, ParticipantError> {
         let registered = self.registered(node)?;
         let own = registered.filter(|own| own.node == node.id() && secret.is_of(&own.dataset));
@@ -161,7 +161,11 @@ impl Registering<'_> {
     }
 
     /// Puts the commitment on the ledger. A node that was restarted gets the same receipt again.
-    async fn register(&self, node: &mut Node, set: &EvaluationSet) -> Result<(), ParticipantError> {
+    async fn register(
+        &self,
+        node: &mut NodeClient,
+        set: &EvaluationSet,
+    ) -> Result<(), ParticipantError> {
         let (registration, list) = set.registration(node.id());
         let receipt = node.register(registration.clone(), list).await?;
         receipts::keep(self.state, node.genesis(), receipt)?;
@@ -177,7 +181,10 @@ impl Registering<'_> {
     }
 
     /// What the node has registered last, perhaps under another key, if it is of this recording in this network.
-    fn registered(&self, node: &Node) -> Result<Option<DatasetRegistration>, ParticipantError> {
+    fn registered(
+        &self,
+        node: &NodeClient,
+    ) -> Result<Option<DatasetRegistration>, ParticipantError> {
         let episodes = self.recording.episodes();
         let kept = self.kept()?;
         Ok(kept.filter(|kept| kept.network == *node.network() && kept.episodes == episodes))

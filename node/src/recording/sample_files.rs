@@ -8,18 +8,18 @@
 //! SHA-256 of all of it, which is checked whenever the file is read.
 
 use crate::error::ParticipantError;
-use crate::recording::secret::Secret;
+use crate::recording::secret::RegistrationSecret;
 use crate::state_files::{self, broken};
 use sha2::{Digest as _, Sha256};
 use std::collections::HashMap;
 use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
-use zk0_argument::claim::{committed, digest_of, Committed};
+use zk0_argument::claim::{committed, digest_of, SampleCommitment};
 use zk0_circuits::model::sample::Sample;
 use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Digest, EvalSpec, Mode};
-use zk0_smolvla::frames::prefix_cache::Key;
+use zk0_smolvla::frames::prefix_cache::CacheKey;
 
 /// Most bytes that are kept of a commitment.
 const MOST_KEPT: u64 = 32 << 20;
@@ -29,7 +29,7 @@ pub struct SampleFiles {
     folder: PathBuf,
     mode: Mode,
     spec: EvalSpec,
-    secret: Secret,
+    secret: RegistrationSecret,
     /// What was there when it was opened, by FRAME.
     known: HashMap<Digest, Digest>,
 }
@@ -44,7 +44,7 @@ impl SampleFiles {
         folder: &Path,
         mode: Mode,
         spec: &EvalSpec,
-        secret: &Secret,
+        secret: &RegistrationSecret,
     ) -> Result<Self, ParticipantError> {
         fs::create_dir_all(folder).map_err(state_files::at(folder))?;
         state_files::remove_unfinished(folder)?;
@@ -65,7 +65,7 @@ impl SampleFiles {
     }
 
     /// The digest of a frame's sample, if its file was there when the folder was opened.
-    pub fn find(&self, key: &Key) -> Option<Digest> {
+    pub fn find(&self, key: &CacheKey) -> Option<Digest> {
         self.known.get(&self.secret.name(key)).copied()
     }
 
@@ -73,8 +73,8 @@ impl SampleFiles {
     ///
     /// # Errors
     /// It cannot be written.
-    pub fn put(&self, key: &Key, sample: &Sample) -> Result<Digest, ParticipantError> {
-        let Committed { digest, kept } =
+    pub fn put(&self, key: &CacheKey, sample: &Sample) -> Result<Digest, ParticipantError> {
+        let SampleCommitment { digest, kept } =
             committed(self.mode, &self.spec, sample, &self.secret.blind());
         let length = (kept.len() as u64).to_le_bytes();
         let mut bytes = [sample.as_bytes(), &kept, &length].concat();
@@ -87,7 +87,7 @@ impl SampleFiles {
     ///
     /// # Errors
     /// The file cannot be read. [`ParticipantError::BrokenFile`]: it is not there, or holds another sample.
-    pub fn read(&self, key: &Key, digest: &Digest) -> Result<Sample, ParticipantError> {
+    pub fn read(&self, key: &CacheKey, digest: &Digest) -> Result<Sample, ParticipantError> {
         let path = self.path(key, digest);
         let (sample, kept) = Self::read_file(&self.spec.dims, &path)?;
         match digest_of(self.mode, &self.spec, &sample, &kept) {
@@ -119,7 +119,7 @@ impl SampleFiles {
     }
 
     /// The file of a sample.
-    pub fn path(&self, key: &Key, digest: &Digest) -> PathBuf {
+    pub fn path(&self, key: &CacheKey, digest: &Digest) -> PathBuf {
         let frame = self.secret.name(key);
         self.folder.join(format!("{frame}-{digest}.sample"))
     }
@@ -135,13 +135,13 @@ mod tests {
     use super::*;
     use zk0_circuits::model::sample::SampleParts;
 
-    const KEY: Key = Key([7; 32]);
+    const KEY: CacheKey = CacheKey([7; 32]);
 
     fn open(folder: &Path) -> SampleFiles {
-        open_under(folder, &Secret::new([1; 32]))
+        open_under(folder, &RegistrationSecret::new([1; 32]))
     }
 
-    fn open_under(folder: &Path, secret: &Secret) -> SampleFiles {
+    fn open_under(folder: &Path, secret: &RegistrationSecret) -> SampleFiles {
         SampleFiles::open(folder, Mode::Direct, &EvalSpec::micro(), secret).unwrap()
     }
 
@@ -170,8 +170,8 @@ mod tests {
 
         let again = open(dir.path());
         assert_eq!(again.find(&KEY), Some(digest));
-        assert_eq!(again.find(&Key([8; 32])), None);
-        let other = open_under(dir.path(), &Secret::new([2; 32]));
+        assert_eq!(again.find(&CacheKey([8; 32])), None);
+        let other = open_under(dir.path(), &RegistrationSecret::new([2; 32]));
         assert_eq!(other.find(&KEY), None, "found under another secret");
         assert_eq!(again.read(&KEY, &digest).unwrap(), sample(0.25));
         assert_eq!(
@@ -192,8 +192,8 @@ mod tests {
         let in_the_cache = flipped.len() - 56;
         flipped[in_the_cache] ^= 1;
         let longer = vec![0; MOST_KEPT as usize + (1 << 20)];
-        let other = files.put(&Key([8; 32]), &sample(0.5)).unwrap();
-        let other = fs::read(files.path(&Key([8; 32]), &other)).unwrap();
+        let other = files.put(&CacheKey([8; 32]), &sample(0.5)).unwrap();
+        let other = fs::read(files.path(&CacheKey([8; 32]), &other)).unwrap();
         // What is not a sample, with a SHA-256 that fits
         let of = |bytes: &[u8]| [bytes, &Sha256::digest(bytes)[..]].concat();
         for (bytes, why) in [

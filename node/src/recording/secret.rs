@@ -15,7 +15,7 @@ use zk0_circuits::claim::dataset::salt_commitment;
 use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::{DatasetCommitment, Digest};
 use zk0_files::atomic_file;
-use zk0_smolvla::frames::prefix_cache::Key;
+use zk0_smolvla::frames::prefix_cache::CacheKey;
 
 /// How the file begins.
 const MAGIC: &[u8] = b"zk0-node-secret/1\n";
@@ -26,9 +26,9 @@ pub const MAX_BYTES: u64 = 16 << 20;
 
 /// 32 bytes that nobody can guess, for one registration.
 #[derive(Clone, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
-pub struct Secret([u8; 32]);
+pub struct RegistrationSecret([u8; 32]);
 
-impl Secret {
+impl RegistrationSecret {
     /// Of these bytes.
     pub const fn new(bytes: [u8; 32]) -> Self {
         Self(bytes)
@@ -60,7 +60,7 @@ impl Secret {
     }
 
     /// The name of a frame's sample on disk. Under another secret it has another one.
-    pub(super) fn name(&self, frame: &Key) -> Digest {
+    pub(super) fn name(&self, frame: &CacheKey) -> Digest {
         self.derived("zk0/node-secret/sample-file/v1", &frame.0)
     }
 
@@ -76,7 +76,7 @@ pub struct Secrets(Vec<Used>);
 /// A secret, and what it was used for.
 #[derive(PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 struct Used {
-    secret: Secret,
+    secret: RegistrationSecret,
     /// How many arguments were made about a leaf, by its index. The others have been in none.
     opened: BTreeMap<u64, u32>,
 }
@@ -96,24 +96,24 @@ impl Secrets {
     }
 
     /// That of the last registration, or of the one to come.
-    pub fn newest(&self) -> Option<&Secret> {
+    pub fn newest(&self) -> Option<&RegistrationSecret> {
         self.0.last().map(|used| &used.secret)
     }
 
     /// That of the registration before the newest.
-    pub fn before(&self) -> Option<&Secret> {
+    pub fn before(&self) -> Option<&RegistrationSecret> {
         let before = self.0.len().checked_sub(2)?;
         self.0.get(before).map(|used| &used.secret)
     }
 
     /// That of this registered dataset.
-    pub fn of(&self, dataset: &DatasetCommitment) -> Option<&Secret> {
+    pub fn of(&self, dataset: &DatasetCommitment) -> Option<&RegistrationSecret> {
         let mut secrets = self.0.iter().map(|used| &used.secret);
         secrets.find(|secret| secret.is_of(dataset))
     }
 
     /// Adds one, which is the newest then.
-    pub fn add(&mut self, secret: Secret) {
+    pub fn add(&mut self, secret: RegistrationSecret) {
         self.0.push(Used {
             secret,
             opened: BTreeMap::new(),
@@ -121,18 +121,18 @@ impl Secrets {
     }
 
     /// Whether no argument was made under this secret.
-    pub fn is_unused(&self, secret: &Secret) -> bool {
+    pub fn is_unused(&self, secret: &RegistrationSecret) -> bool {
         self.find(secret).is_none_or(|used| used.opened.is_empty())
     }
 
     /// Whether a leaf has come to 80 % of `most` arguments.
-    pub fn is_worn(&self, secret: &Secret, most: u32) -> bool {
+    pub fn is_worn(&self, secret: &RegistrationSecret, most: u32) -> bool {
         let worn = |opened: &u32| 5 * u64::from(*opened) >= 4 * u64::from(most);
         self.find(secret)
             .is_some_and(|used| used.opened.values().any(worn))
     }
 
-    fn find(&self, secret: &Secret) -> Option<&Used> {
+    fn find(&self, secret: &RegistrationSecret) -> Option<&Used> {
         self.0.iter().find(|used| used.secret == *secret)
     }
 
@@ -140,7 +140,12 @@ impl Secrets {
     ///
     /// # Errors
     /// A leaf has been in as many already. Then nothing is counted.
-    fn count(&mut self, secret: &Secret, leaves: &[u64], most: u32) -> Result<(), Uncounted> {
+    fn count(
+        &mut self,
+        secret: &RegistrationSecret,
+        leaves: &[u64],
+        most: u32,
+    ) -> Result<(), Uncounted> {
         let mut own = self.0.iter_mut().filter(|used| used.secret == *secret);
         let opened = &mut own.next().ok_or(Uncounted::Unknown)?.opened;
         let so_far = |leaf: &u64| opened.get(leaf).copied().unwrap_or_default();
@@ -223,7 +228,7 @@ impl Secrets {
 /// A leaf is worn out; or the file is lost or damaged, or cannot be written. Then nobody may make the argument.
 pub fn count(
     state: &Path,
-    secret: &Secret,
+    secret: &RegistrationSecret,
     leaves: &[u64],
     most: u32,
 ) -> Result<(), ParticipantError> {

@@ -3,7 +3,7 @@
 use crate::training_history::TrainingHistory;
 use std::path::Path;
 use std::time::Instant;
-use zk0_smolvla::train::Step;
+use zk0_smolvla::train::TrainingStep;
 use zk0_tensorboard::{metrics, EventFile};
 
 /// The curves in one round.
@@ -39,7 +39,7 @@ impl<'a> Curves<'a> {
     }
 
     /// After a step.
-    pub fn stepped(&mut self, step: &Step) {
+    pub fn stepped(&mut self, step: &TrainingStep) {
         let Some(file) = self.file else {
             return;
         };

@@ -1,6 +1,6 @@
 //! The last global step, for FedCM: what the round before started from. The ledger names it, and the node verifies the entries that say so.
 
-use crate::client::Node;
+use crate::client::NodeClient;
 use crate::error::ParticipantError;
 use crate::exchanged_weights::Base;
 use crate::turn::Turn;
@@ -12,7 +12,7 @@ impl Turn<'_> {
     /// out, so it is `None` then, too.
     pub(super) async fn earlier(
         &self,
-        node: &mut Node,
+        node: &mut NodeClient,
     ) -> Result<Option<ExpertWeights>, ParticipantError> {
         let round = self.opened.round;
         let Some(before) = round.checked_sub(1) else {

@@ -3,14 +3,14 @@
 use crate::error::ParticipantError;
 use crate::progress::Progress;
 use crate::recording::opened_samples::OpenedSamples;
-use crate::recording::secret::{count, Secret};
+use crate::recording::secret::{count, RegistrationSecret};
 use std::panic::resume_unwind;
 use std::path::PathBuf;
 use tokio::task::spawn_blocking;
 use tracing::instrument;
 use zk0_argument::claim::{most_uses, ClaimSource};
 use zk0_circuits::Mode;
-use zk0_prover::program::Prepared;
+use zk0_prover::program::PreparedClaim;
 use zk0_smolvla::policy::memory::KeepFreed;
 
 /// Units of the progress that is reported.
@@ -26,9 +26,9 @@ const UNITS: f64 = 1000.0;
 pub async fn prepare(
     mode: Mode,
     input: OpenedSamples,
-    secret: Secret,
+    secret: RegistrationSecret,
     state: PathBuf,
-) -> Result<Prepared, ParticipantError> {
+) -> Result<PreparedClaim, ParticipantError> {
     let prepared = spawn_blocking(move || {
         if mode == Mode::Succinct {
             let leaves: Vec<_> = input.places().iter().map(|(leaf, _)| *leaf).collect();
@@ -38,7 +38,7 @@ pub async fn prepare(
         let _memory = KeepFreed::new();
         let mut progress = Progress::start("making the argument", UNITS as u64);
         let tell = &mut |share| progress.reached((UNITS * share) as u64);
-        Ok(Prepared::of(
+        Ok(PreparedClaim::of(
             mode,
             &input,
             &secret.blind(),

@@ -1,6 +1,6 @@
 //! Has a claim proven. A commitment cannot be taken back, so a node whose proving service is full or gone asks again for as long as a proof counts.
 
-use crate::client::Node;
+use crate::client::NodeClient;
 use crate::error::{NoProof, ParticipantError};
 use crate::progress;
 use std::sync::Arc;
@@ -24,7 +24,7 @@ const LONGEST_PAUSE: Duration = Duration::from_secs(30);
 /// The service refuses the claim, or it gives no proof in time; or the aggregator fails.
 pub async fn have_proven(
     prover: &mut ProvingClient,
-    node: &mut Node,
+    node: &mut NodeClient,
     opened: &RoundOpened,
     input: GuestInput,
 ) -> Result<rpc::Proof, ParticipantError> {
@@ -74,7 +74,7 @@ pub async fn have_proven(
 }
 
 /// Ready when the round takes no more submissions. An aggregator that is away costs no proof: the round takes none after its whole window.
-async fn submissions_end(node: &mut Node, opened: &RoundOpened) {
+async fn submissions_end(node: &mut NodeClient, opened: &RoundOpened) {
     let whole = Duration::from_millis(opened.rules.submit_window_ms);
     let left = node.submissions_end_in(opened).await;
     sleep(left.unwrap_or(whole)).await;

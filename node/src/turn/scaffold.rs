@@ -6,22 +6,22 @@
 //! one before ended with, back to the round in which the rules let the control variates begin with 0. A round whose result was not taken counts
 //! for nothing.
 
-use crate::client::Node;
+use crate::client::NodeClient;
 use crate::client_error::NodeError;
 use crate::error::ParticipantError;
 use crate::exchanged_weights::Base;
 use crate::turn::control_variates::{KeptVariates, Whose};
-use crate::turn::{Training, Turn};
+use crate::turn::{LocalTraining, Turn};
 use zk0_circuits::Digest;
 use zk0_protocol::counted::counted;
 use zk0_protocol::entries::entry::{RoundClosed, RoundOpened};
 use zk0_protocol::rules::network_rules::{Scaffold, Strategy};
 use zk0_smolvla::train::scaffold::{ControlVariates, Correction, PastRound};
 use zk0_smolvla::train::schedule::Schedule;
-use zk0_smolvla::train::{train_by_sgd, Samples, TrainOptions};
+use zk0_smolvla::train::{train_by_sgd, TrainOptions, TrainingSamples};
 use zk0_smolvla::ExpertWeights;
 
-impl Training {
+impl LocalTraining {
     /// Refuses options that would change the steps of a round by SCAFFOLD. The control variates would be wrong then.
     pub(super) fn check_beside_scaffold(&self, round: u64) -> Result<(), ParticipantError> {
         let options = [
@@ -42,7 +42,7 @@ impl Turn<'_> {
     pub(super) fn train_by_scaffold(
         &self,
         rule: &Scaffold,
-        training: &Training,
+        training: &LocalTraining,
         base: &Base,
         correction: Option<&Correction>,
     ) -> Result<ExpertWeights, ParticipantError> {
@@ -55,7 +55,7 @@ impl Turn<'_> {
             ..TrainOptions::default()
         };
         let (config, samples) = (self.entered.config, self.entered.training);
-        let samples = Samples::Prepared(samples);
+        let samples = TrainingSamples::Prepared(samples);
         self.followed(training, options.steps, &mut |progress| {
             train_by_sgd(
                 &training.device,
@@ -73,7 +73,7 @@ impl Turn<'_> {
     pub(super) async fn control_variates(
         &self,
         rule: &Scaffold,
-        node: &mut Node,
+        node: &mut NodeClient,
         base: &Base,
     ) -> Result<ControlVariates, ParticipantError> {
         let round = self.opened.round;
@@ -132,7 +132,7 @@ impl Turn<'_> {
     async fn observe(
         &self,
         known: &mut KeptVariates,
-        node: &mut Node,
+        node: &mut NodeClient,
         base: &Base,
         held: &mut Option<(Digest, ExpertWeights)>,
         (opened, closed): (&RoundOpened, &RoundClosed),
@@ -188,7 +188,7 @@ impl Turn<'_> {
     /// Public weights of this digest.
     async fn weights(
         &self,
-        node: &mut Node,
+        node: &mut NodeClient,
         rule: &Scaffold,
         blob: &Digest,
     ) -> Result<ExpertWeights, ParticipantError> {

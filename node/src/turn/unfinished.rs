@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use zk0_circuits::{Claim, Digest, Terms};
 use zk0_files::bounded_file;
 use zk0_protocol::entries::refusal::Refusal;
-use zk0_prover::program::Prepared;
+use zk0_prover::program::PreparedClaim;
 
-/// A [`Part`] at the beginning of a file.
+/// A [`RoundParticipation`] at the beginning of a file.
 const PART_BYTES: u64 = 3 * 32 + 8;
 /// Room for the other fields of a file beside an update.
 const FIELDS_BYTES: u64 = 1 << 10;
@@ -24,7 +24,7 @@ const MAX_DECIDED_BYTES: u64 = 1 << 20;
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct UnfinishedUpdate {
     /// Where it belongs.
-    pub of: Part,
+    pub of: RoundParticipation,
     /// On how many samples it is to be evaluated.
     pub eval_samples: u32,
     /// The update, as it travels.
@@ -33,7 +33,7 @@ pub struct UnfinishedUpdate {
 
 /// A node's part in one round.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
-pub struct Part {
+pub struct RoundParticipation {
     /// The network.
     pub network: Digest,
     /// The round.
@@ -50,7 +50,11 @@ impl UnfinishedUpdate {
     }
 
     /// The update of this part that was kept, if there is one. Its file has at most `limit` bytes.
-    pub fn read(state: &Path, of: &Part, limit: u64) -> Result<Option<Self>, ParticipantError> {
+    pub fn read(
+        state: &Path,
+        of: &RoundParticipation,
+        limit: u64,
+    ) -> Result<Option<Self>, ParticipantError> {
         let kept: Option<Self> = read(&Self::path(state), limit.saturating_add(FIELDS_BYTES))?;
         Ok(kept.filter(|kept| kept.of == *of))
     }
@@ -65,7 +69,7 @@ impl UnfinishedUpdate {
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Decided {
     /// What the contribution belongs to.
-    pub of: Part,
+    pub of: RoundParticipation,
     /// Why the contribution is refused; `None` if it is accepted.
     pub refusal: Option<Refusal>,
 }
@@ -76,7 +80,7 @@ impl Decided {
     }
 
     /// What was decided on this part, if anything was.
-    pub fn read(state: &Path, of: &Part) -> Result<Option<Self>, ParticipantError> {
+    pub fn read(state: &Path, of: &RoundParticipation) -> Result<Option<Self>, ParticipantError> {
         let kept: Option<Self> = read(&Self::path(state), MAX_DECIDED_BYTES)?;
         Ok(kept.filter(|kept| kept.of == *of))
     }
@@ -97,7 +101,7 @@ pub fn begun(
     for path in [Decided::path(state), UnfinishedUpdate::path(state)] {
         // Both files begin with the part. The update after it may be large.
         let start = bounded_file::start_if_there(&path, PART_BYTES).map_err(at(&path))?;
-        let part = start.map(|start| borsh::from_slice::<Part>(&start));
+        let part = start.map(|start| borsh::from_slice::<RoundParticipation>(&start));
         let part = part
             .transpose()
             .map_err(|error| broken(&path, error.to_string()))?;
@@ -110,28 +114,28 @@ pub fn begun(
 }
 
 /// The claim of these terms that was kept, if there is one, and if its argument is whole.
-pub fn read_claim(state: &Path, terms: &Terms) -> Result<Option<Prepared>, ParticipantError> {
-    let kept: Option<Prepared> = read(&claim_path(state), MAX_CLAIM_BYTES)?;
+pub fn read_claim(state: &Path, terms: &Terms) -> Result<Option<PreparedClaim>, ParticipantError> {
+    let kept: Option<PreparedClaim> = read(&claim_path(state), MAX_CLAIM_BYTES)?;
     Ok(kept.filter(|kept| {
         kept.claim.terms == *terms && kept.input.claim().is_ok_and(|claim| claim == kept.claim)
     }))
 }
 
 /// Keeps a claim. It is on disk when this returns.
-pub fn keep_claim(state: &Path, claim: &Prepared) -> Result<(), ParticipantError> {
+pub fn keep_claim(state: &Path, claim: &PreparedClaim) -> Result<(), ParticipantError> {
     keep(&claim_path(state), claim)
 }
 
 /// A claim with its proof, as they are submitted.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
-pub struct Proven {
+pub struct ProvenClaim {
     /// The claim.
     pub claim: Claim,
     /// The blob with its proof. No other proof of the claim has the same bytes.
     pub proof: Vec<u8>,
 }
 
-impl Proven {
+impl ProvenClaim {
     fn path(state: &Path) -> PathBuf {
         state.join("unfinished-proof")
     }
@@ -153,7 +157,7 @@ fn remove(state: &Path) -> Result<(), ParticipantError> {
     for path in [
         UnfinishedUpdate::path(state),
         claim_path(state),
-        Proven::path(state),
+        ProvenClaim::path(state),
     ] {
         match std::fs::remove_file(&path) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(at(&path)(error)),

@@ -3,8 +3,8 @@
 use std::fs;
 use zk0_argument::claim::ClaimSource;
 use zk0_lerobot::dataset::Dataset;
-use zk0_node::recording::{prepare_samples, Recording};
-use zk0_smolvla::frames::batch::InMemory;
+use zk0_node::recording::{prepare_samples, OpenRecording};
+use zk0_smolvla::frames::batch::SamplesInMemory;
 use zk0_testkit::allocations::{alone, peak};
 use zk0_testkit::micro_network::{pickplace, Setting};
 
@@ -15,8 +15,8 @@ fn memory_does_not_grow_with_the_samples_of_the_evaluation_set() {
     let dataset = Dataset::open(pickplace()).unwrap();
     // The frames are in memory before, so that only what the evaluation set itself holds is counted.
     let frames = prepare_samples(&dataset, &setting.file, None).unwrap();
-    let frames = InMemory::new(&setting.file.policy.config, &frames).unwrap();
-    let recording = Recording::open(&pickplace(), &setting.policy(), None).unwrap();
+    let frames = SamplesInMemory::new(&setting.file.policy.config, &frames).unwrap();
+    let recording = OpenRecording::open(&pickplace(), &setting.policy(), None).unwrap();
     let measured = |count: u32| {
         let folder = tempfile::tempdir().unwrap();
         let prepare = || setting.set(&recording, &frames, folder.path(), count);

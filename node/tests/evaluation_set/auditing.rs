@@ -3,11 +3,11 @@
 use std::path::Path;
 use zk0_circuits::Digest;
 use zk0_node::recording::recompute::{recompute, Recomputed};
-use zk0_node::recording::secret::{Secret, Secrets};
-use zk0_node::recording::Recording;
+use zk0_node::recording::secret::{RegistrationSecret, Secrets};
+use zk0_node::recording::OpenRecording;
 use zk0_protocol::entries::signed::DatasetRegistration;
 use zk0_protocol::evaluation_set::DrawnLeaf;
-use zk0_testkit::made_recording::{make, Episode};
+use zk0_testkit::made_recording::{make, MadeEpisode};
 use zk0_testkit::micro_network::{pickplace, Setting, SECRET};
 
 struct Audited {
@@ -28,14 +28,14 @@ impl Audited {
         }
     }
 
-    fn with(&self, recording: &Path, secret: Secret) -> Recomputed {
+    fn with(&self, recording: &Path, secret: RegistrationSecret) -> Recomputed {
         let mut secrets = Secrets::default();
         secrets.add(secret);
         self.with_all(recording, &secrets)
     }
 
     fn with_all(&self, recording: &Path, secrets: &Secrets) -> Recomputed {
-        let recording = Recording::open(recording, &self.setting.policy(), None).unwrap();
+        let recording = OpenRecording::open(recording, &self.setting.policy(), None).unwrap();
         let maker = recording.maker();
         let samples = recording.samples(&maker);
         let evaluated = (self.setting.mode, &self.setting.spec);
@@ -49,7 +49,7 @@ fn the_recording_gives_the_registered_samples() {
     let audited = Audited::new();
     let same = Recomputed::Same { frames: 40 };
     assert_eq!(audited.with(&pickplace(), SECRET), same);
-    let other = Secret::new([4; 32]);
+    let other = RegistrationSecret::new([4; 32]);
     assert_eq!(
         audited.with(&pickplace(), other.clone()),
         Recomputed::OtherSecret
@@ -91,7 +91,7 @@ fn an_invented_sample_is_found() {
 fn another_recording_is_named_by_its_episodes_or_features() {
     let mut audited = Audited::new();
     let dir = tempfile::tempdir().unwrap();
-    let episode = Episode {
+    let episode = MadeEpisode {
         seed: 1,
         frames: 20,
         still: false,

@@ -12,13 +12,13 @@ use zk0_circuits::model::sample::Sample;
 use zk0_circuits::Digest;
 use zk0_lerobot::dataset::Dataset;
 use zk0_lerobot::tokenizer::{Tokenizer, TrainedTokenizer};
-use zk0_node::recording::{prepare_samples, Recording};
+use zk0_node::recording::{prepare_samples, OpenRecording};
 use zk0_protocol::evaluation_set::{draw, total};
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::prefix_cache::DiskCache;
 use zk0_smolvla::measure::fixed_point::quantise_sample;
 use zk0_smolvla::policy::policy_file::PolicyFile;
-use zk0_testkit::made_recording::{make, Episode};
+use zk0_testkit::made_recording::{make, MadeEpisode};
 use zk0_testkit::micro_network::{pickplace, Setting};
 use zk0_verifier::dataset::check_leaf_list;
 
@@ -67,7 +67,7 @@ fn instructions_are_read_with_the_policy_s_own_tokenizer() {
 #[test]
 fn registered_frames_are_those_of_their_episodes() {
     let setting = Setting::new();
-    let recording = Recording::open(&pickplace(), &setting.policy(), None).unwrap();
+    let recording = OpenRecording::open(&pickplace(), &setting.policy(), None).unwrap();
     let dataset = Dataset::open(pickplace()).unwrap();
     let digests: Vec<Digest> = dataset.episode_digests().map(Digest).collect();
     let (episodes, mut first) = (recording.episodes(), 0);
@@ -91,7 +91,7 @@ fn registered_frames_are_those_of_their_episodes() {
 #[test]
 fn a_repeated_episode_counts_once() {
     let setting = Setting::new();
-    let episode = |seed| Episode {
+    let episode = |seed| MadeEpisode {
         seed,
         frames: 20,
         still: false,
@@ -100,7 +100,7 @@ fn a_repeated_episode_counts_once() {
         let dir = tempfile::tempdir().unwrap();
         let episodes: Vec<_> = seeds.iter().map(|seed| episode(*seed)).collect();
         make(dir.path(), &episodes);
-        let recording = Recording::open(dir.path(), &setting.policy(), None).unwrap();
+        let recording = OpenRecording::open(dir.path(), &setting.policy(), None).unwrap();
         (recording.len(), recording.episodes())
     };
     let (frames, once) = open(&[1, 2, 3]);
@@ -114,7 +114,7 @@ fn a_repeated_episode_counts_once() {
 fn a_still_recording_is_registered_with_its_distinct_samples() {
     let setting = Setting::new();
     let dir = tempfile::tempdir().unwrap();
-    let episode = |seed| Episode {
+    let episode = |seed| MadeEpisode {
         seed,
         frames: 30,
         still: true,
@@ -128,7 +128,7 @@ fn a_still_recording_is_registered_with_its_distinct_samples() {
     check_leaf_list(&registration, &list).unwrap();
 
     // A private input opens each of the distinct samples under its own path.
-    let recording = Recording::open(dir.path(), &setting.policy(), None).unwrap();
+    let recording = OpenRecording::open(dir.path(), &setting.policy(), None).unwrap();
     let maker = recording.maker();
     let samples = recording.samples(&maker);
     let folder = tempfile::tempdir().unwrap();
@@ -149,7 +149,7 @@ fn the_private_input_from_disk_is_that_from_memory() {
         .iter()
         .map(|sample| quantise_sample(&setting.spec, sample).unwrap())
         .collect();
-    let recording = Recording::open(&pickplace(), &setting.policy(), None).unwrap();
+    let recording = OpenRecording::open(&pickplace(), &setting.policy(), None).unwrap();
     let maker = recording.maker();
     let samples = recording.samples(&maker);
     let folder = tempfile::tempdir().unwrap();

@@ -5,8 +5,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use zk0_argument::claim::ClaimSource;
 use zk0_node::error::ParticipantError;
-use zk0_node::recording::secret::Secret;
-use zk0_node::recording::Recording;
+use zk0_node::recording::secret::RegistrationSecret;
+use zk0_node::recording::OpenRecording;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::PolicyError;
@@ -35,7 +35,7 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 #[test]
 fn a_restart_makes_no_sample_again() {
     let setting = Setting::new();
-    let recording = Recording::open(&pickplace(), &setting.policy(), None).unwrap();
+    let recording = OpenRecording::open(&pickplace(), &setting.policy(), None).unwrap();
     let (maker, folder) = (recording.maker(), tempfile::tempdir().unwrap());
     let samples = recording.samples(&maker);
     let first = setting
@@ -63,11 +63,11 @@ fn a_restart_makes_no_sample_again() {
 #[test]
 fn under_another_secret_each_sample_is_made_again() {
     let setting = Setting::new();
-    let recording = Recording::open(&pickplace(), &setting.policy(), None).unwrap();
+    let recording = OpenRecording::open(&pickplace(), &setting.policy(), None).unwrap();
     let (maker, folder) = (recording.maker(), tempfile::tempdir().unwrap());
     let samples = recording.samples(&maker);
     let first = setting.set(&recording, &samples, folder.path(), 40);
-    let secret = Secret::new([4; 32]);
+    let secret = RegistrationSecret::new([4; 32]);
     let second = setting.set_under(secret, &recording, &samples, folder.path(), 40);
     assert_ne!(first.commitment.root, second.commitment.root);
     assert_eq!(files(folder.path()).len(), 80);
@@ -76,7 +76,7 @@ fn under_another_secret_each_sample_is_made_again() {
 #[test]
 fn a_damaged_sample_is_made_again_or_named() {
     let setting = Setting::new();
-    let recording = Recording::open(&pickplace(), &setting.policy(), None).unwrap();
+    let recording = OpenRecording::open(&pickplace(), &setting.policy(), None).unwrap();
     let (maker, folder) = (recording.maker(), tempfile::tempdir().unwrap());
     let samples = recording.samples(&maker);
     let set = setting.set(&recording, &samples, folder.path(), 10);

@@ -1,7 +1,7 @@
 //! Image transforms are for training alone.
 
 use zk0_circuits::NodeId;
-use zk0_node::recording::Recording;
+use zk0_node::recording::OpenRecording;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::image_transforms::{ImageTransformsConfig, Variants};
 use zk0_smolvla::frames::prefix_cache::DiskCache;
@@ -19,7 +19,7 @@ fn the_evaluation_set_is_never_transformed() {
     let variants = Variants::new(&config, 2, 0).unwrap();
     let dir = tempfile::tempdir().unwrap();
     let cache = DiskCache::open(dir.path(), 1 << 30).unwrap();
-    let recording = Recording::open(&pickplace(), &setting.policy(), Some(&cache)).unwrap();
+    let recording = OpenRecording::open(&pickplace(), &setting.policy(), Some(&cache)).unwrap();
     let maker = recording.maker().with_variants(variants.clone());
     let training = recording.training_samples(&maker, variants.as_ref());
     let samples = recording.samples(&maker);

@@ -13,16 +13,16 @@ use tokio_stream::wrappers::TcpListenerStream;
 use tokio_stream::{Stream, StreamExt};
 use tonic::transport::Server;
 use tonic::{Request, Response, Status, Streaming};
-use zk0_node::client::Node;
+use zk0_node::client::NodeClient;
 use zk0_node::client_error::NodeError;
 use zk0_node::error::ParticipantError;
 use zk0_node::receipts;
 use zk0_node::recording::registering::Registering;
-use zk0_node::recording::Recording;
+use zk0_node::recording::OpenRecording;
 use zk0_node::turn::{Entered, Turn};
 use zk0_protocol::challenge::closing;
 use zk0_protocol::challenge::drand::DrandChain;
-use zk0_protocol::challenge::drawing::{DrawError, Drawing};
+use zk0_protocol::challenge::drawing::{Drawing, RandomnessError};
 use zk0_protocol::challenge::source::RandomnessSource;
 use zk0_protocol::challenge::vrf::VrfProof;
 use zk0_protocol::entries::entry::{RandomnessDrawn, RoundOpened};
@@ -115,7 +115,7 @@ impl Told {
     }
 
     /// Node 0, connected to an aggregator that shows it this round, and the aggregator.
-    async fn connected(&self, round: rpc::RoundInfo) -> (Node, JoinHandle<()>) {
+    async fn connected(&self, round: rpc::RoundInfo) -> (NodeClient, JoinHandle<()>) {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let url = format!("http://{}", listener.local_addr().unwrap());
         let whole = MemoryLog::of(&self.leaves);
@@ -131,7 +131,7 @@ impl Told {
             .serve_with_incoming(TcpListenerStream::new(listener));
         let server = tokio::spawn(async move { serving.await.unwrap() });
         let network = *self.chain.state.network();
-        let node = Node::connect(url, network, key(0)).await.unwrap();
+        let node = NodeClient::connect(url, network, key(0)).await.unwrap();
         (node, server)
     }
 
@@ -241,7 +241,7 @@ impl Federation for Lying {
     }
 }
 
-fn wrong(result: Result<zk0_circuits::Digest, NodeError>) -> DrawError {
+fn wrong(result: Result<zk0_circuits::Digest, NodeError>) -> RandomnessError {
     match result {
         Err(NodeError::Randomness { error, .. }) => error,
         other => panic!("{other:?}"),
@@ -271,7 +271,7 @@ async fn randomness_that_somebody_chose_is_no_randomness() {
         let drawing = Drawing::LogVrf(proof);
         let index = told.record(Body::RandomnessDrawn(RandomnessDrawn { round: 0, drawing }));
         let error = wrong(told.shown(told.round(Some(index)), &told.opened).await);
-        assert_eq!(error, DrawError::Vrf(commitments));
+        assert_eq!(error, RandomnessError::Vrf(commitments));
     }
     // The rules ask for a beacon, and the aggregator takes its own key.
     let mut told = Told::new();
@@ -279,7 +279,7 @@ async fn randomness_that_somebody_chose_is_no_randomness() {
     let mut opened = told.opened.clone();
     opened.rules.randomness = RandomnessSource::Drand(Box::new(DrandChain::quicknet()));
     let error = wrong(told.shown(told.round(Some(index)), &opened).await);
-    assert!(matches!(error, DrawError::OtherSource { .. }));
+    assert!(matches!(error, RandomnessError::OtherSource { .. }));
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -430,7 +430,7 @@ async fn a_proposal_that_its_proposer_has_not_signed_is_not_voted_on() {
 async fn a_download_takes_no_more_memory_than_weights_of_the_network_do() {
     let told = Told::new();
     let setting = Setting::new();
-    let recording = Recording::open(&pickplace(), &setting.policy(), None).unwrap();
+    let recording = OpenRecording::open(&pickplace(), &setting.policy(), None).unwrap();
     let maker = recording.maker();
     let samples = recording.samples(&maker);
     let folder = tempfile::tempdir().unwrap();

@@ -11,7 +11,7 @@ use zk0_protocol::rpc::federation as rpc;
 use zk0_prover::program::{Execution, GuestInput};
 use zk0_prover::prove::Proof;
 use zk0_prover::service::{
-    Backend, GivenUp, JobError, Pace, ProvingClient, ProvingService, Waiting,
+    Backend, GivenUp, JobError, Pace, ProvingClient, ProvingService, WaitingClient,
 };
 
 /// Is never done with a proof.
@@ -35,7 +35,7 @@ impl Backend for Endless {
         &self,
         _: &GuestInput,
         _: &Execution,
-        waiting: &Waiting,
+        waiting: &WaitingClient,
     ) -> Result<Proof, JobError> {
         waiting.stopping().await;
         Err(GivenUp::Stopping.into())

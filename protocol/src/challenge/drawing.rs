@@ -34,7 +34,7 @@ pub enum Drawing {
 
 /// Why the randomness of a round is not what an entry says.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum DrawError {
+pub enum RandomnessError {
     /// It comes from another source than the rules name.
     #[error("it comes from {found}, but the rules ask for {expected}")]
     OtherSource {
@@ -70,7 +70,7 @@ pub enum DrawError {
     },
 }
 
-impl From<CheckpointError> for DrawError {
+impl From<CheckpointError> for RandomnessError {
     fn from(error: CheckpointError) -> Self {
         Self::NoCheckpoint(error.to_string())
     }
@@ -109,31 +109,33 @@ impl Drawing {
     }
 
     /// Checks that this is what the source in the rules determines for this closing.
-    pub fn verify(&self, context: &DrawContext<'_>) -> Result<(), DrawError> {
+    pub fn verify(&self, context: &DrawContext<'_>) -> Result<(), RandomnessError> {
         let closing = context.closing;
         match (self, &context.rules.randomness) {
             (Self::LogVrf(proof), RandomnessSource::LogVrf) => {
                 let output = proof.verify(context.log_key, &closing.commitments.0);
-                output.map(drop).ok_or(DrawError::Vrf(closing.commitments))
+                output
+                    .map(drop)
+                    .ok_or(RandomnessError::Vrf(closing.commitments))
             }
             (Self::Drand { round, signature }, RandomnessSource::Drand(chain)) => {
                 let expected = chain.round_after(closing.time_ms);
                 if *round != expected {
-                    return Err(DrawError::OtherRound {
+                    return Err(RandomnessError::OtherRound {
                         found: *round,
                         expected,
                     });
                 }
                 let early_ms = chain.time_ms(expected).saturating_sub(context.recorded_ms);
                 if early_ms > 0 {
-                    return Err(DrawError::BeforeBeacon {
+                    return Err(RandomnessError::BeforeBeacon {
                         round: expected,
                         early_ms,
                     });
                 }
                 match chain.signed(expected, signature) {
                     true => Ok(()),
-                    false => Err(DrawError::BeaconSignature {
+                    false => Err(RandomnessError::BeaconSignature {
                         round: expected,
                         chain: hex::encode(chain.hash),
                     }),
@@ -142,7 +144,7 @@ impl Drawing {
             (Self::Witnesses(cosignatures), RandomnessSource::Witnesses) => {
                 check_cosigned(cosignatures, context)
             }
-            (drawing, source) => Err(DrawError::OtherSource {
+            (drawing, source) => Err(RandomnessError::OtherSource {
                 found: drawing.source(),
                 expected: source.to_string(),
             }),
@@ -172,11 +174,14 @@ impl fmt::Display for Drawing {
 fn check_cosigned(
     cosignatures: &[Cosignature],
     context: &DrawContext<'_>,
-) -> Result<(), DrawError> {
-    let policy = context.rules.witnesses().map_err(DrawError::NoCheckpoint)?;
+) -> Result<(), RandomnessError> {
+    let policy = context
+        .rules
+        .witnesses()
+        .map_err(RandomnessError::NoCheckpoint)?;
     let witnesses = policy.witnesses();
     if cosignatures.len() != witnesses.len() || witnesses.is_empty() {
-        return Err(DrawError::OtherCount {
+        return Err(RandomnessError::OtherCount {
             found: cosignatures.len(),
             expected: witnesses.len(),
         });
@@ -188,7 +193,7 @@ fn check_cosigned(
     let text = checkpoint.text(context.origin)?;
     for (witness, cosignature) in witnesses.iter().zip(cosignatures) {
         if witness.key.cosigned_at(&text, cosignature).is_none() {
-            return Err(DrawError::BadCosignature {
+            return Err(RandomnessError::BadCosignature {
                 witness: witness.name.clone(),
                 size: checkpoint.size,
                 root: checkpoint.root,

@@ -7,7 +7,7 @@ use crate::entries::identity::NOT_A_KEY;
 use crate::entries::known_keys::KnownKeys;
 use crate::entries::refusal::Refusal;
 use crate::entries::signed::{
-    DatasetRegistration, SignatureError, Signed, Statement, Submission, UpdateCommitment,
+    DatasetRegistration, SignableStatement, SignatureError, Signed, Submission, UpdateCommitment,
 };
 use crate::rules::violation::RuleViolation;
 use std::ops::Deref;
@@ -16,7 +16,7 @@ use std::ops::Deref;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Authentic<T>(Signed<T>);
 
-impl<T: Statement> Authentic<T> {
+impl<T: SignableStatement> Authentic<T> {
     /// Verifies the signature.
     ///
     /// # Errors
@@ -159,7 +159,7 @@ fn check_body(body: &Body, keys: &KnownKeys) -> Result<(), RuleViolation> {
     Ok(())
 }
 
-fn verify<T: Statement>(signed: &Signed<T>, keys: &KnownKeys) -> Result<(), Refusal> {
+fn verify<T: SignableStatement>(signed: &Signed<T>, keys: &KnownKeys) -> Result<(), Refusal> {
     match signed.verify_with(keys.key(&signed.statement.signer())) {
         Ok(_) => Ok(()),
         Err(error) => Err(Refusal::Signature(error.to_string())),

@@ -8,7 +8,7 @@ use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::{Claim, DatasetCommitment, Digest, NodeId, WeightsDigest};
 
 /// A statement that names its signer.
-pub trait Statement: BorshSerialize + BorshDeserialize {
+pub trait SignableStatement: BorshSerialize + BorshDeserialize {
     /// Domain-separation tag, so that a signature of one kind of statement is not valid for another kind.
     const TAG: &'static str;
 
@@ -36,7 +36,7 @@ pub enum SignatureError {
     Mismatch(NodeId, &'static str),
 }
 
-impl<T: Statement> Signed<T> {
+impl<T: SignableStatement> Signed<T> {
     /// Signs `statement`. With another key than the signer's, the result never verifies.
     pub fn new(statement: T, key: &SigningKey) -> Self {
         let signature = key.sign(&message(&statement)).to_bytes();
@@ -65,7 +65,7 @@ impl<T: Statement> Signed<T> {
     }
 }
 
-fn message<T: Statement>(statement: &T) -> Vec<u8> {
+fn message<T: SignableStatement>(statement: &T) -> Vec<u8> {
     let mut message = T::TAG.as_bytes().to_vec();
     message.push(0);
     statement
@@ -89,12 +89,12 @@ pub struct DatasetRegistration {
     /// check that exactly the drawn frames are there, recompute the root, and see which samples are equal.
     pub leaves: Digest,
     /// Its episodes, in ascending order of their digests and each once. No episode may be registered by another node.
-    pub episodes: Vec<Episode>,
+    pub episodes: Vec<RegisteredEpisode>,
 }
 
 /// An episode of a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
-pub struct Episode {
+pub struct RegisteredEpisode {
     /// Digest of its states and actions.
     pub digest: Digest,
     /// How many frames it has.
@@ -254,7 +254,7 @@ pub enum Evidence {
 
 macro_rules! statement {
     ($type:ty, $tag:literal, $node:ident $(. $more:ident)*) => {
-        impl Statement for $type {
+        impl SignableStatement for $type {
             const TAG: &'static str = $tag;
 
             fn signer(&self) -> NodeId {

@@ -15,13 +15,13 @@ pub const REMEMBERED_UPDATES: usize = 1 << 16;
 #[derive(Clone, Debug, Default, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Updates {
     /// By the digest of their bytes and by the digest of their numbers, because the same numbers in other bytes are the same update.
-    by_digest: BTreeMap<Digest, Committed>,
+    by_digest: BTreeMap<Digest, CommittedUpdate>,
     /// In the order of their entries.
     in_order: VecDeque<(u64, WeightsDigest)>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
-struct Committed {
+struct CommittedUpdate {
     node: NodeId,
     /// Index of the last entry that commits to it.
     entry: u64,
@@ -36,7 +36,8 @@ impl Updates {
     /// Remembers an update of `node`, committed by entry `entry`, and forgets the oldest beyond the limit.
     pub(crate) fn remember(&mut self, update: &WeightsDigest, node: NodeId, entry: u64) {
         for digest in [update.blob, update.quantised] {
-            self.by_digest.insert(digest, Committed { node, entry });
+            self.by_digest
+                .insert(digest, CommittedUpdate { node, entry });
         }
         self.in_order.push_back((entry, *update));
         if self.in_order.len() > REMEMBERED_UPDATES {

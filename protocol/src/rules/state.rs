@@ -63,7 +63,7 @@ pub struct Node {
     /// A readable name.
     pub name: String,
     /// Its dataset, if it registered one.
-    pub dataset: Option<Dataset>,
+    pub dataset: Option<RegisteredDataset>,
     /// Whether it may contribute.
     pub standing: Standing,
     /// Its credits: those that it has earned, less those that it has lost.
@@ -115,7 +115,7 @@ pub struct OpenDispute {
 
 /// A registered dataset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
-pub struct Dataset {
+pub struct RegisteredDataset {
     /// What it commits to.
     pub commitment: DatasetCommitment,
     /// SHA-256 of the list of drawn frames.

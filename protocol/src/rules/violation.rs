@@ -1,6 +1,6 @@
 //! The reasons for which the state refuses an entry.
 
-use crate::challenge::drawing::DrawError;
+use crate::challenge::drawing::RandomnessError;
 use crate::entries::codec::EntryError;
 use crate::entries::refusal::Refusal;
 use crate::rules::state::Standing;
@@ -72,7 +72,7 @@ pub enum RuleViolation {
     RandomnessLate { round: u64, late_ms: u64 },
     /// The randomness is not what its source determines.
     #[error("the randomness of round {round}: {error}")]
-    BadRandomness { round: u64, error: DrawError },
+    BadRandomness { round: u64, error: RandomnessError },
     /// The recorded reason for a refusal is not the true one.
     #[error("the recorded reason for the refusal is '{given}', but {found}")]
     WrongReason { given: String, found: String },

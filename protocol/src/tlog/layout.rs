@@ -44,7 +44,7 @@ pub enum Resource {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Tile {
     /// What its items are.
-    pub kind: Kind,
+    pub kind: TileKind,
     /// Its number, from 0.
     pub number: u64,
     /// How many items it has, from 1 to 256.
@@ -53,7 +53,7 @@ pub struct Tile {
 
 /// What a tile holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Kind {
+pub enum TileKind {
     /// Tree hashes of level 8·L; L is at most 7, since no tree is higher than 64.
     Hashes(u8),
     /// Entries.
@@ -64,15 +64,15 @@ pub enum Kind {
 
 impl Tile {
     /// How many items of this kind a log of `size` entries has.
-    fn held(kind: Kind, size: u64) -> u64 {
+    fn held(kind: TileKind, size: u64) -> u64 {
         match kind {
-            Kind::Hashes(level) => size >> (u32::from(level) * u32::from(TILE_HEIGHT)),
-            Kind::Entries | Kind::Checkpoints => size,
+            TileKind::Hashes(level) => size >> (u32::from(level) * u32::from(TILE_HEIGHT)),
+            TileKind::Entries | TileKind::Checkpoints => size,
         }
     }
 
     /// The widest tile of this number that a log of `size` entries has.
-    pub fn at(kind: Kind, number: u64, size: u64) -> Option<Self> {
+    pub fn at(kind: TileKind, number: u64, size: u64) -> Option<Self> {
         let rest = Self::held(kind, size).checked_sub(number.checked_mul(TILE_WIDTH)?)?;
         let width = rest.min(TILE_WIDTH) as u16;
         (width > 0).then_some(Self {
@@ -108,18 +108,18 @@ impl Tile {
 
 /// All tiles and bundles of a log of `size` entries, the widest of each, in order.
 pub fn tiles(size: u64) -> impl Iterator<Item = Tile> {
-    let levels = (0..=7).map(Kind::Hashes);
+    let levels = (0..=7).map(TileKind::Hashes);
     levels
-        .chain([Kind::Entries, Kind::Checkpoints])
+        .chain([TileKind::Entries, TileKind::Checkpoints])
         .flat_map(move |kind| (0..).map_while(move |number| Tile::at(kind, number, size)))
 }
 
 impl fmt::Display for Tile {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.kind {
-            Kind::Hashes(level) => write!(f, "tile/{level}/")?,
-            Kind::Entries => f.write_str("tile/entries/")?,
-            Kind::Checkpoints => f.write_str("zk0/checkpoints/")?,
+            TileKind::Hashes(level) => write!(f, "tile/{level}/")?,
+            TileKind::Entries => f.write_str("tile/entries/")?,
+            TileKind::Checkpoints => f.write_str("zk0/checkpoints/")?,
         }
         // Each element has three digits, and an x before all but the last.
         let mut groups = vec![self.number % 1000];
@@ -169,13 +169,13 @@ impl Resource {
 
 fn parse_tile(path: &str) -> Option<Tile> {
     let (kind, rest) = if let Some(rest) = path.strip_prefix("tile/entries/") {
-        (Kind::Entries, rest)
+        (TileKind::Entries, rest)
     } else if let Some(rest) = path.strip_prefix("zk0/checkpoints/") {
-        (Kind::Checkpoints, rest)
+        (TileKind::Checkpoints, rest)
     } else {
         let (level, rest) = path.strip_prefix("tile/")?.split_once('/')?;
         let level = level.parse().ok().filter(|level| *level <= 7)?;
-        (Kind::Hashes(level), rest)
+        (TileKind::Hashes(level), rest)
     };
     let (number, width) = match rest.split_once(".p/") {
         Some((number, width)) => {

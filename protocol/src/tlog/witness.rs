@@ -114,16 +114,16 @@ impl AddCheckpoint {
 /// A witness: the logs that it watches, and the last checkpoint of each that it cosigned.
 pub struct Witness {
     cosigner: Cosigner,
-    logs: BTreeMap<String, Watched>,
+    logs: BTreeMap<String, WatchedLog>,
 }
 
-struct Watched {
+struct WatchedLog {
     key: VerifierKey,
     last: Option<Checkpoint>,
 }
 
 /// A checkpoint that may be cosigned. Once it is on disk, [`Witness::record`] makes it the log's last one.
-pub struct Accepted {
+pub struct AcceptedCheckpoint {
     /// The log that it is of.
     pub origin: String,
     /// The checkpoint.
@@ -148,7 +148,8 @@ impl Witness {
         match self.logs.contains_key(key.name()) {
             true => Err(format!("the log '{}' is named twice", key.name())),
             false => {
-                self.logs.insert(key.name().into(), Watched { key, last });
+                self.logs
+                    .insert(key.name().into(), WatchedLog { key, last });
                 Ok(())
             }
         }
@@ -166,7 +167,7 @@ impl Witness {
 
     /// Decides on a request at `time_s`, in POSIX seconds, and changes nothing. The caller first writes the note to disk, then records it,
     /// and only then hands out the cosignature.
-    pub fn check(&self, body: &[u8], time_s: u64) -> Result<Accepted, WitnessRefusal> {
+    pub fn check(&self, body: &[u8], time_s: u64) -> Result<AcceptedCheckpoint, WitnessRefusal> {
         let request = AddCheckpoint::decode(body)?;
         let parsed = Parsed::read(&request.checkpoint)
             .map_err(|error| WitnessRefusal::Malformed(error.to_string()))?;
@@ -195,7 +196,7 @@ impl Witness {
         let cosignature = self.cosigner.cosign(parsed.note.text(), time_s);
         let note = signed_note::Note::new(parsed.note.text(), &signatures)
             .map_err(|error| WitnessRefusal::Malformed(error.to_string()))?;
-        Ok(Accepted {
+        Ok(AcceptedCheckpoint {
             origin: parsed.origin,
             checkpoint: new,
             note: [&note.to_bytes()[..], &cosignature].concat(),
@@ -204,7 +205,7 @@ impl Witness {
     }
 
     /// Makes what was accepted the last checkpoint of its log.
-    pub fn record(&mut self, accepted: &Accepted) {
+    pub fn record(&mut self, accepted: &AcceptedCheckpoint) {
         if let Some(watched) = self.logs.get_mut(&accepted.origin) {
             watched.last = Some(accepted.checkpoint);
         }

@@ -28,14 +28,14 @@ const MAX_OF_A_KIND: usize = 64;
 #[derive(Clone, Debug)]
 pub struct WitnessPolicy {
     logs: Vec<VerifierKey>,
-    witnesses: Vec<Witness>,
+    witnesses: Vec<PolicyWitness>,
     quorum: Quorum,
     text: String,
 }
 
 /// A witness that a policy names.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Witness {
+pub struct PolicyWitness {
     /// Its name within the policy.
     pub name: String,
     /// The key that verifies its cosignatures.
@@ -65,7 +65,7 @@ enum Quorum {
 
 /// Why a text is not a policy.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum PolicyError {
+pub enum WitnessPolicyError {
     /// The policy is too large.
     #[error("the policy is too large: it has {0}")]
     TooLarge(String),
@@ -95,14 +95,14 @@ impl WitnessPolicy {
     }
 
     /// Reads a policy.
-    pub fn parse(text: &str) -> Result<Self, PolicyError> {
+    pub fn parse(text: &str) -> Result<Self, WitnessPolicyError> {
         if text.len() > MAX_POLICY_BYTES {
-            return Err(PolicyError::TooLarge(format!(
+            return Err(WitnessPolicyError::TooLarge(format!(
                 "{} bytes, at most {MAX_POLICY_BYTES} are read",
                 text.len()
             )));
         }
-        let mut reader = Reader::default();
+        let mut reader = PolicyParser::default();
         for (number, line) in text.lines().enumerate() {
             reader.line(number + 1, line)?;
         }
@@ -113,7 +113,7 @@ impl WitnessPolicy {
                 quorum,
                 text: text.into(),
             }),
-            last => Err(PolicyError::Quorums(
+            last => Err(WitnessPolicyError::Quorums(
                 reader.quorums.len() + usize::from(last.is_some()),
             )),
         }
@@ -125,7 +125,7 @@ impl WitnessPolicy {
     }
 
     /// The witnesses, in the order in which [`WitnessPolicy::met_by`] takes them.
-    pub fn witnesses(&self) -> &[Witness] {
+    pub fn witnesses(&self) -> &[PolicyWitness] {
         &self.witnesses
     }
 
@@ -175,7 +175,7 @@ impl WitnessPolicy {
             .note
             .verify(&keys)
             .map_err(|error| CheckpointError::Signature(error.to_string()))?;
-        let time = |witness: &Witness| {
+        let time = |witness: &PolicyWitness| {
             let of = |signature: &&signed_note::Signature| {
                 signature.name() == witness.key.name() && signature.id() == witness.key.id()
             };
@@ -227,7 +227,7 @@ fn met(quorum: &Quorum, cosigned: &[bool]) -> bool {
     }
 }
 
-fn describe(quorum: &Quorum, witnesses: &[Witness]) -> String {
+fn describe(quorum: &Quorum, witnesses: &[PolicyWitness]) -> String {
     match quorum {
         Quorum::None => "nobody".into(),
         Quorum::Witness(at) => witnesses[*at].name.clone(),
@@ -242,9 +242,9 @@ fn describe(quorum: &Quorum, witnesses: &[Witness]) -> String {
 }
 
 #[derive(Default)]
-struct Reader {
+struct PolicyParser {
     logs: Vec<VerifierKey>,
-    witnesses: Vec<Witness>,
+    witnesses: Vec<PolicyWitness>,
     named: BTreeMap<String, Named>,
     quorums: Vec<Quorum>,
 }
@@ -255,8 +255,8 @@ struct Named {
     taken: bool,
 }
 
-impl Reader {
-    fn line(&mut self, line: usize, text: &str) -> Result<(), PolicyError> {
+impl PolicyParser {
+    fn line(&mut self, line: usize, text: &str) -> Result<(), WitnessPolicyError> {
         let controls = |c: char| c.is_control() && c != '\t';
         let words: Vec<&str> = text
             .split([' ', '\t'])
@@ -266,7 +266,8 @@ impl Reader {
             return Ok(());
         }
         let key = |role, text: &str| {
-            VerifierKey::of_role(role, text).map_err(|error| PolicyError::Key { line, error })
+            VerifierKey::of_role(role, text)
+                .map_err(|error| WitnessPolicyError::Key { line, error })
         };
         match words.as_slice() {
             _ if text.contains(controls) => Err(unknown(line, text)),
@@ -291,7 +292,7 @@ impl Reader {
         }
     }
 
-    fn log(&mut self, line: usize, key: VerifierKey) -> Result<(), PolicyError> {
+    fn log(&mut self, line: usize, key: VerifierKey) -> Result<(), WitnessPolicyError> {
         if self.logs.iter().any(|log| log.public() == key.public()) {
             return Err(twice(line, key.name()));
         }
@@ -306,7 +307,7 @@ impl Reader {
         name: &str,
         key: VerifierKey,
         url: Option<String>,
-    ) -> Result<(), PolicyError> {
+    ) -> Result<(), WitnessPolicyError> {
         // With two names, one operator would count twice.
         if self
             .witnesses
@@ -317,7 +318,7 @@ impl Reader {
         }
         room("witnesses", self.witnesses.len())?;
         self.define(line, name, Quorum::Witness(self.witnesses.len()))?;
-        self.witnesses.push(Witness {
+        self.witnesses.push(PolicyWitness {
             name: name.into(),
             key,
             url,
@@ -332,7 +333,7 @@ impl Reader {
         threshold: &str,
         names: &[&str],
         text: &str,
-    ) -> Result<(), PolicyError> {
+    ) -> Result<(), WitnessPolicyError> {
         let mut members = Vec::new();
         for member in names {
             let named = self
@@ -340,7 +341,7 @@ impl Reader {
                 .get_mut(*member)
                 .ok_or_else(|| undefined(line, member))?;
             if std::mem::replace(&mut named.taken, true) {
-                return Err(PolicyError::Name {
+                return Err(WitnessPolicyError::Name {
                     line,
                     why: format!("'{}' is already a member of a group", short(member)),
                 });
@@ -353,7 +354,7 @@ impl Reader {
             k => k.parse().map_err(|_| unknown(line, text))?,
         };
         if !(1..=members.len()).contains(&threshold) {
-            return Err(PolicyError::Name {
+            return Err(WitnessPolicyError::Name {
                 line,
                 why: format!(
                     "group '{}' requires {threshold} of its {} members",
@@ -369,14 +370,19 @@ impl Reader {
         self.define(line, name, Quorum::Group { threshold, members })
     }
 
-    fn define(&mut self, line: usize, name: &str, quorum: Quorum) -> Result<(), PolicyError> {
+    fn define(
+        &mut self,
+        line: usize,
+        name: &str,
+        quorum: Quorum,
+    ) -> Result<(), WitnessPolicyError> {
         let new = Named {
             quorum,
             taken: false,
         };
         match name != "none" && self.named.insert(name.into(), new).is_none() {
             true => Ok(()),
-            false => Err(PolicyError::Name {
+            false => Err(WitnessPolicyError::Name {
                 line,
                 why: format!("the name '{}' is already taken", short(name)),
             }),
@@ -384,31 +390,31 @@ impl Reader {
     }
 }
 
-fn room(what: &str, count: usize) -> Result<(), PolicyError> {
+fn room(what: &str, count: usize) -> Result<(), WitnessPolicyError> {
     match count < MAX_OF_A_KIND {
         true => Ok(()),
-        false => Err(PolicyError::TooLarge(format!(
+        false => Err(WitnessPolicyError::TooLarge(format!(
             "more than {MAX_OF_A_KIND} {what}"
         ))),
     }
 }
 
-fn unknown(line: usize, text: &str) -> PolicyError {
-    PolicyError::Line {
+fn unknown(line: usize, text: &str) -> WitnessPolicyError {
+    WitnessPolicyError::Line {
         line,
         text: short(text),
     }
 }
 
-fn undefined(line: usize, name: &str) -> PolicyError {
-    PolicyError::Name {
+fn undefined(line: usize, name: &str) -> WitnessPolicyError {
+    WitnessPolicyError::Name {
         line,
         why: format!("no line before it defines '{}'", short(name)),
     }
 }
 
-fn twice(line: usize, name: &str) -> PolicyError {
-    PolicyError::Name {
+fn twice(line: usize, name: &str) -> WitnessPolicyError {
+    WitnessPolicyError::Name {
         line,
         why: format!("the policy has the key of '{}' already", short(name)),
     }

@@ -15,7 +15,7 @@ use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::entries::signed::{
-    DatasetRegistration, Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Statement,
+    DatasetRegistration, Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, SignableStatement,
     Submission, UpdateCommitment, Vote,
 };
 use zk0_protocol::rules::closing::shares::WHOLE_SHARE;
@@ -49,7 +49,7 @@ fn any_network() -> impl Strategy<Value = Digest> {
     prop_oneof![3 => Just(own), 1 => any_digest()]
 }
 
-fn signed<T: Statement + Clone + std::fmt::Debug>(
+fn signed<T: SignableStatement + Clone + std::fmt::Debug>(
     statement: impl Strategy<Value = T>,
 ) -> impl Strategy<Value = Signed<T>> {
     (statement, 0..16u8).prop_map(|(statement, by)| match (by, key_of(&statement.signer())) {

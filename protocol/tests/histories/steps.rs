@@ -10,7 +10,7 @@ use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::entries::signed::{
-    Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Statement, Submission, Vote,
+    Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, SignableStatement, Submission, Vote,
 };
 use zk0_protocol::rules::closing::shares::Shares;
 use zk0_protocol::rules::network_rules::{EnrolmentRule, Participation};
@@ -143,7 +143,7 @@ fn standing(state: &State, wanted: &[Standing]) -> Vec<NodeId> {
 }
 
 /// Signs with the key of the signer that the statement names. If nobody has that key, signs with another one.
-fn sign<T: Statement>(statement: T) -> Signed<T> {
+fn sign<T: SignableStatement>(statement: T) -> Signed<T> {
     let key = key_of(&statement.signer()).unwrap_or(&KEYS[0].1);
     Signed::new(statement, key)
 }
@@ -447,7 +447,10 @@ fn bent(body: Body, at: u16, with: u8) -> Body {
         bytes[at] ^= with;
         bytes
     };
-    fn again<T: Statement>(signed: Signed<T>, flip: impl Fn(Vec<u8>) -> Vec<u8>) -> Signed<T> {
+    fn again<T: SignableStatement>(
+        signed: Signed<T>,
+        flip: impl Fn(Vec<u8>) -> Vec<u8>,
+    ) -> Signed<T> {
         let bytes = borsh::to_vec(&signed.statement).unwrap();
         borsh::from_slice(&flip(bytes)).map_or(signed, sign)
     }

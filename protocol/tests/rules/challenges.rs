@@ -10,11 +10,11 @@ use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::challenge::closing;
-use zk0_protocol::challenge::drawing::{DrawError, Drawing};
+use zk0_protocol::challenge::drawing::{Drawing, RandomnessError};
 use zk0_protocol::challenge::source::RandomnessSource;
 use zk0_protocol::challenge::vrf::VrfProof;
 use zk0_protocol::entries::entry::RandomnessDrawn;
-use zk0_protocol::entries::signed::{Statement, UpdateCommitment};
+use zk0_protocol::entries::signed::{SignableStatement, UpdateCommitment};
 use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::{Body, Checkpoint, Genesis, Refusal, RuleViolation, Signed, State};
 use zk0_testkit::network::beacon::Beacon;
@@ -24,7 +24,7 @@ fn challenge_of(state: &State, node: u8) -> Digest {
     state.expected_claim(&id(node)).unwrap().terms.challenge
 }
 
-fn bad(violation: RuleViolation) -> DrawError {
+fn bad(violation: RuleViolation) -> RandomnessError {
     match violation {
         RuleViolation::BadRandomness { error, .. } => error,
         other => panic!("{other}"),
@@ -167,14 +167,14 @@ fn the_logs_function_draws_one_value_for_the_commitments() {
         VrfProof([0xff; 80]),
     ] {
         let error = bad(chain.refusal(drawn_as(Drawing::LogVrf(proof))));
-        assert_eq!(error, DrawError::Vrf(closing.commitments));
+        assert_eq!(error, RandomnessError::Vrf(closing.commitments));
     }
     let other = Drawing::Drand {
         round: 1,
         signature: [0; 48],
     };
     let other = bad(chain.refusal(drawn_as(other)));
-    assert!(matches!(other, DrawError::OtherSource { .. }));
+    assert!(matches!(other, RandomnessError::OtherSource { .. }));
     chain.apply(Body::RandomnessDrawn(drawn(&chain.state)));
     let randomness = chain.state.round().unwrap().randomness.unwrap();
     let output = VrfProof::of(&log_key(), &closing.commitments.0).output();
@@ -204,12 +204,15 @@ fn a_beacon_is_of_the_first_round_after_the_closing() {
     };
     // The beacon does not exist yet.
     let early = bad(chain.refusal(drawn_as(signed(&beacon, round))));
-    assert!(matches!(early, DrawError::BeforeBeacon { .. }), "{early}");
+    assert!(
+        matches!(early, RandomnessError::BeforeBeacon { .. }),
+        "{early}"
+    );
     chain.time_ms = rules.time_ms(round);
     for found in [round - 1, round + 1, 0, u64::MAX] {
         let error = bad(chain.refusal(drawn_as(signed(&beacon, found))));
         let expected = round;
-        assert_eq!(error, DrawError::OtherRound { found, expected });
+        assert_eq!(error, RandomnessError::OtherRound { found, expected });
     }
     let wrong = Drawing::Drand {
         round,
@@ -218,12 +221,12 @@ fn a_beacon_is_of_the_first_round_after_the_closing() {
     for wrong in [wrong, signed(&stranger, round)] {
         let error = bad(chain.refusal(drawn_as(wrong)));
         assert!(
-            matches!(error, DrawError::BeaconSignature { .. }),
+            matches!(error, RandomnessError::BeaconSignature { .. }),
             "{error}"
         );
     }
     let by_log = bad(chain.refusal(Body::RandomnessDrawn(drawn(&chain.state))));
-    assert!(matches!(by_log, DrawError::OtherSource { .. }));
+    assert!(matches!(by_log, RandomnessError::OtherSource { .. }));
     chain.apply(drawn_as(signed(&beacon, round)));
     // drand's own randomness: the SHA-256 of the signature.
     let randomness = chain.state.round().unwrap().randomness.unwrap();
@@ -270,7 +273,7 @@ fn all_witnesses_cosign_the_closing_in_the_order_of_the_rules() {
     assert!(
         matches!(
             few,
-            DrawError::OtherCount {
+            RandomnessError::OtherCount {
                 found: 1,
                 expected: 2
             }
@@ -290,7 +293,10 @@ fn all_witnesses_cosign_the_closing_in_the_order_of_the_rules() {
         of(later),
     ] {
         let error = bad(chain.refusal(drawn_as(wrong)));
-        assert!(matches!(error, DrawError::BadCosignature { .. }), "{error}");
+        assert!(
+            matches!(error, RandomnessError::BadCosignature { .. }),
+            "{error}"
+        );
     }
     // A witness that signs at another second gives another value, and so does a signature with another nonce: this source does not
     // resist its witnesses, as its documentation says.

@@ -4,7 +4,7 @@ use super::refused;
 use zk0_circuits::claim::challenge::DrawError;
 use zk0_circuits::Digest;
 use zk0_protocol::entries::proposal::Action;
-use zk0_protocol::entries::signed::{DatasetRegistration, Episode};
+use zk0_protocol::entries::signed::{DatasetRegistration, RegisteredEpisode};
 use zk0_protocol::evaluation_set::{
     distinct, draw, list_bytes, total, DrawnLeaf, EvaluationSetError,
 };
@@ -12,9 +12,9 @@ use zk0_protocol::{Body, Refusal, Rules, Signed};
 use zk0_testkit::network::*;
 
 /// Three episodes of a thousand frames together.
-fn episodes() -> Vec<Episode> {
+fn episodes() -> Vec<RegisteredEpisode> {
     let frames = [300, 250, 450];
-    let episode = |(number, frames)| Episode {
+    let episode = |(number, frames)| RegisteredEpisode {
         digest: digest(number),
         frames,
     };
@@ -64,7 +64,7 @@ fn drawn_frames_are_distinct_ascending_and_of_the_recording() {
     for count in [1000, 1001, u32::MAX] {
         assert_eq!(draw(&digest(7), &episodes(), count).unwrap(), all);
     }
-    let longest = Episode {
+    let longest = RegisteredEpisode {
         digest: digest(1),
         frames: u32::MAX,
     };
@@ -87,7 +87,8 @@ fn more_frames_are_those_before_and_others() {
 
 #[test]
 fn the_draw_depends_on_the_network_and_on_every_episode() {
-    let drawn = |network: u8, episodes: &[Episode]| draw(&digest(network), episodes, 50).unwrap();
+    let drawn =
+        |network: u8, episodes: &[RegisteredEpisode]| draw(&digest(network), episodes, 50).unwrap();
     let before = drawn(7, &episodes());
     assert_ne!(drawn(8, &episodes()), before);
     for number in 0..3 {

@@ -4,7 +4,7 @@ use ed25519_dalek::SigningKey;
 use zk0_protocol::tlog::checkpoint::{CheckpointError, Parsed};
 use zk0_protocol::tlog::cosigner::{self, Cosigner};
 use zk0_protocol::tlog::verifier_key::{KeyError, Role};
-use zk0_protocol::tlog::witness_policy::PolicyError;
+use zk0_protocol::tlog::witness_policy::WitnessPolicyError;
 use zk0_protocol::{Checkpoint, VerifierKey, WitnessPolicy};
 use zk0_testkit::network::log::*;
 use zk0_testkit::network::*;
@@ -15,7 +15,7 @@ fn cosigner(number: u8) -> Cosigner {
 }
 
 /// Parses a policy of `lines` that follow three witnesses A, B and C.
-fn policy(lines: &str) -> Result<WitnessPolicy, PolicyError> {
+fn policy(lines: &str) -> Result<WitnessPolicy, WitnessPolicyError> {
     let witness = |name, number| format!("witness {name} {}\n", cosigner(number).key());
     let three = [witness("A", 0), witness("B", 1), witness("C", 2)].concat();
     WitnessPolicy::parse(&(three + lines))

@@ -19,7 +19,7 @@ pub struct Case {
 
 /// One line of `circuits/CYCLES.json`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Cost {
+pub struct CycleCount {
     /// Name of the dimensions.
     pub profile: String,
     /// How the evaluation is proven.
@@ -49,10 +49,10 @@ pub fn cases() -> Vec<Case> {
 }
 
 /// Executes a claim made from a seed.
-pub async fn measure(executor: &Executor, case: Case) -> Result<Cost, ExecuteError> {
+pub async fn measure(executor: &Executor, case: Case) -> Result<CycleCount, ExecuteError> {
     let spec = EvalSpec::new(synthetic::dims(case.profile).map_err(ExecuteError::Failed)?);
     let (_, run) = synthetic::execute(executor, &spec, case.mode, case.samples).await?;
-    Ok(Cost {
+    Ok(CycleCount {
         profile: case.profile.into(),
         mode: case.mode.to_string(),
         samples: case.samples,

@@ -36,12 +36,12 @@ pub struct Estimate {
     /// Seconds of one proof on this machine's CPU.
     pub proving_seconds: f64,
     /// What comes before the proof, in mode `succinct`.
-    pub argument: Option<Argument>,
+    pub argument: Option<ArgumentEstimate>,
 }
 
 /// The cost of the argument that a node makes in mode `succinct`, before SP1 starts.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Argument {
+pub struct ArgumentEstimate {
     /// Seconds on this machine.
     pub seconds: f64,
     /// The most memory that it uses at once, in bytes.
@@ -56,7 +56,7 @@ const CORES: f64 = 2.0;
 /// Most samples of a claim that is executed.
 const EXECUTED: u32 = 3;
 
-impl Argument {
+impl ArgumentEstimate {
     /// Of a claim over `samples` samples. Checks that this machine has room for the arguments that are made for an estimate.
     fn of(spec: &EvalSpec, samples: u32, machine: Resources) -> Result<Self, ExecuteError> {
         let failed = |error: &dyn std::fmt::Display| {
@@ -89,7 +89,7 @@ impl Estimate {
         machine: Resources,
     ) -> Result<Self, ExecuteError> {
         let argument = match mode {
-            Mode::Succinct => Some(Argument::of(spec, samples, machine)?),
+            Mode::Succinct => Some(ArgumentEstimate::of(spec, samples, machine)?),
             _ => None,
         };
         let (input, first) = synthetic::execute(executor, spec, mode, 2).await?;

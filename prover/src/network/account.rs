@@ -10,7 +10,7 @@ const ADDRESS: &str = "NETWORK_RPC_URL";
 
 /// The account, and where to ask. It has no `Debug`, so that no log can show the key.
 #[derive(Clone, PartialEq, Eq)]
-pub struct Account {
+pub struct ProverAccount {
     key: String,
     address: Option<String>,
 }
@@ -37,7 +37,7 @@ pub enum AccountError {
     },
 }
 
-impl Account {
+impl ProverAccount {
     /// Reads `NETWORK_PRIVATE_KEY` and `NETWORK_RPC_URL`.
     pub fn from_environment() -> Result<Self, AccountError> {
         let variable = |name| match env::var(name) {
@@ -112,7 +112,7 @@ mod tests {
     use super::*;
 
     fn refusal(key: Option<&str>, address: Option<&str>) -> String {
-        match Account::new(key.map(Into::into), address.map(Into::into)) {
+        match ProverAccount::new(key.map(Into::into), address.map(Into::into)) {
             Ok(_) => panic!("accepted"),
             Err(error) => error.to_string(),
         }
@@ -122,7 +122,7 @@ mod tests {
     fn a_key_has_64_hexadecimal_digits() {
         let key = "0123456789abcdef".repeat(4);
         for key in [key.clone(), format!("0x{}", key.to_uppercase())] {
-            assert!(Account::new(Some(key), None).is_ok());
+            assert!(ProverAccount::new(Some(key), None).is_ok());
         }
         assert!(refusal(None, None).contains("NETWORK_PRIVATE_KEY is not set"));
         assert!(refusal(Some("0x12"), None).contains("it has 2 digits"));
@@ -136,7 +136,7 @@ mod tests {
     fn an_address_has_a_scheme_and_a_host_alone() {
         let key = "1".repeat(64);
         for address in ["https://rpc.example.org", "http://127.0.0.1:50051/"] {
-            assert!(Account::new(Some(key.clone()), Some(address.into())).is_ok());
+            assert!(ProverAccount::new(Some(key.clone()), Some(address.into())).is_ok());
         }
         for (address, why) in [
             ("my cluster", "invalid uri"),

@@ -8,7 +8,7 @@ mod bid;
 mod network_prover;
 mod options;
 
-pub use account::{Account, AccountError};
+pub use account::{AccountError, ProverAccount};
 #[cfg(feature = "network")]
 pub use network_prover::{NetworkError, NetworkProver};
-pub use options::{NetworkOptions, Strategy, UnknownStrategy};
+pub use options::{NetworkOptions, ProverSelection, UnknownStrategy};

@@ -1,9 +1,9 @@
 //! Asks the network for proofs, and verifies what it gets. Never run against Succinct's network or a cluster yet: tests play the network on
 //! this machine.
 
-use super::account::{Account, AccountError};
+use super::account::{AccountError, ProverAccount};
 use super::bid::Bid;
-use super::options::{NetworkOptions, Strategy};
+use super::options::{NetworkOptions, ProverSelection};
 use crate::program::{elf, stdin, ExecuteError, Execution, Executor, Shareable};
 use crate::prove::{check_program, verified, OtherProgram, Proof};
 use sp1_sdk::network::proto::types::{ExecutionStatus, FulfillmentStatus, ProofMode};
@@ -87,7 +87,7 @@ pub struct NetworkProver {
 impl NetworkProver {
     /// Connects to the network and registers the program of a mode there. The program is public.
     pub async fn start(
-        account: &Account,
+        account: &ProverAccount,
         options: NetworkOptions,
         executor: &Executor,
         mode: Mode,
@@ -95,8 +95,8 @@ impl NetworkProver {
         let signer = NetworkSigner::local(account.key())
             .map_err(|error| AccountError::NotAKey(error.to_string()))?;
         let network = match options.strategy {
-            Strategy::Auction => NetworkMode::Mainnet,
-            Strategy::Reserved | Strategy::Hosted => NetworkMode::Reserved,
+            ProverSelection::Auction => NetworkMode::Mainnet,
+            ProverSelection::Reserved | ProverSelection::Hosted => NetworkMode::Reserved,
         };
         let address = match account.address() {
             Some(address) => address.to_owned(),
@@ -170,7 +170,7 @@ impl NetworkProver {
     /// Uploads the private input and asks for a proof. Returns the request's number.
     async fn request(&self, stdin: &SP1Stdin, cost: &Execution) -> Result<B256, NetworkError> {
         let doing = "take the request";
-        let Strategy::Auction = self.options.strategy else {
+        let ProverSelection::Auction = self.options.strategy else {
             return self.request_for(stdin, cost, Bid::default()).await;
         };
         let params = self
@@ -191,9 +191,11 @@ impl NetworkProver {
         let doing = "take the request";
         // A cluster of one's own is asked as SP1's client asks it: without limits, and with an input that any of its machines may fetch.
         let (strategy, cycle_limit, gas_limit, private) = match self.options.strategy {
-            Strategy::Auction => (FulfillmentStrategy::Auction, cost.cycles, cost.gas, true),
-            Strategy::Reserved => (FulfillmentStrategy::Reserved, cost.cycles, cost.gas, true),
-            Strategy::Hosted => (FulfillmentStrategy::Hosted, u64::MAX, u64::MAX, false),
+            ProverSelection::Auction => (FulfillmentStrategy::Auction, cost.cycles, cost.gas, true),
+            ProverSelection::Reserved => {
+                (FulfillmentStrategy::Reserved, cost.cycles, cost.gas, true)
+            }
+            ProverSelection::Hosted => (FulfillmentStrategy::Hosted, u64::MAX, u64::MAX, false),
         };
         let response = self
             .client
@@ -263,7 +265,7 @@ impl NetworkProver {
 
     /// Withdraws a request, so that nobody works on it and nobody pays for it. Only auctions know that.
     async fn withdraw(&self, request: B256) {
-        if self.options.strategy != Strategy::Auction {
+        if self.options.strategy != ProverSelection::Auction {
             tracing::warn!(%request, "nobody waits for this proof; the network may go on with it until its deadline, because only auctions let requests be withdrawn");
             return;
         }

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 /// Who proves, and how a prover is found. The names are SP1's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Strategy {
+pub enum ProverSelection {
     /// Provers of Succinct's network bid for each proof.
     #[default]
     Auction,
@@ -21,7 +21,7 @@ pub enum Strategy {
 #[error("'{0}' is not a strategy of a prover network: write auction, reserved or hosted")]
 pub struct UnknownStrategy(String);
 
-impl FromStr for Strategy {
+impl FromStr for ProverSelection {
     type Err = UnknownStrategy;
 
     fn from_str(text: &str) -> Result<Self, UnknownStrategy> {
@@ -34,7 +34,7 @@ impl FromStr for Strategy {
     }
 }
 
-impl fmt::Display for Strategy {
+impl fmt::Display for ProverSelection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Auction => "auction",
@@ -48,7 +48,7 @@ impl fmt::Display for Strategy {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NetworkOptions {
     /// Who proves.
-    pub strategy: Strategy,
+    pub strategy: ProverSelection,
     /// A proof that takes longer is given up.
     pub timeout: Duration,
 }
@@ -59,10 +59,14 @@ mod tests {
 
     #[test]
     fn a_strategy_is_known_by_its_name() {
-        for strategy in [Strategy::Auction, Strategy::Reserved, Strategy::Hosted] {
+        for strategy in [
+            ProverSelection::Auction,
+            ProverSelection::Reserved,
+            ProverSelection::Hosted,
+        ] {
             assert_eq!(strategy.to_string().parse(), Ok(strategy));
         }
-        let error = "cheap".parse::<Strategy>().unwrap_err();
+        let error = "cheap".parse::<ProverSelection>().unwrap_err();
         assert!(error.to_string().contains("'cheap'"), "{error}");
     }
 }

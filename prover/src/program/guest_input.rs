@@ -21,7 +21,7 @@ pub struct GuestInput {
 
 /// A claim that is ready to be proven.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
-pub struct Prepared {
+pub struct PreparedClaim {
     /// The claim.
     pub claim: Claim,
     /// What [`Claim::weight_check`] is the digest of. It travels with the proof. Nothing in mode `direct`.
@@ -83,7 +83,7 @@ pub enum GuestInputError {
     NotShown(#[from] NotShown),
 }
 
-impl Prepared {
+impl PreparedClaim {
     /// The claim that `source` proves, and what the program reads. `blind` hides the samples. In mode `succinct`, this makes the argument that the program verifies; with a
     /// folder, values of samples are in files there meanwhile, and `progress` is told which share of the work is done, from 0 to 1. At the published
     /// size this takes minutes for each sample.

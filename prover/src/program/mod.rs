@@ -9,5 +9,5 @@ pub mod synthetic;
 pub use elf::elf;
 pub(crate) use execute::stdin;
 pub use execute::{ExecuteError, Execution, Executor, VerifyingKey};
-pub use guest_input::{GuestInput, GuestInputError, NotProvable, Prepared};
+pub use guest_input::{GuestInput, GuestInputError, NotProvable, PreparedClaim};
 pub use shareable::{HoldsRecording, Shareable};

@@ -5,11 +5,11 @@
 
 use super::elf::elf;
 use super::execute::{ExecuteError, Execution, Executor};
-use super::guest_input::{GuestInput, Prepared};
+use super::guest_input::{GuestInput, PreparedClaim};
 use borsh::to_vec;
 use std::borrow::Cow;
 use std::io;
-use zk0_argument::claim::{committed, Blind, ClaimSource, Committed};
+use zk0_argument::claim::{committed, Blind, ClaimSource, SampleCommitment};
 use zk0_circuits::claim::challenge::sample_indices;
 use zk0_circuits::claim::dataset::{leaf, salt_commitment};
 use zk0_circuits::claim::private_input::{Header, Opening};
@@ -100,7 +100,7 @@ impl ClaimSource for MadeAgain {
 
     fn sample(&self, position: usize) -> io::Result<Cow<'_, Sample>> {
         let (index, _) = self.places.get(position).ok_or(io::ErrorKind::NotFound)?;
-        let mut random = Random(self.seed);
+        let mut random = SplitMix64(self.seed);
         random.skip(index * sample_words(&self.header.spec.dims));
         let sample = sample(&self.header.spec, &mut random, *index as u32);
         sample.map(Cow::Owned).map_err(io::Error::other)
@@ -120,7 +120,7 @@ fn commit(input: &mut PrivateInput, mode: Mode, dataset: &[Sample], blind: &Blin
         .iter()
         .map(|sample| committed(mode, &header.spec, sample, blind));
     let (leaves, kept): (Vec<Digest>, Vec<Vec<u8>>) = committed
-        .map(|Committed { digest, kept }| (leaf(&header.salt, &digest), kept))
+        .map(|SampleCommitment { digest, kept }| (leaf(&header.salt, &digest), kept))
         .unzip();
     header.terms.dataset.root = merkle::root(&leaves);
     for opening in &mut input.openings {
@@ -141,7 +141,7 @@ fn improving(
     seed: u64,
 ) -> Result<(PrivateInput, Vec<Sample>), String> {
     spec.validate().map_err(|error| error.to_string())?;
-    let mut random = Random(seed);
+    let mut random = SplitMix64(seed);
     let dataset: Vec<Sample> = (0..3 * samples)
         .map(|index| sample(spec, &mut random, index))
         .collect::<Result<_, _>>()?;
@@ -232,7 +232,7 @@ pub async fn execute(
 ) -> Result<(GuestInput, Execution), ExecuteError> {
     let private = private_input(spec, mode, samples, SEED).map_err(ExecuteError::Failed)?;
     let folder = std::env::temp_dir();
-    let prepared = Prepared::of(mode, &private, &blind(SEED), Some(&folder), &mut |_| {});
+    let prepared = PreparedClaim::of(mode, &private, &blind(SEED), Some(&folder), &mut |_| {});
     let input = prepared
         .map_err(|error| ExecuteError::Failed(error.to_string()))?
         .input;
@@ -248,7 +248,7 @@ pub fn weights_tried(
     samples: u32,
     seed: u64,
 ) -> impl Iterator<Item = Result<[QuantisedWeights; 2], String>> + '_ {
-    let mut random = Random(seed);
+    let mut random = SplitMix64(seed);
     random.skip(3 * u64::from(samples) * sample_words(&spec.dims));
     (0..TRIES).map(move |tries| {
         if tries > 0 {
@@ -272,7 +272,7 @@ fn name_weights(input: &mut PrivateInput, blobs: [Digest; 2]) {
 /// Random weights: gains around one, small biases, and linear layers of unit gain, except that velocities are `loudness` times as large.
 fn weights(
     spec: &EvalSpec,
-    random: &mut Random,
+    random: &mut SplitMix64,
     loudness: f32,
 ) -> Result<QuantisedWeights, String> {
     let tensors: Vec<(String, Vec<f32>)> = expert_tensors(&spec.dims)
@@ -300,7 +300,7 @@ fn weights(
 }
 
 /// A random sample with the longest prefix. Its last `index mod 3` frames are padding.
-fn sample(spec: &EvalSpec, random: &mut Random, index: u32) -> Result<Sample, String> {
+fn sample(spec: &EvalSpec, random: &mut SplitMix64, index: u32) -> Result<Sample, String> {
     let dims = &spec.dims;
     let mut vector = |len: usize| -> Vec<f32> { (0..len).map(|_| random.symmetric()).collect() };
     let prefix = dims.max_prefix as usize * dims.kv_width();
@@ -336,12 +336,12 @@ fn sample_words(dims: &Dims) -> u64 {
 }
 
 /// SplitMix64 (Steele, Lea and Flood 2014).
-struct Random(u64);
+struct SplitMix64(u64);
 
 /// What the generator adds for each word.
 const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
-impl Random {
+impl SplitMix64 {
     fn skip(&mut self, words: u64) {
         self.0 = self.0.wrapping_add(STEP.wrapping_mul(words));
     }

@@ -4,7 +4,7 @@
 //! it. A [lock](ProverLock) keeps other processes from having one too. SP1 blocks, so it runs on threads of its own, and the caller's
 //! runtime stays free to answer.
 
-use super::engine::{self, Engine};
+use super::engine::{self, ProverEngine};
 use super::program_key::{check_program, OtherProgram};
 use super::proof::Proof;
 use super::verified::verified;
@@ -46,7 +46,7 @@ pub struct Sp1Prover {
 }
 
 struct Sp1 {
-    engine: Box<dyn Engine>,
+    engine: Box<dyn ProverEngine>,
     /// Per mode, as [`Mode::ALL`] lists them.
     programs: [SP1ProvingKey; 2],
     _lock: Arc<ProverLock>,

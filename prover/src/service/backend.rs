@@ -1,6 +1,6 @@
 //! What checks and proves claims behind the service. Tests play it, so that they need no SP1.
 
-use super::waiting::{GivenUp, Waiting};
+use super::waiting::{GivenUp, WaitingClient};
 use crate::program::{Execution, GuestInput, GuestInputError, HoldsRecording};
 use crate::prove::Proof;
 use tonic::Status;
@@ -57,7 +57,7 @@ pub trait Backend: Send + Sync + 'static {
         &self,
         input: &GuestInput,
         execution: &Execution,
-        waiting: &Waiting,
+        waiting: &WaitingClient,
     ) -> Result<Proof, JobError>;
     /// Whether [`Self::prove`] gives up a proof whose client has gone. Otherwise the proof is made to the end, and kept.
     fn withdraws(&self) -> bool {

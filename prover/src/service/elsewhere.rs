@@ -1,8 +1,8 @@
 //! Proofs of the service that a prover network makes. They need no memory here, and so no lock.
 
 use super::backend::JobError;
-use super::waiting::{GivenUp, Waiting};
-use crate::network::{Account, NetworkError, NetworkOptions, NetworkProver};
+use super::waiting::{GivenUp, WaitingClient};
+use crate::network::{NetworkError, NetworkOptions, NetworkProver, ProverAccount};
 use crate::program::{Execution, Executor, GuestInput, Shareable};
 use crate::prove::Proof;
 use tokio::sync::OnceCell;
@@ -10,13 +10,13 @@ use zk0_circuits::Mode;
 
 /// An account on a network. It connects when it is first needed.
 pub(super) struct Elsewhere {
-    account: Account,
+    account: ProverAccount,
     options: NetworkOptions,
     prover: OnceCell<NetworkProver>,
 }
 
 impl Elsewhere {
-    pub fn new(account: Account, options: NetworkOptions) -> Self {
+    pub fn new(account: ProverAccount, options: NetworkOptions) -> Self {
         Self {
             account,
             options,
@@ -44,7 +44,7 @@ impl Elsewhere {
         executor: &Executor,
         input: &GuestInput,
         execution: &Execution,
-        waiting: &Waiting,
+        waiting: &WaitingClient,
     ) -> Result<Proof, JobError> {
         let input = Shareable::of(input)?;
         let prover = self.prover(executor).await?;

@@ -1,7 +1,7 @@
 //! Proofs that are there already. A node that was interrupted, or whose connection broke, asks for its proof again with the same bytes. It gets
 //! the proof that was made meanwhile, or the one that is being made, so that nobody proves the same claim again.
 
-use super::schedule::Place;
+use super::schedule::QueuePosition;
 use crate::program::GuestInput;
 use crate::rpc;
 use sha2::{Digest, Sha256};
@@ -39,12 +39,12 @@ pub(super) struct Made(watch::Sender<Proofs>);
 /// case until the next one is made, and a proof that was not sent stays besides it.
 #[derive(Default)]
 struct Proofs {
-    making: Option<(RequestDigest, Place)>,
-    newest: Option<Kept>,
-    untaken: Option<Kept>,
+    making: Option<(RequestDigest, QueuePosition)>,
+    newest: Option<MadeProof>,
+    untaken: Option<MadeProof>,
 }
 
-struct Kept {
+struct MadeProof {
     of: RequestDigest,
     proof: Arc<rpc::Proof>,
     /// Whether it was sent to a client.
@@ -53,7 +53,7 @@ struct Kept {
 
 impl Made {
     /// The proof of this request is being made from now on, at this place of the queue.
-    pub fn begins(&self, of: RequestDigest, place: Place) {
+    pub fn begins(&self, of: RequestDigest, place: QueuePosition) {
         self.0
             .send_modify(|proofs| proofs.making = Some((of, place)));
     }
@@ -90,7 +90,7 @@ impl Made {
     }
 
     /// The place at which the proof of this request is being made, if it is.
-    pub fn making(&self, of: RequestDigest) -> Option<Place> {
+    pub fn making(&self, of: RequestDigest) -> Option<QueuePosition> {
         let (making, place) = self.0.borrow().making?;
         (making == of).then_some(place)
     }
@@ -123,7 +123,7 @@ impl Proofs {
         let before = [self.newest.take(), self.untaken.take()];
         let mut untaken = before.into_iter().flatten().filter(|kept| !kept.taken);
         self.untaken = untaken.next();
-        self.newest = Some(Kept {
+        self.newest = Some(MadeProof {
             of,
             proof,
             taken: false,

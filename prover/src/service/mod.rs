@@ -22,4 +22,4 @@ pub use here::HereError;
 pub use schedule::Pace;
 pub use server::ProvingService;
 pub use sp1_backend::{Sp1Backend, Sp1BackendError};
-pub use waiting::{GivenUp, Waiting};
+pub use waiting::{GivenUp, WaitingClient};

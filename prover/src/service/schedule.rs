@@ -30,7 +30,7 @@ pub enum Work {
 
 /// A place in the queue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Place(u64);
+pub struct QueuePosition(u64);
 
 /// What comes before a place, and how long it and its own work will take.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -42,7 +42,7 @@ pub struct Outlook {
 }
 
 struct Job {
-    place: Place,
+    place: QueuePosition,
     work: Work,
     began: Option<Instant>,
 }
@@ -73,13 +73,13 @@ impl Pace {
 }
 
 /// The queue, with the times it will take. The caller hands in the clock.
-pub struct Schedule {
+pub struct ProofQueue {
     pace: Pace,
     next: u64,
     jobs: VecDeque<Job>,
 }
 
-impl Schedule {
+impl ProofQueue {
     /// An empty queue.
     pub fn new(pace: Pace) -> Self {
         Self {
@@ -90,8 +90,8 @@ impl Schedule {
     }
 
     /// Joins the queue.
-    pub fn join(&mut self, work: Work) -> Place {
-        let place = Place(self.next);
+    pub fn join(&mut self, work: Work) -> QueuePosition {
+        let place = QueuePosition(self.next);
         self.next += 1;
         self.jobs.push_back(Job {
             place,
@@ -102,19 +102,19 @@ impl Schedule {
     }
 
     /// Work at `place` begins.
-    pub fn begin(&mut self, place: Place, now: Instant) {
+    pub fn begin(&mut self, place: QueuePosition, now: Instant) {
         if let Some(job) = self.jobs.iter_mut().find(|job| job.place == place) {
             job.began = Some(now);
         }
     }
 
     /// Leaves the queue: the work is done, has failed, or was given up.
-    pub fn leave(&mut self, place: Place) {
+    pub fn leave(&mut self, place: QueuePosition) {
         self.jobs.retain(|job| job.place != place);
     }
 
     /// Leaves the queue with the work done. Returns the time that it took, which scales later estimates.
-    pub fn finish(&mut self, place: Place, now: Instant) -> Duration {
+    pub fn finish(&mut self, place: QueuePosition, now: Instant) -> Duration {
         let job = self.jobs.iter().find(|job| job.place == place);
         let took = match job.and_then(|job| Some((job.work, job.began?))) {
             Some((work, began)) => {
@@ -131,7 +131,7 @@ impl Schedule {
     }
 
     /// What is ahead of `place`; nothing if it has left the queue.
-    pub fn outlook(&self, place: Place, now: Instant) -> Outlook {
+    pub fn outlook(&self, place: QueuePosition, now: Instant) -> Outlook {
         let mut outlook = Outlook::default();
         for job in &self.jobs {
             let whole = self.pace.expects(job.work);
@@ -169,14 +169,14 @@ mod tests {
 
     #[test]
     fn those_who_wait_are_told_of_all_that_comes_first() {
-        let mut schedule = Schedule::new(Pace::of_cores(2));
+        let mut schedule = ProofQueue::new(Pace::of_cores(2));
         let now = Instant::now();
         let start = schedule.join(Work::Start);
         schedule.begin(start, now);
         let work = Work::Proof { cycles: 1_800_000 };
         let (first, second) = (schedule.join(work), schedule.join(work));
         let later = now + 40 * SECOND;
-        let outlook = |schedule: &Schedule, place| schedule.outlook(place, later);
+        let outlook = |schedule: &ProofQueue, place| schedule.outlook(place, later);
         assert_eq!(
             outlook(&schedule, first),
             Outlook {
@@ -204,7 +204,7 @@ mod tests {
 
     #[test]
     fn the_first_proof_teaches_the_speed_of_the_machine() {
-        let mut schedule = Schedule::new(Pace::of_cores(2));
+        let mut schedule = ProofQueue::new(Pace::of_cores(2));
         let now = Instant::now();
         let work = Work::Proof { cycles: 1_800_000 };
         let first = schedule.join(work);
@@ -218,7 +218,7 @@ mod tests {
     #[test]
     fn a_pace_that_nobody_knows_is_told_as_the_latest_time_until_there_is_a_proof() {
         let hour = 3600 * SECOND;
-        let mut schedule = Schedule::new(Pace::AtMost(hour));
+        let mut schedule = ProofQueue::new(Pace::AtMost(hour));
         let now = Instant::now();
         schedule.join(Work::Start);
         let work = Work::Proof { cycles: 1_800_000 };
@@ -234,7 +234,7 @@ mod tests {
 
     #[test]
     fn a_proof_that_takes_longer_than_expected_is_about_to_end() {
-        let mut schedule = Schedule::new(Pace::of_cores(2));
+        let mut schedule = ProofQueue::new(Pace::of_cores(2));
         let now = Instant::now();
         let place = schedule.join(Work::Proof { cycles: 0 });
         schedule.begin(place, now);

@@ -2,9 +2,9 @@
 
 use super::backend::{Backend, JobError};
 use super::made::{Made, RequestDigest};
-use super::schedule::{Pace, Place, Schedule, Work};
-use super::upload::{self, Announced, Patience};
-use super::waiting::{GivenUp, Waiting};
+use super::schedule::{Pace, ProofQueue, QueuePosition, Work};
+use super::upload::{self, Announced, UploadTimeout};
+use super::waiting::{GivenUp, WaitingClient};
 use crate::program::GuestInput;
 use crate::rpc::progress::Phase;
 use crate::rpc::{self, prover_server};
@@ -40,12 +40,12 @@ const ENDING: Duration = Duration::from_secs(5);
 
 /// The service. Clones share one queue.
 pub struct ProvingService<B> {
-    shared: Arc<Shared<B>>,
-    patience: Patience,
+    shared: Arc<ServerState<B>>,
+    patience: UploadTimeout,
     bounds: Bounds,
 }
 
-struct Shared<B> {
+struct ServerState<B> {
     backend: B,
     /// Requests that are served or wait: one, and as many as the queue is long. A request for a proof that is there or being made needs none.
     slots: Arc<Semaphore>,
@@ -55,7 +55,7 @@ struct Shared<B> {
     checking: Semaphore,
     /// One proof at a time, in order of arrival.
     proving: Arc<Semaphore>,
-    schedule: Mutex<Schedule>,
+    schedule: Mutex<ProofQueue>,
     /// Proofs that a client may ask for again.
     made: Made,
     /// Whether the process has been told to end.
@@ -65,13 +65,13 @@ struct Shared<B> {
 impl<B: Backend> ProvingService<B> {
     /// Starts `backend` in the background. While it proves one request, at most `queue` others wait. The first estimates are at `pace`.
     pub fn start(backend: B, queue: usize, pace: Pace) -> Self {
-        let shared = Arc::new(Shared {
+        let shared = Arc::new(ServerState {
             backend,
             slots: Arc::new(Semaphore::new(queue + 1)),
             memory: Arc::new(Semaphore::new(MEMORY_MIB as usize)),
             checking: Semaphore::new(1),
             proving: Arc::new(Semaphore::new(1)),
-            schedule: Mutex::new(Schedule::new(pace)),
+            schedule: Mutex::new(ProofQueue::new(pace)),
             made: Made::default(),
             stopping: watch::Sender::new(false),
         });
@@ -100,13 +100,13 @@ impl<B: Backend> ProvingService<B> {
         });
         Self {
             shared,
-            patience: Patience::default(),
+            patience: UploadTimeout::default(),
             bounds: Bounds::default(),
         }
     }
 
     /// From now on, clients have this time to begin a connection, and for their private inputs.
-    pub fn with_patience(mut self, patience: Patience) -> Self {
+    pub fn with_patience(mut self, patience: UploadTimeout) -> Self {
         self.patience = patience;
         self
     }
@@ -229,7 +229,7 @@ impl<B> ProvingService<B> {
         &self,
         parts: Streaming<rpc::ProvePart>,
         events: mpsc::Sender<Result<rpc::ProveEvent, Status>>,
-    ) -> Result<Job<B>, Status> {
+    ) -> Result<ProofJob<B>, Status> {
         let mut stopping = self.shared.stopping.subscribe();
         let parts = pin!(upload::in_time(parts, self.patience.silence));
         let received = timeout(self.patience.whole, self.received(parts, events));
@@ -243,7 +243,7 @@ impl<B> ProvingService<B> {
         &self,
         mut parts: impl Stream<Item = Result<rpc::ProvePart, Status>> + Unpin,
         events: mpsc::Sender<Result<rpc::ProveEvent, Status>>,
-    ) -> Result<Job<B>, Status> {
+    ) -> Result<ProofJob<B>, Status> {
         // Whoever announces nothing takes nothing.
         let announced = Announced::receive(&mut parts).await?;
         let mebibytes = announced.bytes().div_ceil(1 << 20).min(MEMORY_MIB.into()) as u32;
@@ -263,7 +263,7 @@ impl<B> ProvingService<B> {
             true => None,
             false => Some(self.shared.slot()?),
         };
-        Ok(Job {
+        Ok(ProofJob {
             shared: self.shared.clone(),
             input,
             of,
@@ -275,8 +275,8 @@ impl<B> ProvingService<B> {
     }
 }
 
-impl<B> Shared<B> {
-    fn schedule(&self) -> MutexGuard<'_, Schedule> {
+impl<B> ServerState<B> {
+    fn schedule(&self) -> MutexGuard<'_, ProofQueue> {
         // Nothing panics while it holds this lock. If something did, the figures would still be right.
         self.schedule.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -289,8 +289,8 @@ impl<B> Shared<B> {
 }
 
 /// One request, from check to proof.
-struct Job<B> {
-    shared: Arc<Shared<B>>,
+struct ProofJob<B> {
+    shared: Arc<ServerState<B>>,
     input: Arc<GuestInput>,
     of: RequestDigest,
     events: mpsc::Sender<Result<rpc::ProveEvent, Status>>,
@@ -308,12 +308,12 @@ struct Gone {
 
 /// A proof that is being made. However that ends, its place is free then.
 struct Making<B> {
-    shared: Arc<Shared<B>>,
-    place: Place,
+    shared: Arc<ServerState<B>>,
+    place: QueuePosition,
 }
 
 impl<B> Making<B> {
-    fn begin(shared: Arc<Shared<B>>, of: RequestDigest, place: Place) -> Self {
+    fn begin(shared: Arc<ServerState<B>>, of: RequestDigest, place: QueuePosition) -> Self {
         shared.schedule().begin(place, Instant::now());
         shared.made.begins(of, place);
         Self { shared, place }
@@ -327,7 +327,7 @@ impl<B> Drop for Making<B> {
     }
 }
 
-impl<B: Backend> Job<B> {
+impl<B: Backend> ProofJob<B> {
     async fn run(self) {
         let last = match self.steps().await {
             Ok(Ok(proof)) => {
@@ -426,7 +426,7 @@ impl<B: Backend> Job<B> {
         // end before the next one begins, and kept for that client. A request at a network is withdrawn.
         let making = Making::begin(shared.clone(), of, place);
         let (prover, input, expected) = (shared.clone(), self.input.clone(), execution);
-        let waiting = Waiting::new(self.events.clone(), shared.stopping.subscribe());
+        let waiting = WaitingClient::new(self.events.clone(), shared.stopping.subscribe());
         let waiting = Arc::new(waiting);
         let seen = waiting.clone();
         let proving = async move {
@@ -461,7 +461,7 @@ impl<B: Backend> Job<B> {
     /// Reports progress until `work` is done or the client has gone. `outlook` says what the client waits for.
     async fn during<T>(
         &self,
-        outlook: impl Fn() -> (Phase, Option<Place>),
+        outlook: impl Fn() -> (Phase, Option<QueuePosition>),
         work: impl Future<Output = T>,
     ) -> Result<T, Gone> {
         tokio::pin!(work);
@@ -480,7 +480,7 @@ impl<B: Backend> Job<B> {
         }
     }
 
-    fn progress(&self, phase: Phase, place: Option<Place>) -> rpc::ProveEvent {
+    fn progress(&self, phase: Phase, place: Option<QueuePosition>) -> rpc::ProveEvent {
         let now = Instant::now();
         let elapsed = now - self.came;
         let outlook = place.map(|place| self.shared.schedule().outlook(place, now));

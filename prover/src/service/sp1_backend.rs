@@ -5,10 +5,10 @@ use super::backend::{Backend, JobError};
 use super::elsewhere::Elsewhere;
 use super::here::{Here, HereError};
 use super::schedule::Pace;
-use super::waiting::{GivenUp, Waiting};
+use super::waiting::{GivenUp, WaitingClient};
 use crate::machine::{DeviceError, DeviceKind};
 #[cfg(feature = "network")]
-use crate::network::Account;
+use crate::network::ProverAccount;
 use crate::network::{AccountError, NetworkOptions};
 #[cfg(feature = "network")]
 use crate::program::Shareable;
@@ -19,11 +19,11 @@ use zk0_circuits::Claim;
 /// Executes on this machine with SP1's executor, and proves here or elsewhere.
 pub struct Sp1Backend {
     executor: Executor,
-    place: Place,
+    place: ProverLocation,
 }
 
 /// Where proofs are made.
-enum Place {
+enum ProverLocation {
     Here(Here),
     #[cfg(feature = "network")]
     Elsewhere(Elsewhere),
@@ -52,7 +52,7 @@ impl Sp1Backend {
     pub async fn new(device: DeviceKind, network: NetworkOptions) -> Result<Self, Sp1BackendError> {
         let place = match device {
             DeviceKind::Network => elsewhere(network)?,
-            device => Place::Here(Here::find(device)?),
+            device => ProverLocation::Here(Here::find(device)?),
         };
         Self::at(place).await
     }
@@ -60,13 +60,13 @@ impl Sp1Backend {
     /// The backend for an account on a network.
     #[cfg(feature = "network")]
     pub async fn of_account(
-        account: Account,
+        account: ProverAccount,
         options: NetworkOptions,
     ) -> Result<Self, Sp1BackendError> {
-        Self::at(Place::Elsewhere(Elsewhere::new(account, options))).await
+        Self::at(ProverLocation::Elsewhere(Elsewhere::new(account, options))).await
     }
 
-    async fn at(place: Place) -> Result<Self, Sp1BackendError> {
+    async fn at(place: ProverLocation) -> Result<Self, Sp1BackendError> {
         let executor = Executor::new().await?;
         Ok(Self { executor, place })
     }
@@ -74,24 +74,24 @@ impl Sp1Backend {
     /// How fast proofs are likely to be made, before the first one is there. A GPU is taken for a CPU.
     pub fn pace(&self) -> Pace {
         match &self.place {
-            Place::Here(_) => {
+            ProverLocation::Here(_) => {
                 let cores = std::thread::available_parallelism().map_or(1, |cores| cores.get());
                 Pace::of_cores(cores)
             }
             #[cfg(feature = "network")]
-            Place::Elsewhere(network) => Pace::AtMost(network.options().timeout),
+            ProverLocation::Elsewhere(network) => Pace::AtMost(network.options().timeout),
         }
     }
 }
 
 #[cfg(feature = "network")]
-fn elsewhere(options: NetworkOptions) -> Result<Place, Sp1BackendError> {
-    let account = Account::from_environment()?;
-    Ok(Place::Elsewhere(Elsewhere::new(account, options)))
+fn elsewhere(options: NetworkOptions) -> Result<ProverLocation, Sp1BackendError> {
+    let account = ProverAccount::from_environment()?;
+    Ok(ProverLocation::Elsewhere(Elsewhere::new(account, options)))
 }
 
 #[cfg(not(feature = "network"))]
-fn elsewhere(_: NetworkOptions) -> Result<Place, Sp1BackendError> {
+fn elsewhere(_: NetworkOptions) -> Result<ProverLocation, Sp1BackendError> {
     Err(DeviceError::NetworkNotBuilt.into())
 }
 
@@ -99,16 +99,16 @@ fn elsewhere(_: NetworkOptions) -> Result<Place, Sp1BackendError> {
 impl Backend for Sp1Backend {
     async fn start(&self) -> Result<(), JobError> {
         match &self.place {
-            Place::Here(here) => here.prover().await.map(|_| ()),
+            ProverLocation::Here(here) => here.prover().await.map(|_| ()),
             #[cfg(feature = "network")]
-            Place::Elsewhere(network) => network.prover(&self.executor).await.map(|_| ()),
+            ProverLocation::Elsewhere(network) => network.prover(&self.executor).await.map(|_| ()),
         }
     }
 
     async fn check(&self, input: &GuestInput) -> Result<Execution, JobError> {
         // Whoever may not send the input to the network hears so before anything else is done with it.
         #[cfg(feature = "network")]
-        if let Place::Elsewhere(_) = self.place {
+        if let ProverLocation::Elsewhere(_) = self.place {
             Shareable::of(input)?;
         }
         // The native check comes first: it takes a moment, and gives the reason in full.
@@ -132,10 +132,10 @@ impl Backend for Sp1Backend {
         &self,
         input: &GuestInput,
         execution: &Execution,
-        waiting: &Waiting,
+        waiting: &WaitingClient,
     ) -> Result<Proof, JobError> {
         match &self.place {
-            Place::Here(here) => {
+            ProverLocation::Here(here) => {
                 let proven = async {
                     let prover = here.prover().await?;
                     let proven = prover.prove_compressed(input).await;
@@ -148,7 +148,7 @@ impl Backend for Sp1Backend {
                 }
             }
             #[cfg(feature = "network")]
-            Place::Elsewhere(network) => {
+            ProverLocation::Elsewhere(network) => {
                 network
                     .prove(&self.executor, input, execution, waiting)
                     .await
@@ -158,20 +158,20 @@ impl Backend for Sp1Backend {
 
     #[cfg(feature = "network")]
     fn withdraws(&self) -> bool {
-        matches!(self.place, Place::Elsewhere(_))
+        matches!(self.place, ProverLocation::Elsewhere(_))
     }
 }
 
 #[cfg(all(test, not(feature = "network")))]
 mod tests {
     use super::*;
-    use crate::network::Strategy;
+    use crate::network::ProverSelection;
     use std::time::Duration;
 
     #[tokio::test]
     async fn a_build_without_the_feature_says_how_to_get_one_with_it() {
         let options = NetworkOptions {
-            strategy: Strategy::Auction,
+            strategy: ProverSelection::Auction,
             timeout: Duration::from_secs(1),
         };
         let error = Sp1Backend::new(DeviceKind::Network, options).await.err();

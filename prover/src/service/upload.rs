@@ -22,14 +22,14 @@ pub const MAX_INPUT_BYTES: u64 = 1 << 30;
 
 /// How long a client may take to send its private input. Meanwhile it holds memory of the service.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Patience {
+pub struct UploadTimeout {
     /// How long it may send nothing.
     pub silence: Duration,
     /// How long all of it may take.
     pub whole: Duration,
 }
 
-impl Default for Patience {
+impl Default for UploadTimeout {
     fn default() -> Self {
         Self {
             silence: Duration::from_secs(60),

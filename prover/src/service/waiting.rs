@@ -18,13 +18,13 @@ pub enum GivenUp {
 }
 
 /// The client that waits for a proof. A backend that can stop its work looks here whether it should.
-pub struct Waiting {
+pub struct WaitingClient {
     events: mpsc::Sender<Result<ProveEvent, Status>>,
     stopping: watch::Receiver<bool>,
     taken: AtomicBool,
 }
 
-impl Waiting {
+impl WaitingClient {
     pub(super) fn new(
         events: mpsc::Sender<Result<ProveEvent, Status>>,
         stopping: watch::Receiver<bool>,

@@ -10,7 +10,9 @@ use std::future::pending;
 use std::path::Path;
 use tokio::net::TcpListener;
 use zk0_circuits::Mode;
-use zk0_prover::network::{Account, NetworkError, NetworkOptions, NetworkProver, Strategy};
+use zk0_prover::network::{
+    NetworkError, NetworkOptions, NetworkProver, ProverAccount, ProverSelection,
+};
 use zk0_prover::program::{Execution, Executor, GuestInput, Shareable};
 use zk0_prover::prove::Proof;
 
@@ -60,7 +62,12 @@ async fn ask(prover: &NetworkProver) -> Result<Proof, NetworkError> {
 async fn a_proof_is_handed_on_only_if_it_verifies() {
     let (proof, public_values) = real_proof();
     let network = Network::start(Answer::Proof(artifact(&proof, &public_values))).await;
-    let prover = connected(&network, options(Strategy::Auction, 60), Mode::Succinct).await;
+    let prover = connected(
+        &network,
+        options(ProverSelection::Auction, 60),
+        Mode::Succinct,
+    )
+    .await;
     let proven = ask(&prover).await.unwrap();
     assert_eq!(proven.public_values, public_values);
     assert_eq!(proven.bytes, bincode::serialize(&proof).unwrap());
@@ -72,7 +79,12 @@ async fn a_proof_is_handed_on_only_if_it_verifies() {
     assert!(matches!(error, NetworkError::Unsound(_)), "{error}");
 
     network.answers(Answer::Proof(artifact(&proof, &public_values)));
-    let prover = connected(&network, options(Strategy::Auction, 60), Mode::Direct).await;
+    let prover = connected(
+        &network,
+        options(ProverSelection::Auction, 60),
+        Mode::Direct,
+    )
+    .await;
     let error = ask(&prover).await.unwrap_err();
     assert!(
         matches!(error, NetworkError::Unsound(_)),
@@ -86,13 +98,23 @@ async fn a_request_says_what_its_strategy_asks_for() {
     let limits = (1_000_000, 1_100_000);
     for (strategy, number, limits, artifact) in [
         (
-            Strategy::Hosted,
+            ProverSelection::Hosted,
             1,
             (u64::MAX, u64::MAX),
             ArtifactType::Stdin,
         ),
-        (Strategy::Reserved, 2, limits, ArtifactType::PrivateStdin),
-        (Strategy::Auction, 3, limits, ArtifactType::PrivateStdin),
+        (
+            ProverSelection::Reserved,
+            2,
+            limits,
+            ArtifactType::PrivateStdin,
+        ),
+        (
+            ProverSelection::Auction,
+            3,
+            limits,
+            ArtifactType::PrivateStdin,
+        ),
     ] {
         let answer = Answer::StaysAt(FulfillmentStatus::Expired as i32);
         let network = Network::start_for(strategy, answer).await;
@@ -119,7 +141,12 @@ async fn a_request_says_what_its_strategy_asks_for() {
 async fn a_network_that_refuses_fails_or_answers_nonsense_gives_an_error_that_says_so() {
     let unknown = 77;
     let network = Network::start(Answer::Refusal).await;
-    let prover = connected(&network, options(Strategy::Auction, 60), Mode::Succinct).await;
+    let prover = connected(
+        &network,
+        options(ProverSelection::Auction, 60),
+        Mode::Succinct,
+    )
+    .await;
     for (answer, says) in [
         (Answer::Refusal, "no credit left"),
         (Answer::ShortNumber, "a number of 2 bytes"),
@@ -141,7 +168,7 @@ async fn a_network_that_refuses_fails_or_answers_nonsense_gives_an_error_that_sa
 
 #[tokio::test]
 async fn a_request_that_is_never_fulfilled_is_withdrawn_after_the_time_out() {
-    for (strategy, withdrawn) in [(Strategy::Auction, 1), (Strategy::Hosted, 0)] {
+    for (strategy, withdrawn) in [(ProverSelection::Auction, 1), (ProverSelection::Hosted, 0)] {
         let answer = Answer::StaysAt(FulfillmentStatus::Requested as i32);
         let network = Network::start_for(strategy, answer).await;
         let prover = connected(&network, options(strategy, 3), Mode::Succinct).await;
@@ -157,10 +184,10 @@ async fn an_address_where_nobody_listens_and_a_key_beyond_the_curve_are_told_at_
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = format!("http://{}", listener.local_addr().unwrap());
     drop(listener);
-    let start = async |account: Account| {
+    let start = async |account: ProverAccount| {
         let prover = NetworkProver::start(
             &account,
-            options(Strategy::Auction, 60),
+            options(ProverSelection::Auction, 60),
             &executor,
             Mode::Succinct,
         )
@@ -173,7 +200,7 @@ async fn an_address_where_nobody_listens_and_a_key_beyond_the_curve_are_told_at_
         "{error}"
     );
 
-    let zero = Account::new(Some("0".repeat(64)), Some(address)).unwrap();
+    let zero = ProverAccount::new(Some("0".repeat(64)), Some(address)).unwrap();
     let error = start(zero).await;
     assert!(error.contains("NETWORK_PRIVATE_KEY"), "{error}");
 }

@@ -20,7 +20,7 @@ use tonic::service::Routes;
 use tonic::transport::Server;
 use tonic::{Response, Status};
 use tonic_prost::ProstCodec;
-use zk0_prover::network::{Account, NetworkOptions, Strategy};
+use zk0_prover::network::{NetworkOptions, ProverAccount, ProverSelection};
 use zk0_testkit::until_async;
 
 /// What becomes of requests.
@@ -97,10 +97,10 @@ impl Network {
     }
 
     /// The network that a strategy is for.
-    pub async fn start_for(strategy: Strategy, answer: Answer) -> Self {
+    pub async fn start_for(strategy: ProverSelection, answer: Answer) -> Self {
         match strategy {
-            Strategy::Auction => Self::start(answer).await,
-            Strategy::Reserved | Strategy::Hosted => {
+            ProverSelection::Auction => Self::start(answer).await,
+            ProverSelection::Reserved | ProverSelection::Hosted => {
                 Self::of::<base_types::RequestProofRequest>(answer).await
             }
         }
@@ -134,7 +134,7 @@ impl Network {
         until_async("the network hears it", async || self.heard(&what)).await;
     }
 
-    pub fn account(&self) -> Account {
+    pub fn account(&self) -> ProverAccount {
         account(&self.address)
     }
 
@@ -257,11 +257,11 @@ impl Network {
 }
 
 /// An account of these tests at an address.
-pub fn account(address: &str) -> Account {
-    Account::new(Some("01".repeat(32)), Some(address.into())).unwrap()
+pub fn account(address: &str) -> ProverAccount {
+    ProverAccount::new(Some("01".repeat(32)), Some(address.into())).unwrap()
 }
 
-pub fn options(strategy: Strategy, seconds: u64) -> NetworkOptions {
+pub fn options(strategy: ProverSelection, seconds: u64) -> NetworkOptions {
     NetworkOptions {
         strategy,
         timeout: Duration::from_secs(seconds),

@@ -8,8 +8,8 @@ use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 use zk0_circuits::{EvalSpec, Mode};
-use zk0_prover::network::Strategy;
-use zk0_prover::program::{synthetic, GuestInput, Prepared};
+use zk0_prover::network::ProverSelection;
+use zk0_prover::program::{synthetic, GuestInput, PreparedClaim};
 use zk0_prover::rpc::progress::Phase;
 use zk0_prover::rpc::Progress;
 use zk0_prover::service::{ClientError, ProvingClient, ProvingService, Sp1Backend};
@@ -19,7 +19,7 @@ const HOUR: u64 = 3600;
 /// The input of a claim that holds.
 fn claim(mode: Mode) -> GuestInput {
     let private = synthetic::private_input(&EvalSpec::micro(), mode, 2, 1).unwrap();
-    Prepared::of(mode, &private, &synthetic::blind(1), None, &mut |_| {})
+    PreparedClaim::of(mode, &private, &synthetic::blind(1), None, &mut |_| {})
         .unwrap()
         .input
 }
@@ -31,7 +31,7 @@ struct Service {
 }
 
 async fn service(network: &Network) -> Service {
-    let options = options(Strategy::Auction, HOUR);
+    let options = options(ProverSelection::Auction, HOUR);
     let backend = Sp1Backend::of_account(network.account(), options)
         .await
         .unwrap();

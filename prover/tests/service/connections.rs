@@ -7,7 +7,7 @@ use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::time::{sleep, timeout};
-use zk0_prover::service::upload::Patience;
+use zk0_prover::service::upload::UploadTimeout;
 
 /// An empty frame of settings that acknowledges those of a client.
 const ACKNOWLEDGED: &[u8] = b"\0\0\0\x04\x01\0\0\0\0";
@@ -15,10 +15,10 @@ const ACKNOWLEDGED: &[u8] = b"\0\0\0\x04\x01\0\0\0\0";
 /// What a client of HTTP/2 sends first, with settings that change nothing.
 const BEGIN: &[u8] = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0\x04\0\0\0\0\0";
 
-fn impatient(silence: Duration) -> Patience {
-    Patience {
+fn impatient(silence: Duration) -> UploadTimeout {
+    UploadTimeout {
         silence,
-        ..Patience::default()
+        ..UploadTimeout::default()
     }
 }
 

@@ -22,9 +22,9 @@ use zk0_prover::prove::Proof;
 use zk0_prover::rpc::progress::Phase;
 use zk0_prover::rpc::prover_client::ProverClient;
 use zk0_prover::rpc::Progress;
-use zk0_prover::service::upload::{self, Patience};
+use zk0_prover::service::upload::{self, UploadTimeout};
 use zk0_prover::service::{
-    Backend, ClientError, GivenUp, JobError, Pace, ProvingClient, ProvingService, Waiting,
+    Backend, ClientError, GivenUp, JobError, Pace, ProvingClient, ProvingService, WaitingClient,
 };
 use zk0_testkit::until_async;
 use zk0_tls::service_address::ServiceAddress;
@@ -74,7 +74,7 @@ impl Backend for Fake {
         &self,
         input: &GuestInput,
         _: &Execution,
-        waiting: &Waiting,
+        waiting: &WaitingClient,
     ) -> Result<Proof, JobError> {
         let input = &input.buffers;
         self.begun.fetch_add(1, Ordering::SeqCst);
@@ -121,10 +121,10 @@ struct Service {
 }
 
 async fn service(queue: usize, permits: usize) -> Service {
-    patient_service(queue, permits, Patience::default()).await
+    patient_service(queue, permits, UploadTimeout::default()).await
 }
 
-async fn patient_service(queue: usize, permits: usize, patience: Patience) -> Service {
+async fn patient_service(queue: usize, permits: usize, patience: UploadTimeout) -> Service {
     bounded_service(queue, permits, |service| service.with_patience(patience)).await
 }
 

@@ -10,7 +10,7 @@ use zk0_prover::program::GuestInput;
 use zk0_prover::rpc::prove_part::Part;
 use zk0_prover::rpc::prover_client::ProverClient;
 use zk0_prover::rpc::{prove_request, ProvePart, ProveRequest};
-use zk0_prover::service::upload::{self, Announced, Patience, MAX_INPUT_BYTES};
+use zk0_prover::service::upload::{self, Announced, UploadTimeout, MAX_INPUT_BYTES};
 
 /// Returns the service's answer to a request that the real client would not make.
 async fn raw(parts: Vec<Part>) -> tonic::Status {
@@ -107,7 +107,7 @@ async fn announcing(
 
 #[tokio::test]
 async fn who_sends_nothing_or_too_slowly_is_given_up() {
-    let patience = Patience {
+    let patience = UploadTimeout {
         silence: Duration::from_secs(2),
         whole: Duration::from_secs(6),
     };

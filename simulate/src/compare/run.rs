@@ -13,7 +13,7 @@ use zk0_node::error::ParticipantError;
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::sample::PreparedSample;
-use zk0_smolvla::train::{Samples, TrainOptions, Trainer};
+use zk0_smolvla::train::{TrainOptions, Trainer, TrainingSamples};
 use zk0_smolvla::{ExpertWeights, PolicyConfig, PolicyError};
 use zk0_weights::Format;
 
@@ -208,7 +208,12 @@ impl ComparisonSetting {
         };
         // It starts from rounded weights, as a federation does.
         let start = robots.start(start)?.base.weights;
-        let mut trainer = Trainer::new(&self.config, &start, Samples::Prepared(&samples), options)?;
+        let mut trainer = Trainer::new(
+            &self.config,
+            &start,
+            TrainingSamples::Prepared(&samples),
+            options,
+        )?;
         let mut points = Vec::new();
         for round in 0..=self.rounds {
             if self.measured.contains(&round) {

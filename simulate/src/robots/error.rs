@@ -5,7 +5,7 @@ use zk0_circuits::model::spec::SpecError;
 use zk0_node::error::ParticipantError;
 use zk0_smolvla::PolicyError;
 use zk0_verifier::combine::error::CombineError;
-use zk0_weights::WeightsError;
+use zk0_weights::WeightFileError;
 
 /// Why a simulation cannot go on.
 #[derive(Debug, thiserror::Error)]
@@ -28,7 +28,7 @@ pub enum SimulationError {
     Participant(Box<ParticipantError>),
     /// As above.
     #[error(transparent)]
-    Weights(#[from] WeightsError),
+    Weights(#[from] WeightFileError),
     /// The policy has dimensions that no network has.
     #[error("no network can have a policy of these dimensions: {0}")]
     Spec(#[from] SpecError),

@@ -10,13 +10,13 @@ use zk0_node::error::ParticipantError;
 use zk0_node::exchanged_weights::Base;
 use zk0_protocol::rules::closing::server_moments::ServerMoments;
 use zk0_protocol::rules::network_rules::{Rules, Strategy};
-use zk0_smolvla::frames::batch::InMemory;
+use zk0_smolvla::frames::batch::SamplesInMemory;
 use zk0_smolvla::measure::evaluate;
 use zk0_smolvla::measure::fixed_point::quantise_weights;
-use zk0_smolvla::train::{FedCm, Samples, TrainOptions, Trainer};
+use zk0_smolvla::train::{FedCm, TrainOptions, Trainer, TrainingSamples};
 use zk0_smolvla::{ExpertWeights, PolicyConfig};
 use zk0_verifier::combine::bases::Bases;
-use zk0_verifier::combine::contributions::Given;
+use zk0_verifier::combine::contributions::WeightedContribution;
 use zk0_verifier::combine::optimizers::moments::Moments;
 use zk0_verifier::combine::source;
 use zk0_verifier::combine::strategy::combined;
@@ -147,12 +147,12 @@ impl Robots {
             seed: round.wrapping_add(how.seed << 32),
             ..TrainOptions::default()
         };
-        let samples = InMemory::new(&self.config, &data.trained_on)?;
+        let samples = SamplesInMemory::new(&self.config, &data.trained_on)?;
         let base = &global.base;
         let mut trainer = Trainer::new(
             &self.config,
             &base.weights,
-            Samples::Prepared(&samples),
+            TrainingSamples::Prepared(&samples),
             options,
         )?;
         if let Some(earlier) = &global.earlier {
@@ -177,7 +177,7 @@ impl Robots {
     ) -> Result<(Vec<u8>, Option<(ServerMoments, Vec<u8>)>), SimulationError> {
         let sources: Vec<_> = updates
             .iter()
-            .map(|(_, weights)| source::InMemory {
+            .map(|(_, weights)| source::WeightsInMemory {
                 format: &self.format,
                 weights,
             })
@@ -185,7 +185,7 @@ impl Robots {
         let given: Vec<_> = updates
             .iter()
             .zip(&sources)
-            .map(|((node, _), weights)| Given {
+            .map(|((node, _), weights)| WeightedContribution {
                 node: id(*node),
                 weight: 1,
                 weights,

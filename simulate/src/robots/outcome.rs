@@ -2,7 +2,7 @@
 
 use crate::robots::data::NodeData;
 use serde::{Deserialize, Serialize};
-use zk0_smolvla::train::Step;
+use zk0_smolvla::train::TrainingStep;
 
 /// What a node tells about its training in a round.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -42,7 +42,7 @@ impl TrainedNode {
     }
 
     /// After a step.
-    pub fn stepped(&mut self, step: &Step) {
+    pub fn stepped(&mut self, step: &TrainingStep) {
         self.steps += 1;
         let part = 1.0 / self.steps as f64;
         let mean = |mean: &mut f64, value: f64| *mean += (value - *mean) * part;

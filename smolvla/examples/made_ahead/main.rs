@@ -15,7 +15,7 @@ use zk0_smolvla::policy::frozen::FrozenPlace;
 use zk0_smolvla::policy::init::init_policy;
 use zk0_smolvla::policy::profile::Profile;
 use zk0_smolvla::policy::tokenizer::WordHash;
-use zk0_smolvla::train::{train_on, Samples, TrainOptions, Trainer};
+use zk0_smolvla::train::{train_on, TrainOptions, Trainer, TrainingSamples};
 use zk0_smolvla::{ExpertWeights, Policy};
 
 /// The allocator is that of the `zk0` binary.
@@ -30,7 +30,7 @@ fn in_turn(
     source: &dyn SampleSource<PreparedSample>,
     options: &TrainOptions,
 ) -> Result<ExpertWeights, Failure> {
-    let samples = Samples::Prepared(source);
+    let samples = TrainingSamples::Prepared(source);
     let mut trainer = Trainer::new(&policy.config, &policy.expert, samples, options.clone())?;
     while !trainer.is_done() {
         trainer.step()?;
@@ -45,7 +45,7 @@ fn ahead(
     options: &TrainOptions,
 ) -> Result<ExpertWeights, Failure> {
     let (config, start) = (&policy.config, &policy.expert);
-    let (device, samples) = (&Device::Cpu, Samples::Prepared(source));
+    let (device, samples) = (&Device::Cpu, TrainingSamples::Prepared(source));
     let trained = train_on(device, config, start, samples, options, None, &mut |_| ())?;
     Ok(trained.weights)
 }

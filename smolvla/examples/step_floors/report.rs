@@ -5,7 +5,7 @@ use std::time::Instant;
 use candle_core::{Device, Tensor, Var};
 use rayon::prelude::*;
 use zk0_smolvla::policy::model::kernels::gradients::backward;
-use zk0_smolvla::policy::model::kernels::matrix::{product, Into, Matrix, Threads};
+use zk0_smolvla::policy::model::kernels::matrix::{product, Into, StridedMatrix, Threads};
 
 use crate::Failure;
 
@@ -21,7 +21,7 @@ impl Rates {
         let a = vec![0.5f32; n * n];
         let mut out = vec![0.0f32; n * n];
         let seconds = median(9, || {
-            let (a, b) = (Matrix::new(&a, n, n), Matrix::new(&a, n, n));
+            let (a, b) = (StridedMatrix::new(&a, n, n), StridedMatrix::new(&a, n, n));
             product(
                 a,
                 b.transposed(),

@@ -31,10 +31,10 @@ use zk0_smolvla::policy::model::flow::{losses, mean_loss, noisy_actions, target_
 use zk0_smolvla::policy::model::kernels::gradients::backward;
 use zk0_smolvla::policy::model::key_values::PrefixCache;
 use zk0_smolvla::policy::model::prefix::{CameraInput, PrefixInput, PrefixModel};
-use zk0_smolvla::policy::model::Parameters;
+use zk0_smolvla::policy::model::PolicyParameters;
 use zk0_smolvla::policy::profile::Profile;
 use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions, Optimizer};
-use zk0_smolvla::train::Samples;
+use zk0_smolvla::train::TrainingSamples;
 
 /// The allocator is that of the `zk0` binary.
 #[global_allocator]
@@ -79,7 +79,7 @@ impl Bench {
         let mut all = policy.frozen;
         all.extend(policy.expert.into_tensors());
         let trainable = trainable_layout(&config, true);
-        let (parameters, variables) = Parameters::with_variables(all, &trainable, device)?;
+        let (parameters, variables) = PolicyParameters::with_variables(all, &trainable, device)?;
         let mut rng = ChaCha20Rng::seed_from_u64(2);
         let (height, width) = recorded(profile);
         let values =
@@ -207,10 +207,10 @@ fn main() -> Result<(), Failure> {
     let mut measured = match what.as_str() {
         "whole" => whole(profile_named, batch, steps, &place)?,
         "cached" => run::<PreparedSample>(profile_named, batch, steps, &place, |kept| {
-            Samples::Prepared(kept)
+            TrainingSamples::Prepared(kept)
         })?,
         "cached-state" => run::<ObservedSample>(profile_named, batch, steps, &place, |kept| {
-            Samples::Observed(kept)
+            TrainingSamples::Observed(kept)
         })?,
         other => return Err(format!("`{other}` is none of whole, cached, cached-state").into()),
     };

@@ -9,14 +9,14 @@ use rand_chacha::ChaCha20Rng;
 use zk0_lerobot::config::PolicyConfig;
 use zk0_lerobot::tokenizer::Tokenizer;
 use zk0_smolvla::frames::batch::SampleSource;
-use zk0_smolvla::frames::prefix_cache::entry::Entry;
-use zk0_smolvla::frames::prefix_cache::{DiskCache, Key};
+use zk0_smolvla::frames::prefix_cache::entry::CacheEntry;
+use zk0_smolvla::frames::prefix_cache::{CacheKey, DiskCache};
 use zk0_smolvla::frames::sample::{CameraImage, FromFrame, Observation, Pixels, Preparer};
 use zk0_smolvla::policy::frozen::FrozenPlace;
 use zk0_smolvla::policy::init::init_policy;
 use zk0_smolvla::policy::profile::Profile;
 use zk0_smolvla::train::learner::state_part;
-use zk0_smolvla::train::{Samples, TrainOptions, Trainer};
+use zk0_smolvla::train::{TrainOptions, Trainer, TrainingSamples};
 use zk0_smolvla::PolicyError;
 
 use crate::{recorded, wave, Failure, Measured};
@@ -38,10 +38,10 @@ impl Tokenizer for FullLength {
 /// Samples by number, each read from the disk when it is asked for.
 pub struct OnDisk {
     cache: DiskCache,
-    keys: Vec<Key>,
+    keys: Vec<CacheKey>,
 }
 
-impl<S: Entry + Clone> SampleSource<S> for OnDisk {
+impl<S: CacheEntry + Clone> SampleSource<S> for OnDisk {
     fn len(&self) -> usize {
         self.keys.len()
     }
@@ -55,12 +55,12 @@ impl<S: Entry + Clone> SampleSource<S> for OnDisk {
 }
 
 /// Trains on samples of a kind, which decides what is trained.
-pub fn run<S: FromFrame + Entry>(
+pub fn run<S: FromFrame + CacheEntry>(
     profile: Profile,
     batch: usize,
     steps: usize,
     place: &FrozenPlace,
-    samples: impl Fn(&OnDisk) -> Samples<'_>,
+    samples: impl Fn(&OnDisk) -> TrainingSamples<'_>,
 ) -> Result<Measured, Failure> {
     let config = profile.config();
     // These weights stay in memory while samples are prepared, as in `zk0 train`.
@@ -76,7 +76,7 @@ pub fn run<S: FromFrame + Entry>(
         let preparer = Preparer::at(place, init_policy(&config, 1)?, &tokenizer)?;
         for number in 0..BATCHES * batch {
             let made = sample::<S>(&preparer, profile, number)?;
-            let mut key = Key([0; 32]);
+            let mut key = CacheKey([0; 32]);
             key.0[..8].copy_from_slice(&(number as u64).to_le_bytes());
             kept.cache.put(&key, &made)?;
             kept.keys.push(key);
@@ -89,8 +89,8 @@ pub fn run<S: FromFrame + Entry>(
     };
     let samples = samples(&kept);
     let frozen = match samples {
-        Samples::Prepared(_) => None,
-        Samples::Observed(_) => Some(&part),
+        TrainingSamples::Prepared(_) => None,
+        TrainingSamples::Observed(_) => Some(&part),
     };
     let mut trainer = Trainer::on(place, &config, &expert, frozen, samples, options)?;
     drop((expert, part));

@@ -40,9 +40,9 @@ pub trait SampleSource<S: Clone> {
 }
 
 /// Samples that are in memory.
-pub struct InMemory<'a, S>(&'a [S]);
+pub struct SamplesInMemory<'a, S>(&'a [S]);
 
-impl<'a, S: FromFrame> InMemory<'a, S> {
+impl<'a, S: FromFrame> SamplesInMemory<'a, S> {
     /// Checks all of them.
     ///
     /// # Errors
@@ -54,7 +54,7 @@ impl<'a, S: FromFrame> InMemory<'a, S> {
     }
 }
 
-impl<S: Clone> SampleSource<S> for InMemory<'_, S> {
+impl<S: Clone> SampleSource<S> for SamplesInMemory<'_, S> {
     fn len(&self) -> usize {
         self.0.len()
     }

@@ -9,7 +9,7 @@ use crate::frames::image_transforms::picture::Picture;
 pub type Coming = Box<dyn Iterator<Item = usize> + Send>;
 
 /// A frame that is read.
-pub struct Decoded {
+pub struct DecodedFrame {
     /// The frame as it was recorded.
     pub frame: Frame,
     /// Its pictures transformed, camera after camera, if they are.
@@ -21,7 +21,7 @@ pub enum Begun<S> {
     /// It was at hand.
     Whole(S),
     /// The frame is decoded, and the frozen half of the policy has to run over it.
-    Decoded(Box<Decoded>),
+    Decoded(Box<DecodedFrame>),
 }
 
 /// What makes samples, on whatever thread.

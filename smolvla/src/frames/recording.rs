@@ -3,7 +3,7 @@
 use zk0_lerobot::dataset::{Dataset, DatasetError, Frame, Loader};
 
 use crate::error::PolicyError;
-use crate::frames::making::Decoded;
+use crate::frames::making::DecodedFrame;
 use crate::frames::sample::{
     CameraImage, FromFrame, Observation, Pixels, PreparedSample, Preparer,
 };
@@ -34,7 +34,7 @@ impl Preparer<'_> {
         loader: &mut Loader,
         index: usize,
     ) -> std::result::Result<S, PrepareError> {
-        let decoded = Decoded {
+        let decoded = DecodedFrame {
             frame: loader.frame(index)?,
             pictures: None,
         };
@@ -48,9 +48,9 @@ impl Preparer<'_> {
     pub fn prepare_decoded<S: FromFrame>(
         &self,
         dataset: &Dataset,
-        decoded: Decoded,
+        decoded: DecodedFrame,
     ) -> std::result::Result<S, PolicyError> {
-        let Decoded {
+        let DecodedFrame {
             mut frame,
             pictures,
         } = decoded;

@@ -16,7 +16,7 @@ use crate::frames::image::{unit_vision_input, vision_input};
 use crate::policy::frozen::FrozenPlace;
 use crate::policy::model::key_values::PrefixCache;
 use crate::policy::model::prefix::{CameraInput, PrefixInput, PrefixModel};
-use crate::policy::model::Parameters;
+use crate::policy::model::PolicyParameters;
 use crate::policy::weights::Policy;
 
 /// One frame, ready for the expert.
@@ -187,20 +187,20 @@ impl<'a> Preparer<'a> {
     /// For the frozen half of `policy`, where and how dataset commitments want it computed.
     pub fn new(policy: &Policy, tokenizer: &'a dyn Tokenizer) -> Result<Self> {
         let place = FrozenPlace::default();
-        let parameters = Parameters::load(&policy.frozen, &place.device)?;
+        let parameters = PolicyParameters::load(&policy.frozen, &place.device)?;
         Self::of(&place, &policy.config, parameters, tokenizer)
     }
 
     /// For the frozen half of `policy`, computed at `place`. On the CPU it is not copied: a published one has 1.4 GB.
     pub fn at(place: &FrozenPlace, policy: Policy, tokenizer: &'a dyn Tokenizer) -> Result<Self> {
-        let parameters = Parameters::take(policy.frozen, &place.device)?;
+        let parameters = PolicyParameters::take(policy.frozen, &place.device)?;
         Self::of(place, &policy.config, parameters, tokenizer)
     }
 
     fn of(
         place: &FrozenPlace,
         config: &PolicyConfig,
-        frozen: Parameters,
+        frozen: PolicyParameters,
         tokenizer: &'a dyn Tokenizer,
     ) -> Result<Self> {
         let model = PrefixModel::new(config, &frozen.in_precision(place.precision))?;

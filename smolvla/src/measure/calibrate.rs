@@ -17,7 +17,7 @@ use zk0_lerobot::config::PolicyConfig;
 
 use crate::error::PolicyError;
 use crate::frames::sample::PreparedSample;
-use crate::measure::evaluate::{evaluate_each, Evaluation, FlowDraw};
+use crate::measure::evaluate::{evaluate_each, FlowDraw, LossTotal};
 use crate::policy::model::observe::Site;
 use crate::policy::weights::ExpertWeights;
 
@@ -27,7 +27,7 @@ pub const HEADROOM_BITS: u32 = 3;
 
 /// Where a value must fit its scale.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum CalibrationPoint {
     /// A sample's actions.
     Actions,
     /// The noise drawn.
@@ -42,7 +42,7 @@ pub enum Place {
     Evaluation(Site),
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for CalibrationPoint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Actions => write!(f, "sample actions"),
@@ -55,17 +55,17 @@ impl fmt::Display for Place {
     }
 }
 
-impl Place {
+impl CalibrationPoint {
     /// The scale that holds the values of this place. `None` for attention scores, whose scale follows from those of
     /// queries and keys, and for a layer that `spec` lacks.
     fn scale(self, spec: &mut EvalSpec) -> Option<&mut u8> {
-        use Place::*;
+        use CalibrationPoint::*;
         let joint = |layer| spec.dims.is_self_attention(layer);
         let holder = match self {
-            Evaluation(Site::Key(layer) | Site::RotatedKey(layer)) if joint(layer) => {
+            LossTotal(Site::Key(layer) | Site::RotatedKey(layer)) if joint(layer) => {
                 CachedKeys(layer)
             }
-            Evaluation(Site::Value(layer) | Site::Attention(layer)) if joint(layer) => {
+            LossTotal(Site::Value(layer) | Site::Attention(layer)) if joint(layer) => {
                 CachedValues(layer)
             }
             place => place,
@@ -76,7 +76,7 @@ impl Place {
             TimeEmbedding => &mut spec.embedding,
             CachedKeys(layer) => &mut layers.get_mut(layer)?.cache_key,
             CachedValues(layer) => &mut layers.get_mut(layer)?.cache_value,
-            Evaluation(site) => match site {
+            LossTotal(site) => match site {
                 Site::NoisedAction | Site::Velocity => &mut spec.action,
                 Site::ActionIn => &mut spec.embedding,
                 Site::TimeMlpIn => &mut spec.time_hidden,
@@ -114,7 +114,7 @@ impl Place {
 
 /// The largest magnitude at every place of some passes, in the order of the evaluation.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Magnitudes(Vec<(Place, f32)>);
+pub struct Magnitudes(Vec<(CalibrationPoint, f32)>);
 
 impl Magnitudes {
     /// Passes in float32 of `weights` over samples with their draws, and what they evaluate to, pair by pair. Frames that
@@ -126,20 +126,20 @@ impl Magnitudes {
         config: &PolicyConfig,
         weights: &ExpertWeights,
         pairs: &[(&PreparedSample, &FlowDraw)],
-    ) -> Result<(Self, Vec<Evaluation>), PolicyError> {
+    ) -> Result<(Self, Vec<LossTotal>), PolicyError> {
         let mut seen = Self::default();
-        seen.add(Place::TimeEmbedding, 1.0);
+        seen.add(CalibrationPoint::TimeEmbedding, 1.0);
         for (sample, draw) in pairs {
-            seen.add(Place::Noise, largest(&draw.noise));
-            seen.add(Place::Actions, largest(&sample.actions));
+            seen.add(CalibrationPoint::Noise, largest(&draw.noise));
+            seen.add(CalibrationPoint::Actions, largest(&sample.actions));
             for (layer, (keys, values)) in sample.keys.iter().zip(&sample.values).enumerate() {
-                seen.add(Place::CachedKeys(layer), largest(keys));
-                seen.add(Place::CachedValues(layer), largest(values));
+                seen.add(CalibrationPoint::CachedKeys(layer), largest(keys));
+                seen.add(CalibrationPoint::CachedValues(layer), largest(values));
             }
         }
         let evaluations = evaluate_each(config, weights, pairs, &mut |site, values| {
             let values = values.flatten_all()?.to_vec1::<f32>()?;
-            seen.add(Place::Evaluation(site), largest(&values));
+            seen.add(CalibrationPoint::Evaluation(site), largest(&values));
             Ok(())
         })?;
         Ok((seen, evaluations))
@@ -151,7 +151,7 @@ impl Magnitudes {
         }
     }
 
-    fn add(&mut self, place: Place, largest: f32) {
+    fn add(&mut self, place: CalibrationPoint, largest: f32) {
         match self.0.iter_mut().find(|(seen, _)| *seen == place) {
             Some((_, seen)) => *seen = seen.max(largest),
             None => self.0.push((place, largest)),
@@ -173,16 +173,16 @@ fn largest(values: &[f32]) -> f32 {
 
 /// What a specification holds at a place, and what was seen there.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Range {
+pub struct ObservedRange {
     /// Where.
-    pub place: Place,
+    pub place: CalibrationPoint,
     /// The largest magnitude seen.
     pub largest: f32,
     /// The largest that fits.
     pub holds: f64,
 }
 
-impl Range {
+impl ObservedRange {
     /// How often the largest magnitude fits; below 1, it does not.
     pub fn headroom(&self) -> f64 {
         self.holds / f64::from(self.largest)
@@ -190,17 +190,17 @@ impl Range {
 }
 
 /// Every place's range in `spec`, in the order of the evaluation. Places that `spec` lacks are left out.
-pub fn ranges(spec: &EvalSpec, magnitudes: &Magnitudes) -> Vec<Range> {
+pub fn ranges(spec: &EvalSpec, magnitudes: &Magnitudes) -> Vec<ObservedRange> {
     let mut spec = spec.clone();
-    let held = |(place, largest): &(Place, f32)| {
+    let held = |(place, largest): &(CalibrationPoint, f32)| {
         let holds = match *place {
-            Place::Evaluation(Site::Scores(layer)) => {
+            CalibrationPoint::Evaluation(Site::Scores(layer)) => {
                 let scales = spec.layers.get(layer)?;
                 most(SCORE_LIMIT, (scales.query + scales.key).into())
             }
             place => most(VALUE_LIMIT, (*place.scale(&mut spec)?).into()),
         };
-        Some(Range {
+        Some(ObservedRange {
             place: *place,
             largest: *largest,
             holds,
@@ -228,7 +228,7 @@ pub enum CalibrateError {
     #[error("{place}: values reach {largest}; with a headroom of {} no scale holds more than {limit}", 1 << HEADROOM_BITS)]
     TooLarge {
         /// Where.
-        place: Place,
+        place: CalibrationPoint,
         /// The largest magnitude seen.
         largest: f32,
         /// The largest that may be seen there.
@@ -264,7 +264,7 @@ pub fn calibrate(dims: Dims, magnitudes: &Magnitudes) -> Result<EvalSpec, Calibr
     // Scores come last: their fraction bits are those of queries and keys together, and only queries can give way, as the
     // scale of keys may be the cache's.
     for &(place, largest) in &magnitudes.0 {
-        if let Place::Evaluation(Site::Scores(layer)) = place {
+        if let CalibrationPoint::Evaluation(Site::Scores(layer)) = place {
             if let Some(scales) = spec.layers.get_mut(layer) {
                 let bits = scales.query + scales.key;
                 scales.query = finest(place, largest, SCORE_LIMIT, scales.key, bits)? - scales.key;
@@ -277,7 +277,7 @@ pub fn calibrate(dims: Dims, magnitudes: &Magnitudes) -> Result<EvalSpec, Calibr
 
 /// The most fraction bits in `least..=upper` with which integers up to `limit` hold `largest` with the headroom.
 fn finest(
-    place: Place,
+    place: CalibrationPoint,
     largest: f32,
     limit: f64,
     least: u8,
@@ -328,7 +328,7 @@ mod tests {
     }
 
     /// Returns the address of the scale that holds a place. The address tells the scales apart.
-    fn scale(spec: &mut EvalSpec, place: Place) -> Option<*const u8> {
+    fn scale(spec: &mut EvalSpec, place: CalibrationPoint) -> Option<*const u8> {
         place.scale(spec).map(|bits| bits as *const u8)
     }
 
@@ -344,7 +344,7 @@ mod tests {
         let calibrated = calibrate(dims, &seen).unwrap();
         let mut failed = 0;
         for (place, _) in &seen.0 {
-            let Place::Evaluation(site) = *place else {
+            let CalibrationPoint::Evaluation(site) = *place else {
                 continue;
             };
             let mut spec = calibrated.clone();
@@ -364,7 +364,7 @@ mod tests {
                 Err(FidelityError::Evaluation(EvalError::OutOfRange { site: at, .. })) => {
                     let (held, failing) = (
                         scale(&mut spec, *place),
-                        scale(&mut spec, Place::Evaluation(at)),
+                        scale(&mut spec, CalibrationPoint::Evaluation(at)),
                     );
                     assert_eq!(held, failing, "{site}: fails at {at}");
                 }
@@ -387,7 +387,7 @@ mod tests {
     fn what_is_not_a_number_fits_no_range() {
         let mut seen = Magnitudes::default();
         seen.add(
-            Place::Evaluation(Site::Up(1)),
+            CalibrationPoint::Evaluation(Site::Up(1)),
             largest(&[1.0, f32::NAN, 2.0]),
         );
         let error = calibrate(Dims::MICRO, &seen).unwrap_err().to_string();
@@ -402,9 +402,9 @@ mod tests {
         let scores = |layer, largest| {
             let mut seen = Magnitudes::default();
             for place in [Site::Query(layer), Site::Key(layer)] {
-                seen.add(Place::Evaluation(place), 0.1);
+                seen.add(CalibrationPoint::Evaluation(place), 0.1);
             }
-            seen.add(Place::Evaluation(Site::Scores(layer)), largest);
+            seen.add(CalibrationPoint::Evaluation(Site::Scores(layer)), largest);
             calibrate(Dims::MICRO, &seen)
         };
         // 0.1 with headroom fits into 15 bits. The products fit into 30 bits of an int32 only up to 2/8.

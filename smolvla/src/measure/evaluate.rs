@@ -13,7 +13,7 @@ use crate::frames::sample::PreparedSample;
 use crate::policy::model::expert::ExpertModel;
 use crate::policy::model::flow::{losses, noisy_actions, target_velocity};
 use crate::policy::model::observe::{ignore, Observer};
-use crate::policy::model::Parameters;
+use crate::policy::model::PolicyParameters;
 use crate::policy::random::{flow_time, normal};
 use crate::policy::weights::ExpertWeights;
 
@@ -50,14 +50,14 @@ pub fn fixed_draws(config: &PolicyConfig, count: usize, seed: u64) -> Vec<FlowDr
 
 /// A loss as the sum it is a mean of.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Evaluation {
+pub struct LossTotal {
     /// Sum of squared errors over the real action dimensions of frames that are not padding.
     pub squared_error: f64,
     /// How many were summed.
     pub elements: usize,
 }
 
-impl Evaluation {
+impl LossTotal {
     fn of(errors: &[f32]) -> Self {
         Self {
             squared_error: errors.iter().map(|e| f64::from(*e)).sum(),
@@ -72,7 +72,7 @@ impl Evaluation {
 }
 
 /// All samples together.
-impl Sum for Evaluation {
+impl Sum for LossTotal {
     fn sum<I: Iterator<Item = Self>>(all: I) -> Self {
         all.fold(Self::default(), |sum, one| Self {
             squared_error: sum.squared_error + one.squared_error,
@@ -89,7 +89,7 @@ pub fn evaluate(
     config: &PolicyConfig,
     weights: &ExpertWeights,
     pairs: &[(&PreparedSample, &FlowDraw)],
-) -> Result<Evaluation> {
+) -> Result<LossTotal> {
     Ok(evaluate_each(config, weights, pairs, &mut ignore)?
         .into_iter()
         .sum())
@@ -104,9 +104,9 @@ pub fn evaluate_each(
     weights: &ExpertWeights,
     pairs: &[(&PreparedSample, &FlowDraw)],
     observe: &mut Observer,
-) -> Result<Vec<Evaluation>> {
+) -> Result<Vec<LossTotal>> {
     let device = Device::Cpu;
-    let expert = ExpertModel::new(config, &Parameters::load(weights.tensors(), &device)?)?;
+    let expert = ExpertModel::new(config, &PolicyParameters::load(weights.tensors(), &device)?)?;
     let mut all = Vec::with_capacity(pairs.len());
     for (round, some) in pairs.chunks(BATCH).enumerate() {
         let samples: Vec<&PreparedSample> = some.iter().map(|(sample, _)| *sample).collect();
@@ -123,9 +123,9 @@ pub fn evaluate_each(
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SampleErrors {
     /// Real action dimensions of frames that are not padding: LeRobot 0.6's `loss_valid_only`, and that of a claim.
-    pub valid_only: Evaluation,
+    pub valid_only: LossTotal,
     /// All dimensions of all frames, padding included: LeRobot 0.4's.
-    pub plain: Evaluation,
+    pub plain: LossTotal,
 }
 
 /// The errors of every sample of a batch, each at its draw.
@@ -158,9 +158,9 @@ pub fn squared_errors(
         let real = frames.filter(|(_, pad)| !**pad);
         SampleErrors {
             valid_only: real
-                .map(|(frame, _)| Evaluation::of(&frame[..config.action_dim]))
+                .map(|(frame, _)| LossTotal::of(&frame[..config.action_dim]))
                 .sum(),
-            plain: Evaluation::of(errors),
+            plain: LossTotal::of(errors),
         }
     });
     Ok(each.collect())

@@ -11,8 +11,8 @@ use zk0_lerobot::config::PolicyConfig;
 
 use crate::error::PolicyError;
 use crate::frames::sample::PreparedSample;
-use crate::measure::calibrate::{ranges, Magnitudes, Place, Range};
-use crate::measure::evaluate::{Evaluation, FlowDraw};
+use crate::measure::calibrate::{ranges, CalibrationPoint, Magnitudes, ObservedRange};
+use crate::measure::evaluate::{FlowDraw, LossTotal};
 use crate::measure::fixed_point::{quantise_sample, quantise_weights};
 use crate::policy::weights::ExpertWeights;
 
@@ -28,7 +28,7 @@ pub struct Fidelity {
     /// The largest relative difference of a single evaluation's losses.
     pub worst_sample: f64,
     /// Per place, what the specification holds and what the float32 passes reached.
-    pub ranges: Vec<Range>,
+    pub ranges: Vec<ObservedRange>,
 }
 
 impl Fidelity {
@@ -38,9 +38,15 @@ impl Fidelity {
     }
 
     /// The range with the least headroom. Noise and time embedding are left out: they are as large as they will ever be.
-    pub fn tightest(&self) -> Option<&Range> {
-        let bounded = |range: &&Range| matches!(range.place, Place::Noise | Place::TimeEmbedding);
-        let by_headroom = |a: &&Range, b: &&Range| a.headroom().total_cmp(&b.headroom());
+    pub fn tightest(&self) -> Option<&ObservedRange> {
+        let bounded = |range: &&ObservedRange| {
+            matches!(
+                range.place,
+                CalibrationPoint::Noise | CalibrationPoint::TimeEmbedding
+            )
+        };
+        let by_headroom =
+            |a: &&ObservedRange, b: &&ObservedRange| a.headroom().total_cmp(&b.headroom());
         let ranges = self.ranges.iter().filter(|range| !bounded(range));
         ranges.min_by(by_headroom)
     }
@@ -106,7 +112,7 @@ pub fn measure(
         let sample = quantise_sample(spec, sample)?;
         let draw = draw(spec, challenge, position as u32, count as u32);
         let sum = evaluator.loss(&mut products, &sample, &draw)?;
-        fixed.push(Evaluation {
+        fixed.push(LossTotal {
             squared_error: sum.squared_error as f64 * unit,
             elements: sum.elements as usize,
         });
@@ -115,8 +121,8 @@ pub fn measure(
     let differences = differences.map(|(a, b)| (a.loss() / b.loss() - 1.0).abs());
     Ok(Fidelity {
         evaluations: count,
-        float32_loss: float32.iter().copied().sum::<Evaluation>().loss(),
-        fixed_point_loss: fixed.iter().copied().sum::<Evaluation>().loss(),
+        float32_loss: float32.iter().copied().sum::<LossTotal>().loss(),
+        fixed_point_loss: fixed.iter().copied().sum::<LossTotal>().loss(),
         worst_sample: differences.fold(0.0, f64::max),
         ranges: ranges(spec, &magnitudes),
     })

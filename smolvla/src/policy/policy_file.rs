@@ -18,13 +18,13 @@ use zk0_lerobot::config::PolicyConfig;
 use zk0_lerobot::policy_folder::Inference;
 use zk0_lerobot::tokenizer::TrainedTokenizer;
 use zk0_lerobot::{StoredPolicyError, StoredTensors};
-use zk0_tensors::{write_to, Entry, TensorFile, HEADER_LIMIT};
+use zk0_tensors::{write_to, TensorEntry, TensorFile, HEADER_LIMIT};
 
 use crate::error::Result;
 use crate::policy::tokenizer::PolicyTokenizer;
 use crate::policy::weights::Policy;
 
-pub use zk0_tensors::Written;
+pub use zk0_tensors::WrittenTensors;
 
 /// Key of the file's metadata under which the dimensions are.
 pub const CONFIG_KEY: &str = "zk0.config";
@@ -55,7 +55,7 @@ impl PolicyFile {
     ///
     /// # Errors
     /// Those of `out`, and one when the tokenizer's text is longer than a file's metadata can be.
-    pub fn write(&self, out: impl Write) -> io::Result<Written> {
+    pub fn write(&self, out: impl Write) -> io::Result<WrittenTensors> {
         write_used(&self.policy, &self.tokenizer, None, out)
     }
 }
@@ -65,13 +65,13 @@ fn write_used(
     tokenizer: &PolicyTokenizer,
     inference: Option<&Inference>,
     out: impl Write,
-) -> io::Result<Written> {
+) -> io::Result<WrittenTensors> {
     let config = serde_json::to_string(&policy.config)?;
     let inference = inference.map(serde_json::to_string).transpose()?;
     let mut notes = BTreeMap::from([(CONFIG_KEY, &config[..])]);
     notes.extend(tokenizer.definition().map(|text| (TOKENIZER_KEY, text)));
     notes.extend(inference.as_deref().map(|text| (INFERENCE_KEY, text)));
-    write_to(out, policy.tensors().map(Entry::of).collect(), notes)
+    write_to(out, policy.tensors().map(TensorEntry::of).collect(), notes)
 }
 
 /// Reads what [`PolicyFile::write`] wrote.
@@ -232,7 +232,7 @@ mod tests {
         for text in ["", "{}", "no JSON"] {
             let mut bytes = Vec::new();
             let notes = BTreeMap::from([(CONFIG_KEY, &config[..]), (TOKENIZER_KEY, text)]);
-            let tensors = policy.tensors().map(Entry::of).collect();
+            let tensors = policy.tensors().map(TensorEntry::of).collect();
             write_to(&mut bytes, tensors, notes).unwrap();
             match read(&bytes) {
                 Err(PolicyError::Stored(StoredPolicyError::Tokenizer(_))) => {}
@@ -289,7 +289,7 @@ mod tests {
         );
         let config = serde_json::to_string(&file.policy.config).unwrap();
         let notes = BTreeMap::from([(CONFIG_KEY, &config[..]), (INFERENCE_KEY, "{}")]);
-        let tensors = file.policy.tensors().map(Entry::of).collect();
+        let tensors = file.policy.tensors().map(TensorEntry::of).collect();
         write_to(File::create(&path).unwrap(), tensors, notes).unwrap();
         let said = inference(&path).unwrap_err().to_string();
         assert!(

@@ -9,7 +9,8 @@ use zk0_lerobot::config::PolicyConfig;
 use zk0_lerobot::layout::{expert_layout, policy_layout, LM_HEAD};
 use zk0_lerobot::policy_folder::PolicyFolder;
 use zk0_tensors::{
-    check_layout, write_to, Entry, TensorData, TensorError, TensorFile, TensorSet, HEADER_LIMIT,
+    check_layout, write_to, TensorData, TensorEntry, TensorError, TensorFile, TensorSet,
+    HEADER_LIMIT,
 };
 
 use crate::error::Result;
@@ -111,7 +112,7 @@ fn write<'a>(tensors: impl Iterator<Item = (&'a String, &'a TensorData)>) -> Res
     let mut bytes = Vec::new();
     write_to(
         &mut bytes,
-        tensors.map(Entry::of).collect(),
+        tensors.map(TensorEntry::of).collect(),
         BTreeMap::new(),
     )
     .map_err(TensorError::from)?;

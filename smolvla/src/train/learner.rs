@@ -18,7 +18,7 @@ use crate::policy::model::expert::ExpertModel;
 use crate::policy::model::flow::mean_loss_valid_only;
 use crate::policy::model::observe::ignore;
 use crate::policy::model::state_token::StateToken;
-use crate::policy::model::Parameters;
+use crate::policy::model::PolicyParameters;
 use crate::policy::weights::ExpertWeights;
 use crate::train::options::TrainScope;
 
@@ -33,14 +33,14 @@ pub fn state_part(mut frozen: TensorSet) -> TensorSet {
 
 /// What a run trains on. Decides its scope.
 #[derive(Clone, Copy)]
-pub enum Samples<'a> {
+pub enum TrainingSamples<'a> {
     /// [`TrainScope::Expert`].
     Prepared(&'a dyn SampleSource<PreparedSample>),
     /// [`TrainScope::ExpertAndState`].
     Observed(&'a dyn SampleSource<ObservedSample>),
 }
 
-impl Samples<'_> {
+impl TrainingSamples<'_> {
     /// What can be trained on them.
     pub fn scope(&self) -> TrainScope {
         match self {
@@ -63,10 +63,14 @@ impl Samples<'_> {
     }
 
     /// Does `work` with the same samples, and makes those that `work` takes next in the background, where samples have to be made.
-    pub fn ahead<R>(self, work: impl FnOnce(Samples<'_>) -> R) -> R {
+    pub fn ahead<R>(self, work: impl FnOnce(TrainingSamples<'_>) -> R) -> R {
         match self {
-            Self::Prepared(source) => ahead(source, |source| work(Samples::Prepared(source))),
-            Self::Observed(source) => ahead(source, |source| work(Samples::Observed(source))),
+            Self::Prepared(source) => {
+                ahead(source, |source| work(TrainingSamples::Prepared(source)))
+            }
+            Self::Observed(source) => {
+                ahead(source, |source| work(TrainingSamples::Observed(source)))
+            }
         }
     }
 
@@ -127,7 +131,7 @@ impl Learner {
                     .iter()
                     .map(|(name, v)| (name.clone(), v.as_tensor().clone()));
                 layers.extend(tracked);
-                let frozen = Parameters::from_tensors(layers).in_precision(place.precision);
+                let frozen = PolicyParameters::from_tensors(layers).in_precision(place.precision);
                 Some(StateToken::new(config, &frozen)?)
             }
         };
@@ -168,7 +172,7 @@ impl Learner {
     ///
     /// # Errors
     /// As [`EvaluationModels::batch`].
-    pub fn batch(&self, samples: Samples, indices: &[usize]) -> Result<Batch> {
+    pub fn batch(&self, samples: TrainingSamples, indices: &[usize]) -> Result<Batch> {
         self.models.batch(samples, indices)
     }
 
@@ -193,9 +197,12 @@ impl Learner {
 }
 
 /// The variables as a model takes them.
-fn parameters(variables: &BTreeMap<String, Var>, tensor: impl Fn(&Var) -> Tensor) -> Parameters {
+fn parameters(
+    variables: &BTreeMap<String, Var>,
+    tensor: impl Fn(&Var) -> Tensor,
+) -> PolicyParameters {
     let tensors = variables.iter().map(|(name, v)| (name.clone(), tensor(v)));
-    Parameters::from_tensors(tensors.collect())
+    PolicyParameters::from_tensors(tensors.collect())
 }
 
 impl EvaluationModels {
@@ -224,15 +231,15 @@ impl EvaluationModels {
     ///
     /// # Errors
     /// [`PolicyError::Sample`] for samples of the other scope, or that do not fit the policy.
-    pub fn batch(&self, samples: Samples, indices: &[usize]) -> Result<Batch> {
+    pub fn batch(&self, samples: TrainingSamples, indices: &[usize]) -> Result<Batch> {
         let (config, device) = (&self.config, &self.device);
         match (samples, &self.state) {
-            (Samples::Prepared(source), None) => {
+            (TrainingSamples::Prepared(source), None) => {
                 let picked = pick(source, indices)?;
                 let picked: Vec<&PreparedSample> = picked.iter().map(Cow::as_ref).collect();
                 Batch::new(config, &picked, indices, device)
             }
-            (Samples::Observed(source), Some(state)) => {
+            (TrainingSamples::Observed(source), Some(state)) => {
                 let picked = pick(source, indices)?;
                 let picked: Vec<&ObservedSample> = picked.iter().map(Cow::as_ref).collect();
                 let batch = ObservedBatch::new(config, &picked, indices, device)?;

@@ -6,7 +6,7 @@ use crate::error::{PolicyError, Result};
 use crate::measure::evaluate::fixed_draws;
 use crate::policy::frozen::FrozenPlace;
 use crate::policy::weights::ExpertWeights;
-use crate::train::learner::{EvaluationModels, Samples};
+use crate::train::learner::{EvaluationModels, TrainingSamples};
 use crate::train::trainer::evaluate_samples;
 
 /// Samples that a loss is measured on, at most.
@@ -17,7 +17,11 @@ const MEASURED: usize = 256;
 ///
 /// # Errors
 /// [`PolicyError::Sample`] when there is no sample, or one cannot be had or does not fit the policy.
-pub fn measured_loss(models: &EvaluationModels, samples: Samples, seed: u64) -> Result<f64> {
+pub fn measured_loss(
+    models: &EvaluationModels,
+    samples: TrainingSamples,
+    seed: u64,
+) -> Result<f64> {
     let (len, count) = (samples.len(), samples.len().min(MEASURED));
     let indices: Vec<usize> = (0..count).map(|i| i * len / count).collect();
     let draws = fixed_draws(models.config(), count, seed);
@@ -38,7 +42,7 @@ pub fn measured_loss(models: &EvaluationModels, samples: Samples, seed: u64) -> 
 pub fn loss_of(
     config: &PolicyConfig,
     weights: &ExpertWeights,
-    samples: Samples,
+    samples: TrainingSamples,
     seed: u64,
 ) -> Result<f64> {
     let models = EvaluationModels::new(config, weights, None, &FrozenPlace::default())?;

@@ -27,7 +27,7 @@ pub mod snapshots;
 pub mod split;
 pub mod trainer;
 
-pub use learner::Samples;
+pub use learner::TrainingSamples;
 pub use options::{TrainOptions, TrainScope};
-pub use run::{train, train_by_sgd, train_on, Trained};
-pub use trainer::{FedCm, Step, Trainer};
+pub use run::{train, train_by_sgd, train_on, TrainingResult};
+pub use trainer::{FedCm, Trainer, TrainingStep};

@@ -5,18 +5,18 @@ use zk0_lerobot::config::PolicyConfig;
 use zk0_tensors::TensorSet;
 
 use crate::error::Result;
-use crate::frames::batch::InMemory;
+use crate::frames::batch::SamplesInMemory;
 use crate::frames::sample::PreparedSample;
 use crate::policy::frozen::FrozenPlace;
 use crate::policy::weights::ExpertWeights;
-use crate::train::learner::Samples;
+use crate::train::learner::TrainingSamples;
 use crate::train::optimizer::Optimizer;
 use crate::train::options::TrainOptions;
-use crate::train::trainer::{FedCm, Step, Trainer};
+use crate::train::trainer::{FedCm, Trainer, TrainingStep};
 
 /// What training gives.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Trained {
+pub struct TrainingResult {
     /// The new weights.
     pub weights: ExpertWeights,
     /// The batch's loss before every step.
@@ -33,11 +33,11 @@ pub fn train(
     start: &ExpertWeights,
     samples: &[PreparedSample],
     options: &TrainOptions,
-    progress: &mut dyn FnMut(Step),
-) -> Result<Trained> {
+    progress: &mut dyn FnMut(TrainingStep),
+) -> Result<TrainingResult> {
     options.check()?;
-    let samples = InMemory::new(config, samples)?;
-    let samples = Samples::Prepared(&samples);
+    let samples = SamplesInMemory::new(config, samples)?;
+    let samples = TrainingSamples::Prepared(&samples);
     train_on(
         &Device::Cpu,
         config,
@@ -59,11 +59,11 @@ pub fn train_on(
     device: &Device,
     config: &PolicyConfig,
     start: &ExpertWeights,
-    samples: Samples,
+    samples: TrainingSamples,
     options: &TrainOptions,
     fedcm: Option<FedCm<'_>>,
-    progress: &mut dyn FnMut(Step),
-) -> Result<Trained> {
+    progress: &mut dyn FnMut(TrainingStep),
+) -> Result<TrainingResult> {
     let place = place(device);
     samples.ahead(|samples| {
         let mut trainer = Trainer::on(&place, config, start, None, samples, options.clone())?;
@@ -82,11 +82,11 @@ pub fn train_by_sgd(
     device: &Device,
     config: &PolicyConfig,
     start: &ExpertWeights,
-    samples: Samples,
+    samples: TrainingSamples,
     options: &TrainOptions,
     correction: Option<&TensorSet>,
-    progress: &mut dyn FnMut(Step),
-) -> Result<Trained> {
+    progress: &mut dyn FnMut(TrainingStep),
+) -> Result<TrainingResult> {
     let (place, options) = (place(device), options.clone());
     samples.ahead(|samples| {
         let trainer = Trainer::by_sgd(&place, config, start, samples, options, correction)?;
@@ -104,15 +104,15 @@ fn place(device: &Device) -> FrozenPlace {
 
 fn all_steps<O: Optimizer>(
     mut trainer: Trainer<'_, O>,
-    progress: &mut dyn FnMut(Step),
-) -> Result<Trained> {
+    progress: &mut dyn FnMut(TrainingStep),
+) -> Result<TrainingResult> {
     let mut losses = Vec::with_capacity(trainer.options().steps.min(1 << 20));
     while !trainer.is_done() {
         let step = trainer.step()?;
         losses.push(step.loss);
         progress(step);
     }
-    Ok(Trained {
+    Ok(TrainingResult {
         weights: trainer.weights()?,
         losses,
     })

@@ -15,7 +15,7 @@ use candle_core::Tensor;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use zk0_files::atomic_file::{self, Durability};
-use zk0_tensors::{write_to, Entry, TensorFile, Written, HEADER_LIMIT};
+use zk0_tensors::{write_to, TensorEntry, TensorFile, WrittenTensors, HEADER_LIMIT};
 
 use crate::error::PolicyError;
 use crate::train::trainer::Trainer;
@@ -113,7 +113,7 @@ impl RunIdentity {
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct State {
+struct RunState {
     version: u32,
     /// Steps made. The order of samples and the noise follow from it and the seed.
     step: usize,
@@ -176,20 +176,23 @@ impl Snapshots {
         let unfinished = self.folder.join(format!("{UNFINISHED}{step}"));
         fs::create_dir(&unfinished).map_err(at(&unfinished))?;
 
-        let weights = trainer.values()?.into_iter().map(|(name, tensor)| Entry {
-            name,
-            shape: tensor.shape,
-            values: Cow::Owned(tensor.data),
-        });
+        let weights = trainer
+            .values()?
+            .into_iter()
+            .map(|(name, tensor)| TensorEntry {
+                name,
+                shape: tensor.shape,
+                values: Cow::Owned(tensor.data),
+            });
         let weights = self.write(&unfinished, WEIGHTS, weights.collect())?;
         let moments = trainer.optimizer().moments()?;
-        let moments = moments.into_iter().map(|moment| Entry {
+        let moments = moments.into_iter().map(|moment| TensorEntry {
             name: moment.name,
             shape: moment.shape,
             values: moment.values,
         });
         let moments = self.write(&unfinished, MOMENTS, moments.collect())?;
-        let state = State {
+        let state = RunState {
             version: VERSION,
             step,
             optimizer_steps: trainer.optimizer().steps(),
@@ -236,7 +239,11 @@ impl Snapshots {
     }
 
     /// What a snapshot holds, or why it is not whole.
-    fn load(&self, path: &Path, step: usize) -> Result<Result<Saved, String>, SnapshotError> {
+    fn load(
+        &self,
+        path: &Path,
+        step: usize,
+    ) -> Result<Result<SavedSnapshot, String>, SnapshotError> {
         let state = match read_state(&path.join(STATE)) {
             Ok(state) if state.step == step => state,
             Ok(state) => return Ok(Err(format!("{STATE} is of step {}", state.step))),
@@ -255,7 +262,7 @@ impl Snapshots {
             None => Err(format!("{STATE} does not name {name}")),
         };
         Ok(file(WEIGHTS).and_then(|weights| {
-            Ok(Saved {
+            Ok(SavedSnapshot {
                 step,
                 optimizer_steps: state.optimizer_steps,
                 weights,
@@ -268,13 +275,14 @@ impl Snapshots {
         &self,
         folder: &Path,
         name: &str,
-        entries: Vec<Entry>,
+        entries: Vec<TensorEntry>,
     ) -> Result<(String, FileDigest), SnapshotError> {
         let path = folder.join(name);
-        let Written { digest, bytes } = atomic_file::write(&path, Durability::OnDisk, |out| {
-            write_to(out, entries, BTreeMap::new())
-        })
-        .map_err(at(&path))?;
+        let WrittenTensors { digest, bytes } =
+            atomic_file::write(&path, Durability::OnDisk, |out| {
+                write_to(out, entries, BTreeMap::new())
+            })
+            .map_err(at(&path))?;
         let sha256 = hex::encode(digest);
         Ok((name.into(), FileDigest { sha256, bytes }))
     }
@@ -310,14 +318,14 @@ impl Snapshots {
 }
 
 /// A snapshot's content, checked.
-struct Saved {
+struct SavedSnapshot {
     step: usize,
     optimizer_steps: u64,
     weights: Vec<u8>,
     moments: Vec<u8>,
 }
 
-impl Saved {
+impl SavedSnapshot {
     fn give_to(self, trainer: &mut Trainer) -> Result<(), PolicyError> {
         let weights = TensorFile::open(&self.weights[..], HEADER_LIMIT)?;
         let moments = TensorFile::open(&self.moments[..], HEADER_LIMIT)?;
@@ -337,13 +345,13 @@ impl Saved {
     }
 }
 
-fn read_state(path: &Path) -> Result<State, String> {
+fn read_state(path: &Path) -> Result<RunState, String> {
     let failed = |error: io::Error| format!("{STATE}: {error}");
     if fs::metadata(path).map_err(failed)?.len() > MAX_STATE {
         return Err(format!("{STATE} is larger than {MAX_STATE} bytes"));
     }
     let bytes = fs::read(path).map_err(failed)?;
-    let state: State =
+    let state: RunState =
         serde_json::from_slice(&bytes).map_err(|error| format!("{STATE}: {error}"))?;
     match state.version {
         VERSION => Ok(state),

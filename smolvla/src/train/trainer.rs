@@ -11,7 +11,7 @@ use crate::policy::frozen::FrozenPlace;
 use crate::policy::model::kernels::gradients::backward;
 use crate::policy::model::observe::ignore;
 use crate::policy::weights::ExpertWeights;
-use crate::train::learner::{EvaluationModels, Learner, Samples};
+use crate::train::learner::{EvaluationModels, Learner, TrainingSamples};
 use crate::train::optimizer::{check_alpha, AdamW, LastStep, Optimizer, Sgd};
 use crate::train::options::{TrainOptions, TrainScope};
 use crate::train::order::{draws, Order};
@@ -21,7 +21,7 @@ const EVALUATED_AT_ONCE: usize = 16;
 
 /// A step that was made.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Step {
+pub struct TrainingStep {
     /// Steps done.
     pub step: usize,
     /// Steps to be done in all.
@@ -47,7 +47,7 @@ pub struct FedCm<'a> {
 
 /// A run of training. Its state is its variables, what the optimiser keeps, and the number of steps made.
 pub struct Trainer<'a, O = AdamW> {
-    samples: Samples<'a>,
+    samples: TrainingSamples<'a>,
     options: TrainOptions,
     learner: Learner,
     optimizer: O,
@@ -65,7 +65,7 @@ impl<'a> Trainer<'a> {
     pub fn new(
         config: &PolicyConfig,
         start: &ExpertWeights,
-        samples: Samples<'a>,
+        samples: TrainingSamples<'a>,
         options: TrainOptions,
     ) -> Result<Self> {
         Self::on(
@@ -89,7 +89,7 @@ impl<'a> Trainer<'a> {
         config: &PolicyConfig,
         start: &ExpertWeights,
         frozen: Option<&TensorSet>,
-        samples: Samples<'a>,
+        samples: TrainingSamples<'a>,
         options: TrainOptions,
     ) -> Result<Self> {
         let optimizer = |learner: &Learner, options: &TrainOptions| {
@@ -148,7 +148,7 @@ impl<'a> Trainer<'a, Sgd> {
         place: &FrozenPlace,
         config: &PolicyConfig,
         start: &ExpertWeights,
-        samples: Samples<'a>,
+        samples: TrainingSamples<'a>,
         options: TrainOptions,
         correction: Option<&TensorSet>,
     ) -> Result<Self> {
@@ -170,7 +170,7 @@ impl<'a, O: Optimizer> Trainer<'a, O> {
         config: &PolicyConfig,
         start: &ExpertWeights,
         frozen: Option<&TensorSet>,
-        samples: Samples<'a>,
+        samples: TrainingSamples<'a>,
         options: TrainOptions,
         optimizer: impl FnOnce(&Learner, &TrainOptions) -> Result<O>,
     ) -> Result<Self> {
@@ -195,7 +195,7 @@ impl<'a, O: Optimizer> Trainer<'a, O> {
     /// # Errors
     /// [`PolicyError::Diverged`] and [`PolicyError::GradientNotFinite`]: the step was not made. [`PolicyError::Sample`] when
     /// a sample cannot be had or does not fit the policy.
-    pub fn step(&mut self) -> Result<Step> {
+    pub fn step(&mut self) -> Result<TrainingStep> {
         self.announce();
         let (at, options) = (self.step, &self.options);
         let picked = self.order.batch(at, options.batch_size);
@@ -218,7 +218,7 @@ impl<'a, O: Optimizer> Trainer<'a, O> {
                 .learning_rate(options.learning_rate, at, options.steps);
         let stepped = self.optimizer.step(&backward(&loss)?, learning_rate)?;
         self.step += 1;
-        Ok(Step {
+        Ok(TrainingStep {
             step: self.step,
             of: options.steps,
             loss: value,
@@ -289,7 +289,7 @@ impl<'a, O: Optimizer> Trainer<'a, O> {
 /// [`PolicyError::Sample`] for a sample or draw that does not fit the policy, or when there is none.
 pub fn evaluate_samples(
     models: &EvaluationModels,
-    samples: Samples,
+    samples: TrainingSamples,
     indices: &[usize],
     draws: &[FlowDraw],
 ) -> Result<SampleErrors> {

@@ -10,7 +10,7 @@ use zk0_smolvla::frames::sample::{CameraImage, Preparer};
 use zk0_smolvla::policy::model::expert::ExpertModel;
 use zk0_smolvla::policy::model::prefix::PrefixModel;
 use zk0_smolvla::policy::model::sampling::sample_actions;
-use zk0_smolvla::policy::model::Parameters;
+use zk0_smolvla::policy::model::PolicyParameters;
 
 /// What the robot sees.
 pub struct Scene<'a> {
@@ -38,7 +38,7 @@ impl<'a> Actor<'a> {
     /// [`PolicyError::MissingTensor`], and [`PolicyError::Options`] when statistics or steps do not fit the policy.
     pub fn new(
         config: &PolicyConfig,
-        parameters: &Parameters,
+        parameters: &PolicyParameters,
         tokenizer: &'a dyn Tokenizer,
         stats: Stats,
         steps: usize,

@@ -14,7 +14,7 @@ use zk0_smolvla::frames::prefix_cache::{DiskCache, FrameMaker, FrameRef, FrameSo
 use zk0_smolvla::frames::sample::{PreparedSample, Preparer};
 use zk0_smolvla::policy::tokenizer::WordHash;
 use zk0_smolvla::policy::weights::Policy;
-use zk0_smolvla::train::{train, train_by_sgd, train_on, Samples, TrainOptions};
+use zk0_smolvla::train::{train, train_by_sgd, train_on, TrainOptions, TrainingSamples};
 use zk0_testkit::until;
 
 use super::setting::{copy, frames, policy, recording, PLENTY};
@@ -87,7 +87,7 @@ fn training_with_samples_made_ahead_gives_the_same_bits() {
                 &Device::Cpu,
                 config,
                 start,
-                Samples::Prepared(&source),
+                TrainingSamples::Prepared(&source),
                 &options(),
                 None,
                 &mut |step| seen.push(step.step),
@@ -112,9 +112,9 @@ fn training_with_samples_made_ahead_gives_the_same_bits() {
         );
         trained.unwrap()
     };
-    let in_memory = zk0_smolvla::frames::batch::InMemory::new(config, &all).unwrap();
-    let expected = by_sgd(Samples::Prepared(&in_memory));
-    assert!(by_sgd(Samples::Prepared(&source)) == expected);
+    let in_memory = zk0_smolvla::frames::batch::SamplesInMemory::new(config, &all).unwrap();
+    let expected = by_sgd(TrainingSamples::Prepared(&in_memory));
+    assert!(by_sgd(TrainingSamples::Prepared(&source)) == expected);
 }
 
 #[test]
@@ -222,7 +222,7 @@ fn an_error_comes_in_its_place_and_names_the_frame() {
         steps: count,
         ..options()
     };
-    let samples = Samples::Prepared(&source);
+    let samples = TrainingSamples::Prepared(&source);
     let device = &Device::Cpu;
     let failed = train_on(device, config, start, samples, &options, None, &mut |_| ());
     let error = failed.unwrap_err().to_string();

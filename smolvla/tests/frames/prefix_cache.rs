@@ -9,7 +9,7 @@ use candle_core::Device;
 use zk0_lerobot::dataset::Dataset;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::prefix_cache::{
-    DiskCache, FileDigests, FrameMaker, FrameNames, FrameSource, Key, KeySpace, PreparedFrames,
+    CacheKey, DiskCache, FileDigests, FrameMaker, FrameNames, FrameSource, KeySpace, PreparedFrames,
 };
 use zk0_smolvla::frames::sample::{ObservedSample, PreparedSample, Preparer};
 use zk0_smolvla::policy::frozen::{FrozenPlace, FrozenPrecision};
@@ -210,7 +210,7 @@ fn without_a_cache_each_sample_is_made_whenever_it_is_needed() {
 fn a_key_is_a_function_of_all_that_makes_the_sample() {
     let policy = policy();
     let tokenizer = WordHash::new(&policy.config);
-    let keys = |policy: &Policy, folder: &Path| -> Vec<Key> {
+    let keys = |policy: &Policy, folder: &Path| -> Vec<CacheKey> {
         let dataset = Dataset::open(folder).unwrap();
         let frames = frames(policy, &dataset, dataset.len());
         frames.into_iter().map(|frame| frame.key).collect()

@@ -8,7 +8,9 @@ use zk0_circuits::model::spec::Dims;
 use zk0_circuits::{Digest, EvalSpec};
 use zk0_lerobot::dataset::Dataset;
 use zk0_smolvla::frames::sample::{PreparedSample, Preparer};
-use zk0_smolvla::measure::calibrate::{calibrate, ranges, CalibrateError, Magnitudes, Place};
+use zk0_smolvla::measure::calibrate::{
+    calibrate, ranges, CalibrateError, CalibrationPoint, Magnitudes,
+};
 use zk0_smolvla::measure::fidelity::{draws, measure, Fidelity, FidelityError};
 use zk0_smolvla::measure::fixed_point::dims;
 use zk0_smolvla::policy::model::observe::Site;
@@ -118,7 +120,7 @@ fn calibrated_ranges_have_the_promised_headroom_and_no_bit_more_than_that() {
         assert!(range.headroom() >= 8.0, "{range:?}");
     }
     // With one more bit for any of the scales, one of its places would lose the headroom.
-    let tightest = |of: &dyn Fn(Place) -> bool| {
+    let tightest = |of: &dyn Fn(CalibrationPoint) -> bool| {
         let held = held.iter().filter(|range| of(range.place));
         held.map(|range| range.headroom()).fold(f64::MAX, f64::min)
     };
@@ -132,8 +134,11 @@ fn calibrated_ranges_have_the_promised_headroom_and_no_bit_more_than_that() {
             vec![Site::Gated(layer)],
             vec![Site::Down(layer), Site::MlpOut(layer)],
         ] {
-            let headroom =
-                tightest(&|place| sites.iter().any(|site| place == Place::Evaluation(*site)));
+            let headroom = tightest(&|place| {
+                sites
+                    .iter()
+                    .any(|site| place == CalibrationPoint::Evaluation(*site))
+            });
             assert!(headroom < 16.0, "{sites:?}: {headroom}");
         }
     }
@@ -216,7 +221,7 @@ fn values_that_no_range_holds_are_refused_by_name() {
     let error = calibrate(dims, &magnitudes(&stretched(&[&up], 1e6))).unwrap_err();
     match &error {
         CalibrateError::TooLarge { place, limit, .. } => {
-            assert_eq!(*place, Place::Evaluation(Site::Up(3)));
+            assert_eq!(*place, CalibrationPoint::Evaluation(Site::Up(3)));
             assert_eq!(*limit, 32767.0 / 8.0);
         }
         error => panic!("{error}"),

@@ -5,7 +5,7 @@ use zk0_lerobot::dataset::{Normalizer, Stats};
 use zk0_lerobot::error::Result;
 use zk0_lerobot::tokenizer::Tokenizer;
 use zk0_smolvla::frames::sample::{CameraImage, Pixels};
-use zk0_smolvla::policy::model::Parameters;
+use zk0_smolvla::policy::model::PolicyParameters;
 
 use super::case::{last_frames, Case, SAMPLED};
 use crate::actor::{Actor, Scene};
@@ -75,7 +75,7 @@ pub fn action_chunks_from_observations() {
     let policy = policy();
     let mut all = policy.frozen;
     all.extend(policy.expert.into_tensors());
-    let parameters = Parameters::take(all, &Device::Cpu).unwrap();
+    let parameters = PolicyParameters::take(all, &Device::Cpu).unwrap();
     let unit = |dim: usize| Normalizer::new(vec![0.0; dim], vec![1.0; dim]).unwrap();
 
     let states = last_frames(

@@ -6,7 +6,7 @@ use zk0_lerobot::policy_folder::LeRobotConfig;
 use zk0_smolvla::policy::model::expert::ExpertModel;
 use zk0_smolvla::policy::model::key_values::PrefixCache;
 use zk0_smolvla::policy::model::prefix::{CameraInput, PrefixEmbedding, PrefixInput, PrefixModel};
-use zk0_smolvla::policy::model::Parameters;
+use zk0_smolvla::policy::model::PolicyParameters;
 
 use crate::reference::{lerobot, policy, Values};
 
@@ -41,14 +41,14 @@ impl Case {
         let policy = policy();
         let mut all = policy.frozen;
         all.extend(policy.expert.into_tensors());
-        Self::with(&Parameters::take(all, &Device::Cpu).unwrap())
+        Self::with(&PolicyParameters::take(all, &Device::Cpu).unwrap())
     }
 
-    pub fn with(parameters: &Parameters) -> Self {
+    pub fn with(parameters: &PolicyParameters) -> Self {
         Self::of(lerobot(), parameters)
     }
 
-    pub fn of(lerobot: LeRobotConfig, parameters: &Parameters) -> Self {
+    pub fn of(lerobot: LeRobotConfig, parameters: &PolicyParameters) -> Self {
         Self {
             prefix: PrefixModel::new(&lerobot.dims, parameters).unwrap(),
             expert: ExpertModel::new(&lerobot.dims, parameters).unwrap(),

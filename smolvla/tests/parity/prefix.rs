@@ -10,7 +10,7 @@ use zk0_smolvla::policy::model::visibility::{
     action_positions, action_sees, prefix_positions, prefix_sees,
 };
 use zk0_smolvla::policy::model::vision::VisionSite;
-use zk0_smolvla::policy::model::Parameters;
+use zk0_smolvla::policy::model::PolicyParameters;
 
 use super::case::{last_frames, Case, EARLY, HIDDEN};
 use crate::reference::{close, close_numbers, close_where, is_committed, policy};
@@ -131,7 +131,7 @@ pub fn prefix_embeddings_and_cache() {
     let last = &hidden[config.text.layers];
     compare("train.vlm.final_norm.input".into(), last);
     // The policy has no use for the final norm, and so no part of it.
-    let parameters = Parameters::load(&policy().frozen, &Device::Cpu).unwrap();
+    let parameters = PolicyParameters::load(&policy().frozen, &Device::Cpu).unwrap();
     let name = format!("{VLM}.text_model.norm");
     let norm = RmsNorm::new(&parameters, &name, config.rms_norm_eps).unwrap();
     compare("prefix_out".into(), &norm.forward(last).unwrap());

@@ -3,10 +3,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use candle_core::{Device, Tensor, Var};
-use zk0_lerobot::layout::{trainable_layout, Layout};
+use zk0_lerobot::layout::{trainable_layout, TensorShapes};
 use zk0_lerobot::policy_folder::LeRobotConfig;
 use zk0_smolvla::policy::model::key_values::PrefixCache;
-use zk0_smolvla::policy::model::{flow, Parameters};
+use zk0_smolvla::policy::model::{flow, PolicyParameters};
 
 use super::case::Case;
 use crate::reference::{json, lerobot, policy, training_preset, Values};
@@ -30,7 +30,7 @@ impl Training {
     pub fn of(lerobot: LeRobotConfig) -> Self {
         let reference = Values::read("grads.safetensors");
         let shape = |name: &String| (name.clone(), reference.shape(name).to_vec());
-        let trainable: Layout = reference.names().map(shape).collect();
+        let trainable: TensorShapes = reference.names().map(shape).collect();
         let preset = training_preset();
         if preset.train_expert_only {
             // If the vision-language model is trained too, the library has no matching set, so nothing is compared.
@@ -42,7 +42,7 @@ impl Training {
         let mut all = policy.frozen;
         all.extend(policy.expert.into_tensors());
         let (parameters, variables) =
-            Parameters::with_variables(all, &trainable, &Device::Cpu).unwrap();
+            PolicyParameters::with_variables(all, &trainable, &Device::Cpu).unwrap();
         Self {
             variables,
             case: Case::of(lerobot, &parameters),

@@ -6,7 +6,7 @@ use zk0_lerobot::dataset::{Normalizer, Stats};
 use zk0_smolvla::error::Result;
 use zk0_smolvla::frames::sample::{CameraImage, Observation, Pixels, PreparedSample, Preparer};
 use zk0_smolvla::policy::init::init_policy;
-use zk0_smolvla::policy::model::Parameters;
+use zk0_smolvla::policy::model::PolicyParameters;
 use zk0_smolvla::policy::profile::Profile;
 use zk0_smolvla::policy::tokenizer::WordHash;
 use zk0_smolvla::policy::weights::Policy;
@@ -40,7 +40,7 @@ fn picture(seed: usize) -> Vec<u8> {
 fn with_actor<T>(policy: &Policy, stats: Stats, act: impl Fn(&Actor) -> Result<T>) -> Result<T> {
     let mut all = policy.frozen.clone();
     all.extend(policy.expert.tensors().clone());
-    let parameters = Parameters::take(all, &Device::Cpu)?;
+    let parameters = PolicyParameters::take(all, &Device::Cpu)?;
     let tokenizer = WordHash::new(&policy.config);
     act(&Actor::new(
         &policy.config,

@@ -5,14 +5,14 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use candle_core::{DType, Device, Tensor, Var};
 use zk0_lerobot::config::PolicyConfig;
-use zk0_lerobot::layout::{policy_layout, trainable_layout, Layout};
+use zk0_lerobot::layout::{policy_layout, trainable_layout, TensorShapes};
 use zk0_lerobot::StoredPolicyError;
 use zk0_smolvla::policy::init::init_policy;
 use zk0_smolvla::policy::model::expert::ExpertModel;
 use zk0_smolvla::policy::model::flow::{losses, mean_loss, noisy_actions, target_velocity};
 use zk0_smolvla::policy::model::kernels::gradients::backward;
 use zk0_smolvla::policy::model::prefix::{CameraInput, PrefixInput, PrefixModel};
-use zk0_smolvla::policy::model::Parameters;
+use zk0_smolvla::policy::model::PolicyParameters;
 use zk0_smolvla::policy::profile::Profile;
 use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions, Optimizer};
 use zk0_smolvla::PolicyError;
@@ -24,7 +24,7 @@ use crate::reference::{numbers, published_parameters};
 #[test]
 fn the_published_sets_are_lerobots() {
     let facts = published_parameters();
-    let mut expected = Layout::new();
+    let mut expected = TensorShapes::new();
     for parameter in facts["parameters"].as_array().unwrap() {
         if parameter["trainable"].as_bool().unwrap() {
             let name = parameter["name"].as_str().unwrap().to_string();
@@ -35,7 +35,7 @@ fn the_published_sets_are_lerobots() {
     let config = Profile::Full.config();
     let found = trainable_layout(&config, true);
     assert_eq!(found, expected);
-    let count = |layout: &Layout| -> usize {
+    let count = |layout: &TensorShapes| -> usize {
         layout
             .values()
             .map(|shape| shape.iter().product::<usize>())
@@ -66,7 +66,7 @@ fn gradients(config: &PolicyConfig, train_state_proj: bool) -> BTreeMap<String, 
     all.extend(policy.expert.into_tensors());
     let trainable = trainable_layout(config, train_state_proj);
     let (parameters, variables) =
-        Parameters::with_variables(all, &trainable, &Device::Cpu).unwrap();
+        PolicyParameters::with_variables(all, &trainable, &Device::Cpu).unwrap();
     assert_eq!(variables.len(), trainable.len());
     let prefix = PrefixModel::new(config, &parameters).unwrap();
     let expert = ExpertModel::new(config, &parameters).unwrap();
@@ -143,7 +143,7 @@ fn a_trainable_tensor_that_is_not_there_is_named() {
     let config = Profile::Micro.config();
     let frozen = init_policy(&config, 1).unwrap().frozen;
     let trainable = trainable_layout(&config, true);
-    let missing = Parameters::with_variables(frozen, &trainable, &Device::Cpu);
+    let missing = PolicyParameters::with_variables(frozen, &trainable, &Device::Cpu);
     assert!(matches!(
         missing.err(),
         Some(PolicyError::Stored(StoredPolicyError::Tensor(

@@ -9,7 +9,7 @@ use serde::Deserialize;
 use zk0_lerobot::config::PolicyConfig;
 use zk0_lerobot::layout::policy_layout;
 use zk0_lerobot::policy_folder::{LeRobotConfig, PolicyFolder};
-use zk0_smolvla::policy::model::Parameters;
+use zk0_smolvla::policy::model::PolicyParameters;
 use zk0_smolvla::policy::weights::Policy;
 
 /// The repository's fixtures.
@@ -112,14 +112,14 @@ pub fn training_preset() -> TrainingPreset {
 }
 
 /// All weights of a policy folder. One tensor at a time passes through memory: this takes the policy's size and no more.
-pub fn parameters_of(folder: &PolicyFolder) -> Parameters {
+pub fn parameters_of(folder: &PolicyFolder) -> PolicyParameters {
     let read = |name: String| {
         let tensor = folder.tensor(&name).unwrap();
         let tensor = Tensor::from_vec(tensor.data, tensor.shape, &Device::Cpu).unwrap();
         (name, tensor)
     };
     let names = policy_layout(&folder.config().dims).into_keys();
-    Parameters::from_tensors(names.map(read).collect())
+    PolicyParameters::from_tensors(names.map(read).collect())
 }
 
 pub fn config() -> PolicyConfig {

@@ -6,7 +6,7 @@ use std::path::Path;
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
 use zk0_lerobot::config::PolicyConfig;
-use zk0_smolvla::frames::batch::InMemory;
+use zk0_smolvla::frames::batch::SamplesInMemory;
 use zk0_smolvla::frames::sample::{ObservedSample, PreparedSample};
 use zk0_smolvla::policy::frozen::FrozenPlace;
 use zk0_smolvla::policy::init::init_policy;
@@ -15,7 +15,7 @@ use zk0_smolvla::policy::random::normal;
 use zk0_smolvla::policy::weights::Policy;
 use zk0_smolvla::train::schedule::Schedule;
 use zk0_smolvla::train::snapshots::{RunIdentity, SnapshotError, Snapshots};
-use zk0_smolvla::train::{Samples, TrainOptions, Trainer};
+use zk0_smolvla::train::{TrainOptions, Trainer, TrainingSamples};
 
 const STEPS: usize = 7;
 
@@ -102,10 +102,14 @@ fn observed() -> Vec<ObservedSample> {
 }
 
 /// A trainer that has made no step.
-fn trainer<'a>(policy: &Policy, samples: Samples<'a>, options: TrainOptions) -> Trainer<'a> {
+fn trainer<'a>(
+    policy: &Policy,
+    samples: TrainingSamples<'a>,
+    options: TrainOptions,
+) -> Trainer<'a> {
     let frozen = match samples {
-        Samples::Prepared(_) => None,
-        Samples::Observed(_) => Some(&policy.frozen),
+        TrainingSamples::Prepared(_) => None,
+        TrainingSamples::Observed(_) => Some(&policy.frozen),
     };
     let cpu = FrozenPlace::default();
     Trainer::on(
@@ -129,7 +133,7 @@ fn snapshots(folder: &Path, trainer: &Trainer) -> Snapshots {
     Snapshots::new(folder, 2, RunIdentity::of(trainer, &[1; 32]).unwrap()).unwrap()
 }
 
-fn stopped_anywhere(samples: Samples) {
+fn stopped_anywhere(samples: TrainingSamples) {
     let policy = policy();
     let mut unbroken = trainer(&policy, samples, options());
     run(&mut unbroken, STEPS);
@@ -160,15 +164,15 @@ fn stopped_anywhere(samples: Samples) {
 #[test]
 fn the_expert_stopped_anywhere() {
     let samples = prepared();
-    let samples = InMemory::new(&config(), &samples).unwrap();
-    stopped_anywhere(Samples::Prepared(&samples));
+    let samples = SamplesInMemory::new(&config(), &samples).unwrap();
+    stopped_anywhere(TrainingSamples::Prepared(&samples));
 }
 
 #[test]
 fn expert_and_state_projection_stopped_anywhere() {
     let samples = observed();
-    let samples = InMemory::new(&config(), &samples).unwrap();
-    stopped_anywhere(Samples::Observed(&samples));
+    let samples = SamplesInMemory::new(&config(), &samples).unwrap();
+    stopped_anywhere(TrainingSamples::Observed(&samples));
 }
 
 /// A run with snapshots at steps 2, 4 and 6, of which two are kept. The tests damage them.
@@ -190,8 +194,8 @@ impl Kept {
     }
 
     fn train(&self) {
-        let samples = InMemory::new(&config(), &self.samples).unwrap();
-        let mut trainer = trainer(&self.policy, Samples::Prepared(&samples), options());
+        let samples = SamplesInMemory::new(&config(), &self.samples).unwrap();
+        let mut trainer = trainer(&self.policy, TrainingSamples::Prepared(&samples), options());
         let saved = snapshots(self.dir.path(), &trainer);
         for step in [2, 4, 6] {
             run(&mut trainer, step);
@@ -204,8 +208,8 @@ impl Kept {
     }
 
     fn resume(&self, options: TrainOptions) -> Result<Option<usize>, SnapshotError> {
-        let samples = InMemory::new(&config(), &self.samples).unwrap();
-        let mut trainer = trainer(&self.policy, Samples::Prepared(&samples), options);
+        let samples = SamplesInMemory::new(&config(), &self.samples).unwrap();
+        let mut trainer = trainer(&self.policy, TrainingSamples::Prepared(&samples), options);
         snapshots(self.dir.path(), &trainer).resume(&mut trainer)
     }
 }
@@ -264,8 +268,8 @@ fn what_was_being_written_is_no_snapshot_and_goes() {
 fn a_damaged_one_is_written_anew_when_its_step_comes_again() {
     let kept = Kept::new();
     fs::write(kept.path("000006/state.json"), "").unwrap();
-    let samples = InMemory::new(&config(), &kept.samples).unwrap();
-    let mut again = trainer(&kept.policy, Samples::Prepared(&samples), options());
+    let samples = SamplesInMemory::new(&config(), &kept.samples).unwrap();
+    let mut again = trainer(&kept.policy, TrainingSamples::Prepared(&samples), options());
     let saved = snapshots(kept.dir.path(), &again);
     assert_eq!(saved.resume(&mut again).unwrap(), Some(4));
     run(&mut again, 6);
@@ -294,14 +298,14 @@ fn another_run_is_refused_and_says_what_differs() {
         assert!(error.contains("000006"), "{error}");
     }
 
-    let samples = InMemory::new(&config(), &kept.samples).unwrap();
+    let samples = SamplesInMemory::new(&config(), &kept.samples).unwrap();
     let other = init_policy(&config(), 8).unwrap();
-    let mut of_other = trainer(&other, Samples::Prepared(&samples), options());
+    let mut of_other = trainer(&other, TrainingSamples::Prepared(&samples), options());
     let saved = snapshots(kept.dir.path(), &of_other);
     let error = saved.resume(&mut of_other).unwrap_err().to_string();
     assert!(error.contains("its start"), "{error}");
 
-    let mut on_other = trainer(&kept.policy, Samples::Prepared(&samples), options());
+    let mut on_other = trainer(&kept.policy, TrainingSamples::Prepared(&samples), options());
     let run = RunIdentity::of(&on_other, &[2; 32]).unwrap();
     let saved = Snapshots::new(kept.dir.path(), 2, run).unwrap();
     let error = saved.resume(&mut on_other).unwrap_err().to_string();

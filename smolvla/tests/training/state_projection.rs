@@ -1,7 +1,7 @@
 //! Training the state projection together with the expert.
 
 use candle_core::{Device, Tensor};
-use zk0_smolvla::frames::batch::InMemory;
+use zk0_smolvla::frames::batch::SamplesInMemory;
 use zk0_smolvla::frames::sample::{ObservedSample, PreparedSample};
 use zk0_smolvla::measure::evaluate::{evaluate, fixed_draws};
 use zk0_smolvla::policy::frozen::{FrozenPlace, FrozenPrecision};
@@ -10,7 +10,7 @@ use zk0_smolvla::policy::model::key_values::PrefixCache;
 use zk0_smolvla::train::learner::{EvaluationModels, Learner, STATE_PROJECTION};
 use zk0_smolvla::train::optimizer::{AdamW, AdamWOptions, Optimizer};
 use zk0_smolvla::train::trainer::evaluate_samples;
-use zk0_smolvla::train::{Samples, TrainScope, Trainer};
+use zk0_smolvla::train::{TrainScope, Trainer, TrainingSamples};
 use zk0_smolvla::PolicyError;
 
 use super::scene::{config, options, policy, samples, Scene};
@@ -27,8 +27,8 @@ fn observed_samples_give_the_prefix_of_prepared_ones() {
         observed[1].observed.prefix_tokens
     );
     let in_memory = (
-        InMemory::new(&config(), &prepared).unwrap(),
-        InMemory::new(&config(), &observed).unwrap(),
+        SamplesInMemory::new(&config(), &prepared).unwrap(),
+        SamplesInMemory::new(&config(), &observed).unwrap(),
     );
     let cpu = FrozenPlace::default();
     let all: Vec<usize> = (0..6).collect();
@@ -37,8 +37,11 @@ fn observed_samples_give_the_prefix_of_prepared_ones() {
         let models = EvaluationModels::new(&config(), &policy.expert, frozen, &cpu).unwrap();
         evaluate_samples(&models, samples, &all, &draws).unwrap()
     };
-    let a = loss(None, Samples::Prepared(&in_memory.0));
-    let b = loss(Some(&policy.frozen), Samples::Observed(&in_memory.1));
+    let a = loss(None, TrainingSamples::Prepared(&in_memory.0));
+    let b = loss(
+        Some(&policy.frozen),
+        TrainingSamples::Observed(&in_memory.1),
+    );
     assert_eq!(a.valid_only.elements, b.valid_only.elements);
     assert!((a.valid_only.loss() / b.valid_only.loss() - 1.0).abs() < 1e-5);
     assert!((a.plain.loss() / b.plain.loss() - 1.0).abs() < 1e-5);
@@ -107,8 +110,8 @@ fn the_states_token_is_made_in_the_precision_of_the_frozen_half() {
         let prepared = (0..6).map(|k| Scene::at(k).made_at(&at, &policy).unwrap());
         let prepared: Vec<PreparedSample> = prepared.collect();
         let observed = observed_at(&at);
-        let observed = InMemory::new(&config(), &observed).unwrap();
-        let samples = Samples::Observed(&observed);
+        let observed = SamplesInMemory::new(&config(), &observed).unwrap();
+        let samples = TrainingSamples::Observed(&observed);
         let apart = |made_in: FrozenPrecision| {
             let (at, frozen) = (place(made_in), Some(&policy.frozen));
             let trainer = Trainer::on(
@@ -159,8 +162,8 @@ fn the_states_token_is_made_in_the_precision_of_the_frozen_half() {
 fn a_rounded_state_projection_is_the_one_that_is_trained() {
     let (policy, at) = (policy(), place(FrozenPrecision::Bf16));
     let observed = observed_at(&at);
-    let observed = InMemory::new(&config(), &observed).unwrap();
-    let (samples, all) = (Samples::Observed(&observed), [0, 1, 2, 3, 4, 5]);
+    let observed = SamplesInMemory::new(&config(), &observed).unwrap();
+    let (samples, all) = (TrainingSamples::Observed(&observed), [0, 1, 2, 3, 4, 5]);
     let learner = Learner::new(&config(), &policy.expert, Some(&policy.frozen), &at).unwrap();
     let keys = |cache: &PrefixCache| -> Vec<Vec<f32>> { cache.keys.iter().map(numbers).collect() };
 
@@ -190,14 +193,14 @@ fn a_rounded_state_projection_is_the_one_that_is_trained() {
 fn the_state_projection_is_trained_when_asked_for() {
     let policy = policy();
     let samples: Vec<ObservedSample> = (0..12).map(|k| Scene::at(k).observe().unwrap()).collect();
-    let samples = InMemory::new(&config(), &samples).unwrap();
+    let samples = SamplesInMemory::new(&config(), &samples).unwrap();
     let cpu = FrozenPlace::default();
     let mut trainer = Trainer::on(
         &cpu,
         &config(),
         &policy.expert,
         Some(&policy.frozen),
-        Samples::Observed(&samples),
+        TrainingSamples::Observed(&samples),
         options(1, 40),
     )
     .unwrap();
@@ -217,9 +220,9 @@ fn the_state_projection_is_trained_when_asked_for() {
 fn samples_of_the_other_scope_are_refused() {
     let policy = policy();
     let samples = samples();
-    let samples = InMemory::new(&config(), &samples).unwrap();
+    let samples = SamplesInMemory::new(&config(), &samples).unwrap();
     let cpu = FrozenPlace::default();
-    let (frozen, samples) = (Some(&policy.frozen), Samples::Prepared(&samples));
+    let (frozen, samples) = (Some(&policy.frozen), TrainingSamples::Prepared(&samples));
     let made = Trainer::on(
         &cpu,
         &config(),

@@ -2,9 +2,9 @@
 
 use zk0_aggregator::round::intake::group::ToRecord;
 use zk0_aggregator::round::intake::statements::{decode, read_signed, Admission, MemberStatement};
-use zk0_aggregator::round::intake::submission::Decided;
+use zk0_aggregator::round::intake::submission::SubmissionAnswer;
 use zk0_aggregator::round::request_error::RequestError;
-use zk0_aggregator::{Aggregator, Progress};
+use zk0_aggregator::{Aggregator, StepOutcome};
 use zk0_ledger::blobs::partial::PartialBlob;
 use zk0_protocol::entries::authentic::{Authentic, AuthenticBody};
 use zk0_protocol::entries::signed::{Signed, Submission, UploadRequest};
@@ -23,9 +23,13 @@ pub trait AtOnce {
     /// Records a commitment to an update.
     fn commit(&mut self, commitment: &[u8]) -> Result<Receipt, RequestError>;
     /// Decides about a submission, and records that.
-    fn submit(&mut self, submission: &[u8], proof: Vec<u8>) -> Result<Decided, RequestError>;
+    fn submit(
+        &mut self,
+        submission: &[u8],
+        proof: Vec<u8>,
+    ) -> Result<SubmissionAnswer, RequestError>;
     /// A step of the rounds, with what it needs to be computed.
-    fn go_on(&mut self) -> Result<Progress, RequestError>;
+    fn go_on(&mut self) -> Result<StepOutcome, RequestError>;
 }
 
 impl AtOnce for Aggregator {
@@ -69,7 +73,11 @@ impl AtOnce for Aggregator {
         }
     }
 
-    fn submit(&mut self, submission: &[u8], proof: Vec<u8>) -> Result<Decided, RequestError> {
+    fn submit(
+        &mut self,
+        submission: &[u8],
+        proof: Vec<u8>,
+    ) -> Result<SubmissionAnswer, RequestError> {
         let signed: Signed<Submission> = decode("submission", submission)?;
         let undecided = match self.begin_submission(&signed, self.now_ms())? {
             Admission::Recorded(decided) => return Ok(decided),
@@ -79,25 +87,25 @@ impl AtOnce for Aggregator {
         let judged = undecided.judge(contribution)?.keep()?;
         let rejected = judged.rejected().cloned();
         let receipt = one(self, ToRecord::Decision(Box::new(judged)))?;
-        Ok(Decided { rejected, receipt })
+        Ok(SubmissionAnswer { rejected, receipt })
     }
 
-    fn go_on(&mut self) -> Result<Progress, RequestError> {
+    fn go_on(&mut self) -> Result<StepOutcome, RequestError> {
         match self.step()? {
-            Progress::NeedsVerdict(disputed) => {
+            StepOutcome::NeedsVerdict(disputed) => {
                 let verdict = disputed.verify_again()?;
                 self.resolve(disputed.dispute, verdict)
             }
-            Progress::NeedsClosing(_) => match self.to_close().compute()? {
+            StepOutcome::NeedsClosing(_) => match self.to_close().compute()? {
                 Ok(computed) => self.close(computed),
-                Err(why) => Ok(Progress::Blocked(why)),
+                Err(why) => Ok(StepOutcome::Blocked(why)),
             },
-            Progress::NeedsSamples(samples) => match samples.check() {
+            StepOutcome::NeedsSamples(samples) => match samples.check() {
                 Ok(()) => {
                     self.samples_checked(&samples);
                     self.go_on()
                 }
-                Err(why) => Ok(Progress::Blocked(why)),
+                Err(why) => Ok(StepOutcome::Blocked(why)),
             },
             done => Ok(done),
         }

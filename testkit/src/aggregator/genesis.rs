@@ -1,6 +1,6 @@
 //! What the network of the tests begins with.
 
-use super::{digest, weights, ManualClock, Node, EVALUATION_FRAMES};
+use super::{digest, weights, ManualClock, SigningNode, EVALUATION_FRAMES};
 use ed25519_dalek::SigningKey;
 use std::io::{self, Write};
 use std::path::Path;
@@ -70,7 +70,7 @@ pub fn genesis() -> Genesis {
             },
             governance: Governance {
                 governors: vec![Governor {
-                    key: Node::new(GOVERNOR).id(),
+                    key: SigningNode::new(GOVERNOR).id(),
                     name: "governor".into(),
                     weight: 1,
                 }],

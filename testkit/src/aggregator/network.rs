@@ -1,6 +1,6 @@
 //! An aggregator that serves on loopback, and can be killed and started again.
 
-use super::{files, found, genesis, log_key, ManualClock, Node, COMMIT_MS, START_MS};
+use super::{files, found, genesis, log_key, ManualClock, SigningNode, COMMIT_MS, START_MS};
 use crate::until_async;
 use ed25519_dalek::SigningKey;
 use std::fs::File;
@@ -64,18 +64,18 @@ pub struct Network {
 
 impl Network {
     /// Founds a network with these nodes and serves it.
-    pub async fn start(nodes: &[&Node], config: Config) -> Self {
+    pub async fn start(nodes: &[&SigningNode], config: Config) -> Self {
         Self::start_with(nodes, config, Limits::default()).await
     }
 
     /// The same under these limits.
-    pub async fn start_with(nodes: &[&Node], config: Config, limits: Limits) -> Self {
+    pub async fn start_with(nodes: &[&SigningNode], config: Config, limits: Limits) -> Self {
         Self::start_as(nodes, config, limits, genesis(), None, None).await
     }
 
     /// Founds the network of `genesis` with these nodes, and serves it with these witnesses and these servers of beacons.
     pub async fn start_as(
-        nodes: &[&Node],
+        nodes: &[&SigningNode],
         config: Config,
         limits: Limits,
         genesis: Genesis,
@@ -194,16 +194,16 @@ impl Network {
 
     /// Lets the aggregator look at the clock until nothing changes.
     pub async fn settle(&self) {
-        use zk0_aggregator::Progress;
+        use zk0_aggregator::StepOutcome;
         loop {
             let progress = self.service().step().await.unwrap();
             if matches!(
                 progress,
-                Progress::Waiting
-                    | Progress::Finished
-                    | Progress::Blocked(_)
-                    | Progress::WrongClock(_)
-                    | Progress::NeedsBeacon(_)
+                StepOutcome::Waiting
+                    | StepOutcome::Finished
+                    | StepOutcome::Blocked(_)
+                    | StepOutcome::WrongClock(_)
+                    | StepOutcome::NeedsBeacon(_)
             ) {
                 return;
             }
@@ -291,7 +291,7 @@ impl Network {
         let message = proto::RecordRequest { body: body.clone() };
         let signer = MemberStatement::read(&body).map(|said| said.signer());
         let signers = signer.iter().flat_map(|signer| {
-            let nodes = (0..=255).map(Node::new);
+            let nodes = (0..=255).map(SigningNode::new);
             nodes.filter(|node| node.id() == *signer)
         });
         let key = signers.map(|node| node.key).next().unwrap_or_else(log_key);

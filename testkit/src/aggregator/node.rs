@@ -5,7 +5,7 @@ use ed25519_dalek::SigningKey;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{Claim, DatasetCommitment, Digest, Losses, NodeId};
 use zk0_protocol::entries::signed::{
-    DatasetRegistration, Episode, Signed, Submission, UpdateCommitment, UploadRequest,
+    DatasetRegistration, RegisteredEpisode, Signed, Submission, UpdateCommitment, UploadRequest,
 };
 use zk0_protocol::evaluation_set::{draw, list_bytes, DrawnLeaf};
 use zk0_protocol::rules::bindings::ExpectedClaim;
@@ -15,14 +15,14 @@ use zk0_verifier::blob_digest;
 pub const EVALUATION_FRAMES: u32 = 10;
 
 /// A node that signs what it is told to.
-pub struct Node {
+pub struct SigningNode {
     /// The node's key.
     pub key: SigningKey,
     /// Its number, from which all that belongs to it follows.
     pub seed: u16,
 }
 
-impl Node {
+impl SigningNode {
     /// The node of this number.
     pub fn new(seed: u8) -> Self {
         Self::numbered(seed.into())
@@ -65,7 +65,7 @@ impl Node {
             dataset: self.dataset(),
             evaluation_frames: EVALUATION_FRAMES,
             leaves: Digest::default(),
-            episodes: vec![Episode {
+            episodes: vec![RegisteredEpisode {
                 digest: Digest(bytes_of(self.seed, 0)),
                 frames: EVALUATION_FRAMES,
             }],

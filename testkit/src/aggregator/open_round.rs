@@ -1,17 +1,17 @@
 //! A round that is open, and what nodes do in it first.
 
-use super::{genesis, weights, Network, Node};
+use super::{genesis, weights, Network, SigningNode};
 use zk0_aggregator::{Config, Limits};
 use zk0_protocol::entries::genesis::Genesis;
 
 /// A network of two nodes with datasets, in the open round 0.
-pub async fn open_round() -> (Network, Node, Node) {
+pub async fn open_round() -> (Network, SigningNode, SigningNode) {
     open_round_of(genesis()).await
 }
 
 /// The network of `genesis` in the open round 0, with two nodes that have datasets.
-pub async fn open_round_of(genesis: Genesis) -> (Network, Node, Node) {
-    let (first, second) = (Node::new(1), Node::new(2));
+pub async fn open_round_of(genesis: Genesis) -> (Network, SigningNode, SigningNode) {
+    let (first, second) = (SigningNode::new(1), SigningNode::new(2));
     let config = Config {
         rounds: Some(2),
         min_nodes: 2,
@@ -25,7 +25,7 @@ pub async fn open_round_of(genesis: Genesis) -> (Network, Node, Node) {
 }
 
 /// Uploads and commits update number `seed`.
-pub async fn committed(network: &Network, node: &Node, round: u64, seed: u32) -> Vec<u8> {
+pub async fn committed(network: &Network, node: &SigningNode, round: u64, seed: u32) -> Vec<u8> {
     let update = weights(seed);
     node.upload(network, round, &update).await.unwrap();
     node.commit(network, round, &update).await.unwrap();
@@ -33,7 +33,11 @@ pub async fn committed(network: &Network, node: &Node, round: u64, seed: u32) ->
 }
 
 /// Both nodes commit in the open round: the first one to the update that this returns.
-pub async fn both_committed(network: &Network, first: &Node, second: &Node) -> Vec<u8> {
+pub async fn both_committed(
+    network: &Network,
+    first: &SigningNode,
+    second: &SigningNode,
+) -> Vec<u8> {
     committed(network, second, 0, 2).await;
     committed(network, first, 0, 1).await
 }

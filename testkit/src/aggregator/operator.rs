@@ -1,11 +1,11 @@
 //! An operator who holds the log's key and writes entries by hand. The rules of the ledger are all that stops them.
 
-use super::{digest, log_key, weights, Node, GOVERNOR, POLICY, START_MS, VOTING_MS};
+use super::{digest, log_key, weights, SigningNode, GOVERNOR, POLICY, START_MS, VOTING_MS};
 use std::fs;
 use std::path::Path;
 use zk0_ledger::folder;
 use zk0_ledger::log::Ledger;
-use zk0_ledger::store::{Batch, Store};
+use zk0_ledger::store::{Store, StoreBatch};
 use zk0_protocol::challenge::drawing::Drawing;
 use zk0_protocol::entries::entry::{
     Body, Entry, ProposalSettled, RandomnessDrawn, RoundClosed, ENTRY_VERSION,
@@ -28,7 +28,7 @@ pub struct Operator {
 
 /// What the one governor proposes.
 pub fn proposed(state: &State, action: Action) -> Body {
-    let governor = Node::new(GOVERNOR);
+    let governor = SigningNode::new(GOVERNOR);
     let proposal = Proposal {
         network: *state.network(),
         number: state.next_proposal(),
@@ -42,7 +42,7 @@ pub fn proposed(state: &State, action: Action) -> Body {
 
 /// The one governor's vote on the newest proposal.
 pub fn voted(state: &State, ballot: Ballot) -> Body {
-    let governor = Node::new(GOVERNOR);
+    let governor = SigningNode::new(GOVERNOR);
     let proposal = state.next_proposal() - 1;
     let vote = Vote {
         network: *state.network(),
@@ -56,7 +56,7 @@ pub fn voted(state: &State, ballot: Ballot) -> Body {
 
 impl Operator {
     /// Founds the network of `genesis`, with these nodes and their datasets.
-    pub fn founds(dir: &Path, genesis: Genesis, nodes: &[&Node]) -> Self {
+    pub fn founds(dir: &Path, genesis: Genesis, nodes: &[&SigningNode]) -> Self {
         let (ledger, _) = Ledger::create(dir, genesis, log_key(), START_MS).unwrap();
         for blob in [&weights(0)[..], POLICY] {
             ledger.blobs().put(blob).unwrap();
@@ -110,7 +110,12 @@ impl Operator {
 
     /// The claim of `node` about the update `seed` in the open round, with `proof`. If the node has not committed, it commits, and
     /// the randomness is drawn.
-    pub fn submission(&mut self, node: &Node, seed: u32, proof: &[u8]) -> Signed<Submission> {
+    pub fn submission(
+        &mut self,
+        node: &SigningNode,
+        seed: u32,
+        proof: &[u8],
+    ) -> Signed<Submission> {
         self.submission_of(node, &weights(seed), proof)
     }
 
@@ -118,7 +123,7 @@ impl Operator {
     /// randomness is drawn.
     pub fn submission_of(
         &mut self,
-        node: &Node,
+        node: &SigningNode,
         update: &[u8],
         proof: &[u8],
     ) -> Signed<Submission> {
@@ -133,7 +138,7 @@ impl Operator {
     }
 
     /// Commits to this update of `node`.
-    pub fn commit(&mut self, node: &Node, update: &[u8]) {
+    pub fn commit(&mut self, node: &SigningNode, update: &[u8]) {
         self.ledger.blobs().put(update).unwrap();
         let round = self.state().round().unwrap().number();
         let commitment = node.commitment(self.state().network(), round, update);
@@ -181,7 +186,7 @@ impl Operator {
 
     /// A round in which the operator accepts the update `seed` of `node` with `proof`, and takes it as the new weights. Returns the
     /// index of the acceptance.
-    pub fn round(&mut self, node: &Node, seed: u32, proof: &[u8]) -> u64 {
+    pub fn round(&mut self, node: &SigningNode, seed: u32, proof: &[u8]) -> u64 {
         self.open();
         let submission = self.submission(node, seed, proof);
         let accepted = self.append(Body::ContributionAccepted(submission));
@@ -212,7 +217,7 @@ impl Operator {
         };
         let signed = checkpoint.sign(&super::genesis().name, &log_key()).unwrap();
         let store = Store::open(&folder::database(&dir)).unwrap();
-        let mut batch = Batch::default();
+        let mut batch = StoreBatch::default();
         batch.entry(size, &bytes, &hashes);
         batch.checkpoint(size + 1, &signed);
         store.commit(batch).unwrap();

@@ -1,6 +1,6 @@
 //! What a node asks a network for. Each request says what the test tells it to say.
 
-use super::{list, Network, Node};
+use super::{list, Network, SigningNode};
 use tonic::{Code, Status};
 use zk0_circuits::{Claim, Digest};
 use zk0_protocol::entries::signed::{
@@ -10,7 +10,7 @@ use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 
-impl Node {
+impl SigningNode {
     /// Registers its dataset.
     pub async fn register(&self, network: &Network) -> Result<proto::Receipt, Status> {
         self.register_as(

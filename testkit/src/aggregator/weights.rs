@@ -3,7 +3,7 @@
 use zk0_circuits::{EvalSpec, Mode, WeightsDigest};
 use zk0_verifier::Evaluation;
 use zk0_weights::scale::narrowed;
-use zk0_weights::{Format, WeightsError};
+use zk0_weights::{Format, WeightFileError};
 
 /// Expert weights that differ with `seed`.
 pub fn weights(seed: u32) -> Vec<u8> {
@@ -15,7 +15,7 @@ pub fn weights(seed: u32) -> Vec<u8> {
             i128::from(mixed % 2001) * 1678 - 1_678_000
         };
         let values: Vec<_> = (0..format.tensors()[tensor].len()).map(value).collect();
-        Ok::<_, WeightsError>(narrowed(&values, 1, format.limits()[tensor]))
+        Ok::<_, WeightFileError>(narrowed(&values, 1, format.limits()[tensor]))
     });
     format.write(&weights.unwrap())
 }

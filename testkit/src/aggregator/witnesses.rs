@@ -1,6 +1,6 @@
 //! Witnesses that serve on loopback, and ledgers that they are to cosign.
 
-use super::{genesis, log_key, ManualClock, Node, START_MS};
+use super::{genesis, log_key, ManualClock, SigningNode, START_MS};
 use crate::until_async;
 use ed25519_dalek::SigningKey;
 use std::path::Path;
@@ -9,7 +9,7 @@ use std::time::Duration;
 use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
-use zk0_aggregator::publish::cosigning::{CosigningError, Prove, Witnesses};
+use zk0_aggregator::publish::cosigning::{ConsistencyProver, CosigningError, Witnesses};
 use zk0_aggregator::publish::http;
 use zk0_aggregator::publish::witness_server::WitnessServer;
 use zk0_ledger::log::Ledger;
@@ -108,7 +108,7 @@ pub async fn three() -> ([Running; 3], WitnessPolicy) {
 /// Enrols a node.
 pub fn enrol(ledger: &mut Ledger, node: u8) {
     let enrolled = NodeEnrolled {
-        node: Node::new(node).id(),
+        node: SigningNode::new(node).id(),
         name: "a node".into(),
     };
     ledger
@@ -131,7 +131,7 @@ pub async fn cosigned(
     let (policy, ledger) = (policy.clone(), ledger.clone());
     tokio::task::spawn_blocking(move || {
         let witnesses = Witnesses::new(policy, DEADLINE)?;
-        let prove: Prove = {
+        let prove: ConsistencyProver = {
             let ledger = ledger.clone();
             Arc::new(move |old, new| {
                 let proof = ledger.consistency_between(old, new);

@@ -1,24 +1,27 @@
 //! Cheats that use the right samples: other weights, no improvement, values that wrap.
 
 use super::verifier::{direct, drawn, improves, loss, prove};
-use crate::claims::{calmer, louder, nudged, quantise, Node, Random, Tensors};
+use crate::claims::{calmer, louder, nudged, quantise, ClaimingNode, Random, Tensors};
 use zk0_circuits::{Digest, EvalSpec, PrivateInput};
 
 const LAYERS: &str = "model.vlm_with_expert.lm_expert.layers";
 
 /// A node whose update a cheat chooses. Eight samples are drawn.
-fn node() -> Node {
-    Node::new(&EvalSpec::micro(), 12, 8, 11)
+fn node() -> ClaimingNode {
+    ClaimingNode::new(&EvalSpec::micro(), 12, 8, 11)
 }
 
 /// Claims that the update improves, which it does not.
-fn prove_node(node: &Node) -> Result<(), String> {
+fn prove_node(node: &ClaimingNode) -> Result<(), String> {
     assert!(!improves(node, &drawn(node)));
     prove(node.honest().input).map(drop)
 }
 
 /// Evaluates the weights that `evaluate` puts into the input in place of those it names.
-fn evaluate_others(node: &Node, evaluate: impl Fn(&mut PrivateInput)) -> Result<(), String> {
+fn evaluate_others(
+    node: &ClaimingNode,
+    evaluate: impl Fn(&mut PrivateInput),
+) -> Result<(), String> {
     assert!(!improves(node, &drawn(node)));
     let named = node.honest().input;
     let mut input = named.clone();
@@ -69,8 +72,8 @@ pub fn by_chance() -> Result<(), String> {
     let mut node = node();
     let samples = drawn(&node);
     let before = loss(&node, &node.base, &samples);
-    let in_truth = |node: &Node, tensors: &Tensors| -> f64 {
-        let others = (0..20).map(|challenge| Node {
+    let in_truth = |node: &ClaimingNode, tensors: &Tensors| -> f64 {
+        let others = (0..20).map(|challenge| ClaimingNode {
             challenge: Digest([challenge; 32]),
             eval_samples: node.data.len() as u32,
             spec: node.spec.clone(),
@@ -160,9 +163,9 @@ pub fn wrapped_outputs() -> Result<(), String> {
 
 /// Claims of updates that are no improvement, until one is accepted, or refused because of `site`.
 fn tries(
-    node: &mut Node,
+    node: &mut ClaimingNode,
     site: &str,
-    update: impl Fn(&mut Node, &mut Random),
+    update: impl Fn(&mut ClaimingNode, &mut Random),
 ) -> Result<(), String> {
     for seed in 0..5000 {
         update(node, &mut Random(seed));

@@ -1,7 +1,7 @@
 //! Cheats that open other samples than those drawn, or commit to other data than they say.
 
 use super::verifier::{drawn, loss, loss_at, prove, share_of_quantile};
-use crate::claims::{nudged, Node, Parts, Random, SALT};
+use crate::claims::{nudged, ClaimingNode, FloatSample, Random, SALT};
 use zk0_circuits::claim::challenge::sample_indices;
 use zk0_circuits::claim::dataset::{check_leaves, leaf, salt_commitment};
 use zk0_circuits::claim::private_input::Opening;
@@ -10,8 +10,8 @@ use zk0_circuits::vm::merkle;
 use zk0_circuits::{Digest, EvalSpec, Sample};
 
 /// A node with `samples` samples of which `count` are drawn.
-fn node(samples: usize, count: u32) -> Node {
-    Node::new(&EvalSpec::micro(), samples, count, 11)
+fn node(samples: usize, count: u32) -> ClaimingNode {
+    ClaimingNode::new(&EvalSpec::micro(), samples, count, 11)
 }
 
 /// Opens sample `index` by its path.
@@ -24,8 +24,8 @@ fn open(dataset: &[Sample], leaves: &[Digest], index: usize) -> Opening {
 }
 
 /// Gives the node an update that passes the test on `some` (sample, position), and raises the loss on the samples that are drawn.
-fn help_only(node: &mut Node, some: &[(&Parts, usize)], drawn: &[Parts]) {
-    let on_some = |node: &Node, tensors: &_| -> Vec<f64> {
+fn help_only(node: &mut ClaimingNode, some: &[(&FloatSample, usize)], drawn: &[FloatSample]) {
+    let on_some = |node: &ClaimingNode, tensors: &_| -> Vec<f64> {
         let losses = some.iter();
         losses
             .map(|&(parts, position)| loss_at(node, tensors, parts, position))
@@ -78,7 +78,7 @@ pub fn lucky() -> Result<(), String> {
 pub fn invented() -> Result<(), String> {
     let mut node = node(6, 2);
     let drawn = drawn(&node);
-    let invented = [8, 9].map(|seed| Parts::random(&node.spec, &mut Random(seed), 9, 0));
+    let invented = [8, 9].map(|seed| FloatSample::random(&node.spec, &mut Random(seed), 9, 0));
     help_only(&mut node, &[(&invented[0], 0), (&invented[1], 1)], &drawn);
     let mut input = node.honest().input;
     for (opening, invented) in input.openings.iter_mut().zip(&invented) {
@@ -178,7 +178,7 @@ pub fn salted_copies() -> Result<(), String> {
 
 /// Claims of a dataset whose leaves differ, though its samples do not: by their salts, or by what `copy` makes of them.
 fn claim_copies(
-    node: &Node,
+    node: &ClaimingNode,
     salts: [[u8; 32]; 6],
     copy: impl Fn(&Sample, usize) -> Result<Sample, String>,
 ) -> Result<(), String> {

@@ -2,13 +2,13 @@
 //! under which the evaluation is not that of the policy.
 
 use super::verifier::{direct, drawn, improves, loss, prove};
-use crate::claims::{louder, nudged, Node, Random};
+use crate::claims::{louder, nudged, ClaimingNode, Random};
 use zk0_circuits::EvalSpec;
 
 /// Claims of updates that are no improvement, until one is accepted under `spec`. `prepare` changes a node's data and weights.
-fn tries(spec: &EvalSpec, prepare: impl Fn(&mut Node)) -> Result<(), String> {
+fn tries(spec: &EvalSpec, prepare: impl Fn(&mut ClaimingNode)) -> Result<(), String> {
     spec.validate().map_err(|error| error.to_string())?;
-    let mut node = Node::new(spec, 12, 4, 16);
+    let mut node = ClaimingNode::new(spec, 12, 4, 16);
     prepare(&mut node);
     let drawn = drawn(&node);
     let before = loss(&node, &node.base, &drawn);
@@ -52,7 +52,7 @@ pub fn other_frequencies() -> Result<(), String> {
     let spec = EvalSpec::micro();
     let mut other = spec.clone();
     other.time_frequencies.fill(0);
-    let mut node = Node::new(&spec, 12, 4, 12);
+    let mut node = ClaimingNode::new(&spec, 12, 4, 12);
     let drawn = drawn(&node);
     let before = loss(&node, &node.base, &drawn);
     for seed in 0..5000 {

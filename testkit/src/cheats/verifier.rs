@@ -1,7 +1,7 @@
 //! The other side of each cheat: whether a verifier who holds the files accepts the claim, and whether the claim is true in
 //! float64.
 
-use crate::claims::{name_weights, reference, Node, Parts, Tensors};
+use crate::claims::{name_weights, reference, ClaimingNode, FloatSample, Tensors};
 use zk0_circuits::claim::private_input::Opening;
 use zk0_circuits::claim::statement::check;
 use zk0_circuits::claim::student::Confidence;
@@ -32,7 +32,7 @@ fn names_files(claim: &Claim, files: [&QuantisedWeights; 2]) -> Result<(), Strin
 }
 
 /// The samples that the node's challenge draws, in the order drawn.
-pub fn drawn(node: &Node) -> Vec<Parts> {
+pub fn drawn(node: &ClaimingNode) -> Vec<FloatSample> {
     let openings = node.honest().input.openings;
     let index = |opening: Opening| opening.index as usize;
     let drawn = openings.into_iter().map(index);
@@ -40,13 +40,13 @@ pub fn drawn(node: &Node) -> Vec<Parts> {
 }
 
 /// The node's update improves on its base by what it claims, on the samples at these positions.
-pub fn improves(node: &Node, samples: &[Parts]) -> bool {
+pub fn improves(node: &ClaimingNode, samples: &[FloatSample]) -> bool {
     let losses = [&node.base, &node.update].map(|tensors| losses(node, tensors, samples));
     share_of_quantile(node, &losses[0], &losses[1]) > 1.0
 }
 
 /// The node's test, in float64: Student's t-statistic of the differences, divided by the quantile at 95 %. Above 1, the test passes.
-pub fn share_of_quantile(node: &Node, before: &[f64], after: &[f64]) -> f64 {
+pub fn share_of_quantile(node: &ClaimingNode, before: &[f64], after: &[f64]) -> f64 {
     assert_eq!(node.test.confidence, Confidence::P95);
     // From any table.
     let quantile = match before.len() {
@@ -65,12 +65,12 @@ pub fn share_of_quantile(node: &Node, before: &[f64], after: &[f64]) -> f64 {
 }
 
 /// Returns the sum of squared errors in float64.
-pub fn loss(node: &Node, tensors: &Tensors, samples: &[Parts]) -> f64 {
+pub fn loss(node: &ClaimingNode, tensors: &Tensors, samples: &[FloatSample]) -> f64 {
     losses(node, tensors, samples).iter().sum()
 }
 
 /// Returns the squared errors on each sample in float64.
-pub fn losses(node: &Node, tensors: &Tensors, samples: &[Parts]) -> Vec<f64> {
+pub fn losses(node: &ClaimingNode, tensors: &Tensors, samples: &[FloatSample]) -> Vec<f64> {
     let samples = samples.iter().enumerate();
     samples
         .map(|(position, parts)| loss_at(node, tensors, parts, position))
@@ -78,7 +78,12 @@ pub fn losses(node: &Node, tensors: &Tensors, samples: &[Parts]) -> Vec<f64> {
 }
 
 /// Returns the sum for one sample, with the noise and time of a position.
-pub fn loss_at(node: &Node, tensors: &Tensors, parts: &Parts, position: usize) -> f64 {
+pub fn loss_at(
+    node: &ClaimingNode,
+    tensors: &Tensors,
+    parts: &FloatSample,
+    position: usize,
+) -> f64 {
     // This is the noise as the table has it. The node's specification may round it differently.
     let exact = EvalSpec {
         action: 12,

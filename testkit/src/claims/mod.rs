@@ -109,13 +109,13 @@ pub fn quantise(spec: &EvalSpec, tensors: &Tensors) -> QuantisedWeights {
 
 /// Parts of a sample in f32.
 #[derive(Clone)]
-pub struct Parts {
+pub struct FloatSample {
     pub cache: Vec<(Vec<f32>, Vec<f32>)>,
     pub actions: Vec<f32>,
     pub is_pad: Vec<bool>,
 }
 
-impl Parts {
+impl FloatSample {
     /// Makes a random sample with `prefix` tokens, whose last `padded` frames are past the end.
     pub fn random(spec: &EvalSpec, random: &mut Random, prefix: usize, padded: usize) -> Self {
         let dims = &spec.dims;
@@ -148,9 +148,9 @@ impl Parts {
 }
 
 /// A node: its data and weights, and what it is asked to claim of them.
-pub struct Node {
+pub struct ClaimingNode {
     pub spec: EvalSpec,
-    pub data: Vec<Parts>,
+    pub data: Vec<FloatSample>,
     pub base: Tensors,
     pub update: Tensors,
     pub challenge: Digest,
@@ -158,19 +158,19 @@ pub struct Node {
     pub test: TTest,
 }
 
-/// Secret salt of a [`Node`]'s dataset.
+/// Secret salt of a [`ClaimingNode`]'s dataset.
 pub const SALT: [u8; 32] = [7; 32];
 
 const NETWORK: Digest = Digest([1; 32]);
 const NODE: NodeId = NodeId([2; 32]);
 
-impl Node {
+impl ClaimingNode {
     /// Makes a node with `samples` samples that is asked for `eval_samples` of them. Its update lowers the loss.
     pub fn new(spec: &EvalSpec, samples: usize, eval_samples: u32, seed: u64) -> Self {
         let mut random = Random(seed);
         let most = spec.dims.max_prefix as usize;
         let data = (0..samples)
-            .map(|index| Parts::random(spec, &mut random, most - index % 2, index % 3))
+            .map(|index| FloatSample::random(spec, &mut random, most - index % 2, index % 3))
             .collect();
         // Louder than the noise, so that the calmer update is clearly better on a few samples.
         let base = louder(&tensors(spec, &mut random, 1.0), 2.0);
@@ -277,7 +277,7 @@ impl Honest {
 
 /// A claim over `count` of `samples` samples whose update lowers the loss.
 pub fn honest(spec: &EvalSpec, samples: usize, count: u32, seed: u64) -> Honest {
-    Node::new(spec, samples, count, seed).honest()
+    ClaimingNode::new(spec, samples, count, seed).honest()
 }
 
 /// Names the input's weights in its terms, as they are now.

@@ -1,20 +1,26 @@
 //! The action expert in float64, written from the paper's and LeRobot's definitions, not from the fixed-point code.
 
-use super::{Parts, Tensors};
+use super::{FloatSample, Tensors};
 use zk0_circuits::model::spec::Dims;
 
-type Matrix = Vec<Vec<f64>>;
+type FloatMatrix = Vec<Vec<f64>>;
 
-struct Expert<'a> {
+struct ReferenceExpert<'a> {
     dims: &'a Dims,
     tensors: &'a Tensors,
 }
 
 /// Velocity `[chunk][max_action_dim]` for noise `[chunk, max_action_dim]` at flow time `time`.
-pub fn velocity(dims: &Dims, tensors: &Tensors, parts: &Parts, noise: &[f64], time: f64) -> Matrix {
-    let expert = Expert { dims, tensors };
+pub fn velocity(
+    dims: &Dims,
+    tensors: &Tensors,
+    parts: &FloatSample,
+    noise: &[f64],
+    time: f64,
+) -> FloatMatrix {
+    let expert = ReferenceExpert { dims, tensors };
     let width = dims.max_action_dim as usize;
-    let noised: Matrix = noise
+    let noised: FloatMatrix = noise
         .chunks(width)
         .zip(parts.actions.chunks(width))
         .map(|(noise, action)| {
@@ -35,12 +41,12 @@ pub fn velocity(dims: &Dims, tensors: &Tensors, parts: &Parts, noise: &[f64], ti
         .chain((0..half).map(|i| angle(i).cos()))
         .collect();
     let embedded = expert.linear("model.action_in_proj", &noised);
-    let joined: Matrix = embedded
+    let joined: FloatMatrix = embedded
         .iter()
         .map(|row| row.iter().chain(&embedding).copied().collect())
         .collect();
     let mixed = expert.linear("model.action_time_mlp_in", &joined);
-    let active: Matrix = mixed
+    let active: FloatMatrix = mixed
         .iter()
         .map(|row| row.iter().map(|&x| silu(x)).collect())
         .collect();
@@ -55,7 +61,13 @@ pub fn velocity(dims: &Dims, tensors: &Tensors, parts: &Parts, noise: &[f64], ti
 }
 
 /// Sum of squared errors and elements, over unpadded frames and real dimensions.
-pub fn loss(dims: &Dims, tensors: &Tensors, parts: &Parts, noise: &[f64], time: f64) -> (f64, u64) {
+pub fn loss(
+    dims: &Dims,
+    tensors: &Tensors,
+    parts: &FloatSample,
+    noise: &[f64],
+    time: f64,
+) -> (f64, u64) {
     let velocity = velocity(dims, tensors, parts, noise, time);
     let (mut sum, mut elements) = (0.0, 0);
     for (frame, row) in velocity
@@ -76,21 +88,21 @@ fn silu(x: f64) -> f64 {
     x / (1.0 + (-x).exp())
 }
 
-fn rows(flat: &[f32], width: usize) -> Matrix {
+fn rows(flat: &[f32], width: usize) -> FloatMatrix {
     flat.chunks(width)
         .map(|row| row.iter().map(|&x| x as f64).collect())
         .collect()
 }
 
-fn add(a: &Matrix, b: &Matrix) -> Matrix {
+fn add(a: &FloatMatrix, b: &FloatMatrix) -> FloatMatrix {
     a.iter()
         .zip(b)
         .map(|(a, b)| a.iter().zip(b).map(|(a, b)| a + b).collect())
         .collect()
 }
 
-impl Expert<'_> {
-    fn linear(&self, name: &str, input: &Matrix) -> Matrix {
+impl ReferenceExpert<'_> {
+    fn linear(&self, name: &str, input: &FloatMatrix) -> FloatMatrix {
         let width = input[0].len();
         let weight = rows(&self.tensors[&format!("{name}.weight")], width);
         let bias = self.tensors.get(&format!("{name}.bias"));
@@ -104,7 +116,7 @@ impl Expert<'_> {
             .collect()
     }
 
-    fn norm(&self, name: &str, input: &Matrix) -> Matrix {
+    fn norm(&self, name: &str, input: &FloatMatrix) -> FloatMatrix {
         let gain = &self.tensors[&format!("{name}.weight")];
         let one = |row: &Vec<f64>| {
             let mean = row.iter().map(|x| x * x).sum::<f64>() / row.len() as f64;
@@ -116,7 +128,12 @@ impl Expert<'_> {
         input.iter().map(one).collect()
     }
 
-    fn layer(&self, layer: usize, hidden: &Matrix, cache: &(Vec<f32>, Vec<f32>)) -> Matrix {
+    fn layer(
+        &self,
+        layer: usize,
+        hidden: &FloatMatrix,
+        cache: &(Vec<f32>, Vec<f32>),
+    ) -> FloatMatrix {
         let name = |part: &str| format!("model.vlm_with_expert.lm_expert.layers.{layer}.{part}");
         let kv_width = (self.dims.kv_heads * self.dims.head_dim) as usize;
         let (mut keys, mut values) = (rows(&cache.0, kv_width), rows(&cache.1, kv_width));
@@ -132,7 +149,7 @@ impl Expert<'_> {
             keys = self.linear(&name("self_attn.k_proj"), &keys);
             values = self.linear(&name("self_attn.v_proj"), &values);
         }
-        let attention: Matrix = queries
+        let attention: FloatMatrix = queries
             .iter()
             .enumerate()
             .map(|(token, query)| {
@@ -144,7 +161,7 @@ impl Expert<'_> {
         let normed = self.norm(&name("post_attention_layernorm"), &hidden);
         let gate = self.linear(&name("mlp.gate_proj"), &normed);
         let up = self.linear(&name("mlp.up_proj"), &normed);
-        let gated: Matrix = gate
+        let gated: FloatMatrix = gate
             .iter()
             .zip(&up)
             .map(|(gate, up)| gate.iter().zip(up).map(|(&g, u)| silu(g) * u).collect())
@@ -182,7 +199,7 @@ impl Expert<'_> {
         output
     }
 
-    fn rope(&self, mut input: Matrix, start: usize) -> Matrix {
+    fn rope(&self, mut input: FloatMatrix, start: usize) -> FloatMatrix {
         let head_dim = self.dims.head_dim as usize;
         let half = head_dim / 2;
         for (index, row) in input.iter_mut().enumerate() {

@@ -4,9 +4,9 @@ use crate::network::log::ORIGIN;
 use crate::network::log_key;
 use std::collections::BTreeMap;
 use std::io::{Cursor, Read};
-use zk0_ledger::published::source::{Source, SourceError};
+use zk0_ledger::published::source::{LogSource, SourceError};
 use zk0_ledger::published::tiles;
-use zk0_ledger::store::{Batch, Store};
+use zk0_ledger::store::{Store, StoreBatch};
 use zk0_protocol::tlog::layout::Resource;
 use zk0_protocol::tlog::tree::Frontier;
 use zk0_protocol::Checkpoint;
@@ -29,7 +29,7 @@ impl Shelf {
             let root = tree.root().unwrap();
             let size = index as u64 + 1;
             let text = Checkpoint { size, root }.sign(ORIGIN, &log_key()).unwrap();
-            let mut batch = Batch::default();
+            let mut batch = StoreBatch::default();
             batch.entry(index as u64, leaf, &hashes);
             batch.checkpoint(size, &text);
             store.commit(batch).unwrap();
@@ -44,8 +44,8 @@ impl Shelf {
     }
 
     /// Returns what a log publishes of the first `size` leaves.
-    pub fn at(&self, size: u64) -> Shown<'_> {
-        Shown {
+    pub fn at(&self, size: u64) -> ShownLog<'_> {
+        ShownLog {
             store: &self.store,
             size,
             instead: BTreeMap::new(),
@@ -54,7 +54,7 @@ impl Shelf {
 }
 
 /// The log at one size; `instead` replaces files, or hides them.
-pub struct Shown<'a> {
+pub struct ShownLog<'a> {
     /// The database of the whole log.
     pub store: &'a Store,
     /// How many leaves are shown.
@@ -63,7 +63,7 @@ pub struct Shown<'a> {
     pub instead: BTreeMap<String, Option<Vec<u8>>>,
 }
 
-impl Source for Shown<'_> {
+impl LogSource for ShownLog<'_> {
     fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError> {
         if let Some(instead) = self.instead.get(path) {
             let bytes = instead.clone();

@@ -23,7 +23,7 @@ const DIM: usize = 6;
 
 /// An episode to make.
 #[derive(Clone, Copy, Debug)]
-pub struct Episode {
+pub struct MadeEpisode {
     /// Episodes of the same seed and number of frames are the same.
     pub seed: u64,
     /// How many frames it has.
@@ -33,7 +33,7 @@ pub struct Episode {
 }
 
 /// Makes a recording of these episodes in `folder`, which is made. All of them have to be still, or none.
-pub fn make(folder: &Path, episodes: &[Episode]) {
+pub fn make(folder: &Path, episodes: &[MadeEpisode]) {
     let still = episodes[0].still;
     assert!(episodes.iter().all(|episode| episode.still == still));
     let fixture = Path::new(FIXTURE);
@@ -68,7 +68,7 @@ pub fn make(folder: &Path, episodes: &[Episode]) {
 }
 
 /// Where the frames of each episode are.
-fn places(episodes: &[Episode]) -> RecordBatch {
+fn places(episodes: &[MadeEpisode]) -> RecordBatch {
     let mut from = 0;
     let (mut starts, mut ends) = (Vec::new(), Vec::new());
     for episode in episodes {
@@ -101,7 +101,7 @@ fn places(episodes: &[Episode]) -> RecordBatch {
 }
 
 /// The motion.
-fn rows(episodes: &[Episode]) -> RecordBatch {
+fn rows(episodes: &[MadeEpisode]) -> RecordBatch {
     let list = || FixedSizeListBuilder::new(Float32Builder::new(), DIM as i32);
     let (mut states, mut actions) = (list(), list());
     let swings = swings();
@@ -146,7 +146,7 @@ fn swings() -> Vec<(f32, f32)> {
 }
 
 /// Each joint swings at its own pace.
-fn position(swings: &[(f32, f32)], episode: &Episode, frame: usize) -> [f32; DIM] {
+fn position(swings: &[(f32, f32)], episode: &MadeEpisode, frame: usize) -> [f32; DIM] {
     let time = match episode.still {
         true => 0.0,
         false => frame as f32 / FPS,

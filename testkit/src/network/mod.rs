@@ -15,7 +15,9 @@ use zk0_protocol::entries::entry::{
 };
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::round_result::{EvaluatedResult, PublicLoss, ResultOutcome};
-use zk0_protocol::entries::signed::{DatasetRegistration, Episode, Submission, UpdateCommitment};
+use zk0_protocol::entries::signed::{
+    DatasetRegistration, RegisteredEpisode, Submission, UpdateCommitment,
+};
 use zk0_protocol::rules::closing::credits::CreditRule;
 use zk0_protocol::rules::closing::public_samples::PublicSamples;
 use zk0_protocol::rules::closing::shares::WHOLE_SHARE;
@@ -176,9 +178,9 @@ pub fn registration(network: &Digest, node: u8) -> DatasetRegistration {
 }
 
 /// An episode of 200 frames.
-pub fn episode(digest: Digest) -> Episode {
+pub fn episode(digest: Digest) -> RegisteredEpisode {
     let frames = 200;
-    Episode { digest, frames }
+    RegisteredEpisode { digest, frames }
 }
 
 /// The signed registration of node `node`'s dataset.

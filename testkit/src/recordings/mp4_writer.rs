@@ -15,7 +15,7 @@ pub struct Encoded {
 }
 
 /// An encoded video.
-pub struct Stream {
+pub struct EncodedVideo {
     /// SPS and PPS.
     pub parameter_sets: [Vec<u8>; 2],
     /// The pictures in decoding order.
@@ -31,7 +31,7 @@ pub fn encode(
     width: usize,
     profile: Profile,
     period: u32,
-) -> Stream {
+) -> EncodedVideo {
     let config = EncoderConfig::new()
         .profile(profile)
         .bitrate(BitRate::from_bps(4_000_000))
@@ -41,7 +41,7 @@ pub fn encode(
         .scene_change_detect(false)
         .intra_frame_period(IntraFramePeriod::from_num_frames(period));
     let mut encoder = Encoder::with_api_config(OpenH264API::from_source(), config).unwrap();
-    let mut stream = Stream {
+    let mut stream = EncodedVideo {
         parameter_sets: [Vec::new(), Vec::new()],
         pictures: Vec::new(),
         annex_b: Vec::new(),
@@ -76,7 +76,7 @@ pub fn encode(
     stream
 }
 
-impl Stream {
+impl EncodedVideo {
     /// Returns the mp4 at 30 frames a second, with the pictures shown in decoding order.
     pub fn mp4(&self, height: usize, width: usize) -> Vec<u8> {
         let shown: Vec<u32> = (0..self.pictures.len() as u32).collect();

@@ -34,11 +34,11 @@ pub struct Translation {
 /// A network in front of a server.
 pub struct FailingNetwork {
     port: u16,
-    state: Arc<Mutex<State>>,
+    state: Arc<Mutex<FaultState>>,
 }
 
 #[derive(Default)]
-struct State {
+struct FaultState {
     /// The faults that come next, for requests that begin like this: `PUT`, or `PUT /bucket/folder/`.
     next: VecDeque<(String, Option<Fault>)>,
     /// The fault of all requests, once there is no next one.
@@ -52,7 +52,7 @@ impl FailingNetwork {
     pub fn in_front_of(server: u16, translation: Option<Translation>) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
-        let state = Arc::<Mutex<State>>::default();
+        let state = Arc::<Mutex<FaultState>>::default();
         let shared = state.clone();
         thread::spawn(move || {
             for client in listener.incoming().map_while(Result::ok) {
@@ -112,7 +112,7 @@ impl FailingNetwork {
     }
 }
 
-impl State {
+impl FaultState {
     fn fault(&mut self, head: &str) -> Option<Fault> {
         let place = self.next.iter().position(|(of, _)| head.starts_with(of));
         let next = place.and_then(|place| self.next.remove(place));
@@ -123,7 +123,7 @@ impl State {
 fn forward(
     mut client: TcpStream,
     (server, translation): (u16, Option<Translation>),
-    state: &Mutex<State>,
+    state: &Mutex<FaultState>,
 ) {
     let Ok((head, body)) = head_and_body(&mut client) else {
         return;

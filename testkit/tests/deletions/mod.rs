@@ -25,13 +25,13 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 use std::thread;
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::changed_copy::SourceChange;
 
 /// A check, and the test that tries the attack which it stops.
 struct Removal {
     check: &'static str,
     /// How the source gets the switch.
-    change: Change,
+    change: SourceChange,
     /// The package of the test.
     package: &'static str,
     /// The test, without its module.
@@ -47,7 +47,7 @@ macro_rules! rows {
             replacements: &'static [(&'static str, &'static str)],
             test: &'static str,
         ) -> Removal {
-            let change = Change { file, replacements };
+            let change = SourceChange { file, replacements };
             Removal { check, change, package: $package, test }
         }
     )*};

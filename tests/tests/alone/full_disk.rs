@@ -9,7 +9,7 @@ use tokio::signal::unix::{signal, SignalKind};
 use tokio::time::timeout;
 use tonic::Code;
 use zk0_aggregator::Config;
-use zk0_node::client::Node;
+use zk0_node::client::NodeClient;
 use zk0_protocol::Signed;
 use zk0_testkit::aggregator::{self, Network, POLICY, START_MS};
 use zk0_testkit::own_process::alone;
@@ -30,7 +30,10 @@ async fn an_upload_and_a_submission_go_on_when_there_is_room_again() -> Test {
     }
     // With a handler, the write fails, and the process goes on.
     let _ignored = signal(SignalKind::from_raw(SIGXFSZ))?;
-    let (first, second) = (aggregator::Node::new(1), aggregator::Node::new(2));
+    let (first, second) = (
+        aggregator::SigningNode::new(1),
+        aggregator::SigningNode::new(2),
+    );
     let config = Config {
         rounds: Some(1),
         min_nodes: 2,
@@ -42,7 +45,7 @@ async fn an_upload_and_a_submission_go_on_when_there_is_room_again() -> Test {
     second.register(&network).await?;
     network.settle().await;
     let id = network.genesis.network_id();
-    let mut node = Node::connect(network.address.clone(), id, first.key.clone()).await?;
+    let mut node = NodeClient::connect(network.address.clone(), id, first.key.clone()).await?;
 
     let update: Vec<u8> = (0..POLICY.len()).map(|at| (at % 241) as u8).collect();
     let size = update.len() as u64;

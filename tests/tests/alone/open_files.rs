@@ -21,7 +21,7 @@ async fn downloads_that_nobody_reads_leave_files_for_the_ledger() {
     open_files::fit(&mut limits.connections, 0);
     let most = limits.connections.most;
     assert!((100..OPEN_FILES as usize / 3).contains(&most), "{most}");
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,

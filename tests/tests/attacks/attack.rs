@@ -4,7 +4,7 @@ use serde_json::{json, Value};
 use std::future::Future;
 use tokio::runtime::Runtime;
 use tonic::Status;
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::changed_copy::SourceChange;
 
 /// What became of an attack.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -21,7 +21,7 @@ pub struct Defence {
     /// What it does, in words.
     pub check: &'static str,
     /// How the sources get a switch that takes it out: the new code has `OUT` where the switch is asked ([`zk0_testkit::changed_copy::switched`]).
-    pub out: &'static [Change],
+    pub out: &'static [SourceChange],
 }
 
 /// What an attack needs of a proof. This test cannot make one: it takes a quarter of an hour. Where the attacker could, it is given one in the

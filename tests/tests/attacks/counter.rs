@@ -10,7 +10,7 @@ use super::table::ATTACKS;
 use serde_json::{json, Value};
 use std::collections::BTreeMap;
 use std::path::Path;
-use zk0_testkit::changed_copy::{switched, Change, ChangedCopy, OUT};
+use zk0_testkit::changed_copy::{switched, ChangedCopy, SourceChange, OUT};
 
 /// The name of the switch that gives attackers a proof of their claim.
 const PROOF: &str = "PROOF";
@@ -35,7 +35,7 @@ fn chosen() -> Vec<Attack> {
 /// A copy of the sources in which each defence has a switch.
 fn with_switches() -> ChangedCopy {
     let copy = ChangedCopy::of_workspace(Path::new(env!("CARGO_TARGET_TMPDIR")), "attacks");
-    let put = |name: &str, changes: &[Change]| {
+    let put = |name: &str, changes: &[SourceChange]| {
         for change in changes {
             let asked = |code: &str| switched(code, name);
             let done = copy.edit(change.file, |source| change.applied_with(source, asked));

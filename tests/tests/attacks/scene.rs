@@ -5,14 +5,14 @@ use zk0_circuits::Claim;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::rpc::federation::SubmitReply;
 use zk0_testkit::aggregator::real_proof::real_proof;
-use zk0_testkit::aggregator::{genesis, open_round_of, weights, Network, Node};
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::aggregator::{genesis, open_round_of, weights, Network, SigningNode};
+use zk0_testkit::changed_copy::SourceChange;
 
 /// What an attacker is given who could prove the claim: making a proof takes a quarter of an hour, and this test has one. SP1 verifies it,
 /// whatever the claim is. Then only the claim that it proves is another one. It is taken out for whoever could prove a claim.
 pub const PROOF_OF_ANY_CLAIM: Defence = Defence {
     check: "a proof proves the claim that it comes with",
-    out: &[Change {
+    out: &[SourceChange {
         file: "verifier/src/proof.rs",
         replacements: &[(
             "        verify(&decoded, &public_values, key)\n",
@@ -25,7 +25,9 @@ pub const PROOF_OF_ANY_CLAIM: Defence = Defence {
 };
 
 /// A network whose program is that of the real proof, in its first round, with two nodes that have datasets.
-pub async fn proving_network(change: impl FnOnce(&mut Genesis)) -> (Network, Node, Node) {
+pub async fn proving_network(
+    change: impl FnOnce(&mut Genesis),
+) -> (Network, SigningNode, SigningNode) {
     let mut genesis = genesis();
     genesis.program = real_proof().0.key;
     genesis.rules.max_proof_bytes = 4 << 20;
@@ -50,13 +52,13 @@ pub fn near_base(step: u8) -> Vec<u8> {
 }
 
 /// Uploads an update, and commits to it.
-pub async fn commit(network: &Network, node: &Node, update: &[u8]) {
+pub async fn commit(network: &Network, node: &SigningNode, update: &[u8]) {
     node.upload(network, 0, update).await.unwrap();
     node.commit(network, 0, update).await.unwrap();
 }
 
 /// Submits a claim with the real proof. The attack has succeeded if the contribution is accepted.
-pub async fn submitted(network: &Network, node: &Node, claim: Claim, won: &str) -> Outcome {
+pub async fn submitted(network: &Network, node: &SigningNode, claim: Claim, won: &str) -> Outcome {
     match node.submit(network, claim, &real_proof().1).await {
         Ok(SubmitReply { accepted: true, .. }) => Outcome::Succeeded(won.into()),
         Ok(reply) => Outcome::Refused(reply.reason),

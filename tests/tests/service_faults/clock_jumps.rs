@@ -7,9 +7,9 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::timeout;
 use tonic::Code;
-use zk0_aggregator::{Config, Progress};
+use zk0_aggregator::{Config, StepOutcome};
 use zk0_protocol::entries::entry::Body;
-use zk0_testkit::aggregator::{digest, open_round, refused, weights, Network, Node};
+use zk0_testkit::aggregator::{digest, open_round, refused, weights, Network, SigningNode};
 use zk0_tls::service_address::Silence;
 
 const DAY: i64 = DAY_MS as i64;
@@ -41,7 +41,7 @@ async fn the_aggregators_clock_jumps_by(jump: i64) {
     // The rounds do not go on, and the service does not end.
     for _ in 0..3 {
         let progress = network.service().step().await.unwrap();
-        let Progress::WrongClock(why) = progress else {
+        let StepOutcome::WrongClock(why) = progress else {
             panic!("{progress:?}");
         };
         let words = if jump > 0 { "ahead" } else { "behind" };
@@ -92,17 +92,23 @@ async fn small_steps_of_the_clock_are_no_jump() {
         network.clock.advance(2 * 3_600_000);
         network.clock.jump(20_000);
         let progress = network.service().step().await.unwrap();
-        assert!(!matches!(progress, Progress::WrongClock(_)), "{progress:?}");
+        assert!(
+            !matches!(progress, StepOutcome::WrongClock(_)),
+            "{progress:?}"
+        );
     }
     network.clock.jump(61_000);
     let progress = network.service().step().await.unwrap();
-    assert!(matches!(progress, Progress::WrongClock(_)), "{progress:?}");
+    assert!(
+        matches!(progress, StepOutcome::WrongClock(_)),
+        "{progress:?}"
+    );
     let uploaded = first.upload(&network, 0, &weights(1)).await;
     refused(uploaded, Code::Unavailable, "clock is wrong");
 }
 
 async fn a_nodes_clock_jumps_by(jump: i64) {
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,

@@ -5,7 +5,7 @@ mod clock_jumps;
 mod network_cut;
 
 use std::time::{SystemTime, UNIX_EPOCH};
-use zk0_node::client::Node;
+use zk0_node::client::NodeClient;
 use zk0_testkit::aggregator::{self, Network, START_MS};
 use zk0_tls::service_address::{ServiceAddress, Silence};
 
@@ -24,8 +24,13 @@ fn by_the_machines_clock(network: &Network) {
 }
 
 /// The client of a real node, connected to the aggregator at `url`.
-async fn client(network: &Network, node: &aggregator::Node, url: &str, silence: Silence) -> Node {
+async fn client(
+    network: &Network,
+    node: &aggregator::SigningNode,
+    url: &str,
+    silence: Silence,
+) -> NodeClient {
     let address = ServiceAddress::from(url.to_owned()).with_silence(silence);
-    let connected = Node::connect(address, network.genesis.network_id(), node.key.clone());
+    let connected = NodeClient::connect(address, network.genesis.network_id(), node.key.clone());
     connected.await.unwrap()
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::time::timeout;
 use zk0_aggregator::Config;
 use zk0_protocol::entries::entry::Body;
-use zk0_testkit::aggregator::{digest, weights, Network, Node};
+use zk0_testkit::aggregator::{digest, weights, Network, SigningNode};
 use zk0_testkit::until_async;
 use zk0_tls::service_address::Silence;
 
@@ -20,8 +20,8 @@ const SOON: Silence = Silence {
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// A network with a node that has a dataset, and a relay before its aggregator.
-async fn relayed() -> (Network, Node, BlackHole) {
-    let node = Node::new(1);
+async fn relayed() -> (Network, SigningNode, BlackHole) {
+    let node = SigningNode::new(1);
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,

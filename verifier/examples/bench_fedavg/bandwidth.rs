@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use std::fs;
 use std::path::Path;
 use std::time::Instant;
-use zk0_verifier::combine::source::{InMemory, Source};
+use zk0_verifier::combine::source::{WeightSource, WeightsInMemory};
 use zk0_verifier::Evaluation;
 
 /// Averages the updates in a folder from memory, and reads as much memory without doing anything with it. Each is done a few times, in
@@ -19,9 +19,11 @@ pub fn measure(evaluation: &Evaluation, folder: &Path) {
             .expect("weights")
     };
     let weights: Vec<_> = files.iter().map(read).collect();
-    let updates = weights.iter().map(|weights| InMemory { format, weights });
+    let updates = weights
+        .iter()
+        .map(|weights| WeightsInMemory { format, weights });
     let updates: Vec<_> = updates.collect();
-    let sources = updates.iter().map(|update| update as &dyn Source);
+    let sources = updates.iter().map(|update| update as &dyn WeightSource);
     let average = Average::of(format, &files[0].0, sources);
     let bytes: usize = weights.iter().map(|weights| weights.as_bytes().len()).sum();
     let [mut whole, mut averaging, mut reading] = [f64::INFINITY; 3];

@@ -8,13 +8,13 @@ use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_verifier::combine::bases::Bases;
 use zk0_verifier::combine::blocks::{Combination, Integer};
-use zk0_verifier::combine::contributions::Given;
+use zk0_verifier::combine::contributions::WeightedContribution;
 use zk0_verifier::combine::fedavg::average;
 use zk0_verifier::combine::optimizers::moments::Moments;
-use zk0_verifier::combine::source::{Block, Rows, Source};
+use zk0_verifier::combine::source::{Block, BlockBuffer, WeightSource};
 use zk0_verifier::combine::strategy::combined;
 use zk0_verifier::{blob_digest, Evaluation};
-use zk0_weights::{BuiltFile, Format, Tensor, Unread, WeightsError};
+use zk0_weights::{BuiltFile, Format, ScaledTensor, Unread, WeightFileError};
 
 /// Writes `updates` files of random weights. A tensor has one of two scales, another one in every second update.
 pub fn make(evaluation: &Evaluation, updates: usize, folder: &Path) {
@@ -29,7 +29,7 @@ pub fn make(evaluation: &Evaluation, updates: usize, folder: &Path) {
                 ((state >> 48) as i16).max(-i16::MAX)
             });
             let (least, most) = format.limits()[index];
-            Ok::<_, WeightsError>(Tensor {
+            Ok::<_, WeightFileError>(ScaledTensor {
                 values: values.collect(),
                 bits: (most - ((index + update) % 2) as i16).max(least),
             })
@@ -56,7 +56,7 @@ pub fn files(folder: &Path) -> Vec<(PathBuf, Digest)> {
 /// FedAvg with equal shares.
 pub struct Average<'a> {
     format: &'a Format,
-    given: Vec<Given<'a>>,
+    given: Vec<WeightedContribution<'a>>,
     unread: Unread,
 }
 
@@ -65,14 +65,14 @@ impl<'a> Average<'a> {
     pub fn of(
         format: &'a Format,
         base: &Path,
-        updates: impl Iterator<Item = &'a dyn Source>,
+        updates: impl Iterator<Item = &'a dyn WeightSource>,
     ) -> Self {
         let base = File::open(base).expect("the file can be opened");
         let base = format.open(base).expect("weights");
         let given = (0u64..).zip(updates).map(|(number, weights)| {
             let mut node = [0; 32];
             node[..8].copy_from_slice(&number.to_be_bytes());
-            Given {
+            WeightedContribution {
                 node: NodeId(node),
                 weight: 10_000,
                 weights,
@@ -90,7 +90,7 @@ impl<'a> Average<'a> {
         let average = average(&self.given).expect("an average");
         let blocks = Block::all(self.format);
         let largest = blocks.par_iter().map_init(
-            || (Rows::default(), Vec::new()),
+            || (BlockBuffer::default(), Vec::new()),
             |(rows, numbers), block| {
                 numbers.clear();
                 numbers.resize(block.len, 0i32);

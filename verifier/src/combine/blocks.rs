@@ -6,7 +6,7 @@
 
 use crate::combine::error::CombineError;
 use crate::combine::optimizers::moments::{Moment, Moments};
-use crate::combine::source::{Block, Rows, BLOCK};
+use crate::combine::source::{Block, BlockBuffer, BLOCK};
 use bytemuck::Pod;
 use rayon::prelude::*;
 use zk0_circuits::model::layout::MAX_WEIGHT_BITS;
@@ -40,7 +40,7 @@ pub trait Combination: Sync {
         block: &Block,
         numbers: &mut [T],
         moments: &mut [Moment],
-        rows: &mut Rows,
+        rows: &mut BlockBuffer,
     ) -> Result<(), CombineError>;
 }
 
@@ -130,7 +130,7 @@ pub fn file(
                 let (memory, others) = free.split_at_mut(out.len() / 2);
                 let own = unassigned.len().min(out.len() / 2);
                 let (moments, later) = unassigned.split_at_mut(own);
-                tensors.push(Tensor {
+                tensors.push(ResultTensor {
                     index,
                     limits: format.limits()[index],
                     memory,
@@ -162,7 +162,7 @@ fn group(places: &[&mut [u8]]) -> usize {
 }
 
 /// A tensor of the result.
-struct Tensor<'a> {
+struct ResultTensor<'a> {
     index: usize,
     limits: (i16, i16),
     /// For its exact numbers.
@@ -173,7 +173,7 @@ struct Tensor<'a> {
     out: &'a mut [u8],
 }
 
-impl Tensor<'_> {
+impl ResultTensor<'_> {
     /// Writes the values, and gives their fraction bits.
     fn write(self, combination: &impl Combination, unread: &Unread) -> Result<i16, CombineError> {
         let Plan { unit, bound } = combination.plan(self.index);
@@ -235,7 +235,7 @@ fn combine<T: Integer>(
     });
     let blocks: Vec<_> = blocks.collect();
     let largest = (numbers.par_chunks_mut(BLOCK).zip(blocks)).map_init(
-        Rows::default,
+        BlockBuffer::default,
         |rows, (numbers, (block, moments))| {
             numbers.fill(T::default());
             combination.combine(&block, numbers, moments, rows)?;

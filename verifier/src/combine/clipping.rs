@@ -5,12 +5,12 @@
 //! too long counts `s = ⌊2^32 · √(L² · B / (10^8 · D))⌋ / 2^32` of its difference. All of it is computed in integers. The factor is
 //! rounded down, so that no difference is longer than the limit, and a difference that is not too long counts whole.
 
-use crate::combine::contributions::Given;
-use crate::combine::distance::{squared, squared_norm, Values};
+use crate::combine::contributions::WeightedContribution;
+use crate::combine::distance::{squared, squared_norm, FixedPointValues};
 use crate::combine::error::CombineError;
 use crate::combine::fedavg::whole;
-use crate::combine::linear::{Linear, Term};
-use crate::combine::source::{Block, Rows, Source};
+use crate::combine::linear::{LinearCombination, ScaledWeights};
+use crate::combine::source::{Block, BlockBuffer, WeightSource};
 use ethnum::U256;
 use rayon::prelude::*;
 use zk0_protocol::rules::basis_points::BPS;
@@ -22,10 +22,10 @@ const WHOLE: u64 = 1 << 32;
 /// The mean, by shares, of the clipped updates: `base + Σ wᵢ sᵢ (xᵢ − base) / Σ wᵢ`.
 pub fn clipped_mean<'a>(
     format: &Format,
-    given: &[Given<'a>],
-    base: &'a dyn Source,
+    given: &[WeightedContribution<'a>],
+    base: &'a dyn WeightSource,
     max_norm_bps: u32,
-) -> Result<Linear<'a>, CombineError> {
+) -> Result<LinearCombination<'a>, CombineError> {
     let divisor = whole(given)? * i128::from(WHOLE);
     let blocks = Block::all(format);
     let norm = sum(&blocks, &[base], |block, rows| {
@@ -37,22 +37,22 @@ pub fn clipped_mean<'a>(
             let before = of(base, block, rows[0]);
             squared(before, of(one.weights, block, rows[1]))
         })?;
-        terms.push(Term {
+        terms.push(ScaledWeights {
             coefficient: i128::from(one.weight)
                 * i128::from(factor(norm, difference, max_norm_bps)),
             weights: one.weights,
         });
     }
     let counted: i128 = terms.iter().map(|term| term.coefficient).sum();
-    terms.push(Term {
+    terms.push(ScaledWeights {
         coefficient: divisor - counted,
         weights: base,
     });
-    Ok(Linear::new(terms, divisor))
+    Ok(LinearCombination::new(terms, divisor))
 }
 
-fn of<'v>(weights: &dyn Source, block: &Block, values: &'v [i16]) -> Values<'v> {
-    Values {
+fn of<'v>(weights: &dyn WeightSource, block: &Block, values: &'v [i16]) -> FixedPointValues<'v> {
+    FixedPointValues {
         values,
         bits: weights.bits(block.tensor),
     }
@@ -61,12 +61,14 @@ fn of<'v>(weights: &dyn Source, block: &Block, values: &'v [i16]) -> Values<'v> 
 /// The sum of `of_block` over all blocks of these weights.
 fn sum(
     blocks: &[Block],
-    weights: &[&dyn Source],
+    weights: &[&dyn WeightSource],
     of_block: impl Fn(&Block, &[&[i16]]) -> u128 + Sync,
 ) -> Result<u128, CombineError> {
-    let sums = blocks.par_iter().map_init(Rows::default, |rows, block| {
-        Ok(of_block(block, &rows.read(weights, block)?))
-    });
+    let sums = blocks
+        .par_iter()
+        .map_init(BlockBuffer::default, |rows, block| {
+            Ok(of_block(block, &rows.read(weights, block)?))
+        });
     sums.try_reduce(|| 0, |one, other| Ok(one + other))
 }
 

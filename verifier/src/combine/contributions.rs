@@ -1,23 +1,26 @@
 //! The contributions to a combination, in their canonical order.
 
 use crate::combine::error::CombineError;
-use crate::combine::source::Source;
+use crate::combine::source::WeightSource;
 use zk0_circuits::NodeId;
 use zk0_weights::Format;
 
 /// A contribution to a combination.
 #[derive(Clone, Copy)]
-pub struct Given<'a> {
+pub struct WeightedContribution<'a> {
     /// Who contributes.
     pub node: NodeId,
     /// The contribution's weight in an average by shares.
     pub weight: u64,
     /// The weights.
-    pub weights: &'a dyn Source,
+    pub weights: &'a dyn WeightSource,
 }
 
 /// The contributions in ascending order of node, each node once, all of this format.
-pub fn aligned<'a>(format: &Format, given: &[Given<'a>]) -> Result<Vec<Given<'a>>, CombineError> {
+pub fn aligned<'a>(
+    format: &Format,
+    given: &[WeightedContribution<'a>],
+) -> Result<Vec<WeightedContribution<'a>>, CombineError> {
     let mut given = given.to_vec();
     given.sort_by_key(|one| one.node);
     if let Some(pair) = given.windows(2).find(|pair| pair[0].node == pair[1].node) {

@@ -11,7 +11,7 @@ const CLOSE: i16 = 6;
 
 /// Some values, and their fraction bits.
 #[derive(Clone, Copy, Debug)]
-pub struct Values<'a> {
+pub struct FixedPointValues<'a> {
     /// The values, at most as many as a block has.
     pub values: &'a [i16],
     /// Their fraction bits.
@@ -19,7 +19,7 @@ pub struct Values<'a> {
 }
 
 /// The squared distance of two blocks.
-pub fn squared(one: Values<'_>, other: Values<'_>) -> u128 {
+pub fn squared(one: FixedPointValues<'_>, other: FixedPointValues<'_>) -> u128 {
     let pairs = one.values.iter().zip(other.values);
     if (one.bits - other.bits).abs() > CLOSE {
         let squares = pairs.map(|(a, b)| {
@@ -41,7 +41,7 @@ pub fn squared(one: Values<'_>, other: Values<'_>) -> u128 {
 }
 
 /// The squared distance of a block from zero.
-pub fn squared_norm(one: Values<'_>) -> u128 {
+pub fn squared_norm(one: FixedPointValues<'_>) -> u128 {
     let squares = one.values.iter();
     let sum: i64 = squares.map(|a| i64::from(*a) * i64::from(*a)).sum();
     u128::from(sum.unsigned_abs()) << (2 * (MAX_WEIGHT_BITS - one.bits).max(0))

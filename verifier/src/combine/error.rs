@@ -1,7 +1,7 @@
 //! Why contributions do not combine.
 
 use zk0_circuits::{Digest, NodeId};
-use zk0_weights::WeightsError;
+use zk0_weights::WeightFileError;
 
 /// Why contributions do not combine.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -55,5 +55,5 @@ pub enum CombineError {
     MomentsUnwritten(String),
     /// The result is not among the weights that a network can have. No strategy can give that.
     #[error(transparent)]
-    Weights(#[from] WeightsError),
+    Weights(#[from] WeightFileError),
 }

@@ -3,27 +3,29 @@
 //! For each weight, the products of a contribution's weight and its value are summed, and divided once by the sum of the
 //! contributions' weights. All of it is computed in integers, so that the sum is exact and the order of the contributions does not matter.
 
-use crate::combine::contributions::Given;
+use crate::combine::contributions::WeightedContribution;
 use crate::combine::error::CombineError;
-use crate::combine::linear::{Linear, Term};
+use crate::combine::linear::{LinearCombination, ScaledWeights};
 
 /// The weighted mean.
-pub fn average<'a>(given: &[Given<'a>]) -> Result<Linear<'a>, CombineError> {
-    let terms = given.iter().map(|one| Term {
+pub fn average<'a>(
+    given: &[WeightedContribution<'a>],
+) -> Result<LinearCombination<'a>, CombineError> {
+    let terms = given.iter().map(|one| ScaledWeights {
         coefficient: one.weight.into(),
         weights: one.weights,
     });
-    Ok(Linear::new(terms, whole(given)?))
+    Ok(LinearCombination::new(terms, whole(given)?))
 }
 
 /// The mean in which all contributions count alike.
-pub fn mean<'a>(given: &[Given<'a>]) -> Result<Linear<'a>, CombineError> {
-    let alike = |one: &Given<'a>| Given { weight: 1, ..*one };
+pub fn mean<'a>(given: &[WeightedContribution<'a>]) -> Result<LinearCombination<'a>, CombineError> {
+    let alike = |one: &WeightedContribution<'a>| WeightedContribution { weight: 1, ..*one };
     average(&given.iter().map(alike).collect::<Vec<_>>())
 }
 
 /// The sum of the contributions' weights, which is at least 1.
-pub(crate) fn whole(given: &[Given<'_>]) -> Result<i128, CombineError> {
+pub(crate) fn whole(given: &[WeightedContribution<'_>]) -> Result<i128, CombineError> {
     match given.iter().map(|one| i128::from(one.weight)).sum() {
         0 => Err(CombineError::Empty),
         whole => Ok(whole),

@@ -8,11 +8,11 @@
 //! Distances are exact integers, and of equal scores that of the smaller node id comes first. So the order in which contributions are
 //! given changes nothing. All contributors count alike. Every pair is compared, so the time grows with the square of their number.
 
-use crate::combine::contributions::Given;
-use crate::combine::distance::{squared, Values};
+use crate::combine::contributions::WeightedContribution;
+use crate::combine::distance::{squared, FixedPointValues};
 use crate::combine::error::CombineError;
-use crate::combine::linear::{Linear, Term};
-use crate::combine::source::{Block, Rows, Source};
+use crate::combine::linear::{LinearCombination, ScaledWeights};
+use crate::combine::source::{Block, BlockBuffer, WeightSource};
 use rayon::prelude::*;
 use zk0_protocol::rules::basis_points::BPS;
 use zk0_weights::Format;
@@ -20,40 +20,40 @@ use zk0_weights::Format;
 /// The contribution that Krum takes, among contributions in ascending order of node.
 pub fn krum<'a>(
     format: &Format,
-    given: &[Given<'a>],
+    given: &[WeightedContribution<'a>],
     byzantine_bps: u32,
-) -> Result<Linear<'a>, CombineError> {
+) -> Result<LinearCombination<'a>, CombineError> {
     mean_of_best(format, given, byzantine_bps, 1)
 }
 
 /// The mean of the contributions that Multi-Krum takes, among contributions in ascending order of node.
 pub fn multi_krum<'a>(
     format: &Format,
-    given: &[Given<'a>],
+    given: &[WeightedContribution<'a>],
     byzantine_bps: u32,
     keep_bps: u32,
-) -> Result<Linear<'a>, CombineError> {
+) -> Result<LinearCombination<'a>, CombineError> {
     let kept = share(given.len(), keep_bps).clamp(1, given.len().max(1));
     mean_of_best(format, given, byzantine_bps, kept)
 }
 
 fn mean_of_best<'a>(
     format: &Format,
-    given: &[Given<'a>],
+    given: &[WeightedContribution<'a>],
     byzantine_bps: u32,
     kept: usize,
-) -> Result<Linear<'a>, CombineError> {
+) -> Result<LinearCombination<'a>, CombineError> {
     let weights: Vec<_> = given.iter().map(|one| one.weights).collect();
     let distances = distances(format, &weights)?;
     let scores = scores(weights.len(), &distances, byzantine_bps);
     let mut order: Vec<_> = scores.iter().zip(&weights).collect();
     // The sort keeps the order of equal scores, which is that of the nodes.
     order.sort_by_key(|(score, _)| **score);
-    let best = order.iter().take(kept).map(|(_, weights)| Term {
+    let best = order.iter().take(kept).map(|(_, weights)| ScaledWeights {
         coefficient: 1,
         weights: **weights,
     });
-    Ok(Linear::new(best, kept as i128))
+    Ok(LinearCombination::new(best, kept as i128))
 }
 
 /// So many basis points of `count`, rounded down.
@@ -67,7 +67,7 @@ fn pair(one: usize, other: usize) -> usize {
 }
 
 /// The squared distances of all pairs.
-fn distances(format: &Format, weights: &[&dyn Source]) -> Result<Vec<u128>, CombineError> {
+fn distances(format: &Format, weights: &[&dyn WeightSource]) -> Result<Vec<u128>, CombineError> {
     let pairs = pair(0, weights.len().max(1));
     let add = |mut one: Vec<u128>, other: Vec<u128>| {
         for (sum, more) in one.iter_mut().zip(other) {
@@ -77,10 +77,10 @@ fn distances(format: &Format, weights: &[&dyn Source]) -> Result<Vec<u128>, Comb
     };
     let blocks = Block::all(format);
     let sums = blocks.par_iter().try_fold(
-        || (vec![0; pairs], Rows::default()),
+        || (vec![0; pairs], BlockBuffer::default()),
         |(mut sums, mut memory), block| {
             let rows = memory.read(weights, block)?;
-            let values = |at: usize| Values {
+            let values = |at: usize| FixedPointValues {
                 values: rows[at],
                 bits: weights[at].bits(block.tensor),
             };

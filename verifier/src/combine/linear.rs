@@ -4,7 +4,7 @@
 use crate::combine::blocks::{Combination, Integer, Plan};
 use crate::combine::error::CombineError;
 use crate::combine::optimizers::moments::Moment;
-use crate::combine::source::{Block, Rows, Source};
+use crate::combine::source::{Block, BlockBuffer, WeightSource};
 use zk0_weights::rounding::Unit;
 
 /// Terms that are read and summed together. Their blocks and the sums fit into a core's cache.
@@ -12,25 +12,25 @@ const AT_ONCE: usize = 4;
 
 /// Weights, times a number.
 #[derive(Clone, Copy)]
-pub struct Term<'a> {
+pub struct ScaledWeights<'a> {
     /// The number, below 2^86 in magnitude.
     pub coefficient: i128,
     /// The weights.
-    pub weights: &'a dyn Source,
+    pub weights: &'a dyn WeightSource,
 }
 
 /// The sum of some weights, each times a number, divided by one number.
-pub struct Linear<'a> {
-    terms: Vec<Term<'a>>,
+pub struct LinearCombination<'a> {
+    terms: Vec<ScaledWeights<'a>>,
     divisor: i128,
 }
 
-impl<'a> Linear<'a> {
+impl<'a> LinearCombination<'a> {
     /// The sum of `terms`, divided by `divisor`, which is positive and below 2^100.
     ///
     /// What all coefficients and the divisor have in common is taken out of them. This changes no result, and smaller integers are
     /// faster: equal shares count 1 each instead of 10,000.
-    pub fn new(terms: impl IntoIterator<Item = Term<'a>>, divisor: i128) -> Self {
+    pub fn new(terms: impl IntoIterator<Item = ScaledWeights<'a>>, divisor: i128) -> Self {
         let terms = terms.into_iter().filter(|term| term.coefficient != 0);
         let mut terms: Vec<_> = terms.collect();
         let coefficients = terms.iter().map(|term| term.coefficient.unsigned_abs());
@@ -59,14 +59,14 @@ fn common_divisor(mut one: u128, mut other: u128) -> u128 {
     one
 }
 
-impl Term<'_> {
+impl ScaledWeights<'_> {
     /// What a value of this tensor counts in integers with `bits` fraction bits.
     fn factor(&self, tensor: usize, bits: i16) -> i128 {
         self.coefficient << (bits - self.weights.bits(tensor)).max(0)
     }
 }
 
-impl Combination for Linear<'_> {
+impl Combination for LinearCombination<'_> {
     fn plan(&self, tensor: usize) -> Plan {
         let bits = self.finest(tensor);
         let factors = self.terms.iter().map(|term| term.factor(tensor, bits));
@@ -85,7 +85,7 @@ impl Combination for Linear<'_> {
         block: &Block,
         numbers: &mut [T],
         _: &mut [Moment],
-        rows: &mut Rows,
+        rows: &mut BlockBuffer,
     ) -> Result<(), CombineError> {
         let bits = self.finest(block.tensor);
         for terms in self.terms.chunks(AT_ONCE) {

@@ -5,34 +5,34 @@
 //! summed as exact integers, so that the order of the contributions does not matter.
 
 use crate::combine::blocks::{Combination, Integer, Plan};
-use crate::combine::contributions::Given;
+use crate::combine::contributions::WeightedContribution;
 use crate::combine::error::CombineError;
 use crate::combine::optimizers::moments::Moment;
-use crate::combine::source::{Block, Rows, Source};
+use crate::combine::source::{Block, BlockBuffer, WeightSource};
 use std::ops::Range;
 use zk0_protocol::rules::basis_points::BPS;
 use zk0_weights::rounding::Unit;
 
 /// The mean of what is left of each parameter's values when some of the largest and of the smallest are left out.
 pub struct MiddleMean<'a> {
-    weights: Vec<&'a dyn Source>,
+    weights: Vec<&'a dyn WeightSource>,
     kept: Range<usize>,
 }
 
 /// The median of each parameter; the mean of the two in the middle where their number is even.
-pub fn median<'a>(given: &[Given<'a>]) -> MiddleMean<'a> {
+pub fn median<'a>(given: &[WeightedContribution<'a>]) -> MiddleMean<'a> {
     MiddleMean::new(given, given.len().saturating_sub(1) / 2)
 }
 
 /// The mean of each parameter without the largest and the smallest values: `trim_bps` of the contributors, in basis points and rounded
 /// down, at either end.
-pub fn trimmed_mean<'a>(given: &[Given<'a>], trim_bps: u32) -> MiddleMean<'a> {
+pub fn trimmed_mean<'a>(given: &[WeightedContribution<'a>], trim_bps: u32) -> MiddleMean<'a> {
     let share = trim_bps.min(BPS / 2 - 1) as usize;
     MiddleMean::new(given, given.len() * share / BPS as usize)
 }
 
 impl<'a> MiddleMean<'a> {
-    fn new(given: &[Given<'a>], left_out: usize) -> Self {
+    fn new(given: &[WeightedContribution<'a>], left_out: usize) -> Self {
         Self {
             weights: given.iter().map(|one| one.weights).collect(),
             kept: left_out..given.len() - left_out,
@@ -68,7 +68,7 @@ impl Combination for MiddleMean<'_> {
         block: &Block,
         numbers: &mut [T],
         _: &mut [Moment],
-        rows: &mut Rows,
+        rows: &mut BlockBuffer,
     ) -> Result<(), CombineError> {
         let rows = rows.read(&self.weights, block)?;
         let finest = self.finest(block.tensor);

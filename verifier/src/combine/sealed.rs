@@ -8,7 +8,7 @@
 //! than the average itself, and could be compared only after all of the file was summed.
 
 use crate::combine::error::CombineError;
-use crate::combine::source::{Block, Source};
+use crate::combine::source::{Block, WeightSource};
 use std::fmt::Display;
 use zk0_circuits::{Digest, QuantisedWeights};
 use zk0_weights::Format;
@@ -63,7 +63,7 @@ where
     }
 }
 
-impl<F, E> Source for SealedFile<'_, F>
+impl<F, E> WeightSource for SealedFile<'_, F>
 where
     F: Fn(&Digest, u64, &mut [u8]) -> Result<(), E> + Sync,
     E: Display,

@@ -44,7 +44,7 @@ impl Block {
 }
 
 /// Weights that are read a block at a time, by several threads.
-pub trait Source: Sync {
+pub trait WeightSource: Sync {
     /// Whether these are weights of this format.
     fn fits(&self, format: &Format) -> bool;
 
@@ -64,14 +64,14 @@ pub trait Source: Sync {
 
 /// Weights in memory.
 #[derive(Clone, Copy, Debug)]
-pub struct InMemory<'a> {
+pub struct WeightsInMemory<'a> {
     /// Their format.
     pub format: &'a Format,
     /// The weights.
     pub weights: &'a QuantisedWeights,
 }
 
-impl Source for InMemory<'_> {
+impl WeightSource for WeightsInMemory<'_> {
     fn fits(&self, format: &Format) -> bool {
         format.fits(self.weights)
     }
@@ -88,18 +88,18 @@ impl Source for InMemory<'_> {
 
 /// Memory for what a thread reads: a block of some weights.
 #[derive(Debug, Default)]
-pub struct Rows {
+pub struct BlockBuffer {
     buffers: Vec<Vec<i16>>,
 }
 
-impl Rows {
+impl BlockBuffer {
     /// Reads `block` of each of these.
     ///
     /// # Errors
     /// One of them cannot be read.
     pub fn read<'b>(
         &'b mut self,
-        weights: &'b [&dyn Source],
+        weights: &'b [&dyn WeightSource],
         block: &Block,
     ) -> Result<Vec<&'b [i16]>, CombineError> {
         self.buffers.resize_with(weights.len(), Vec::new);

@@ -9,15 +9,15 @@
 use crate::combine::bases::Bases;
 use crate::combine::blocks::file;
 use crate::combine::clipping::clipped_mean;
-use crate::combine::contributions::{aligned, Given};
+use crate::combine::contributions::{aligned, WeightedContribution};
 use crate::combine::error::CombineError;
 use crate::combine::fedavg::{average, mean};
 use crate::combine::krum::{krum, multi_krum};
-use crate::combine::optimizers::adam::{adam, Parameters};
+use crate::combine::optimizers::adam::{adam, AdamParameters};
 use crate::combine::optimizers::moments::Moments;
 use crate::combine::optimizers::momentum::with_momentum;
 use crate::combine::robust::{median, trimmed_mean};
-use crate::combine::source::{InMemory, Source};
+use crate::combine::source::{WeightSource, WeightsInMemory};
 use zk0_circuits::{Digest, QuantisedWeights, WeightsDigest};
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_weights::{BuiltFile, Format, Unread};
@@ -35,7 +35,7 @@ pub struct Global {
 
 /// What a strategy gives.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Combined {
+pub struct AggregationResult {
     /// The file of the new weights.
     pub file: BuiltFile,
     /// SHA-256 of the moments that the round ends with, if the strategy has some.
@@ -46,12 +46,12 @@ pub struct Combined {
 /// evaluation does not read, `bases` are the base weights that the strategy reads, and `moments` are for a strategy that has some.
 pub fn combined(
     format: &Format,
-    given: &[Given<'_>],
+    given: &[WeightedContribution<'_>],
     strategy: Strategy,
     bases: &Bases,
     unread: &Unread,
     moments: &mut Moments<'_>,
-) -> Result<Combined, CombineError> {
+) -> Result<AggregationResult, CombineError> {
     let given = &aligned(format, given)?[..];
     let base = in_memory(format, &bases.base);
     let earlier = in_memory(format, &bases.earlier);
@@ -81,7 +81,7 @@ pub fn combined(
             server_rate_bps,
             momentum_bps,
         } => {
-            let earlier = earlier.as_ref().map(|earlier| earlier as &dyn Source);
+            let earlier = earlier.as_ref().map(|earlier| earlier as &dyn WeightSource);
             let moved = with_momentum(given, base?, earlier, server_rate_bps, momentum_bps)?;
             file(format, &moved, unread, None)
         }
@@ -91,7 +91,7 @@ pub fn combined(
             beta2_bps,
             tau_billionths,
         } => {
-            let parameters = Parameters {
+            let parameters = AdamParameters {
                 server_rate_billionths,
                 beta1_bps,
                 beta2_bps,
@@ -100,13 +100,13 @@ pub fn combined(
             let moved = adam(given, base?, parameters, moments.steps())?;
             moments.begin(format)?;
             let file = file(format, &moved, unread, Some(&mut *moments))?;
-            return Ok(Combined {
+            return Ok(AggregationResult {
                 file,
                 moments: Some(moments.finish()?),
             });
         }
     };
-    Ok(Combined {
+    Ok(AggregationResult {
         file: file?,
         moments: None,
     })
@@ -116,7 +116,7 @@ pub fn combined(
 fn in_memory<'a>(
     format: &'a Format,
     weights: &'a Option<QuantisedWeights>,
-) -> Option<InMemory<'a>> {
+) -> Option<WeightsInMemory<'a>> {
     let weights = weights.as_ref().filter(|weights| format.fits(weights))?;
-    Some(InMemory { format, weights })
+    Some(WeightsInMemory { format, weights })
 }

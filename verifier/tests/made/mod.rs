@@ -14,14 +14,14 @@ use zk0_circuits::{
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_verifier::combine::bases::Bases;
 use zk0_verifier::combine::blocks::{Combination, Plan};
-use zk0_verifier::combine::contributions::Given;
+use zk0_verifier::combine::contributions::WeightedContribution;
 use zk0_verifier::combine::error::CombineError;
 use zk0_verifier::combine::optimizers::moments::Moments;
-use zk0_verifier::combine::source::{Block, Rows, Source};
+use zk0_verifier::combine::source::{Block, BlockBuffer, WeightSource};
 use zk0_verifier::combine::strategy::combined;
 use zk0_verifier::Evaluation;
 use zk0_weights::rounding::Unit;
-use zk0_weights::{BuiltFile, Format, Tensor, Unread};
+use zk0_weights::{BuiltFile, Format, ScaledTensor, Unread};
 
 /// Float32 weights by name.
 pub type Tensors = BTreeMap<String, Vec<f32>>;
@@ -170,7 +170,7 @@ pub const FED_ADAM: Strategy = Strategy::FedAdam {
 /// Combines weights where moments begin afresh and nobody keeps them.
 pub fn combine(
     format: &Format,
-    given: &[Given<'_>],
+    given: &[WeightedContribution<'_>],
     strategy: Strategy,
     bases: &Bases,
     unread: &Unread,
@@ -181,9 +181,9 @@ pub fn combine(
 }
 
 /// Weights of one tensor with one block.
-pub struct OneTensor(pub Tensor);
+pub struct OneTensor(pub ScaledTensor);
 
-impl Source for OneTensor {
+impl WeightSource for OneTensor {
     fn fits(&self, _: &Format) -> bool {
         true
     }
@@ -205,7 +205,7 @@ pub fn exact_numbers(combination: &impl Combination, len: usize) -> (Plan, Vec<i
         len,
     };
     let mut numbers = vec![0; len];
-    let mut rows = Rows::default();
+    let mut rows = BlockBuffer::default();
     combination
         .combine(&block, &mut numbers, &mut [], &mut rows)
         .unwrap();
@@ -213,13 +213,13 @@ pub fn exact_numbers(combination: &impl Combination, len: usize) -> (Plan, Vec<i
 }
 
 /// Exact numbers, rounded within these limits.
-pub fn rounded_to(numbers: &[i128], unit: Unit, limits: (i16, i16)) -> Tensor {
+pub fn rounded_to(numbers: &[i128], unit: Unit, limits: (i16, i16)) -> ScaledTensor {
     let largest = numbers.iter().map(|one| one.unsigned_abs()).max().unwrap();
     let bits = unit.scale(largest, limits);
     let mut bytes = vec![0; 2 * numbers.len()];
     unit.to(bits).write(numbers, largest, &mut bytes);
     let pairs = bytes.chunks_exact(2);
-    Tensor {
+    ScaledTensor {
         values: pairs
             .map(|pair| i16::from_le_bytes([pair[0], pair[1]]))
             .collect(),

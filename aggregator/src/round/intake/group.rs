@@ -6,10 +6,10 @@ use crate::round::aggregator::Aggregator;
 use crate::round::intake::submission::DecidedSubmission;
 use crate::round::request_error::RequestError;
 use zk0_ledger::error::LedgerError;
-use zk0_ledger::group::Wanted;
+use zk0_ledger::group::WantedEntry;
 use zk0_protocol::entries::authentic::AuthenticBody;
 use zk0_protocol::tlog::receipt::Receipt;
-use zk0_verifier::decide::Decision;
+use zk0_verifier::decide::DecisionEntry;
 
 /// What is to be recorded for a request.
 pub enum ToRecord {
@@ -22,7 +22,7 @@ pub enum ToRecord {
 impl Aggregator {
     /// Records all of this, each with the time at which it arrived. Returns the receipt of each, or why it is not recorded.
     pub fn record(&mut self, all: Vec<(u64, ToRecord)>) -> Vec<Result<Receipt, RequestError>> {
-        let wanted = all.iter().map(|(time_ms, one)| Wanted {
+        let wanted = all.iter().map(|(time_ms, one)| WantedEntry {
             time_ms: *time_ms,
             body: one.body(),
         });
@@ -53,11 +53,11 @@ impl Aggregator {
         let terms = judged.submission().statement.claim.terms;
         let (node, round) = (terms.node, terms.round);
         match judged.decision() {
-            Decision::Accepted(verified) => {
+            DecisionEntry::Accepted(verified) => {
                 tracing::info!(%node, round, "contribution accepted");
                 self.contributions.push(*verified);
             }
-            Decision::Rejected(reason) => {
+            DecisionEntry::Rejected(reason) => {
                 tracing::warn!(%node, round, %reason, "contribution rejected");
             }
         }

@@ -19,7 +19,7 @@ use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::proposal::Action;
 use zk0_protocol::entries::signed::{
-    DatasetRegistration, Enrolment, Statement, UpdateCommitment, UploadRequest,
+    DatasetRegistration, Enrolment, SignableStatement, UpdateCommitment, UploadRequest,
 };
 use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::rules::state::Standing;
@@ -323,7 +323,10 @@ impl Aggregator {
 }
 
 /// Decodes a signed statement, and verifies its signature.
-pub fn read_signed<T: Statement>(what: &str, bytes: &[u8]) -> Result<Authentic<T>, RequestError> {
+pub fn read_signed<T: SignableStatement>(
+    what: &str,
+    bytes: &[u8],
+) -> Result<Authentic<T>, RequestError> {
     Ok(Authentic::of(decode(what, bytes)?)?)
 }
 

@@ -18,12 +18,12 @@ use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::rules::state::State;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::Refusal;
-use zk0_verifier::decide::{decide, is_recorded, Decision};
+use zk0_verifier::decide::{decide, is_recorded, DecisionEntry};
 use zk0_verifier::{authenticate, AuthenticContribution, WeightFiles};
 
 /// The answer to a submission.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Decided {
+pub struct SubmissionAnswer {
     /// Why the contribution does not count; `None` if it counts.
     pub rejected: Option<Refusal>,
     /// The receipt of the entry that records the decision.
@@ -50,7 +50,7 @@ pub struct VerifiedSubmission {
 /// A decision that is to be recorded. Its proof is kept.
 pub struct DecidedSubmission {
     contribution: AuthenticContribution,
-    decision: Decision,
+    decision: DecisionEntry,
 }
 
 impl Aggregator {
@@ -63,7 +63,7 @@ impl Aggregator {
         &self,
         submission: &Signed<Submission>,
         arrived_ms: u64,
-    ) -> Result<Admission<PendingSubmission, Decided>, RequestError> {
+    ) -> Result<Admission<PendingSubmission, SubmissionAnswer>, RequestError> {
         let claim = &submission.statement.claim;
         let node = claim.terms.node;
         if let Some(decided) = self.decided(&node, submission)? {
@@ -94,7 +94,7 @@ impl Aggregator {
         &self,
         node: &NodeId,
         submission: &Signed<Submission>,
-    ) -> Result<Option<Decided>, RequestError> {
+    ) -> Result<Option<SubmissionAnswer>, RequestError> {
         let Some(index) = self.index.decision(node) else {
             return Ok(None);
         };
@@ -104,7 +104,7 @@ impl Aggregator {
             _ => return Ok(None),
         };
         match recorded == *submission {
-            true => Ok(Some(Decided {
+            true => Ok(Some(SubmissionAnswer {
                 receipt: self.ledger.first_receipt(index)?,
                 rejected,
             })),
@@ -140,7 +140,7 @@ impl PendingSubmission {
     ) -> Result<VerifiedSubmission, RequestError> {
         let decision = match self.before.check_claim(contribution.claim(), self.time_ms) {
             Ok(()) => self.verify(&contribution)?,
-            Err(reason) if is_recorded(&reason) => Decision::Rejected(reason),
+            Err(reason) if is_recorded(&reason) => DecisionEntry::Rejected(reason),
             Err(reason) => return Err(reason.into()),
         };
         Ok(VerifiedSubmission {
@@ -152,7 +152,7 @@ impl PendingSubmission {
         })
     }
 
-    fn verify(&self, contribution: &AuthenticContribution) -> Result<Decision, RequestError> {
+    fn verify(&self, contribution: &AuthenticContribution) -> Result<DecisionEntry, RequestError> {
         let [update, base] = &self.weights;
         let get = |digest: &Digest, limit| self.blobs.get(digest, limit);
         let weights = WeightFiles::read(update, base, self.before.rules(), get)?;
@@ -172,8 +172,8 @@ impl DecidedSubmission {
     /// Why the contribution does not count; `None` if it counts.
     pub fn rejected(&self) -> Option<&Refusal> {
         match &self.decision {
-            Decision::Accepted(_) => None,
-            Decision::Rejected(reason) => Some(reason),
+            DecisionEntry::Accepted(_) => None,
+            DecisionEntry::Rejected(reason) => Some(reason),
         }
     }
 
@@ -188,7 +188,7 @@ impl DecidedSubmission {
     }
 
     /// The decision.
-    pub(super) fn decision(self) -> Decision {
+    pub(super) fn decision(self) -> DecisionEntry {
         self.decision
     }
 }

@@ -1,6 +1,6 @@
 //! How many requests may wait for the store of the blobs at once.
 
-use crate::line::Line;
+use crate::line::WorkQueue;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Semaphore;
@@ -18,7 +18,7 @@ const WAITING: usize = 64;
 #[derive(Clone)]
 pub(in crate::serve) struct BlobPlaces {
     pub(super) storing: Arc<Semaphore>,
-    pub(super) reading: Line,
+    pub(super) reading: WorkQueue,
     /// How many bytes of blobs the ledger's folder may hold; `None` for no limit.
     pub(super) cache_bytes: Option<u64>,
     /// For how long nodes get addresses of the store; `None` for no addresses.
@@ -29,7 +29,7 @@ impl Default for BlobPlaces {
     fn default() -> Self {
         Self {
             storing: Arc::new(Semaphore::new(STORING)),
-            reading: Line::new(READING, WAITING),
+            reading: WorkQueue::new(READING, WAITING),
             cache_bytes: None,
             addresses: None,
         }

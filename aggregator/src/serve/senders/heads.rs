@@ -28,7 +28,7 @@ pub(in crate::serve) struct Heads {
 pub(in crate::serve) type Head = Result<Signed<RequestHead>, HeadRefusal>;
 
 /// What a request carries, for comparison with its head.
-pub(in crate::serve) struct Message {
+pub(in crate::serve) struct RequestContent {
     pub method: Method,
     /// The round that its statement names, if it names one.
     pub round: Option<u64>,
@@ -55,7 +55,7 @@ impl Heads {
     }
 
     /// What a head has to agree with, if it comes with this message at `arrived_ms`.
-    pub fn expected(&self, message: &Message, arrived_ms: u64) -> Arrived {
+    pub fn expected(&self, message: &RequestContent, arrived_ms: u64) -> Arrived {
         Arrived {
             network: self.network,
             run: self.run,

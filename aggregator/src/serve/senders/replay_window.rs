@@ -20,11 +20,11 @@ pub struct ReplayWindow {
     skew_ms: u64,
     per_sender: usize,
     in_all: usize,
-    seen: Mutex<Seen>,
+    seen: Mutex<SeenRequest>,
 }
 
 #[derive(Default)]
-struct Seen {
+struct SeenRequest {
     by_time: BTreeSet<(u64, NodeId, [u8; 16])>,
     by_sender: HashMap<NodeId, HashSet<[u8; 16]>>,
     /// The latest time of which a nonce is forgotten.
@@ -81,7 +81,7 @@ impl ReplayWindow {
     }
 }
 
-impl Seen {
+impl SeenRequest {
     /// Forgets the nonces of heads that were signed before `oldest_ms`.
     fn forget_before(&mut self, oldest_ms: u64) {
         while let Some((time_ms, sender, nonce)) = self.by_time.first().copied() {

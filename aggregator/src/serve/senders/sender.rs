@@ -3,12 +3,12 @@
 use crate::round::aggregator::Aggregator;
 use crate::round::intake::statements::read_signed;
 use crate::round::request_error::RequestError;
-use crate::serve::senders::heads::{Head, Message};
+use crate::serve::senders::heads::{Head, RequestContent};
 use crate::serve::service::{blocking, Service};
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::authentic::Authentic;
-use zk0_protocol::entries::signed::Statement;
+use zk0_protocol::entries::signed::SignableStatement;
 use zk0_traces::request;
 
 impl Service {
@@ -22,7 +22,7 @@ impl Service {
     pub(in crate::serve) async fn sender(
         &self,
         head: Head,
-        message: Message,
+        message: RequestContent,
         arrived_ms: u64,
     ) -> Result<Option<NodeId>, RequestError> {
         let head = head?;
@@ -44,7 +44,7 @@ impl Service {
 }
 
 /// Decodes a signed statement, verifies its signature, and hashes it.
-pub(in crate::serve) async fn read_hashed<T: Statement + Send + 'static>(
+pub(in crate::serve) async fn read_hashed<T: SignableStatement + Send + 'static>(
     what: &'static str,
     bytes: Vec<u8>,
 ) -> Result<(Authentic<T>, Digest), RequestError> {

@@ -5,21 +5,21 @@ use std::sync::Arc;
 
 use borsh::BorshDeserialize;
 use zk0_aggregator::round::request_error::RequestError;
-use zk0_aggregator::{Aggregator, Config, Progress};
+use zk0_aggregator::{Aggregator, Config, StepOutcome};
 use zk0_audit::{Auditor, Depth};
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::replay::{replay, Finding, Recheck};
 use zk0_ledger::Blobs;
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::{
-    DatasetRegistration, Enrolment, Proposal, Signed, Statement, UpdateCommitment, UploadRequest,
-    Vote,
+    DatasetRegistration, Enrolment, Proposal, SignableStatement, Signed, UpdateCommitment,
+    UploadRequest, Vote,
 };
 use zk0_protocol::{Body, Entry, Genesis, Refusal, State};
 use zk0_verifier::blob_digest;
 
 use zk0_testkit::aggregator::{
-    found, genesis, log_key, weights, AtOnce, ManualClock, Node, COMMIT_MS, GOVERNOR, REAL,
+    found, genesis, log_key, weights, AtOnce, ManualClock, SigningNode, COMMIT_MS, GOVERNOR, REAL,
     START_MS,
 };
 use zk0_testkit::fuzzing::{Target, Targets};
@@ -63,7 +63,7 @@ struct Network {
     clock: Arc<ManualClock>,
     aggregator: Aggregator,
     id: Digest,
-    nodes: [Node; 3],
+    nodes: [SigningNode; 3],
     update: Vec<u8>,
 }
 
@@ -78,7 +78,7 @@ impl Network {
         let id = genesis.network_id();
         let founded = found(dir.path(), genesis, clock.clone(), config);
         let mut aggregator = founded.unwrap();
-        let nodes = [1, 2, 3].map(Node::new);
+        let nodes = [1, 2, 3].map(SigningNode::new);
         for node in &nodes {
             let name = format!("node-{}", node.seed);
             aggregator.enrol(node.id(), name).unwrap();
@@ -87,7 +87,7 @@ impl Network {
             let registration = bytes(&node.registration(&id));
             aggregator.register(&registration, &node.list()).unwrap();
         }
-        assert_eq!(aggregator.step().unwrap(), Progress::Opened(0));
+        assert_eq!(aggregator.step().unwrap(), StepOutcome::Opened(0));
         let update = weights(1);
         let request = Signed::new(nodes[0].upload_request(&id, 0, &update), &nodes[0].key);
         let writer = aggregator.upload(&bytes(&request)).unwrap();
@@ -114,7 +114,7 @@ fn text(error: impl ToString) -> String {
 }
 
 /// Signs a statement anew if it names `node` as its signer. Leaves all other bytes as they are.
-fn sign_anew<T: Statement + BorshDeserialize>(input: &[u8], node: &Node) -> Vec<u8> {
+fn sign_anew<T: SignableStatement + BorshDeserialize>(input: &[u8], node: &SigningNode) -> Vec<u8> {
     match borsh::from_slice::<Signed<T>>(input) {
         Ok(signed) if signed.statement.signer() == node.id() => {
             bytes(&Signed::new(signed.statement, &node.key))
@@ -132,14 +132,14 @@ fn record() -> Target {
         id,
         ..
     } = Network::new();
-    let governor = Node::new(GOVERNOR);
+    let governor = SigningNode::new(GOVERNOR);
     let proposal = Proposal {
         network: id,
         number: 0,
         proposer: governor.id(),
         title: "a better network".into(),
         text: "because".into(),
-        action: Action::Suspend(Node::new(2).id()),
+        action: Action::Suspend(SigningNode::new(2).id()),
     };
     let vote = Vote {
         network: id,
@@ -177,7 +177,7 @@ fn enrolment() -> Target {
         let enrolment = Enrolment {
             network: id,
             operator: NodeId(key.verifying_key().to_bytes()),
-            node: Node::new(seed).id(),
+            node: SigningNode::new(seed).id(),
             name: format!("node-{seed}"),
         };
         bytes(&Signed::new(enrolment, &key))
@@ -226,7 +226,7 @@ fn registration() -> Target {
     }
 }
 
-fn with_digest(registration: &[u8], leaves: &[u8], node: &Node) -> Vec<u8> {
+fn with_digest(registration: &[u8], leaves: &[u8], node: &SigningNode) -> Vec<u8> {
     match borsh::from_slice::<Signed<DatasetRegistration>>(registration) {
         Ok(signed) if signed.statement.node == node.id() => {
             let statement = DatasetRegistration {

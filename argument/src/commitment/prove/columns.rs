@@ -1,6 +1,6 @@
 //! The values of a segment, as the prover keeps them: each column in as few bytes a value as its largest integer needs, in memory or in a file.
 
-use super::stored::Stored;
+use super::stored::StoredValues;
 use crate::field::goldilocks::{Products, P};
 use crate::field::{Extension, Goldilocks};
 use crate::multilinear::eq_table;
@@ -14,11 +14,11 @@ use std::path::Path;
 #[derive(Debug)]
 pub enum Column {
     /// Most values are int16.
-    Narrow(Stored<i16>),
+    Narrow(StoredValues<i16>),
     /// Integers of 32 bits.
-    Medium(Stored<i32>),
+    Medium(StoredValues<i32>),
     /// Anything else.
-    Wide(Stored<i64>),
+    Wide(StoredValues<i64>),
 }
 
 /// Columns that are cut from rows at once, so that each line of a cache is read once.

@@ -8,12 +8,12 @@ use std::io;
 use std::path::Path;
 
 /// Columns that are encoded together, with the random coefficients that follow the values of each.
-pub struct Matrix {
+pub struct CodeMatrix {
     pub(super) columns: Vec<Column>,
     pub(super) tails: Vec<Vec<Goldilocks>>,
 }
 
-impl Matrix {
+impl CodeMatrix {
     /// Columns, and a tail for each.
     pub fn new(columns: Vec<Column>, tails: Vec<Vec<Goldilocks>>) -> Self {
         Self { columns, tails }

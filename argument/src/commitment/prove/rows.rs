@@ -6,7 +6,7 @@
 
 use super::columns::Column;
 use super::encode::Encoder;
-use super::matrix::Matrix;
+use super::matrix::CodeMatrix;
 use crate::field::Goldilocks;
 use p3_goldilocks::Goldilocks as Theirs;
 use rayon::prelude::*;
@@ -142,7 +142,7 @@ fn add_products(
 /// There are 2^`length` leaves.
 pub fn rows(
     encoder: &Encoder,
-    matrix: &Matrix,
+    matrix: &CodeMatrix,
     numbers: &[usize],
     (bits, length): (u32, u32),
 ) -> Vec<Vec<Theirs>> {

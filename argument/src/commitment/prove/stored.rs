@@ -9,14 +9,14 @@ use std::path::Path;
 
 /// Values of one kind.
 #[derive(Debug)]
-pub enum Stored<T> {
+pub enum StoredValues<T> {
     /// In memory.
     Memory(Vec<T>),
     /// In a file that has no name, so that it is gone when nobody uses it, however the process ends.
     File(Mmap, PhantomData<T>),
 }
 
-impl<T: Pod> Stored<T> {
+impl<T: Pod> StoredValues<T> {
     /// Moves the values to a file in a folder.
     pub fn into_file(self, folder: &Path) -> io::Result<Self> {
         let Self::Memory(values) = self else {
@@ -39,7 +39,7 @@ impl<T: Pod> Stored<T> {
     }
 }
 
-impl<T: Pod> Deref for Stored<T> {
+impl<T: Pod> Deref for StoredValues<T> {
     type Target = [T];
 
     #[inline(always)]
@@ -52,7 +52,7 @@ impl<T: Pod> Deref for Stored<T> {
     }
 }
 
-impl<T> From<Vec<T>> for Stored<T> {
+impl<T> From<Vec<T>> for StoredValues<T> {
     fn from(values: Vec<T>) -> Self {
         Self::Memory(values)
     }
@@ -66,16 +66,16 @@ mod tests {
     fn values_are_the_same_in_a_file() {
         let folder = tempfile::tempdir().unwrap();
         let values: Vec<i32> = (-5000..5000).collect();
-        let stored = Stored::from(values.clone())
+        let stored = StoredValues::from(values.clone())
             .into_file(folder.path())
             .unwrap();
-        assert!(matches!(stored, Stored::File(..)));
+        assert!(matches!(stored, StoredValues::File(..)));
         assert_eq!(stored[..], values);
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }
 
     /// How many of a process's pages of files are in memory, in bytes.
-    fn resident_pages_of(stored: &Stored<i32>) -> usize {
+    fn resident_pages_of(stored: &StoredValues<i32>) -> usize {
         let start = stored.as_ptr() as usize;
         let maps = std::fs::read_to_string("/proc/self/smaps").unwrap();
         let mut lines = maps.lines();
@@ -91,7 +91,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let values: Vec<i32> = (0..1 << 20).collect();
         let bytes = size_of_val(&values[..]);
-        let stored = Stored::from(values).into_file(folder.path()).unwrap();
+        let stored = StoredValues::from(values).into_file(folder.path()).unwrap();
         for _ in 0..2 {
             assert_eq!(
                 stored.iter().map(|&value| value as i64).sum::<i64>(),
@@ -106,7 +106,7 @@ mod tests {
     #[test]
     fn a_folder_that_is_not_there_is_an_error() {
         let folder = tempfile::tempdir().unwrap();
-        let stored = Stored::from(vec![1i16]);
+        let stored = StoredValues::from(vec![1i16]);
         assert!(stored.into_file(&folder.path().join("missing")).is_err());
     }
 }

@@ -1,7 +1,7 @@
 //! Sums of all numerators and denominators with weights, over one half of their variables.
 
 use crate::field::{Extension, Goldilocks};
-use crate::fractions::leaves::{Block, Leaves};
+use crate::fractions::leaves::{FractionBuffer, Leaves};
 use crate::multilinear::eq_table;
 use rayon::prelude::*;
 
@@ -20,7 +20,7 @@ pub fn over_high(
     let used = leaves.len().div_ceil(width);
     let zero = || [vec![Extension::ZERO; width], vec![Extension::ZERO; width]];
     let blocks = weights[..used].par_chunks(ROWS).enumerate();
-    let sums = blocks.map_init(Block::default, |block, (number, weights)| {
+    let sums = blocks.map_init(FractionBuffer::default, |block, (number, weights)| {
         let [mut numerators, mut denominators] = zero();
         for (row, &weight) in weights.iter().enumerate() {
             let (p, q) = block.read(leaves, (number * ROWS + row) * width, width);
@@ -57,7 +57,7 @@ pub fn over_low(
     let used = leaves.len().div_ceil(weights.len());
     let sums = (0..used)
         .into_par_iter()
-        .map_init(Block::default, |block, row| {
+        .map_init(FractionBuffer::default, |block, row| {
             let (p, q) = block.read(leaves, row * weights.len(), weights.len());
             let denominator = weights.iter().zip(q).map(|(&weight, &q)| weight * q);
             (Extension::dot(&weights, p), denominator.sum::<Extension>())

@@ -2,7 +2,7 @@
 //!
 //! Values are in Montgomery's form: x stands for x/2^32 modulo P.
 
-use super::vectors::{inner_layer, Constants, Vectors, INNER_ROUNDS, LANES, WIDTH};
+use super::vectors::{inner_layer, PoseidonConstants, Vectors, INNER_ROUNDS, LANES, WIDTH};
 use core::arch::x86_64::*;
 use std::sync::LazyLock;
 
@@ -26,7 +26,7 @@ struct Montgomery {
 
 static CONSTANTS: LazyLock<Montgomery> = LazyLock::new(|| {
     let form = |value: u32| ((u64::from(value) << 32) % u64::from(P)) as u32;
-    let constants = Constants::new();
+    let constants = PoseidonConstants::new();
     Montgomery {
         outer: constants
             .outer

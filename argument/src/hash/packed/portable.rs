@@ -2,7 +2,7 @@
 //!
 //! `p3-koala-bear` has Poseidon2 in vectors, but with other inner layers than SP1. So only the outer layers are taken from there.
 
-use super::vectors::{inner_layer, Constants, Vectors, INNER_ROUNDS, LANES, WIDTH};
+use super::vectors::{inner_layer, PoseidonConstants, Vectors, INNER_ROUNDS, LANES, WIDTH};
 use core::ops::{Add, Sub};
 use p3_field::{Field, PackedValue, PrimeCharacteristicRing, PrimeField32};
 use p3_koala_bear::{KoalaBear, Poseidon2ExternalLayerKoalaBear};
@@ -29,7 +29,7 @@ struct Permutation {
 impl Permutation {
     fn new() -> Self {
         let packed = |value: u32| Packed::from(KoalaBear::new(value));
-        let constants = Constants::new();
+        let constants = PoseidonConstants::new();
         let [initial, last] = constants.outer.map(|rounds| {
             let rounds = rounds.iter().map(|round| round.map(KoalaBear::new));
             rounds.collect()

@@ -22,7 +22,7 @@ pub const LATER: u64 = 32 - 15;
 /// `(J + D)/2^15`, as a division by 2^j takes no product: x = h·2^j + l is h − 127·2^(24−j)·l times 2^j, because −1 is 127·2^24. The rest of the division is put
 /// off: before round r, the state is 2^([`LATER`]·r) times what it stands for. So what is added to the first value is larger by that factor, and its cube has
 /// to be divided by the square of it.
-pub struct Constants {
+pub struct PoseidonConstants {
     /// What is added in the outer rounds before the inner ones, and after them.
     pub outer: [[[u32; WIDTH]; 4]; 2],
     /// What is added to the first value, and what its cube is multiplied with.
@@ -31,7 +31,7 @@ pub struct Constants {
     pub last: u32,
 }
 
-impl Constants {
+impl PoseidonConstants {
     /// The constants.
     pub fn new() -> Self {
         let factor = KoalaBear::TWO.exp_u64(LATER);

@@ -1,18 +1,18 @@
 //! The round polynomial over one piece, computed table by table: a loop over many values of one table is what a processor is good at.
 
 use super::table::Piece;
-use crate::field::lazy::{Factor, Sum};
+use crate::field::lazy::{LazyFactor, LazySum};
 use crate::field::{Extension, Goldilocks};
 
 /// `Σ coefficient · Π tables`.
-pub struct Monomials {
+pub struct TableMonomials {
     /// A table that is a factor of all monomials.
     common: Option<usize>,
     /// The coefficients, and the tables without the common one.
     terms: Vec<(Extension, Vec<usize>)>,
 }
 
-impl Monomials {
+impl TableMonomials {
     /// A monomial names its tables by number.
     pub fn new(mut terms: Vec<(Extension, Vec<usize>)>) -> Self {
         let first = terms.first().map_or(&[][..], |(_, tables)| tables);
@@ -45,15 +45,15 @@ impl Monomials {
 
 /// Values of one table, or of a product.
 #[derive(Clone)]
-enum Column {
+enum JoinedColumn {
     Base(Vec<Goldilocks>),
     Extension(Vec<Extension>),
 }
 
 /// The values of the round polynomial over a piece at 0, 1, …, up to its degree, or 0 in place of that at 1.
-pub fn round(pieces: Vec<Piece>, monomials: &Monomials, without_one: bool) -> Vec<Extension> {
+pub fn round(pieces: Vec<Piece>, monomials: &TableMonomials, without_one: bool) -> Vec<Extension> {
     // The values of each table at one point, and what to add for the next point.
-    let mut tables: Vec<[Column; 2]> = pieces.into_iter().map(columns).collect();
+    let mut tables: Vec<[JoinedColumn; 2]> = pieces.into_iter().map(columns).collect();
     let count = tables.first().map_or(0, |[value, _]| value.len());
     let value = |point: usize| {
         if point > 0 {
@@ -68,7 +68,7 @@ pub fn round(pieces: Vec<Piece>, monomials: &Monomials, without_one: bool) -> Ve
 }
 
 /// The values where the highest variable is 0, and the difference to those where it is 1.
-fn columns(piece: Piece) -> [Column; 2] {
+fn columns(piece: Piece) -> [JoinedColumn; 2] {
     fn difference<T: Copy + core::ops::Sub<Output = T>>(zero: &[T], one: &[T]) -> Vec<T> {
         zero.iter()
             .zip(one)
@@ -76,9 +76,9 @@ fn columns(piece: Piece) -> [Column; 2] {
             .collect()
     }
     match piece {
-        Piece::Base([zero, one]) => [zero.to_vec(), difference(zero, one)].map(Column::Base),
+        Piece::Base([zero, one]) => [zero.to_vec(), difference(zero, one)].map(JoinedColumn::Base),
         Piece::Extension([zero, one]) => {
-            [zero.to_vec(), difference(zero, one)].map(Column::Extension)
+            [zero.to_vec(), difference(zero, one)].map(JoinedColumn::Extension)
         }
         Piece::BoundBase(factor, [a, b, c, d], [zero, one]) => {
             for (target, from, to) in [(&mut *zero, a, c), (&mut *one, b, d)] {
@@ -86,7 +86,7 @@ fn columns(piece: Piece) -> [Column; 2] {
                     *target = factor.between_base(from, to);
                 }
             }
-            [zero.to_vec(), difference(zero, one)].map(Column::Extension)
+            [zero.to_vec(), difference(zero, one)].map(JoinedColumn::Extension)
         }
         Piece::BoundExtension(factor, [zero, one], [c, d]) => {
             for (target, to) in [(&mut *zero, c), (&mut *one, d)] {
@@ -94,15 +94,15 @@ fn columns(piece: Piece) -> [Column; 2] {
                     *target = factor.between(*target, to);
                 }
             }
-            [zero.to_vec(), difference(zero, one)].map(Column::Extension)
+            [zero.to_vec(), difference(zero, one)].map(JoinedColumn::Extension)
         }
     }
 }
 
 /// The sum of all monomials over all indices, at one point.
-fn sum(tables: &[[Column; 2]], monomials: &Monomials, count: usize) -> Extension {
+fn sum(tables: &[[JoinedColumn; 2]], monomials: &TableMonomials, count: usize) -> Extension {
     let column = |&table: &usize| &tables[table][0];
-    let ones = Column::Base(vec![Goldilocks::ONE; count]);
+    let ones = JoinedColumn::Base(vec![Goldilocks::ONE; count]);
     let common = monomials.common.as_ref().map_or(&ones, column);
     if let [(coefficient, factors)] = &monomials.terms[..] {
         // The coefficient of a single monomial can wait.
@@ -111,25 +111,25 @@ fn sum(tables: &[[Column; 2]], monomials: &Monomials, count: usize) -> Extension
                 [] => common.total(&ones),
                 [factor] => common.total(column(factor)),
                 [first, rest @ ..] => {
-                    let product = Column::product(column(first), rest.iter().map(column));
+                    let product = JoinedColumn::product(column(first), rest.iter().map(column));
                     common.total(&product)
                 }
             };
     }
-    let mut inner = Column::Base(vec![Goldilocks::ZERO; count]);
+    let mut inner = JoinedColumn::Base(vec![Goldilocks::ZERO; count]);
     for (coefficient, factors) in &monomials.terms {
         let (first, rest) = match factors.split_first() {
             Some((first, rest)) => (column(first), rest),
             None => (&ones, &[][..]),
         };
-        let mut product = Column::product(first, rest.iter().map(column));
+        let mut product = JoinedColumn::product(first, rest.iter().map(column));
         product.scale(*coefficient);
         inner.add(&product);
     }
     common.total(&inner)
 }
 
-impl Column {
+impl JoinedColumn {
     fn len(&self) -> usize {
         match self {
             Self::Base(values) => values.len(),
@@ -173,7 +173,7 @@ impl Column {
                 *self = Self::Extension(scaled.collect());
             }
             Self::Extension(values) => {
-                let factor = Factor::new(factor);
+                let factor = LazyFactor::new(factor);
                 for value in values {
                     *value = factor.times_plus(*value, Extension::ZERO);
                 }
@@ -205,7 +205,7 @@ impl Column {
 
     /// The sum of the products of two columns.
     fn total(&self, other: &Self) -> Extension {
-        let mut sum = Sum::default();
+        let mut sum = LazySum::default();
         match (self, other) {
             (Self::Extension(a), Self::Extension(b)) => {
                 a.iter().zip(b).for_each(|(&a, &b)| sum.add(a, b));

@@ -1,11 +1,11 @@
 //! The tables of a sum, and the pieces of them that one core works on.
 
-use crate::field::lazy::Factor;
+use crate::field::lazy::LazyFactor;
 use crate::field::{Extension, Goldilocks};
 use rayon::prelude::*;
 
 /// The values of a multilinear polynomial.
-pub enum Table {
+pub enum MultilinearTable {
     /// In the base field: half the memory, and cheaper products.
     Base(Vec<Goldilocks>),
     /// In the extension.
@@ -14,13 +14,13 @@ pub enum Table {
     Bound(Vec<Goldilocks>, Vec<Extension>),
 }
 
-impl From<Vec<Goldilocks>> for Table {
+impl From<Vec<Goldilocks>> for MultilinearTable {
     fn from(values: Vec<Goldilocks>) -> Self {
         Self::Base(values)
     }
 }
 
-impl From<Vec<Extension>> for Table {
+impl From<Vec<Extension>> for MultilinearTable {
     /// Values that all are in the base field are taken for such.
     fn from(values: Vec<Extension>) -> Self {
         match values.iter().all(|value| value.0[1] == Goldilocks::ZERO) {
@@ -37,12 +37,12 @@ pub enum Piece<'a> {
     /// Likewise.
     Extension([&'a [Extension]; 2]),
     /// The highest variable is bound, and where the one below is 0 or 1, the values are written to the targets.
-    BoundBase(Factor, [&'a [Goldilocks]; 4], [&'a mut [Extension]; 2]),
+    BoundBase(LazyFactor, [&'a [Goldilocks]; 4], [&'a mut [Extension]; 2]),
     /// Likewise. The targets hold the values where the highest variable is 0, and the others those where it is 1.
-    BoundExtension(Factor, [&'a mut [Extension]; 2], [&'a [Extension]; 2]),
+    BoundExtension(LazyFactor, [&'a mut [Extension]; 2], [&'a [Extension]; 2]),
 }
 
-impl Table {
+impl MultilinearTable {
     /// How many values there are.
     pub fn len(&self) -> usize {
         match self {
@@ -67,7 +67,7 @@ impl Table {
         challenge: Option<Extension>,
         size: usize,
     ) -> Box<dyn Iterator<Item = Piece<'a>> + 'a> {
-        match (self, challenge.map(Factor::new)) {
+        match (self, challenge.map(LazyFactor::new)) {
             (Self::Bound(values, room), Some(factor)) => {
                 let parts = values.chunks_exact(half).map(|part| part.chunks(size));
                 let targets = room
@@ -126,7 +126,7 @@ impl Table {
 
     /// Binds the last variable.
     pub fn bind_last(&mut self, challenge: Extension) {
-        let factor = Factor::new(challenge);
+        let factor = LazyFactor::new(challenge);
         let value = match self {
             Self::Base(values) | Self::Bound(values, _) => {
                 factor.between_base(values[0], values[1])

@@ -20,9 +20,9 @@ use zk0_argument::expert::argument::{verify, Verified};
 use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::published::Published;
 use zk0_argument::expert::statement::Statement;
-use zk0_argument::expert::witness::{evaluate, Common, Witness};
+use zk0_argument::expert::witness::{evaluate, Common, SampleValues};
 use zk0_argument::prove::progress::silently;
-use zk0_argument::prove::Values;
+use zk0_argument::prove::SourceValues;
 use zk0_argument::transcript::{Prover, Refused};
 use zk0_circuits::model::draw::Draw;
 use zk0_circuits::model::layout::Layout;
@@ -45,12 +45,12 @@ pub struct Known {
     /// Those of both models and of tables.
     pub common: Common,
     /// Those of each sample.
-    pub samples: Vec<Witness>,
+    pub samples: Vec<SampleValues>,
 }
 
 impl Known {
     /// The values of all sources, for a statement about one sample.
-    pub fn sources(&self) -> [Values<'_>; 4] {
+    pub fn sources(&self) -> [SourceValues<'_>; 4] {
         self.samples[0].sources(&self.common)
     }
 }
@@ -153,7 +153,7 @@ pub fn known(
     samples: &Vec<(Sample, Draw)>,
 ) -> Known {
     let common = Common::new(statement, models);
-    let witness = |number| Witness::of(statement, &common, number, models, samples).unwrap();
+    let witness = |number| SampleValues::of(statement, &common, number, models, samples).unwrap();
     let samples = (0..samples.len()).map(witness).collect();
     Known { common, samples }
 }

@@ -15,7 +15,7 @@ use zk0_argument::layout::Layout;
 use zk0_argument::multilinear::evaluate_extension;
 use zk0_argument::party::{Claim, Fold, Party, Sources, Sum, Weighted};
 use zk0_argument::prove::progress::silently;
-use zk0_argument::prove::{Computed, Instance, Proving, Tables, Values};
+use zk0_argument::prove::{Computed, Instance, Proving, SourceValues, Tables};
 use zk0_argument::relation::{Atom, Part, Parts, Relations};
 use zk0_argument::sumcheck::JoinedPoint;
 use zk0_argument::transcript::{Challenges, Pads, Prover, Refused};
@@ -250,7 +250,7 @@ fn instances<'a>(known: &'a Known, nothing: &'a Expert) -> Vec<Instance<'a>> {
                 sample.sources(&known.common),
             ),
             None => {
-                let zero = || Values::Wide(&[]);
+                let zero = || SourceValues::Wide(&[]);
                 (
                     &nothing.builder.relations,
                     known.common.sources(zero(), zero()),

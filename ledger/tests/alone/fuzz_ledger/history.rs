@@ -2,7 +2,9 @@
 
 use zk0_protocol::entries::entry::DisputeResolved;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
-use zk0_protocol::entries::signed::{Dispute, Evidence, KeyRotation, KeyTakeover, Statement};
+use zk0_protocol::entries::signed::{
+    Dispute, Evidence, KeyRotation, KeyTakeover, SignableStatement,
+};
 use zk0_protocol::{Body, Entry, Signed, State};
 
 use super::targets::text;
@@ -146,7 +148,7 @@ fn apply(state: &mut Option<State>, entry: &Entry) -> Result<(), String> {
 }
 
 fn sign_anew(body: &mut Body) {
-    fn anew<T: Statement + Clone>(signed: &mut Signed<T>) {
+    fn anew<T: SignableStatement + Clone>(signed: &mut Signed<T>) {
         let keys = (0..=3).chain([NEXT]).map(key);
         let mut keys = keys.chain((0..3).map(governor_key));
         let signer = signed.statement.signer();

@@ -9,12 +9,12 @@ use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
 use zk0_ledger::published::reader::{first_entry, PublishedLog};
 use zk0_ledger::published::tiles;
-use zk0_ledger::replay::{replay_with, Keep, Options, Saved, SavedError};
+use zk0_ledger::replay::{replay_with, ReplayOptions, SaveOptions, SavedError, SavedReplay};
 use zk0_protocol::entries::signed::{SignatureError, Submission, UploadRequest};
 use zk0_protocol::tlog::bundle;
 use zk0_protocol::tlog::checkpoint::Parsed;
 use zk0_protocol::tlog::cosigner::{self, Cosigner};
-use zk0_protocol::tlog::layout::{Kind, Resource, Tile};
+use zk0_protocol::tlog::layout::{Resource, Tile, TileKind};
 use zk0_protocol::tlog::witness::{AddCheckpoint, Witness};
 use zk0_protocol::{
     Checkpoint, Entry, Receipt, Rules, Signed, State, TlogProof, VerifierKey, WitnessPolicy,
@@ -22,7 +22,7 @@ use zk0_protocol::{
 
 use zk0_testkit::fuzzing::{Target, Targets};
 use zk0_testkit::ledgers::rounds::ledger_with_a_round;
-use zk0_testkit::ledgers::shelf::{Shelf, Shown};
+use zk0_testkit::ledgers::shelf::{Shelf, ShownLog};
 use zk0_testkit::network::log::{log_vkey, ORIGIN};
 use zk0_testkit::network::{claim, digest, genesis, id, key, log_key, submission};
 
@@ -136,8 +136,8 @@ fn target(name: &str) -> Target {
                 None => Err("no path".into()),
             }),
         },
-        "hash_tile" => served(Kind::Hashes(0)),
-        "entry_bundle" => served(Kind::Entries),
+        "hash_tile" => served(TileKind::Hashes(0)),
+        "entry_bundle" => served(TileKind::Entries),
         "receipt" => Target {
             seeds: vec![receipt()],
             run: Box::new(|bytes| {
@@ -206,12 +206,12 @@ fn saved() -> Target {
     let dir = tempfile::tempdir().unwrap();
     let (ledger, path) = (dir.path().join("ledger"), dir.path().join("saved"));
     drop(ledger_with_a_round(&ledger));
-    let options = Options {
-        keep: Some(Keep {
+    let options = ReplayOptions {
+        keep: Some(SaveOptions {
             path: path.clone(),
             every: Duration::ZERO,
         }),
-        ..Options::default()
+        ..ReplayOptions::default()
     };
     replay_with(&ledger, options, &mut ());
     let whole = fs::read(&path).unwrap();
@@ -226,7 +226,7 @@ fn saved() -> Target {
                 false => [&format, &Sha256::digest(bytes)[..], bytes].concat(),
             };
             fs::write(&path, file).unwrap();
-            match Saved::read(&path) {
+            match SavedReplay::read(&path) {
                 Ok(saved) => saved.map(drop).ok_or("not there".into()),
                 Err(SavedError::Unusable { why, .. }) => Err(why),
                 Err(error) => panic!("{error}"),
@@ -276,13 +276,13 @@ fn why_none(answer: &[u8], key: &VerifierKey) -> String {
 /// Reads the log's checkpoints after each entry as a mirror does.
 fn checkpoint_bundle() -> Target {
     let shelf = Shelf::of(&leaves());
-    let tile = Tile::at(Kind::Checkpoints, 0, 7).unwrap();
+    let tile = Tile::at(TileKind::Checkpoints, 0, 7).unwrap();
     let good = tiles::read(&shelf.store, 7, &tile).unwrap().unwrap();
     let key = log_key().verifying_key().to_bytes();
     Target {
         seeds: vec![good],
         run: Box::new(move |bytes| {
-            let shown = Shown {
+            let shown = ShownLog {
                 store: &shelf.store,
                 size: 7,
                 instead: BTreeMap::from([(tile.to_string(), Some(bytes.to_vec()))]),
@@ -305,7 +305,7 @@ fn checkpoint_bundle() -> Target {
 /// entry.
 fn unverified() -> Target {
     let shelf = Shelf::of(&leaves());
-    let tile = Tile::at(Kind::Entries, 0, 7).unwrap();
+    let tile = Tile::at(TileKind::Entries, 0, 7).unwrap();
     let entries = tiles::read(&shelf.store, 7, &tile).unwrap().unwrap();
     let checkpoint = shelf.store.checkpoint(7).unwrap().unwrap();
     Target {
@@ -316,7 +316,7 @@ fn unverified() -> Target {
                 0 => Resource::Checkpoint.to_string(),
                 _ => tile.to_string(),
             };
-            let shown = Shown {
+            let shown = ShownLog {
                 store: &shelf.store,
                 size: 7,
                 instead: BTreeMap::from([(path, Some(bytes.to_vec()))]),
@@ -425,14 +425,14 @@ fn framed(items: &[Vec<u8>]) -> Vec<u8> {
 }
 
 /// A log of seven entries whose server answers with the input in one place.
-fn served(kind: Kind) -> Target {
+fn served(kind: TileKind) -> Target {
     let shelf = Shelf::of(&leaves());
     let tile = Tile::at(kind, 0, 7).unwrap();
     let good = tiles::read(&shelf.store, 7, &tile).unwrap().unwrap();
     Target {
         seeds: vec![good],
         run: Box::new(move |bytes| {
-            let shown = Shown {
+            let shown = ShownLog {
                 store: &shelf.store,
                 size: 7,
                 instead: BTreeMap::from([(tile.to_string(), Some(bytes.to_vec()))]),

@@ -8,11 +8,11 @@ use serde::Deserialize;
 
 use crate::dataset::metadata::info::{ACTION, STATE};
 use crate::dataset::metadata::json;
-use crate::dataset::metadata::normalizer::{pool, Moments, Normalizer};
+use crate::dataset::metadata::normalizer::{pool, MeanAndStd, Normalizer};
 use crate::dataset::{DatasetError, Episode, Info, Stats};
 
 #[derive(Deserialize)]
-struct Line {
+struct StatsLine {
     episode_index: usize,
     stats: EpisodeStats,
 }
@@ -28,15 +28,15 @@ struct EpisodeStats {
 #[derive(Deserialize)]
 struct FeatureStats {
     #[serde(flatten)]
-    moments: Moments,
+    moments: MeanAndStd,
     /// Frames: those of the episode, where it is not there.
-    count: Option<Count>,
+    count: Option<CountField>,
 }
 
 /// LeRobot writes a list of one number.
 #[derive(Deserialize)]
 #[serde(untagged)]
-enum Count {
+enum CountField {
     List(Vec<f64>),
     Number(f64),
 }
@@ -46,7 +46,7 @@ pub(crate) fn read(root: &Path, info: &Info, episodes: &[Episode]) -> Result<Sta
     let path = root.join("meta/episodes_stats.jsonl");
     // LeRobot adds up in the order of the episodes, and takes the last line where an episode has several.
     let mut lines: BTreeMap<usize, EpisodeStats> = BTreeMap::new();
-    json::read_lines(&path, |number, line: Line| {
+    json::read_lines(&path, |number, line: StatsLine| {
         let wrong = |cause: String| DatasetError::meta(&path, format!("line {number}: {cause}"));
         if line.episode_index >= info.total_episodes {
             return Err(wrong(format!(
@@ -97,7 +97,7 @@ pub(crate) fn read(root: &Path, info: &Info, episodes: &[Episode]) -> Result<Sta
 impl FeatureStats {
     fn check(&self, dim: usize) -> Result<(), String> {
         let expected = "expected a list of one number of frames";
-        if let Some(Count::List(list)) = &self.count {
+        if let Some(CountField::List(list)) = &self.count {
             if list.len() != 1 {
                 let found = list.len();
                 return Err(format!("count is a list of {found} numbers, {expected}"));
@@ -114,8 +114,8 @@ impl FeatureStats {
 
     fn frames(&self) -> Option<f64> {
         match self.count.as_ref()? {
-            Count::List(list) => list.first().copied(),
-            Count::Number(count) => Some(*count),
+            CountField::List(list) => list.first().copied(),
+            CountField::Number(count) => Some(*count),
         }
     }
 }

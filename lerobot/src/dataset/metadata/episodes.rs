@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use crate::dataset::metadata::episode::{Episode, VideoSpan};
 use crate::dataset::metadata::episodes_v2;
-use crate::dataset::metadata::info::{CameraStorage, Format};
-use crate::dataset::metadata::paths::Place;
+use crate::dataset::metadata::info::{CameraStorage, FormatVersion};
+use crate::dataset::metadata::paths::RecordingFile;
 use crate::dataset::tables::columns::{self, Columns};
 use crate::dataset::tables::parquet_files::parquet_files;
 use crate::dataset::{DatasetError, Info, Repair};
@@ -17,7 +17,7 @@ pub(crate) fn read_episodes(
     info: &Info,
     repairs: &mut Vec<Repair>,
 ) -> Result<Vec<Episode>, DatasetError> {
-    let (source, episodes) = if info.format < Format::V30 {
+    let (source, episodes) = if info.format < FormatVersion::V30 {
         episodes_v2::read_episodes(root, info, repairs)?
     } else {
         read_parquet(root, info, repairs)?
@@ -211,7 +211,7 @@ impl EpisodeColumns {
             u64::try_from(value).map_err(|_| broken(format!("{name} is {value}")))
         };
         let hint = |at: usize| number(Self::HINTS[at]).unwrap_or(0);
-        let place = Place::Shared {
+        let place = RecordingFile::Shared {
             chunk: hint(2),
             file: hint(3),
         };
@@ -232,7 +232,7 @@ impl EpisodeColumns {
             }
             // LeRobot does not read the end, so one that cannot be read is not there.
             let to = span.to.as_ref().and_then(|to| batch.doubles(to).ok());
-            let place = Place::Shared {
+            let place = RecordingFile::Shared {
                 chunk: number(chunk)?,
                 file: number(file)?,
             };

@@ -8,7 +8,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use crate::dataset::metadata::json::{self, read_text};
-use crate::dataset::metadata::paths::{fill, Place};
+use crate::dataset::metadata::paths::{fill, RecordingFile};
 use crate::dataset::DatasetError;
 
 /// A frame cap (92 hours at 30 fps) that keeps a false count from being believed.
@@ -24,16 +24,16 @@ pub(crate) const ACTION: &str = "action";
 
 /// Version of LeRobotDataset's format, `codebase_version` of `meta/info.json`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Format {
+pub enum FormatVersion {
     /// One parquet file and one video per episode; statistics of the whole in `meta/stats.json`.
     V20,
-    /// As [`Format::V20`], with statistics per episode in `meta/episodes_stats.jsonl`.
+    /// As [`FormatVersion::V20`], with statistics per episode in `meta/episodes_stats.jsonl`.
     V21,
     /// Episodes share files; metadata in parquet.
     V30,
 }
 
-impl Format {
+impl FormatVersion {
     const ALL: [Self; 3] = [Self::V20, Self::V21, Self::V30];
 
     /// As LeRobot writes it: `v2.0`, `v2.1`, `v3.0`.
@@ -46,7 +46,7 @@ impl Format {
     }
 }
 
-impl fmt::Display for Format {
+impl fmt::Display for FormatVersion {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str(self.name())
     }
@@ -56,7 +56,7 @@ impl fmt::Display for Format {
 #[derive(Debug, Clone)]
 pub struct Info {
     /// Which version of the format the folder is.
-    pub format: Format,
+    pub format: FormatVersion,
     /// Frames per second, at least 1.
     pub fps: u32,
     /// Robot, as LeRobot names it (`so100`, ...), where given.
@@ -200,7 +200,7 @@ impl Info {
                 "has no codebase_version; is this a LeRobotDataset?".into(),
             ));
         };
-        let Some(format) = Format::ALL.into_iter().find(|f| f.name() == version) else {
+        let Some(format) = FormatVersion::ALL.into_iter().find(|f| f.name() == version) else {
             return Err(DatasetError::Version {
                 path: path.into(),
                 found: version.chars().take(40).collect(),
@@ -210,7 +210,7 @@ impl Info {
         Self::check(format, raw).map_err(broken)
     }
 
-    fn check(format: Format, raw: RawInfo) -> Result<Self, String> {
+    fn check(format: FormatVersion, raw: RawInfo) -> Result<Self, String> {
         if raw.fps == 0 || raw.fps > 1000 {
             return Err(format!("fps is {}, expected 1 to 1000", raw.fps));
         }
@@ -249,7 +249,7 @@ impl Info {
             }
         }
         // LeRobot uses these paths where the file of v3.0 does not name one.
-        let path_of_v30 = |path: &str| (format == Format::V30).then(|| path.to_owned());
+        let path_of_v30 = |path: &str| (format == FormatVersion::V30).then(|| path.to_owned());
         let data_path = raw.data_path.or_else(|| path_of_v30(DATA_PATH));
         let video_path = raw.video_path.or_else(|| path_of_v30(VIDEO_PATH));
         let mut storages = cameras.iter().map(|camera| camera.storage);
@@ -273,15 +273,19 @@ impl Info {
     }
 
     /// The file that v2.x keeps an episode in.
-    pub(crate) fn place_of_episode(&self, episode: u64) -> Place {
-        Place::OfEpisode {
+    pub(crate) fn place_of_episode(&self, episode: u64) -> RecordingFile {
+        RecordingFile::OfEpisode {
             chunk: episode / self.chunks_size,
             episode,
         }
     }
 
     /// A data file of the dataset in `root`.
-    pub(crate) fn data_file(&self, root: &Path, place: Place) -> Result<PathBuf, DatasetError> {
+    pub(crate) fn data_file(
+        &self,
+        root: &Path,
+        place: RecordingFile,
+    ) -> Result<PathBuf, DatasetError> {
         in_folder(root, fill(&self.data_path, "", place))
     }
 
@@ -290,7 +294,7 @@ impl Info {
         &self,
         root: &Path,
         camera: &Camera,
-        place: Place,
+        place: RecordingFile,
     ) -> Result<PathBuf, DatasetError> {
         let path = in_folder(root, fill(&self.video_path, &camera.feature, place))?;
         if !path.is_file() {

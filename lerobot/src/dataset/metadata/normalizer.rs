@@ -16,7 +16,7 @@ pub struct Stats {
 
 /// `(x - mean) / (std + 1e-8)` per dimension, in float32 as LeRobot computes it, and back.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "Moments", into = "Moments")]
+#[serde(try_from = "MeanAndStd", into = "MeanAndStd")]
 pub struct Normalizer {
     mean: Vec<f32>,
     std: Vec<f32>,
@@ -24,7 +24,7 @@ pub struct Normalizer {
 
 /// Mean and standard deviation per dimension, as they are written.
 #[derive(Clone, Serialize, Deserialize)]
-pub(crate) struct Moments {
+pub(crate) struct MeanAndStd {
     #[serde(deserialize_with = "json::numbers")]
     pub mean: Vec<f64>,
     #[serde(deserialize_with = "json::numbers")]
@@ -40,7 +40,7 @@ impl Stats {
         }
         let pooled = |of: fn(&Self) -> &Normalizer| {
             let dim = of(recordings.first()?.0).dim();
-            let moments: Vec<Moments> = recordings.iter().map(|(s, _)| of(s).into()).collect();
+            let moments: Vec<MeanAndStd> = recordings.iter().map(|(s, _)| of(s).into()).collect();
             if moments.iter().any(|m| m.mean.len() != dim) {
                 return None;
             }
@@ -59,22 +59,22 @@ impl Stats {
 ///
 /// With n frames in a part of mean m and standard deviation s, and M the mean over all frames: M = sum(n m) / sum(n), and the
 /// variance is sum(n (s² + (m - M)²)) / sum(n).
-pub(crate) fn pool(parts: &[(&Moments, f64)], dim: usize) -> Moments {
+pub(crate) fn pool(parts: &[(&MeanAndStd, f64)], dim: usize) -> MeanAndStd {
     let total: f64 = parts.iter().map(|(_, count)| count).sum();
-    let weighted = |value: &dyn Fn(&Moments) -> f64| {
+    let weighted = |value: &dyn Fn(&MeanAndStd) -> f64| {
         let values = parts.iter().map(|(moments, count)| value(moments) * count);
         values.sum::<f64>() / total
     };
     let mean: Vec<f64> = (0..dim).map(|d| weighted(&|m| m.mean[d])).collect();
     let variance = |d: usize| {
-        let spread = |m: &Moments| m.std[d].powi(2) + (m.mean[d] - mean[d]).powi(2);
+        let spread = |m: &MeanAndStd| m.std[d].powi(2) + (m.mean[d] - mean[d]).powi(2);
         weighted(&spread)
     };
     let std = (0..dim).map(|d| variance(d).sqrt()).collect();
-    Moments { mean, std }
+    MeanAndStd { mean, std }
 }
 
-impl From<&Normalizer> for Moments {
+impl From<&Normalizer> for MeanAndStd {
     fn from(normalizer: &Normalizer) -> Self {
         let f64s = |values: &[f32]| values.iter().map(|&v| v.into()).collect();
         Self {
@@ -85,24 +85,24 @@ impl From<&Normalizer> for Moments {
 }
 
 // Written as f64, every f32 comes back as it was.
-impl From<Normalizer> for Moments {
+impl From<Normalizer> for MeanAndStd {
     fn from(normalizer: Normalizer) -> Self {
         Self::from(&normalizer)
     }
 }
 
-impl TryFrom<Moments> for Normalizer {
+impl TryFrom<MeanAndStd> for Normalizer {
     type Error = String;
 
-    fn try_from(moments: Moments) -> Result<Self, String> {
+    fn try_from(moments: MeanAndStd) -> Result<Self, String> {
         Self::of(&moments, moments.mean.len())
     }
 }
 
 impl Normalizer {
     /// From moments as they are written, of `dim` dimensions.
-    pub(crate) fn of(moments: &Moments, dim: usize) -> Result<Self, String> {
-        let Moments { mean, std } = moments;
+    pub(crate) fn of(moments: &MeanAndStd, dim: usize) -> Result<Self, String> {
+        let MeanAndStd { mean, std } = moments;
         if mean.len() != dim || std.len() != dim {
             return Err(format!(
                 "{} means and {} standard deviations for {dim} dimensions",

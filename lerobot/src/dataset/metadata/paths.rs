@@ -4,7 +4,7 @@ use std::path::{Component, Path, PathBuf};
 
 /// A file of the recording: v3.0 numbers files that several episodes share, v2.x has one for each episode.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Place {
+pub(crate) enum RecordingFile {
     /// `chunk-{chunk}/file-{file}`.
     Shared { chunk: u64, file: u64 },
     /// `chunk-{chunk}/episode_{episode}`.
@@ -12,7 +12,7 @@ pub(crate) enum Place {
 }
 
 /// Fills LeRobot's path template, which is a format of Python's; the result stays inside the dataset's folder.
-pub(crate) fn fill(template: &str, camera: &str, place: Place) -> Result<PathBuf, String> {
+pub(crate) fn fill(template: &str, camera: &str, place: RecordingFile) -> Result<PathBuf, String> {
     let path = filled(template, camera, place).filter(|path| {
         let mut parts = Path::new(path).components();
         let inside = |part| matches!(part, Component::Normal(_) | Component::CurDir);
@@ -26,7 +26,7 @@ pub(crate) fn fill(template: &str, camera: &str, place: Place) -> Result<PathBuf
     }
 }
 
-fn filled(template: &str, camera: &str, place: Place) -> Option<String> {
+fn filled(template: &str, camera: &str, place: RecordingFile) -> Option<String> {
     let (mut path, mut rest) = (String::new(), template);
     while let Some((text, field)) = rest.split_once('{') {
         let (field, after) = field.split_once('}')?;
@@ -34,12 +34,12 @@ fn filled(template: &str, camera: &str, place: Place) -> Option<String> {
         path.push_str(text);
         match (name, place) {
             ("video_key", _) if width.is_empty() => path.push_str(camera),
-            ("chunk_index", Place::Shared { chunk: number, .. })
-            | ("file_index", Place::Shared { file: number, .. })
-            | ("episode_chunk", Place::OfEpisode { chunk: number, .. })
+            ("chunk_index", RecordingFile::Shared { chunk: number, .. })
+            | ("file_index", RecordingFile::Shared { file: number, .. })
+            | ("episode_chunk", RecordingFile::OfEpisode { chunk: number, .. })
             | (
                 "episode_index",
-                Place::OfEpisode {
+                RecordingFile::OfEpisode {
                     episode: number, ..
                 },
             ) => path.push_str(&with_zeros(number, width)?),

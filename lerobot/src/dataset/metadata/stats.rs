@@ -4,15 +4,15 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use crate::dataset::metadata::episode_stats;
-use crate::dataset::metadata::info::{Format, ACTION, STATE};
+use crate::dataset::metadata::info::{FormatVersion, ACTION, STATE};
 use crate::dataset::metadata::json::{self, read_text};
-use crate::dataset::metadata::normalizer::{Moments, Normalizer, Stats};
+use crate::dataset::metadata::normalizer::{MeanAndStd, Normalizer, Stats};
 use crate::dataset::{DatasetError, Episode, Info};
 
 /// Reads and checks the statistics under `root`: those of the whole in `meta/stats.json`, or in v2.1 those of the episodes,
 /// pooled.
 pub(crate) fn read(root: &Path, info: &Info, episodes: &[Episode]) -> Result<Stats, DatasetError> {
-    if info.format == Format::V21 {
+    if info.format == FormatVersion::V21 {
         episode_stats::read(root, info, episodes)
     } else {
         read_whole(root, info)
@@ -30,7 +30,7 @@ fn read_whole(root: &Path, info: &Info) -> Result<Stats, DatasetError> {
         let value = all
             .remove(name)
             .ok_or_else(|| broken(format!("has no statistics of {name}")))?;
-        let moments: Moments =
+        let moments: MeanAndStd =
             serde_json::from_value(value).map_err(|e| broken(format!("{name}: {e}")))?;
         Normalizer::of(&moments, dim).map_err(|cause| broken(format!("{name}: {cause}")))
     };

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use crate::dataset::metadata::info::Format;
+use crate::dataset::metadata::info::FormatVersion;
 use crate::dataset::metadata::json;
 use crate::dataset::tables::columns;
 use crate::dataset::{DatasetError, Info};
@@ -13,7 +13,7 @@ use crate::dataset::{DatasetError, Info};
 /// Task strings by `task_index`.
 pub(crate) fn read_tasks(root: &Path, info: &Info) -> Result<Vec<String>, DatasetError> {
     let mut tasks = Tasks::default();
-    let path = if info.format < Format::V30 {
+    let path = if info.format < FormatVersion::V30 {
         read_jsonl(root, &mut tasks)?
     } else {
         let path = root.join("meta/tasks.parquet");

@@ -18,7 +18,7 @@ use parquet::basic::Compression;
 use parquet::file::properties::WriterProperties;
 use serde_json::{json, Map, Value};
 
-use crate::dataset::metadata::paths::{fill, Place};
+use crate::dataset::metadata::paths::{fill, RecordingFile};
 use crate::dataset::recover::json_in_order::JsonInOrder;
 use crate::dataset::recover::statistics::{numbers, Statistics};
 use crate::dataset::DatasetError;
@@ -356,7 +356,7 @@ fn write_json(path: &Path, value: &impl serde::Serialize) -> io::Result<()> {
 
 /// The path of file `number` of a kind; its folder is made.
 fn place(folder: &Path, template: &str, camera: &str, number: u64) -> io::Result<PathBuf> {
-    let place = Place::Shared {
+    let place = RecordingFile::Shared {
         chunk: number / CHUNK,
         file: number % CHUNK,
     };

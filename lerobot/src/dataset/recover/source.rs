@@ -9,7 +9,7 @@ use arrow_array::RecordBatch;
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
 use serde_json::{Map, Value};
 
-use crate::dataset::metadata::info::{Format, Info};
+use crate::dataset::metadata::info::{FormatVersion, Info};
 use crate::dataset::metadata::json::read_text;
 use crate::dataset::metadata::tasks;
 use crate::dataset::recover::folder::{DATA_PATH, VIDEO_PATH};
@@ -101,7 +101,7 @@ fn read_info(root: &Path) -> Result<(JsonInOrder, Info), DatasetError> {
     }
     let text = serde_json::to_string(&counted).map_err(|e| broken(e.to_string()))?;
     let info = Info::parse(&path, &text)?;
-    if info.format < Format::V30 {
+    if info.format < FormatVersion::V30 {
         return Err(broken(format!(
             "the format is {}; only v3.0 is recovered, because in older ones every episode has files of its own",
             info.format

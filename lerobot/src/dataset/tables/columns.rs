@@ -9,7 +9,7 @@ use arrow_schema::DataType;
 use parquet::basic::Type;
 use serde_json::Value;
 
-use crate::dataset::tables::numbers::{self, Misfit};
+use crate::dataset::tables::numbers::{self, ColumnMisfit};
 use crate::dataset::tables::parquet_file::{self, guarded};
 use crate::dataset::tables::parquet_pages;
 use crate::dataset::DatasetError;
@@ -110,7 +110,7 @@ impl Columns<'_> {
 
     pub fn strings(&self, name: &str) -> Result<Vec<String>, DatasetError> {
         let column = self.column(name)?;
-        let expected = || self.misfit(name, "strings", Misfit::Type);
+        let expected = || self.misfit(name, "strings", ColumnMisfit::Type);
         match column.data_type() {
             DataType::Utf8 => Ok(column
                 .as_string::<i32>()
@@ -137,7 +137,7 @@ impl Columns<'_> {
             // LeRobot stores a vector of one value as the value.
             return match numbers::floats(column) {
                 Ok(values) if dim == 1 => Ok(values.into_owned()),
-                _ => Err(self.misfit(name, expected, Misfit::Type)),
+                _ => Err(self.misfit(name, expected, ColumnMisfit::Type)),
             };
         };
         for row in 0..lists.len() {
@@ -174,10 +174,10 @@ impl Columns<'_> {
         Ok(column)
     }
 
-    fn misfit(&self, name: &str, expected: &str, misfit: Misfit) -> DatasetError {
+    fn misfit(&self, name: &str, expected: &str, misfit: ColumnMisfit) -> DatasetError {
         let found = match misfit {
-            Misfit::Value(value) => value,
-            Misfit::Type => self
+            ColumnMisfit::Value(value) => value,
+            ColumnMisfit::Type => self
                 .batch
                 .column_by_name(name)
                 .map_or("nothing".into(), |c| c.data_type().to_string()),

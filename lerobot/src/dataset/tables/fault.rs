@@ -5,14 +5,14 @@ use parquet::errors::ParquetError;
 
 /// Why a parquet file is not read.
 #[derive(Debug, PartialEq)]
-pub(super) enum Fault {
+pub(super) enum ParquetFault {
     /// It contradicts itself or the format.
     Damaged(String),
     /// It may be sound.
     NotSupported(String),
 }
 
-impl std::fmt::Display for Fault {
+impl std::fmt::Display for ParquetFault {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         match self {
             Self::Damaged(cause) => write!(f, "damaged parquet file: {cause}"),
@@ -24,7 +24,7 @@ impl std::fmt::Display for Fault {
     }
 }
 
-impl Fault {
+impl ParquetFault {
     /// The same about a column.
     pub fn in_column(self, name: &str) -> Self {
         let within = |cause: String| format!("column {name}: {cause}");
@@ -35,25 +35,25 @@ impl Fault {
     }
 }
 
-impl From<String> for Fault {
+impl From<String> for ParquetFault {
     fn from(cause: String) -> Self {
         Self::Damaged(cause)
     }
 }
 
-impl From<&str> for Fault {
+impl From<&str> for ParquetFault {
     fn from(cause: &str) -> Self {
         Self::Damaged(cause.into())
     }
 }
 
-impl From<std::io::Error> for Fault {
+impl From<std::io::Error> for ParquetFault {
     fn from(error: std::io::Error) -> Self {
         Self::Damaged(error.to_string())
     }
 }
 
-impl From<ParquetError> for Fault {
+impl From<ParquetError> for ParquetFault {
     fn from(error: ParquetError) -> Self {
         match error {
             ParquetError::NYI(cause) => Self::NotSupported(cause),
@@ -62,7 +62,7 @@ impl From<ParquetError> for Fault {
     }
 }
 
-impl From<arrow_schema::ArrowError> for Fault {
+impl From<arrow_schema::ArrowError> for ParquetFault {
     fn from(error: arrow_schema::ArrowError) -> Self {
         Self::Damaged(error.to_string())
     }

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use crate::dataset::metadata::info::Format;
+use crate::dataset::metadata::info::FormatVersion;
 use crate::dataset::metadata::info::{ACTION, STATE};
 use crate::dataset::tables::columns::{self, Columns};
 use crate::dataset::tables::parquet_files::parquet_files;
@@ -22,12 +22,12 @@ pub(crate) struct Motion {
     actions: Vec<f32>,
     timestamps: Vec<f32>,
     tasks: Vec<u32>,
-    stretches: Vec<Stretch>,
+    stretches: Vec<FrameStretch>,
 }
 
 /// Consecutive frames in consecutive rows of a file.
 #[derive(Debug)]
-struct Stretch {
+struct FrameStretch {
     first: usize,
     path: PathBuf,
     row: usize,
@@ -92,7 +92,7 @@ impl Motion {
         batch: &Columns,
         has_frame: bool,
     ) -> Result<(), DatasetError> {
-        let rows = Rows::of(batch, self.state_dim, self.action_dim, has_frame)?;
+        let rows = MotionRows::of(batch, self.state_dim, self.action_dim, has_frame)?;
         for i in 0..batch.rows() {
             let row = file.rows;
             file.rows += 1;
@@ -139,7 +139,7 @@ impl Motion {
     }
 
     /// Whether row `i` says of `frame` what was read before.
-    fn holds(&self, episodes: &[Episode], frame: usize, rows: &Rows, i: usize) -> bool {
+    fn holds(&self, episodes: &[Episode], frame: usize, rows: &MotionRows, i: usize) -> bool {
         let at = episodes.partition_point(|e| e.frames.end <= frame);
         let is_of = |e: &Episode| {
             let number = (frame - e.frames.start) as i64;
@@ -209,7 +209,7 @@ fn data_files(
     info: &Info,
     episodes: &[Episode],
 ) -> Result<Vec<PathBuf>, DatasetError> {
-    if info.format == Format::V30 {
+    if info.format == FormatVersion::V30 {
         let files = parquet_files(&root.join("data"))?;
         if files.is_empty() {
             missing_file(episodes, 0)?;
@@ -231,10 +231,10 @@ fn missing_file(episodes: &[Episode], due: usize) -> Result<(), DatasetError> {
 }
 
 /// Notes where a frame is, which comes after all that are noted.
-fn note_row(stretches: &mut Vec<Stretch>, frame: usize, path: &Path, row: usize) {
-    let goes_on = |s: &Stretch| s.path == path && s.row + (frame - s.first) == row;
+fn note_row(stretches: &mut Vec<FrameStretch>, frame: usize, path: &Path, row: usize) {
+    let goes_on = |s: &FrameStretch| s.path == path && s.row + (frame - s.first) == row;
     if !stretches.last().is_some_and(goes_on) {
-        stretches.push(Stretch {
+        stretches.push(FrameStretch {
             first: frame,
             path: path.into(),
             row,
@@ -255,7 +255,7 @@ const COLUMNS: [&str; 6] = [
 ];
 
 /// The columns of some rows.
-struct Rows<'a> {
+struct MotionRows<'a> {
     index: Cow<'a, [i64]>,
     episode: Cow<'a, [i64]>,
     frame: Option<Cow<'a, [i64]>>,
@@ -267,7 +267,7 @@ struct Rows<'a> {
     actions: Vec<f32>,
 }
 
-impl<'a> Rows<'a> {
+impl<'a> MotionRows<'a> {
     fn of(
         batch: &'a Columns,
         state_dim: usize,
@@ -314,7 +314,13 @@ struct DataFile<'a> {
 
 impl DataFile<'_> {
     /// Checks that row `i` of `rows`, row `row` of the file, is frame `due` of the recording; gives its task.
-    fn check(&self, due: usize, row: usize, rows: &Rows, i: usize) -> Result<u32, DatasetError> {
+    fn check(
+        &self,
+        due: usize,
+        row: usize,
+        rows: &MotionRows,
+        i: usize,
+    ) -> Result<u32, DatasetError> {
         let wrong = |cause: String| {
             DatasetError::parquet(
                 self.path,

@@ -14,7 +14,7 @@ use arrow_schema::DataType;
 const EXACT: f64 = (1u64 << 53) as f64;
 
 /// Why a column does not hold the numbers asked for.
-pub(super) enum Misfit {
+pub(super) enum ColumnMisfit {
     /// It holds no numbers.
     Type,
     /// This number of it is not a whole one, or too large.
@@ -34,11 +34,11 @@ macro_rules! values {
 }
 
 /// Whole numbers. Floats are taken where they hold whole numbers, as pandas makes of a column that once had gaps.
-pub(super) fn ints(column: &dyn Array) -> Result<Cow<'_, [i64]>, Misfit> {
+pub(super) fn ints(column: &dyn Array) -> Result<Cow<'_, [i64]>, ColumnMisfit> {
     let whole = |value: f64| {
         let fits = value.fract() == 0.0 && value.abs() <= EXACT;
         fits.then_some(value as i64)
-            .ok_or_else(|| Misfit::Value(value.to_string()))
+            .ok_or_else(|| ColumnMisfit::Value(value.to_string()))
     };
     Ok(Cow::Owned(match column.data_type() {
         DataType::Int64 => {
@@ -53,7 +53,7 @@ pub(super) fn ints(column: &dyn Array) -> Result<Cow<'_, [i64]>, Misfit> {
         DataType::UInt16 => values!(column, UInt16Type, |&v| v.into()),
         DataType::UInt32 => values!(column, UInt32Type, |&v| v.into()),
         DataType::UInt64 => {
-            let int = |v: &u64| i64::try_from(*v).map_err(|_| Misfit::Value(v.to_string()));
+            let int = |v: &u64| i64::try_from(*v).map_err(|_| ColumnMisfit::Value(v.to_string()));
             let ints: Result<Vec<i64>, _> = values!(column, UInt64Type, int);
             ints?
         }
@@ -61,12 +61,12 @@ pub(super) fn ints(column: &dyn Array) -> Result<Cow<'_, [i64]>, Misfit> {
             .iter()
             .map(|&v| whole(v))
             .collect::<Result<_, _>>()?,
-        _ => return Err(Misfit::Type),
+        _ => return Err(ColumnMisfit::Type),
     }))
 }
 
 /// Numbers as float64.
-pub(super) fn doubles(column: &dyn Array) -> Result<Cow<'_, [f64]>, Misfit> {
+pub(super) fn doubles(column: &dyn Array) -> Result<Cow<'_, [f64]>, ColumnMisfit> {
     Ok(Cow::Owned(match column.data_type() {
         DataType::Float64 => {
             return Ok(Cow::Borrowed(
@@ -80,7 +80,7 @@ pub(super) fn doubles(column: &dyn Array) -> Result<Cow<'_, [f64]>, Misfit> {
 }
 
 /// Numbers as float32. LeRobot rounds float64 so, too.
-pub(super) fn floats(column: &dyn Array) -> Result<Cow<'_, [f32]>, Misfit> {
+pub(super) fn floats(column: &dyn Array) -> Result<Cow<'_, [f32]>, ColumnMisfit> {
     Ok(match column.data_type() {
         DataType::Float32 => Cow::Borrowed(&column.as_primitive::<Float32Type>().values()[..]),
         _ => Cow::Owned(doubles(column)?.iter().map(|&v| v as f32).collect()),

@@ -7,7 +7,7 @@ use std::io::{BufReader, Read};
 
 use parquet::basic::Compression;
 
-use crate::dataset::tables::fault::Fault;
+use crate::dataset::tables::fault::ParquetFault;
 
 /// Size of the pieces that are counted and thrown away.
 const PIECE: usize = 16 << 10;
@@ -20,7 +20,7 @@ const LZ4_FRAMES: [[u8; 4]; 2] = [[0x04, 0x22, 0x4d, 0x18], [0x02, 0x21, 0x4c, 0
 ///
 /// # Errors
 /// It does, or it cannot be decompressed.
-pub(super) fn check(codec: Compression, page: impl Read, claimed: u64) -> Result<(), Fault> {
+pub(super) fn check(codec: Compression, page: impl Read, claimed: u64) -> Result<(), ParquetFault> {
     let mut page = BufReader::with_capacity(PIECE, page);
     match codec {
         Compression::GZIP(_) => count(flate2::read::MultiGzDecoder::new(page), claimed),
@@ -29,7 +29,7 @@ pub(super) fn check(codec: Compression, page: impl Read, claimed: u64) -> Result
             page.read_exact(&mut first)?;
             if first[0] & 0x7f == BROTLI_LARGE_WINDOW {
                 let cause = "Brotli with a window beyond 16 MiB";
-                return Err(Fault::NotSupported(cause.into()));
+                return Err(ParquetFault::NotSupported(cause.into()));
             }
             let all = first.chain(page);
             count(brotli::Decompressor::new(all, PIECE), claimed)
@@ -38,7 +38,9 @@ pub(super) fn check(codec: Compression, page: impl Read, claimed: u64) -> Result
             let mut first = Vec::new();
             page.take(4).read_to_end(&mut first)?;
             match LZ4_FRAMES.iter().any(|magic| *magic == first[..]) {
-                true => Err(Fault::NotSupported("LZ4 frames in place of blocks".into())),
+                true => Err(ParquetFault::NotSupported(
+                    "LZ4 frames in place of blocks".into(),
+                )),
                 false => Ok(()),
             }
         }
@@ -46,7 +48,7 @@ pub(super) fn check(codec: Compression, page: impl Read, claimed: u64) -> Result
     }
 }
 
-fn count(mut content: impl Read, claimed: u64) -> Result<(), Fault> {
+fn count(mut content: impl Read, claimed: u64) -> Result<(), ParquetFault> {
     let mut piece = vec![0; PIECE];
     let mut found = 0u64;
     loop {
@@ -83,7 +85,7 @@ mod tests {
     #[test]
     fn what_becomes_more_than_it_claims_is_refused() {
         let more = |claimed: usize| {
-            Err(Fault::Damaged(format!(
+            Err(ParquetFault::Damaged(format!(
                 "a page claims {claimed} bytes and holds more"
             )))
         };
@@ -114,14 +116,20 @@ mod tests {
         let mut page = Vec::new();
         brotli::BrotliCompress(&mut &[7; 1000][..], &mut page, &params).unwrap();
         let found = check(Compression::BROTLI(Default::default()), &page[..], 1000);
-        assert!(matches!(found, Err(Fault::NotSupported(_))), "{found:?}");
+        assert!(
+            matches!(found, Err(ParquetFault::NotSupported(_))),
+            "{found:?}"
+        );
     }
 
     #[test]
     fn lz4_frames_are_refused() {
         for first in LZ4_FRAMES {
             let found = check(Compression::LZ4, &[&first[..], &[0; 9]].concat()[..], 9);
-            assert!(matches!(found, Err(Fault::NotSupported(_))), "{found:?}");
+            assert!(
+                matches!(found, Err(ParquetFault::NotSupported(_))),
+                "{found:?}"
+            );
         }
         assert_eq!(check(Compression::LZ4, &[0xf1, 0x1f, 2][..], 9), Ok(()));
         assert_eq!(check(Compression::LZ4, &[][..], 9), Ok(()));

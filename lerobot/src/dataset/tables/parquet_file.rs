@@ -10,7 +10,7 @@ use parquet::arrow::arrow_reader::{
 };
 use parquet::arrow::ProjectionMask;
 
-use crate::dataset::tables::fault::Fault;
+use crate::dataset::tables::fault::ParquetFault;
 use crate::dataset::DatasetError;
 
 /// Opens a parquet file. Types are those of the parquet format alone: what Arrow's writers add to them (views, dictionaries, lists of
@@ -18,7 +18,7 @@ use crate::dataset::DatasetError;
 pub(super) fn open(path: &Path) -> Result<(File, ArrowReaderMetadata), DatasetError> {
     let file = File::open(path).map_err(|e| DatasetError::io(path, e))?;
     if is_encrypted(&file) {
-        let fault = Fault::NotSupported("the file is encrypted".into());
+        let fault = ParquetFault::NotSupported("the file is encrypted".into());
         return Err(DatasetError::parquet(path, fault.to_string()));
     }
     let options = ArrowReaderOptions::new().with_skip_arrow_metadata(true);
@@ -66,14 +66,14 @@ fn is_encrypted(mut file: &File) -> bool {
 }
 
 /// Runs a step of the parquet crate, which panics on some damaged files instead of giving an error.
-pub(super) fn guarded<T, E: Into<Fault>>(
+pub(super) fn guarded<T, E: Into<ParquetFault>>(
     path: &Path,
     step: impl FnOnce() -> Result<T, E>,
 ) -> Result<T, DatasetError> {
     let fault = match catch_unwind(AssertUnwindSafe(step)) {
         Ok(Ok(value)) => return Ok(value),
         Ok(Err(e)) => e.into(),
-        Err(_) => Fault::Damaged("its pages contradict each other".into()),
+        Err(_) => ParquetFault::Damaged("its pages contradict each other".into()),
     };
     Err(DatasetError::parquet(path, fault.to_string()))
 }

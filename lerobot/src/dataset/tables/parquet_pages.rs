@@ -10,7 +10,7 @@ use parquet::arrow::ProjectionMask;
 use parquet::basic::{Compression, Type};
 use parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaData, RowGroupMetaData};
 
-use crate::dataset::tables::fault::Fault;
+use crate::dataset::tables::fault::ParquetFault;
 use crate::dataset::tables::page_codecs;
 use crate::dataset::tables::thrift::{Thrift, FALSE, I32, STRUCT, TRUE};
 
@@ -40,15 +40,15 @@ pub(super) fn check(
     metadata: &ParquetMetaData,
     mask: &ProjectionMask,
     per_row: usize,
-) -> Result<(), Fault> {
-    let mut pages = Pages::of(file)?;
+) -> Result<(), ParquetFault> {
+    let mut pages = PageWalk::of(file)?;
     let mut rows = 0u64;
     for group in metadata.row_groups() {
         rows = rows.saturating_add(row_count(group)?);
         if rows > pages.file_len.saturating_mul(ROWS_PER_BYTE) {
             return Err(format!("claims {rows} rows in {} bytes", pages.file_len).into());
         }
-        pages.check_group(group, mask, per_row, Content::Values)?;
+        pages.check_group(group, mask, per_row, ColumnContent::Values)?;
     }
     Ok(())
 }
@@ -61,17 +61,17 @@ pub(super) fn check_pictures(
     file: &File,
     group: &RowGroupMetaData,
     mask: &ProjectionMask,
-) -> Result<(), Fault> {
-    Pages::of(file)?.check_group(group, mask, 1, Content::Pictures)
+) -> Result<(), ParquetFault> {
+    PageWalk::of(file)?.check_group(group, mask, 1, ColumnContent::Pictures)
 }
 
-fn row_count(group: &RowGroupMetaData) -> Result<u64, Fault> {
+fn row_count(group: &RowGroupMetaData) -> Result<u64, ParquetFault> {
     u64::try_from(group.num_rows()).map_err(|_| "a negative number of rows".into())
 }
 
 /// What bytes in a column are.
 #[derive(Clone, Copy, PartialEq)]
-enum Content {
+enum ColumnContent {
     /// Numbers and strings: rows are decoded many at once.
     Values,
     /// Pictures: rows are decoded one by one.
@@ -79,13 +79,13 @@ enum Content {
 }
 
 /// A file whose pages are walked.
-struct Pages<'a> {
+struct PageWalk<'a> {
     reader: BufReader<&'a File>,
     file_len: u64,
 }
 
-impl<'a> Pages<'a> {
-    fn of(file: &'a File) -> Result<Self, Fault> {
+impl<'a> PageWalk<'a> {
+    fn of(file: &'a File) -> Result<Self, ParquetFault> {
         Ok(Self {
             file_len: file.metadata()?.len(),
             reader: BufReader::new(file),
@@ -97,8 +97,8 @@ impl<'a> Pages<'a> {
         group: &RowGroupMetaData,
         mask: &ProjectionMask,
         per_row: usize,
-        content: Content,
-    ) -> Result<(), Fault> {
+        content: ColumnContent,
+    ) -> Result<(), ParquetFault> {
         let most = row_count(group)?.saturating_mul(per_row as u64);
         for (leaf, chunk) in group.columns().iter().enumerate() {
             if mask.leaf_included(leaf) {
@@ -116,10 +116,10 @@ fn check_chunk(
     file_len: u64,
     chunk: &ColumnChunkMetaData,
     most: u64,
-    content: Content,
-) -> Result<(), Fault> {
+    content: ColumnContent,
+) -> Result<(), ParquetFault> {
     if chunk.compression() == Compression::LZO {
-        return Err(Fault::NotSupported("LZO compression".into()));
+        return Err(ParquetFault::NotSupported("LZO compression".into()));
     }
     let start = chunk
         .dictionary_page_offset()
@@ -143,17 +143,17 @@ fn check_chunk(
         let page = PageHeader::read(&mut fields).ok_or("a page header that makes no sense")?;
         let header_len = fields.read;
         let max_page = match (chunk.column_type(), content) {
-            (_, Content::Pictures) => {
+            (_, ColumnContent::Pictures) => {
                 let compressed = page.compressed.min(end - at);
                 MAX_PAGE.max(compressed.saturating_mul(PICTURES_PER_BYTE))
             }
-            (Type::BYTE_ARRAY, Content::Values) => MAX_TEXT_PAGE,
-            (_, Content::Values) => {
+            (Type::BYTE_ARRAY, ColumnContent::Values) => MAX_TEXT_PAGE,
+            (_, ColumnContent::Values) => {
                 MAX_PAGE.max(MAX_LARGE_PAGE.min(file_len.saturating_mul(PAGE_PER_BYTE)))
             }
         };
         if page.uncompressed > max_page {
-            return Err(Fault::NotSupported(format!(
+            return Err(ParquetFault::NotSupported(format!(
                 "a page claims {} bytes, at most {max_page} are read of a page or file of this size",
                 page.uncompressed
             )));
@@ -163,9 +163,9 @@ fn check_chunk(
             return Err(format!("pages claim {values} values, its rows hold {most}").into());
         }
         // Each value of this encoding may repeat the one before, and passing over many large ones would take hours.
-        if content == Content::Pictures && page.encoding == Some(DELTA_BYTE_ARRAY) {
+        if content == ColumnContent::Pictures && page.encoding == Some(DELTA_BYTE_ARRAY) {
             let cause = "the encoding DELTA_BYTE_ARRAY for pictures";
-            return Err(Fault::NotSupported(cause.into()));
+            return Err(ParquetFault::NotSupported(cause.into()));
         }
         let start = at.saturating_add(header_len);
         at = start.saturating_add(page.compressed);

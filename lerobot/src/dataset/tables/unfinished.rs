@@ -24,12 +24,12 @@ const MAX_CHUNKS: usize = 1_000_000;
 pub(crate) struct RowGroup {
     pub rows: u64,
     /// One for each leaf column, in the schema's order.
-    pub chunks: Vec<Chunk>,
+    pub chunks: Vec<ColumnChunk>,
 }
 
 /// Where the values of one column of a row group lie.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(crate) struct Chunk {
+pub(crate) struct ColumnChunk {
     /// The dictionary's page; LeRobot's writer leaves it out for truth values alone.
     pub dictionary: Option<u64>,
     /// The first page of data.
@@ -49,7 +49,7 @@ pub(crate) fn row_groups(
     file: impl Read + Seek,
     per_row: &[u64],
 ) -> std::io::Result<Vec<RowGroup>> {
-    let mut pages = Pages::new(file)?;
+    let mut pages = PageReader::new(file)?;
     let mut groups = Vec::new();
     while (groups.len() + 1) * per_row.len() <= MAX_CHUNKS {
         let Some(group) = pages.row_group(per_row)? else {
@@ -92,13 +92,13 @@ pub(crate) fn footer(
 }
 
 /// The pages of a file, one after another.
-struct Pages<F> {
+struct PageReader<F> {
     file: BufReader<F>,
     len: u64,
     at: u64,
 }
 
-impl<F: Read + Seek> Pages<F> {
+impl<F: Read + Seek> PageReader<F> {
     fn new(file: F) -> std::io::Result<Self> {
         let mut file = BufReader::new(file);
         let len = file.seek(SeekFrom::End(0))?;
@@ -134,8 +134,8 @@ impl<F: Read + Seek> Pages<F> {
 
     /// The next column chunk: a dictionary and pages of data, up to `expected` values or, where their number is not known yet, up to
     /// the next dictionary.
-    fn chunk(&mut self, expected: Option<u64>) -> std::io::Result<Option<Chunk>> {
-        let mut chunk = Chunk::default();
+    fn chunk(&mut self, expected: Option<u64>) -> std::io::Result<Option<ColumnChunk>> {
+        let mut chunk = ColumnChunk::default();
         let start = self.at;
         while expected.is_none_or(|expected| chunk.values < expected) {
             let Some(page) = self.page()? else {
@@ -164,7 +164,7 @@ impl<F: Read + Seek> Pages<F> {
     }
 
     /// The page that begins here, `None` where there is no whole one.
-    fn page(&mut self) -> std::io::Result<Option<Page>> {
+    fn page(&mut self) -> std::io::Result<Option<ParquetPage>> {
         let left = self.len.saturating_sub(self.at);
         if left == 0 {
             return Ok(None);
@@ -174,7 +174,7 @@ impl<F: Read + Seek> Pages<F> {
             bytes: self.file.by_ref().take(left),
             read: 0,
         };
-        let page = Page::read(&mut header);
+        let page = ParquetPage::read(&mut header);
         Ok(page.filter(|page| page.len <= left))
     }
 }
@@ -186,7 +186,7 @@ enum PageKind {
 }
 
 #[derive(Debug, Clone, Copy)]
-struct Page {
+struct ParquetPage {
     kind: PageKind,
     /// Bytes with the header.
     len: u64,
@@ -196,7 +196,7 @@ struct Page {
     values: u64,
 }
 
-impl Page {
+impl ParquetPage {
     fn read(header: &mut Thrift<impl Read>) -> Option<Self> {
         let (mut kind, mut uncompressed, mut compressed, mut values) = (None, None, None, 0);
         let mut last = 0;

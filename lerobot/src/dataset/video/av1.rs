@@ -3,7 +3,7 @@
 use re_rav1d::dav1d::pixel::MatrixCoefficients;
 use re_rav1d::dav1d::{Decoder, Picture, PixelLayout, PlanarImageComponent, Settings};
 
-use crate::dataset::video::color::{rgb_from_yuv, Colors, Matrix, Sampling, Yuv, YuvFormat};
+use crate::dataset::video::color::{rgb_from_yuv, ColorMatrix, Colors, Sampling, Yuv, YuvFormat};
 
 /// Decodes one frame after another; after an error it has to be replaced by a new one.
 pub(crate) struct Av1 {
@@ -39,7 +39,7 @@ impl Av1 {
     }
 
     /// Feeds one encoded frame (an AV1 temporal unit) and takes the one picture that it holds.
-    pub fn decode(&mut self, encoded: Vec<u8>) -> Result<Decoded, String> {
+    pub fn decode(&mut self, encoded: Vec<u8>) -> Result<DecodedPicture, String> {
         if let Err(e) = self.decoder.send_data(encoded, None, None, None) {
             return Err(if e.is_again() {
                 "holds more than one frame".into()
@@ -54,7 +54,7 @@ impl Av1 {
             }
             Err(e) => return Err(format!("does not decode, as in a damaged file: {e}")),
         };
-        Ok(Decoded {
+        Ok(DecodedPicture {
             picture,
             height: self.height,
             width: self.width,
@@ -63,13 +63,13 @@ impl Av1 {
 }
 
 /// A picture not yet converted; frames that only serve others as reference need not be.
-pub(crate) struct Decoded {
+pub(crate) struct DecodedPicture {
     picture: Picture,
     height: usize,
     width: usize,
 }
 
-impl Decoded {
+impl DecodedPicture {
     /// RGB, `[3, height, width]`.
     pub fn to_rgb(&self) -> Result<Vec<u8>, String> {
         let p = &self.picture;
@@ -95,9 +95,9 @@ impl Decoded {
         let matrix = match p.matrix_coefficients() {
             MatrixCoefficients::Unspecified
             | MatrixCoefficients::BT470BG
-            | MatrixCoefficients::ST170M => Matrix::Bt601,
-            MatrixCoefficients::BT709 => Matrix::Bt709,
-            MatrixCoefficients::BT2020NonConstantLuminance => Matrix::Bt2020,
+            | MatrixCoefficients::ST170M => ColorMatrix::Bt601,
+            MatrixCoefficients::BT709 => ColorMatrix::Bt709,
+            MatrixCoefficients::BT2020NonConstantLuminance => ColorMatrix::Bt2020,
             other => {
                 return Err(format!(
                     "has colours of {other:?} matrix; BT.601, BT.709 and BT.2020 are read; re-encode the video"

@@ -8,12 +8,12 @@ use crate::dataset::video::h264::sps as h264_sps;
 use crate::dataset::video::h264::units as h264;
 use crate::dataset::video::hevc::sps as hevc_sps;
 use crate::dataset::video::hevc::units as hevc;
-use crate::dataset::video::kind::Kind;
+use crate::dataset::video::kind::PictureKind;
 use crate::dataset::video::mp4::sample::{ContainerColors, Mp4Codec};
 use crate::dataset::video::nal::{self, Units};
-use crate::dataset::video::picture_order::{PictureOrder, Place};
+use crate::dataset::video::picture_order::{PictureOrder, PicturePosition};
 use crate::dataset::video::restart;
-use crate::dataset::video::source::Source;
+use crate::dataset::video::source::VideoSource;
 use crate::dataset::DatasetError;
 
 /// Starting FFmpeg takes as long as decoding about so many small pictures.
@@ -21,20 +21,20 @@ const WORTH_A_START: usize = 60;
 
 /// A decoder for one file.
 pub(super) struct ByFfmpeg {
-    kind: Kind,
+    kind: PictureKind,
     player: Option<(Player, PictureOrder)>,
 }
 
 impl ByFfmpeg {
     /// A decoder of pictures of this kind, which has seen none yet.
-    pub fn new(kind: Kind) -> Self {
+    pub fn new(kind: PictureKind) -> Self {
         Self { kind, player: None }
     }
 
     /// RGB of sample `sample`, which is number `number` in order of presentation, before it is turned.
     pub fn rgb(
         &mut self,
-        source: &mut Source,
+        source: &mut VideoSource,
         number: usize,
         sample: usize,
     ) -> Result<Vec<u8>, DatasetError> {
@@ -59,7 +59,7 @@ impl ByFfmpeg {
     /// FFmpeg on the last key frame from which `sample` can be decoded.
     fn start(
         &self,
-        source: &mut Source,
+        source: &mut VideoSource,
         number: usize,
         sample: usize,
     ) -> Result<(Player, PictureOrder), DatasetError> {
@@ -79,11 +79,11 @@ impl ByFfmpeg {
     /// the stream.
     fn stream(
         &self,
-        source: &mut Source,
+        source: &mut VideoSource,
         at: usize,
         sets: bool,
         order: &mut PictureOrder,
-    ) -> Result<(Vec<u8>, Option<Place>), String> {
+    ) -> Result<(Vec<u8>, Option<PicturePosition>), String> {
         let sample = source.sample(at).map_err(|e| e.to_string())?;
         let track = &source.track;
         let (height, width) = (track.height, track.width);
@@ -133,7 +133,7 @@ fn checked_h264(
     height: usize,
     width: usize,
     colors: ContainerColors,
-    kind: Kind,
+    kind: PictureKind,
 ) -> Result<Cow<'_, [u8]>, String> {
     if h264::is_sequence_parameters(unit) {
         h264_sps::kind(unit, height, width, colors)?.same_as(kind)?;

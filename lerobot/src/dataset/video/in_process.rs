@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use crate::dataset::video::av1::Av1;
 use crate::dataset::video::h264::decoder::H264;
-use crate::dataset::video::kind::Kind;
+use crate::dataset::video::kind::PictureKind;
 use crate::dataset::video::mp4::sample::{Mp4Codec, Mp4Sample};
 use crate::dataset::video::restart;
-use crate::dataset::video::source::Source;
+use crate::dataset::video::source::VideoSource;
 use crate::dataset::DatasetError;
 
 /// Most pictures that may have to be decoded before an earlier one is shown; H.264 allows no more.
@@ -16,7 +16,7 @@ const MAX_AHEAD: usize = 16;
 /// A decoder for one file.
 pub(super) struct InProcess {
     /// Of H.264.
-    kind: Option<Kind>,
+    kind: Option<PictureKind>,
     playing: Option<Playing>,
 }
 
@@ -36,7 +36,7 @@ enum FrameDecoder {
 
 impl InProcess {
     /// A decoder of pictures of this kind, which has seen none yet.
-    pub fn new(kind: Option<Kind>) -> Self {
+    pub fn new(kind: Option<PictureKind>) -> Self {
         Self {
             kind,
             playing: None,
@@ -46,7 +46,7 @@ impl InProcess {
     /// RGB of sample `sample`, which is number `number` in order of presentation, before it is turned.
     pub fn rgb(
         &mut self,
-        source: &mut Source,
+        source: &mut VideoSource,
         number: usize,
         sample: usize,
     ) -> Result<Vec<u8>, DatasetError> {
@@ -102,7 +102,7 @@ impl InProcess {
         Ok(rgb)
     }
 
-    fn decoder(&self, source: &Source) -> Result<FrameDecoder, DatasetError> {
+    fn decoder(&self, source: &VideoSource) -> Result<FrameDecoder, DatasetError> {
         let track = &source.track;
         let (height, width) = (track.height, track.width);
         match (&track.codec, self.kind) {

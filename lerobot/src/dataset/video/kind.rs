@@ -1,16 +1,16 @@
 //! What the parameter sets of H.264 and HEVC declare of the pictures, checked before a decoder allocates for them.
 
-use super::color::{Colors, Matrix, Sampling, YuvFormat};
+use super::color::{ColorMatrix, Colors, Sampling, YuvFormat};
 
 /// Pictures that are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Kind {
+pub(crate) struct PictureKind {
     pub format: YuvFormat,
     /// Whether OpenH264 decodes them; FFmpeg does otherwise.
     pub openh264: bool,
 }
 
-impl Kind {
+impl PictureKind {
     /// Checks that a later parameter set declares pictures of the same kind.
     pub fn same_as(self, first: Self) -> Result<(), String> {
         match self == first {
@@ -72,7 +72,7 @@ impl Declared {
 
 /// The colours of this matrix by its number in ITU-T H.273.
 pub(crate) fn colors(matrix: u32, full_range: bool) -> Result<Colors, String> {
-    match Matrix::of_code(matrix) {
+    match ColorMatrix::of_code(matrix) {
         Some(matrix) => Ok(Colors { matrix, full_range }),
         None => Err(format!(
             "has colours of matrix {matrix}; BT.601 (5, 6, or 2 for unspecified), BT.709 (1) and BT.2020 (9) are read; re-encode the video"

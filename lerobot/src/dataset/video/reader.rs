@@ -5,12 +5,12 @@ use std::path::Path;
 use crate::dataset::video::by_ffmpeg::ByFfmpeg;
 use crate::dataset::video::in_process::InProcess;
 use crate::dataset::video::mp4::sample::Mp4Codec;
-use crate::dataset::video::source::Source;
+use crate::dataset::video::source::VideoSource;
 use crate::dataset::DatasetError;
 
 /// An open video; holds its index (about 36 bytes a frame) and one decoder, not its content.
 pub struct VideoReader {
-    source: Source,
+    source: VideoSource,
     /// Chosen when the first frame is asked for.
     decoding: Option<Decoding>,
 }
@@ -27,7 +27,7 @@ impl VideoReader {
     /// Missing, cut off, not an mp4, not AV1, H.264 or HEVC, or of another size; the path and what is wrong.
     pub fn open(path: &Path, height: usize, width: usize) -> Result<Self, DatasetError> {
         Ok(Self {
-            source: Source::open(path, height, width)?,
+            source: VideoSource::open(path, height, width)?,
             decoding: None,
         })
     }

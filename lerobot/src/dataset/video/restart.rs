@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use crate::dataset::video::h264::units::starts_anew;
 use crate::dataset::video::hevc::units::{dependence, Dependence};
 use crate::dataset::video::mp4::sample::Mp4Codec;
-use crate::dataset::video::source::Source;
+use crate::dataset::video::source::VideoSource;
 use crate::dataset::DatasetError;
 
 /// A key frame, and the samples after it that do not decode from there.
@@ -15,7 +15,7 @@ pub(super) struct Restart {
 }
 
 /// The last key frame from which `sample` can be decoded, where the file has one.
-pub(super) fn before(source: &mut Source, sample: usize) -> Result<Restart, DatasetError> {
+pub(super) fn before(source: &mut VideoSource, sample: usize) -> Result<Restart, DatasetError> {
     let mut key = source.key_before(sample);
     let mut skipped = BTreeSet::new();
     match source.track.codec.clone() {

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use crate::dataset::video::kind::Kind;
+use crate::dataset::video::kind::PictureKind;
 use crate::dataset::video::mp4::nal_config::NalConfig;
 use crate::dataset::video::mp4::sample::Mp4Codec;
 use crate::dataset::video::mp4::track::Mp4Track;
@@ -12,13 +12,13 @@ use crate::dataset::video::nal::Units;
 use crate::dataset::video::{h264, hevc};
 use crate::dataset::DatasetError;
 
-pub(super) struct Source {
+pub(super) struct VideoSource {
     pub path: PathBuf,
     file: File,
     pub track: Mp4Track,
 }
 
-impl Source {
+impl VideoSource {
     /// Opens an mp4 whose pictures are `height x width` when they are shown.
     pub fn open(path: &Path, height: usize, width: usize) -> Result<Self, DatasetError> {
         let mut file = File::open(path).map_err(|e| DatasetError::io(path, e))?;
@@ -62,7 +62,7 @@ impl Source {
     }
 
     /// What the first parameter set declares; AV1 has none.
-    pub fn kind(&mut self) -> Result<Option<Kind>, DatasetError> {
+    pub fn kind(&mut self) -> Result<Option<PictureKind>, DatasetError> {
         let (height, width) = (self.track.height, self.track.width);
         let (config, is_set): (NalConfig, fn(&[u8]) -> bool) = match &self.track.codec {
             Mp4Codec::Av1 => return Ok(None),

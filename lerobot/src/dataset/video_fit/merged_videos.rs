@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::dataset::metadata::episode::{Episode, VideoSpan};
 use crate::dataset::metadata::info::Camera;
-use crate::dataset::metadata::paths::Place;
+use crate::dataset::metadata::paths::RecordingFile;
 use crate::dataset::video_fit::picture_times::PictureTimes;
 use crate::dataset::{DatasetError, Info, Repair};
 
@@ -46,7 +46,7 @@ pub(crate) fn repair(
             }
             (
                 None,
-                Fault::Shared {
+                MetadataFault::Shared {
                     path,
                     first,
                     second,
@@ -60,14 +60,14 @@ pub(crate) fn repair(
                 })
             }
             // Some pictures are not there: their episodes are found one by one.
-            (None, Fault::BeyondTheEnd) => {}
+            (None, MetadataFault::BeyondTheEnd) => {}
         }
     }
     Ok(())
 }
 
 /// What shows that the metadata of a camera is wrong.
-enum Fault {
+enum MetadataFault {
     /// Two episodes have the same pictures.
     Shared {
         path: PathBuf,
@@ -78,7 +78,7 @@ enum Fault {
     BeyondTheEnd,
 }
 
-fn fault(info: &Info, episodes: &[Episode], camera: usize) -> Option<Fault> {
+fn fault(info: &Info, episodes: &[Episode], camera: usize) -> Option<MetadataFault> {
     let half = 0.5 / f64::from(info.fps);
     let mut by_file: BTreeMap<&Path, Vec<(f64, f64, usize)>> = BTreeMap::new();
     for (number, episode) in episodes.iter().enumerate() {
@@ -91,7 +91,7 @@ fn fault(info: &Info, episodes: &[Episode], camera: usize) -> Option<Fault> {
         stretches.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.2.cmp(&b.2)));
         let shared = |pair: &&[(f64, f64, usize)]| pair[1].0 < pair[0].1 - half;
         if let Some(pair) = stretches.windows(2).find(shared) {
-            return Some(Fault::Shared {
+            return Some(MetadataFault::Shared {
                 path: path.into(),
                 first: pair[0].2,
                 second: pair[1].2,
@@ -104,7 +104,7 @@ fn fault(info: &Info, episodes: &[Episode], camera: usize) -> Option<Fault> {
             times.between(from, to, info.fps) < pictures(from, to, info.fps)
         };
         if stretches.iter().any(ends) {
-            beyond = Some(Fault::BeyondTheEnd);
+            beyond = Some(MetadataFault::BeyondTheEnd);
         }
     }
     beyond
@@ -124,7 +124,7 @@ fn filled(
     number: usize,
 ) -> Option<Vec<VideoSpan>> {
     let open = |(chunk, file)| {
-        let path = info.video_file(root, camera, Place::Shared { chunk, file });
+        let path = info.video_file(root, camera, RecordingFile::Shared { chunk, file });
         let path = path.ok()?;
         let pictures = PictureTimes::read(&path)?.len();
         Some(((chunk, file), path, pictures))

@@ -6,7 +6,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use crate::dataset::metadata::episode::{Episode, VideoSpan};
-use crate::dataset::metadata::info::Format;
+use crate::dataset::metadata::info::FormatVersion;
 use crate::dataset::tables::motion::Motion;
 use crate::dataset::video_fit::picture_times::PictureTimes;
 use crate::dataset::{Info, Repair};
@@ -107,7 +107,7 @@ fn pictures<'a>(
                     pictures => match to {
                         Some(to) => times.between(from, to, info.fps),
                         // What is between two episodes need not be of the first.
-                        None if info.format == Format::V30 => pictures.min(rows),
+                        None if info.format == FormatVersion::V30 => pictures.min(rows),
                         None => pictures,
                     },
                 },

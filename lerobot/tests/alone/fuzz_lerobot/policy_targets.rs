@@ -8,7 +8,7 @@ use zk0_lerobot::layout::policy_layout;
 use zk0_lerobot::policy_folder::{LeRobotConfig, PolicyFolder};
 
 use zk0_lerobot::{PolicyConfig, StoredTensors};
-use zk0_tensors::{write_to, Entry};
+use zk0_tensors::{write_to, TensorEntry};
 use zk0_testkit::fuzzing::Target;
 use zk0_testkit::recordings::fixtures;
 
@@ -26,7 +26,7 @@ pub fn config() -> PolicyConfig {
 /// Reads the tensors of a file one by one.
 pub fn tensor_file() -> Target {
     let dir = tempfile::tempdir().unwrap();
-    let entry = |name: &str, shape: &[usize]| Entry {
+    let entry = |name: &str, shape: &[usize]| TensorEntry {
         name: name.into(),
         shape: shape.into(),
         values: vec![0.5; shape.iter().product()].into(),

@@ -6,7 +6,7 @@ use crate::entries::member::NodeEnrolled;
 use crate::entries::refusal::Refusal;
 use crate::entries::signed::{DatasetRegistration, KeyRotation, KeyTakeover, Leaving};
 use crate::rules::network_rules::EnrolmentRule;
-use crate::rules::state::{Dataset, Node, Standing, State};
+use crate::rules::state::{Node, RegisteredDataset, Standing, State};
 use crate::rules::violation::RuleViolation;
 use zk0_circuits::NodeId;
 
@@ -245,7 +245,7 @@ impl State {
         let episodes = episodes.iter().map(|episode| (episode.digest, node));
         self.episodes.extend(episodes);
         if let Some(node) = self.nodes.get_mut(&node) {
-            node.dataset = Some(Dataset {
+            node.dataset = Some(RegisteredDataset {
                 commitment: registration.dataset,
                 leaves: registration.leaves,
                 entry: index,

@@ -7,7 +7,9 @@ use crate::entries::signed::{Evidence, UpdateCommitment};
 use crate::rules::bindings::{already_submitted, drawn, in_time, same};
 use crate::rules::closing::credits::improvement_bps;
 use crate::rules::network_rules::Participation;
-use crate::rules::state::{Commit, Contribution, Dataset, Decision, OpenDispute, Round, State};
+use crate::rules::state::{
+    Commit, Contribution, Decision, OpenDispute, RegisteredDataset, Round, State,
+};
 use crate::rules::upper_bounds::MAX_COMMITS;
 use crate::rules::violation::RuleViolation;
 use std::collections::{BTreeMap, BTreeSet};
@@ -88,7 +90,7 @@ impl State {
         network: &Digest,
         round: u64,
         node: &NodeId,
-    ) -> Result<(&Round, Dataset), Refusal> {
+    ) -> Result<(&Round, RegisteredDataset), Refusal> {
         let node = *node;
         let round = self.check_addressed(network, round, &node)?;
         if round.commits.contains_key(&node) {

@@ -1,7 +1,7 @@
 //! SP1 on the CPU: the SDK's blocking prover. It is compiled once, within `sp1-sdk`. The asynchronous prover would be compiled again,
 //! for minutes, in every crate that awaits it.
 
-use super::interface::Engine;
+use super::interface::ProverEngine;
 use crate::machine::ProverOptions;
 use sp1_sdk::blocking::{CpuProver, ProveRequest, Prover};
 use sp1_sdk::{Elf, SP1ProofWithPublicValues, SP1ProvingKey, SP1Stdin};
@@ -19,7 +19,7 @@ impl Cpu {
     }
 }
 
-impl Engine for Cpu {
+impl ProverEngine for Cpu {
     fn setup(&self, elf: &'static [u8]) -> Result<SP1ProvingKey, String> {
         self.client
             .setup(Elf::Static(elf))

@@ -1,6 +1,6 @@
 //! SP1 on an NVIDIA GPU, within this process. Not yet run on a GPU.
 
-use super::interface::Engine;
+use super::interface::ProverEngine;
 use sp1_core_executor::SP1Context;
 use sp1_gpu_cudart::run_in_place;
 use sp1_gpu_prover::cuda_worker_builder;
@@ -44,7 +44,7 @@ impl Cuda {
     }
 }
 
-impl Engine for Cuda {
+impl ProverEngine for Cuda {
     fn setup(&self, elf: &'static [u8]) -> Result<SP1ProvingKey, String> {
         let key = self
             .runtime

@@ -3,7 +3,7 @@
 use sp1_sdk::{SP1ProofWithPublicValues, SP1ProvingKey, SP1Stdin};
 
 /// SP1, started on a device. Errors are what SP1 said.
-pub(crate) trait Engine: Send + Sync {
+pub(crate) trait ProverEngine: Send + Sync {
     /// Derives the keys of a program. Takes seconds.
     fn setup(&self, elf: &'static [u8]) -> Result<SP1ProvingKey, String>;
 

@@ -7,10 +7,10 @@ mod interface;
 
 use crate::machine::Device;
 
-pub(crate) use interface::Engine;
+pub(crate) use interface::ProverEngine;
 
 /// Starts SP1 on `device`. Takes minutes on few cores.
-pub(crate) fn start(device: Device) -> Result<Box<dyn Engine>, String> {
+pub(crate) fn start(device: Device) -> Result<Box<dyn ProverEngine>, String> {
     match device {
         Device::Cpu(options) => Ok(Box::new(cpu::Cpu::start(options))),
         #[cfg(feature = "cuda")]

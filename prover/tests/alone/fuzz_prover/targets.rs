@@ -3,7 +3,7 @@
 use prost::Message as _;
 use zk0_circuits::{EvalSpec, Mode};
 use zk0_prover::program::synthetic::{blind, private_input};
-use zk0_prover::program::{GuestInput, Prepared};
+use zk0_prover::program::{GuestInput, PreparedClaim};
 use zk0_prover::rpc::ProvePart;
 use zk0_prover::service::upload::{parts, Announced};
 use zk0_testkit::fuzzing::{Target, Targets};
@@ -51,7 +51,7 @@ fn without_parts(message: String) -> String {
 fn inputs() -> [GuestInput; 2] {
     Mode::ALL.map(|mode| {
         let input = private_input(&EvalSpec::micro(), mode, 2, 1).unwrap();
-        let prepared = Prepared::of(mode, &input, &blind(1), None, &mut |_| {});
+        let prepared = PreparedClaim::of(mode, &input, &blind(1), None, &mut |_| {});
         prepared.unwrap().input
     })
 }

@@ -4,7 +4,7 @@ use crate::frames::image_transforms::picture::Picture;
 
 /// Turns a picture around its centre, moves, scales and shears it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Affine {
+pub struct AffineTransform {
     /// Clockwise, in degrees.
     pub angle: f64,
     /// To the right and down, in pixels.
@@ -15,7 +15,7 @@ pub struct Affine {
     pub shear: [f64; 2],
 }
 
-impl Affine {
+impl AffineTransform {
     /// Where a pixel of the result comes from: the rows of a matrix for (x, y, 1), counted from the centre.
     fn inverse(&self) -> [[f64; 3]; 2] {
         let (angle, [shear_x, shear_y]) = (

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{json, Map, Value};
 
 use crate::error::{PolicyError, Result};
-use crate::frames::image_transforms::drawing::{Jitter, Range, Sampler};
+use crate::frames::image_transforms::drawing::{Jitter, Sampler, UniformRange};
 
 /// LeRobot's `ImageTransformsConfig`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -175,7 +175,7 @@ struct Kwargs(Map<String, Value>);
 
 impl Kwargs {
     /// A factor of which 1 changes nothing.
-    fn factor(&mut self, name: &str) -> std::result::Result<Option<Range>, String> {
+    fn factor(&mut self, name: &str) -> std::result::Result<Option<UniformRange>, String> {
         self.around(name, 1.0, [0.0, f64::INFINITY])
     }
 
@@ -185,7 +185,7 @@ impl Kwargs {
         name: &str,
         centre: f64,
         [least, most]: [f64; 2],
-    ) -> std::result::Result<Option<Range>, String> {
+    ) -> std::result::Result<Option<UniformRange>, String> {
         let range = match self.0.remove(name) {
             None | Some(Value::Null) => return Ok(None),
             Some(Value::Number(number)) => {
@@ -205,7 +205,7 @@ impl Kwargs {
                 "`{name}` is from {low} to {high}; it must rise within {least} to {most}"
             ));
         }
-        Ok(Some(Range { low, high }))
+        Ok(Some(UniformRange { low, high }))
     }
 
     /// Two shares, of the width and of the height.

@@ -4,20 +4,20 @@
 
 use rand_chacha::ChaCha20Rng;
 
-use crate::frames::image_transforms::affine::Affine;
+use crate::frames::image_transforms::affine::AffineTransform;
 use crate::frames::image_transforms::transform::Transform;
 use crate::policy::random::{index, uniform};
 
 /// Bounds of a parameter, which is uniform between them.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Range {
+pub struct UniformRange {
     /// The least value.
     pub low: f64,
     /// The greatest value.
     pub high: f64,
 }
 
-impl Range {
+impl UniformRange {
     fn draw(self, rng: &mut ChaCha20Rng) -> f64 {
         self.low + (self.high - self.low) * uniform(rng)
     }
@@ -31,26 +31,26 @@ pub enum Jitter {
     /// torchvision's `ColorJitter`.
     Color {
         /// Bounds of the factor.
-        brightness: Option<Range>,
+        brightness: Option<UniformRange>,
         /// Bounds of the factor.
-        contrast: Option<Range>,
+        contrast: Option<UniformRange>,
         /// Bounds of the factor.
-        saturation: Option<Range>,
+        saturation: Option<UniformRange>,
         /// Bounds of the share of a turn.
-        hue: Option<Range>,
+        hue: Option<UniformRange>,
     },
     /// LeRobot's `SharpnessJitter`.
-    Sharpness(Range),
+    Sharpness(UniformRange),
     /// torchvision's `RandomAffine`.
     Affine {
         /// Bounds of the angle.
-        degrees: Range,
+        degrees: UniformRange,
         /// The greatest shift to either side, as shares of the width and of the height.
         translate: Option<[f64; 2]>,
         /// Bounds of the scale.
-        scale: Option<Range>,
+        scale: Option<UniformRange>,
         /// Bounds of the shear along x and along y, in degrees.
-        shear: [Option<Range>; 2],
+        shear: [Option<UniformRange>; 2],
     },
 }
 
@@ -103,7 +103,7 @@ impl Jitter {
                 saturation,
                 hue,
             } => {
-                let mut parts: Vec<(Range, fn(f32) -> Transform)> = [
+                let mut parts: Vec<(UniformRange, fn(f32) -> Transform)> = [
                     (brightness, Transform::Brightness as fn(f32) -> Transform),
                     (contrast, Transform::Contrast),
                     (saturation, Transform::Saturation),
@@ -128,13 +128,15 @@ impl Jitter {
                 let angle = degrees.draw(rng);
                 let mut shift = |share: f64, length: usize| {
                     let high = share * length as f64;
-                    Range { low: -high, high }.draw(rng).round_ties_even()
+                    UniformRange { low: -high, high }
+                        .draw(rng)
+                        .round_ties_even()
                 };
                 let translate =
                     translate.map_or([0.0; 2], |[x, y]| [shift(x, width), shift(y, height)]);
                 let scale = scale.map_or(1.0, |range| range.draw(rng));
                 let shear = shear.map(|range| range.map_or(0.0, |range| range.draw(rng)));
-                to.push(Transform::Affine(Affine {
+                to.push(Transform::Affine(AffineTransform {
                     angle,
                     translate,
                     scale,

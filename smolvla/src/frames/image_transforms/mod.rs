@@ -15,7 +15,7 @@ pub mod picture;
 pub mod transform;
 pub mod variants;
 
-pub use affine::Affine;
+pub use affine::AffineTransform;
 pub use config::ImageTransformsConfig;
 pub use picture::Picture;
 pub use transform::Transform;

@@ -1,6 +1,6 @@
 //! One transform with its parameters.
 
-use crate::frames::image_transforms::affine::Affine;
+use crate::frames::image_transforms::affine::AffineTransform;
 use crate::frames::image_transforms::color;
 use crate::frames::image_transforms::picture::Picture;
 
@@ -18,7 +18,7 @@ pub enum Transform {
     /// `adjust_sharpness`: 1 changes nothing, 0 gives a blurred picture.
     Sharpness(f32),
     /// `affine`, with the nearest pixel and black beside the picture.
-    Affine(Affine),
+    Affine(AffineTransform),
 }
 
 impl Transform {

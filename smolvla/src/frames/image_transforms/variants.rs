@@ -11,7 +11,7 @@ use crate::error::{PolicyError, Result};
 use crate::frames::image_transforms::config::ImageTransformsConfig;
 use crate::frames::image_transforms::drawing::Sampler;
 use crate::frames::image_transforms::picture::Picture;
-use crate::frames::prefix_cache::key::{FrameRef, Key};
+use crate::frames::prefix_cache::key::{CacheKey, FrameRef};
 
 /// How many variants a frame may have.
 pub const COUNTS: RangeInclusive<usize> = 1..=1000;
@@ -64,7 +64,7 @@ impl Variants {
             hash.update(frame.key.0);
             hash.update((number as u64).to_le_bytes());
             FrameRef {
-                key: Key(hash.finalize().into()),
+                key: CacheKey(hash.finalize().into()),
                 transformed: true,
                 ..*frame
             }
@@ -74,7 +74,7 @@ impl Variants {
     }
 
     /// The pictures of a variant, each camera transformed by itself, as LeRobot does.
-    pub(crate) fn pictures(&self, variant: &Key, images: &[Image]) -> Vec<Picture> {
+    pub(crate) fn pictures(&self, variant: &CacheKey, images: &[Image]) -> Vec<Picture> {
         let mut rng = ChaCha20Rng::from_seed(variant.0);
         images
             .iter()

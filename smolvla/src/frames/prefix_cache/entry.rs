@@ -4,7 +4,7 @@
 
 use sha2::{Digest, Sha256};
 
-use crate::frames::prefix_cache::key::Key;
+use crate::frames::prefix_cache::key::CacheKey;
 use crate::frames::sample::{ObservedSample, PreparedSample};
 
 /// Begins every entry; names the format's version.
@@ -12,24 +12,24 @@ const MAGIC: &[u8; 8] = b"ZK0PFX01";
 const HEADER: usize = 8 + 32 + 8 + 32;
 
 /// A kind of sample that can be cached.
-pub trait Entry: Sized {
+pub trait CacheEntry: Sized {
     /// Its name in keys and entries.
     const KIND: &'static str;
 
     /// Writes all of it.
-    fn write(&self, out: &mut Writer);
+    fn write(&self, out: &mut EntryWriter);
 
     /// Reads what [`Self::write`] wrote.
     ///
     /// # Errors
     /// What is missing.
-    fn read(from: &mut Reader) -> Result<Self, String>;
+    fn read(from: &mut EntryReader) -> Result<Self, String>;
 }
 
-impl Entry for PreparedSample {
+impl CacheEntry for PreparedSample {
     const KIND: &'static str = "prepared";
 
-    fn write(&self, out: &mut Writer) {
+    fn write(&self, out: &mut EntryWriter) {
         out.number(self.prefix_tokens);
         for layers in [&self.keys, &self.values] {
             out.number(layers.len());
@@ -39,7 +39,7 @@ impl Entry for PreparedSample {
         out.flags(&self.is_pad);
     }
 
-    fn read(from: &mut Reader) -> Result<Self, String> {
+    fn read(from: &mut EntryReader) -> Result<Self, String> {
         let prefix_tokens = from.number()?;
         let mut layers = || -> Result<Vec<Vec<f32>>, String> {
             let count = from.number()?;
@@ -55,15 +55,15 @@ impl Entry for PreparedSample {
     }
 }
 
-impl Entry for ObservedSample {
+impl CacheEntry for ObservedSample {
     const KIND: &'static str = "observed";
 
-    fn write(&self, out: &mut Writer) {
+    fn write(&self, out: &mut EntryWriter) {
         self.observed.write(out);
         out.numbers(&self.state);
     }
 
-    fn read(from: &mut Reader) -> Result<Self, String> {
+    fn read(from: &mut EntryReader) -> Result<Self, String> {
         Ok(Self {
             observed: PreparedSample::read(from)?,
             state: from.numbers()?,
@@ -72,8 +72,8 @@ impl Entry for ObservedSample {
 }
 
 /// The bytes of an entry.
-pub fn encode<E: Entry>(key: &Key, sample: &E) -> Vec<u8> {
-    let mut out = Writer(vec![0; HEADER]);
+pub fn encode<E: CacheEntry>(key: &CacheKey, sample: &E) -> Vec<u8> {
+    let mut out = EntryWriter(vec![0; HEADER]);
     out.text(E::KIND);
     sample.write(&mut out);
     let mut bytes = out.0;
@@ -89,7 +89,7 @@ pub fn encode<E: Entry>(key: &Key, sample: &E) -> Vec<u8> {
 ///
 /// # Errors
 /// What is wrong with the entry.
-pub fn decode<E: Entry>(key: &Key, bytes: &[u8], checked: bool) -> Result<E, String> {
+pub fn decode<E: CacheEntry>(key: &CacheKey, bytes: &[u8], checked: bool) -> Result<E, String> {
     let Some((header, payload)) = bytes.split_at_checked(HEADER) else {
         return Err(format!("it has {} bytes, not even a header", bytes.len()));
     };
@@ -105,7 +105,7 @@ pub fn decode<E: Entry>(key: &Key, bytes: &[u8], checked: bool) -> Result<E, Str
     if !checked && header[48..] != Sha256::digest(payload)[..] {
         return Err("its checksum is wrong".into());
     }
-    let mut from = Reader(payload);
+    let mut from = EntryReader(payload);
     let kind = from.text()?;
     if kind != E::KIND {
         return Err(format!(
@@ -121,9 +121,9 @@ pub fn decode<E: Entry>(key: &Key, bytes: &[u8], checked: bool) -> Result<E, Str
 }
 
 /// Puts a sample's parts one after another.
-pub struct Writer(Vec<u8>);
+pub struct EntryWriter(Vec<u8>);
 
-impl Writer {
+impl EntryWriter {
     /// A count.
     pub fn number(&mut self, n: usize) {
         self.0.extend((n as u64).to_le_bytes());
@@ -151,9 +151,9 @@ impl Writer {
 }
 
 /// Takes them apart again; believes no length beyond what is there.
-pub struct Reader<'a>(&'a [u8]);
+pub struct EntryReader<'a>(&'a [u8]);
 
-impl<'a> Reader<'a> {
+impl<'a> EntryReader<'a> {
     fn take(&mut self, count: usize) -> Result<&'a [u8], String> {
         let (taken, rest) = self
             .0
@@ -223,7 +223,7 @@ mod tests {
         }
     }
 
-    const KEY: Key = Key([7; 32]);
+    const KEY: CacheKey = CacheKey([7; 32]);
 
     #[test]
     fn samples_come_back_bit_for_bit() {
@@ -240,7 +240,7 @@ mod tests {
         assert_eq!(back, observed);
         let error = decode::<PreparedSample>(&KEY, &bytes, false).unwrap_err();
         assert!(error.contains("kind `observed`"), "{error}");
-        let error = decode::<ObservedSample>(&Key([8; 32]), &bytes, false).unwrap_err();
+        let error = decode::<ObservedSample>(&CacheKey([8; 32]), &bytes, false).unwrap_err();
         assert!(error.contains("another frame"), "{error}");
     }
 

@@ -16,14 +16,14 @@ use crate::frames::prefix_cache::error::{at, CacheError};
 /// for what it was.
 #[derive(Default)]
 pub struct FileDigests {
-    known: BTreeMap<PathBuf, Known>,
+    known: BTreeMap<PathBuf, KnownFile>,
     /// Looked at by this process: not even asked for its size again.
     seen: HashMap<PathBuf, [u8; 32]>,
     changed: bool,
 }
 
 #[derive(Clone, PartialEq, Serialize, Deserialize)]
-struct Known {
+struct KnownFile {
     bytes: u64,
     /// Nanoseconds since 1970.
     changed: u128,
@@ -53,7 +53,7 @@ impl FileDigests {
         let real = fs::canonicalize(path).map_err(at(path))?;
         let metadata = fs::metadata(&real).map_err(at(path))?;
         let changed = metadata.modified().map_err(at(path))?;
-        let mut now = Known {
+        let mut now = KnownFile {
             bytes: metadata.len(),
             changed: changed
                 .duration_since(UNIX_EPOCH)

@@ -6,9 +6,9 @@ use sha2::{Digest, Sha256};
 
 /// Name of an entry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub struct Key(pub [u8; 32]);
+pub struct CacheKey(pub [u8; 32]);
 
-impl fmt::Display for Key {
+impl fmt::Display for CacheKey {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str(&hex::encode(self.0))
     }
@@ -22,14 +22,14 @@ pub struct FrameRef {
     /// Which of its frames.
     pub index: usize,
     /// The frame's name in the cache.
-    pub key: Key,
+    pub key: CacheKey,
     /// Whether it is a variant, with transformed pictures. Only [`Variants::frames`](crate::frames::image_transforms::Variants::frames)
     /// names such frames.
     pub transformed: bool,
 }
 
 /// A digest of many keys, in order: names the samples of a run.
-pub fn digest_of(keys: impl IntoIterator<Item = Key>) -> [u8; 32] {
+pub fn digest_of(keys: impl IntoIterator<Item = CacheKey>) -> [u8; 32] {
     let mut hash = Sha256::new();
     hash.update(b"zk0:samples:v1\0");
     for key in keys {

@@ -7,10 +7,10 @@ use zk0_lerobot::dataset::Dataset;
 use zk0_lerobot::tokenizer::Tokenizer;
 
 use crate::error::PolicyError;
-use crate::frames::prefix_cache::entry::Entry;
+use crate::frames::prefix_cache::entry::CacheEntry;
 use crate::frames::prefix_cache::error::CacheError;
 use crate::frames::prefix_cache::files::FileDigests;
-use crate::frames::prefix_cache::key::Key;
+use crate::frames::prefix_cache::key::CacheKey;
 use crate::frames::recording::{normalise, PrepareError};
 use crate::frames::sample::ObservedSample;
 use crate::policy::frozen::FrozenPlace;
@@ -25,7 +25,7 @@ pub struct KeySpace([u8; 32]);
 
 impl KeySpace {
     /// For samples of kind `E` made by the frozen half of `policy`, computed at `place`. Reads all its weights.
-    pub fn new<E: Entry>(policy: &Policy, place: &FrozenPlace) -> Self {
+    pub fn new<E: CacheEntry>(policy: &Policy, place: &FrozenPlace) -> Self {
         // An observed sample ends before the state.
         let all = E::KIND != ObservedSample::KIND;
         let matters = |name: &str| all || !name.starts_with("model.state_proj");
@@ -33,7 +33,7 @@ impl KeySpace {
         let digests: Vec<[u8; 32]> = tensors
             .par_iter()
             .map(|(name, tensor)| {
-                let mut hash = Fields::new("zk0:tensor:v1");
+                let mut hash = FieldHasher::new("zk0:tensor:v1");
                 hash.text(name);
                 hash.number(tensor.shape.len() as u64);
                 tensor.shape.iter().for_each(|dim| hash.number(*dim as u64));
@@ -41,7 +41,7 @@ impl KeySpace {
                 hash.finish()
             })
             .collect();
-        let mut hash = Fields::new("zk0:prefix-cache:v2");
+        let mut hash = FieldHasher::new("zk0:prefix-cache:v2");
         hash.number(PREPROCESSING);
         hash.text(E::KIND);
         hash.text(&place.name());
@@ -62,7 +62,7 @@ impl KeySpace {
         dataset: &Dataset,
         frames: &[usize],
         files: &mut FileDigests,
-    ) -> Result<Vec<Key>, CacheError> {
+    ) -> Result<Vec<CacheKey>, CacheError> {
         let dataset_error = |error| CacheError::Prepare(PrepareError::Dataset(error));
         let policy_error = |error: PolicyError| CacheError::Prepare(PrepareError::Policy(error));
         let mut loader = dataset.loader(config.chunk_size).map_err(dataset_error)?;
@@ -71,7 +71,7 @@ impl KeySpace {
         for index in frames {
             let mut frame = loader.motion(*index).map_err(dataset_error)?;
             normalise(dataset, &mut frame);
-            let mut hash = Fields::new("zk0:prefix-cache-frame:v1");
+            let mut hash = FieldHasher::new("zk0:prefix-cache-frame:v1");
             hash.bytes(&self.0);
             let videos = &dataset.episodes()[frame.episode].videos;
             hash.number(videos.len() as u64);
@@ -108,7 +108,7 @@ impl KeySpace {
             hash.number(frame.action_is_pad.len() as u64);
             let flags = frame.action_is_pad.iter();
             flags.for_each(|pad| hash.number(u64::from(*pad)));
-            keys.push(Key(hash.finish()));
+            keys.push(CacheKey(hash.finish()));
         }
         Ok(keys)
     }
@@ -121,9 +121,9 @@ fn described(config: &PolicyConfig) -> String {
 }
 
 /// A hash of fields, each with its length.
-struct Fields(Sha256);
+struct FieldHasher(Sha256);
 
-impl Fields {
+impl FieldHasher {
     fn new(tag: &str) -> Self {
         let mut fields = Self(Sha256::new());
         fields.text(tag);

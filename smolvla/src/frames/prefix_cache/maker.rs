@@ -9,7 +9,7 @@ use zk0_lerobot::dataset::{Dataset, Loader};
 use crate::error::{PolicyError, Result};
 use crate::frames::batch::missing;
 use crate::frames::image_transforms::variants::Variants;
-use crate::frames::making::Decoded;
+use crate::frames::making::DecodedFrame;
 use crate::frames::prefix_cache::key::FrameRef;
 use crate::frames::recording::PrepareError;
 use crate::frames::sample::{FromFrame, Preparer};
@@ -77,7 +77,7 @@ impl<'a> FrameMaker<'a> {
     ///
     /// # Errors
     /// The recording is at fault.
-    pub fn decode(&self, frame: &FrameRef) -> std::result::Result<Decoded, PrepareError> {
+    pub fn decode(&self, frame: &FrameRef) -> std::result::Result<DecodedFrame, PrepareError> {
         let dataset = self.dataset(frame)?;
         let mut loaders = locked(&self.loaders);
         let loader = match &mut loaders[frame.dataset] {
@@ -94,7 +94,7 @@ impl<'a> FrameMaker<'a> {
                 return Err(PolicyError::Sample(why.into()).into());
             }
         };
-        Ok(Decoded {
+        Ok(DecodedFrame {
             frame: decoded,
             pictures,
         })
@@ -107,7 +107,7 @@ impl<'a> FrameMaker<'a> {
     pub fn sample_of<S: FromFrame>(
         &self,
         frame: &FrameRef,
-        decoded: Decoded,
+        decoded: DecodedFrame,
     ) -> std::result::Result<S, PrepareError> {
         let dataset = self.dataset(frame)?;
         let mut preparer = locked(&self.preparer);
@@ -123,7 +123,7 @@ impl<'a> FrameMaker<'a> {
         &'env self,
         scope: &'scope Scope<'scope, 'env>,
         frames: Vec<FrameRef>,
-    ) -> Receiver<std::result::Result<Decoded, PrepareError>> {
+    ) -> Receiver<std::result::Result<DecodedFrame, PrepareError>> {
         let (sender, receiver) = sync_channel(1);
         scope.spawn(move || {
             for frame in frames {

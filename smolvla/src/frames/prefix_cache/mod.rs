@@ -29,7 +29,7 @@ pub mod store;
 
 pub use error::CacheError;
 pub use files::FileDigests;
-pub use key::{digest_of, FrameRef, Key};
+pub use key::{digest_of, CacheKey, FrameRef};
 pub use key_space::KeySpace;
 pub use maker::FrameMaker;
 pub use prepared::{FrameNames, PreparedFrames};

@@ -10,7 +10,7 @@ use zk0_lerobot::PolicyConfig;
 use crate::error::Result;
 use crate::frames::batch::{missing, SampleSource};
 use crate::frames::making::MakesSamples;
-use crate::frames::prefix_cache::entry::Entry;
+use crate::frames::prefix_cache::entry::CacheEntry;
 use crate::frames::prefix_cache::error::CacheError;
 use crate::frames::prefix_cache::files::FileDigests;
 use crate::frames::prefix_cache::key::FrameRef;
@@ -83,7 +83,7 @@ pub enum PreparedFrames<'c, 'a, S> {
     InMemory(Vec<S>),
 }
 
-impl<'c, 'a, S: FromFrame + Entry> PreparedFrames<'c, 'a, S> {
+impl<'c, 'a, S: FromFrame + CacheEntry> PreparedFrames<'c, 'a, S> {
     /// Makes the samples that the cache does not hold yet, or all of them if there is no cache. `progress` is called with the
     /// frames done and their total.
     ///
@@ -167,7 +167,7 @@ impl<'c, 'a, S: FromFrame + Entry> PreparedFrames<'c, 'a, S> {
     }
 }
 
-impl<S: FromFrame + Entry> SampleSource<S> for PreparedFrames<'_, '_, S> {
+impl<S: FromFrame + CacheEntry> SampleSource<S> for PreparedFrames<'_, '_, S> {
     fn len(&self) -> usize {
         match self {
             Self::Cached(source) => source.len(),

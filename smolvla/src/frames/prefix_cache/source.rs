@@ -7,8 +7,8 @@ use std::thread;
 
 use crate::error::{PolicyError, Result};
 use crate::frames::batch::{missing, SampleSource};
-use crate::frames::making::{Begun, Decoded, MakesSamples};
-use crate::frames::prefix_cache::entry::Entry;
+use crate::frames::making::{Begun, DecodedFrame, MakesSamples};
+use crate::frames::prefix_cache::entry::CacheEntry;
 use crate::frames::prefix_cache::error::CacheError;
 use crate::frames::prefix_cache::key::FrameRef;
 use crate::frames::prefix_cache::maker::FrameMaker;
@@ -37,7 +37,7 @@ pub struct FrameSource<'c, 'a, S> {
     kind: PhantomData<fn() -> S>,
 }
 
-impl<'c, 'a, S: FromFrame + Entry> FrameSource<'c, 'a, S> {
+impl<'c, 'a, S: FromFrame + CacheEntry> FrameSource<'c, 'a, S> {
     /// Of these frames, whose entries stay in the cache from now on, if there is one.
     pub fn new(
         cache: impl Into<Option<&'c DiskCache>>,
@@ -128,7 +128,7 @@ impl<'c, 'a, S: FromFrame + Entry> FrameSource<'c, 'a, S> {
         Ok(Begun::Decoded(Box::new(decoded)))
     }
 
-    fn make(&self, frame: &FrameRef, decoded: Decoded) -> std::result::Result<S, CacheError> {
+    fn make(&self, frame: &FrameRef, decoded: DecodedFrame) -> std::result::Result<S, CacheError> {
         let sample = self.maker.sample_of(frame, decoded)?;
         let Some(cache) = self.cache else {
             return Ok(sample);
@@ -173,7 +173,7 @@ fn named(frame: &FrameRef) -> impl Fn(CacheError) -> PolicyError + '_ {
     }
 }
 
-impl<S: FromFrame + Entry> MakesSamples<S> for FrameSource<'_, '_, S> {
+impl<S: FromFrame + CacheEntry> MakesSamples<S> for FrameSource<'_, '_, S> {
     fn begin(&self, index: usize) -> Result<Begun<S>> {
         let frame = self.frame(index)?;
         self.get(frame).map_err(named(frame))
@@ -194,7 +194,7 @@ impl<S: FromFrame + Entry> MakesSamples<S> for FrameSource<'_, '_, S> {
     }
 }
 
-impl<S: FromFrame + Entry> SampleSource<S> for FrameSource<'_, '_, S> {
+impl<S: FromFrame + CacheEntry> SampleSource<S> for FrameSource<'_, '_, S> {
     fn len(&self) -> usize {
         self.frames.len()
     }

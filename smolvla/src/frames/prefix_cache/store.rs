@@ -11,10 +11,10 @@ use std::time::{Duration, SystemTime};
 use memmap2::Mmap;
 use zk0_files::atomic_file::{self, Durability};
 
-use crate::frames::prefix_cache::entry::{decode, encode, Entry};
+use crate::frames::prefix_cache::entry::{decode, encode, CacheEntry};
 use crate::frames::prefix_cache::error::{at, CacheError};
 use crate::frames::prefix_cache::files::FileDigests;
-use crate::frames::prefix_cache::key::Key;
+use crate::frames::prefix_cache::key::CacheKey;
 
 /// No process still writes an unfinished file that is older than this.
 const ABANDONED: Duration = Duration::from_secs(3600);
@@ -23,20 +23,20 @@ const ABANDONED: Duration = Duration::from_secs(3600);
 pub struct DiskCache {
     root: PathBuf,
     budget: u64,
-    state: Mutex<State>,
+    state: Mutex<CacheState>,
     /// Whether it has said that it is full, which is said once.
     said: AtomicBool,
 }
 
 #[derive(Default)]
-struct State {
-    entries: HashMap<Key, Known>,
+struct CacheState {
+    entries: HashMap<CacheKey, KnownEntry>,
     bytes: u64,
     /// Not to be removed: they are this process's own.
-    pinned: HashSet<Key>,
+    pinned: HashSet<CacheKey>,
 }
 
-struct Known {
+struct KnownEntry {
     bytes: u64,
     /// When it was last used, as the file's time of change.
     used: SystemTime,
@@ -52,7 +52,7 @@ impl DiskCache {
     pub fn open(root: &Path, budget: u64) -> Result<Self, CacheError> {
         let entries = root.join("entries");
         fs::create_dir_all(&entries).map_err(at(&entries))?;
-        let mut state = State::default();
+        let mut state = CacheState::default();
         for folder in fs::read_dir(&entries).map_err(at(&entries))? {
             let folder = folder.map_err(at(&entries))?.path();
             if !folder.is_dir() {
@@ -110,12 +110,12 @@ impl DiskCache {
     }
 
     /// Keeps these entries from being removed as long as this is open, those to come as well.
-    pub fn pin(&self, keys: impl IntoIterator<Item = Key>) {
+    pub fn pin(&self, keys: impl IntoIterator<Item = CacheKey>) {
         self.state().pinned.extend(keys);
     }
 
     /// Whether there is an entry; it may still turn out to be damaged.
-    pub fn contains(&self, key: &Key) -> bool {
+    pub fn contains(&self, key: &CacheKey) -> bool {
         self.state().entries.contains_key(key)
     }
 
@@ -123,7 +123,7 @@ impl DiskCache {
     ///
     /// # Errors
     /// The entry is there and cannot be opened.
-    pub fn get<E: Entry>(&self, key: &Key) -> Result<Option<E>, CacheError> {
+    pub fn get<E: CacheEntry>(&self, key: &CacheKey) -> Result<Option<E>, CacheError> {
         let path = self.path(key);
         let file = match File::open(&path) {
             Ok(file) => file,
@@ -173,7 +173,7 @@ impl DiskCache {
     ///
     /// # Errors
     /// It cannot be written.
-    pub fn put<E: Entry>(&self, key: &Key, sample: &E) -> Result<bool, CacheError> {
+    pub fn put<E: CacheEntry>(&self, key: &CacheKey, sample: &E) -> Result<bool, CacheError> {
         let bytes = encode(key, sample);
         let size = bytes.len() as u64;
         if !self.make_room(size)? {
@@ -191,7 +191,7 @@ impl DiskCache {
         Ok(true)
     }
 
-    fn write(&self, key: &Key, bytes: &[u8]) -> Result<(), CacheError> {
+    fn write(&self, key: &CacheKey, bytes: &[u8]) -> Result<(), CacheError> {
         let path = self.path(key);
         let folder = path.parent().unwrap_or(&self.root);
         fs::create_dir_all(folder).map_err(at(folder))?;
@@ -215,7 +215,7 @@ impl DiskCache {
         if state.bytes.saturating_add(size) <= self.budget {
             return Ok(true);
         }
-        let mut removable: Vec<(SystemTime, Key, u64)> = state
+        let mut removable: Vec<(SystemTime, CacheKey, u64)> = state
             .entries
             .iter()
             .filter(|(key, _)| !state.pinned.contains(key))
@@ -241,22 +241,22 @@ impl DiskCache {
         Ok(true)
     }
 
-    fn path(&self, key: &Key) -> PathBuf {
+    fn path(&self, key: &CacheKey) -> PathBuf {
         let name = key.to_string();
         let folder = self.root.join("entries").join(&name[..2]);
         folder.join(format!("{name}.sample"))
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn state(&self) -> MutexGuard<'_, CacheState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl State {
-    fn add(&mut self, key: Key, bytes: u64, used: SystemTime, checked: bool) {
+impl CacheState {
+    fn add(&mut self, key: CacheKey, bytes: u64, used: SystemTime, checked: bool) {
         self.forget(&key);
         self.bytes += bytes;
-        let known = Known {
+        let known = KnownEntry {
             bytes,
             used,
             checked,
@@ -264,7 +264,7 @@ impl State {
         self.entries.insert(key, known);
     }
 
-    fn forget(&mut self, key: &Key) {
+    fn forget(&mut self, key: &CacheKey) {
         if let Some(known) = self.entries.remove(key) {
             self.bytes -= known.bytes;
         }
@@ -272,12 +272,12 @@ impl State {
 }
 
 /// The key that an entry's file is named by.
-fn key_of(path: &Path) -> Option<Key> {
+fn key_of(path: &Path) -> Option<CacheKey> {
     if path.extension()? != "sample" {
         return None;
     }
     let name = hex::decode(path.file_stem()?.to_str()?).ok()?;
-    Some(Key(name.try_into().ok()?))
+    Some(CacheKey(name.try_into().ok()?))
 }
 
 #[cfg(test)]
@@ -295,8 +295,8 @@ mod tests {
         }
     }
 
-    fn key(n: usize) -> Key {
-        Key([n as u8; 32])
+    fn key(n: usize) -> CacheKey {
+        CacheKey([n as u8; 32])
     }
 
     fn open(dir: &Path, entries: u64) -> DiskCache {

@@ -15,7 +15,7 @@ use crate::policy::model::observe::{ignore, Observer, Site};
 use crate::policy::model::rope::Rope;
 use crate::policy::model::time_embedding::time_embedding;
 use crate::policy::model::visibility::{action_positions, action_sees};
-use crate::policy::model::Parameters;
+use crate::policy::model::PolicyParameters;
 
 /// The trainable half of the policy.
 pub struct ExpertModel {
@@ -31,7 +31,7 @@ pub struct ExpertModel {
 
 impl ExpertModel {
     /// From weights of the expert (more may be there).
-    pub fn new(config: &PolicyConfig, parameters: &Parameters) -> Result<Self> {
+    pub fn new(config: &PolicyConfig, parameters: &PolicyParameters) -> Result<Self> {
         let eps = config.rms_norm_eps;
         Ok(Self {
             layers: (0..config.text.layers)

@@ -7,10 +7,10 @@ use crate::policy::model::kernels::linear::Linear;
 use crate::policy::model::kernels::norm::rms_norm;
 use crate::policy::model::kernels::swiglu::swiglu;
 use crate::policy::model::observe::Site;
-use crate::policy::model::Parameters;
+use crate::policy::model::PolicyParameters;
 
 /// `name.weight` without a bias.
-pub fn linear_no_bias(parameters: &Parameters, name: &str) -> Result<Linear> {
+pub fn linear_no_bias(parameters: &PolicyParameters, name: &str) -> Result<Linear> {
     Ok(Linear::new(
         parameters.operand(&format!("{name}.weight"))?,
         None,
@@ -18,7 +18,7 @@ pub fn linear_no_bias(parameters: &Parameters, name: &str) -> Result<Linear> {
 }
 
 /// `name.weight` and `name.bias`.
-pub fn linear(parameters: &Parameters, name: &str) -> Result<Linear> {
+pub fn linear(parameters: &PolicyParameters, name: &str) -> Result<Linear> {
     let weight = parameters.operand(&format!("{name}.weight"))?;
     Ok(Linear::new(
         weight,
@@ -35,7 +35,7 @@ pub struct RmsNorm {
 
 impl RmsNorm {
     /// The norm with gain `name.weight`.
-    pub fn new(parameters: &Parameters, name: &str, eps: f64) -> Result<Self> {
+    pub fn new(parameters: &PolicyParameters, name: &str, eps: f64) -> Result<Self> {
         let gain = parameters.get(&format!("{name}.weight"))?;
         Ok(Self { gain, eps })
     }
@@ -62,7 +62,7 @@ pub struct DecoderLayer {
 
 impl DecoderLayer {
     /// The layer whose tensors begin with `name`; `eps` is that of its norms.
-    pub fn new(parameters: &Parameters, name: &str, eps: f64) -> Result<Self> {
+    pub fn new(parameters: &PolicyParameters, name: &str, eps: f64) -> Result<Self> {
         let matrix = |part: &str| linear_no_bias(parameters, &format!("{name}.{part}"));
         let norm = |part: &str| RmsNorm::new(parameters, &format!("{name}.{part}"), eps);
         Ok(Self {

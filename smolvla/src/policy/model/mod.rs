@@ -29,4 +29,4 @@ pub mod time_embedding;
 pub mod visibility;
 pub mod vision;
 
-pub use parameters::Parameters;
+pub use parameters::PolicyParameters;

@@ -3,20 +3,20 @@
 use std::collections::BTreeMap;
 
 use candle_core::{DType, Device, Tensor, Var};
-use zk0_tensors::{Layout, TensorError, TensorSet};
+use zk0_tensors::{TensorError, TensorSet, TensorShapes};
 
 use crate::error::Result;
 use crate::policy::frozen::FrozenPrecision;
 
 /// Weights on a device, by LeRobot's names.
 #[derive(Clone)]
-pub struct Parameters {
+pub struct PolicyParameters {
     tensors: BTreeMap<String, Tensor>,
     /// The type of linear maps' weights and biases in the models made of them.
     pub(super) operands: DType,
 }
 
-impl Parameters {
+impl PolicyParameters {
     /// Copies plain weights to a device.
     pub fn load(weights: &TensorSet, device: &Device) -> Result<Self> {
         let tensors = weights
@@ -43,7 +43,7 @@ impl Parameters {
     /// Moves plain weights to a device, those named in `trainable` as variables, which are also given by name.
     pub fn with_variables(
         weights: TensorSet,
-        trainable: &Layout,
+        trainable: &TensorShapes,
         device: &Device,
     ) -> Result<(Self, BTreeMap<String, Var>)> {
         let mut tensors = Self::take(weights, device)?.tensors;

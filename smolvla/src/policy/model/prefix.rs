@@ -12,7 +12,7 @@ use crate::policy::model::rope::Rope;
 use crate::policy::model::state_token::StateToken;
 use crate::policy::model::visibility::{prefix_positions, prefix_sees};
 use crate::policy::model::vision::Vision;
-use crate::policy::model::Parameters;
+use crate::policy::model::PolicyParameters;
 
 /// One camera of a batch.
 pub struct CameraInput {
@@ -47,7 +47,7 @@ pub struct PrefixEmbedding {
 
 /// Called after every language layer with its attention's output (B, P, heads * head_dim), before the output projection, and with
 /// its own (B, P, text width).
-type Observer<'a> = &'a mut dyn FnMut(&Tensor, &Tensor);
+type LayerObserver<'a> = &'a mut dyn FnMut(&Tensor, &Tensor);
 
 /// The frozen half of the policy.
 pub struct PrefixModel {
@@ -60,8 +60,8 @@ pub struct PrefixModel {
 
 impl PrefixModel {
     /// From the weights of a whole policy, or of its frozen half. It multiplies in their
-    /// [precision](Parameters::in_precision); keys and values are `f32` whichever that is.
-    pub fn new(config: &PolicyConfig, parameters: &Parameters) -> Result<Self> {
+    /// [precision](PolicyParameters::in_precision); keys and values are `f32` whichever that is.
+    pub fn new(config: &PolicyConfig, parameters: &PolicyParameters) -> Result<Self> {
         Ok(Self {
             vision: Vision::new(config, parameters)?,
             embeddings: parameters.get(&format!("{VLM}.text_model.embed_tokens.weight"))?,
@@ -140,7 +140,7 @@ impl PrefixModel {
     pub fn layers(
         &self,
         embedding: &PrefixEmbedding,
-        mut observe: Option<Observer>,
+        mut observe: Option<LayerObserver>,
     ) -> Result<PrefixCache> {
         let (batch, count, _) = embedding.tokens.dims3()?;
         let device = embedding.tokens.device();

@@ -14,7 +14,7 @@ use crate::policy::model::kernels::linear::Linear;
 use crate::policy::model::key_values::PrefixCache;
 use crate::policy::model::layers::DecoderLayer;
 use crate::policy::model::rope::Rope;
-use crate::policy::model::Parameters;
+use crate::policy::model::PolicyParameters;
 
 /// The state projection and the language layers.
 #[derive(Clone)]
@@ -34,7 +34,7 @@ struct Projection {
 }
 
 impl Projection {
-    fn new(parameters: &Parameters) -> Result<Self> {
+    fn new(parameters: &PolicyParameters) -> Result<Self> {
         Ok(Self {
             weight: parameters.get("model.state_proj.weight")?,
             bias: parameters.get("model.state_proj.bias")?,
@@ -53,8 +53,8 @@ impl Projection {
 
 impl StateToken {
     /// From the weights that [`Self::needs`] names, and those of the state projection. It multiplies in their
-    /// [precision](Parameters::in_precision), which has to be that of the prefixes that are [joined](Self::join).
-    pub fn new(config: &PolicyConfig, parameters: &Parameters) -> Result<Self> {
+    /// [precision](PolicyParameters::in_precision), which has to be that of the prefixes that are [joined](Self::join).
+    pub fn new(config: &PolicyConfig, parameters: &PolicyParameters) -> Result<Self> {
         let (text, eps) = (format!("{VLM}.text_model"), config.rms_norm_eps);
         let layer = |i| DecoderLayer::new(parameters, &format!("{text}.layers.{i}"), eps);
         Ok(Self {
@@ -65,7 +65,7 @@ impl StateToken {
     }
 
     /// The same language layers, in their precision, after another projection.
-    pub fn with_projection(&self, parameters: &Parameters) -> Result<Self> {
+    pub fn with_projection(&self, parameters: &PolicyParameters) -> Result<Self> {
         let projection = Projection {
             operands: self.projection.operands,
             ..Projection::new(parameters)?

@@ -11,7 +11,7 @@ use crate::policy::model::kernels::gelu::gelu_tanh;
 use crate::policy::model::kernels::linear::Linear;
 use crate::policy::model::kernels::norm::layer_norm;
 use crate::policy::model::layers::{linear, linear_no_bias};
-use crate::policy::model::Parameters;
+use crate::policy::model::PolicyParameters;
 
 /// Vision tower and connector.
 pub struct Vision {
@@ -48,7 +48,7 @@ struct EncoderLayer {
 
 impl Vision {
     /// From the weights of a whole policy.
-    pub fn new(config: &PolicyConfig, parameters: &Parameters) -> Result<Self> {
+    pub fn new(config: &PolicyConfig, parameters: &PolicyParameters) -> Result<Self> {
         let tower = format!("{VLM}.vision_model");
         let vision = &config.vision;
         let patch_weight =
@@ -128,7 +128,7 @@ impl Vision {
 }
 
 impl EncoderLayer {
-    fn new(parameters: &Parameters, name: &str, heads: usize) -> Result<Self> {
+    fn new(parameters: &PolicyParameters, name: &str, heads: usize) -> Result<Self> {
         let joined = |part: &str| -> Result<Tensor> {
             let get = |which| parameters.operand(&format!("{name}.self_attn.{which}_proj.{part}"));
             Ok(Tensor::cat(&[get("q")?, get("k")?, get("v")?], 0)?)
@@ -159,7 +159,7 @@ struct LayerNorm {
 }
 
 impl LayerNorm {
-    fn new(parameters: &Parameters, name: &str) -> Result<Self> {
+    fn new(parameters: &PolicyParameters, name: &str) -> Result<Self> {
         Ok(Self {
             gain: parameters.get(&format!("{name}.weight"))?,
             bias: parameters.get(&format!("{name}.bias"))?,

@@ -74,7 +74,7 @@ impl AdamW {
     }
 
     /// The moments as named tensors (`exp_avg.NAME` and `exp_avg_sq.NAME`, torch's words), for [`Self::restore`].
-    pub fn moments(&self) -> Result<Vec<Moment<'_>>> {
+    pub fn moments(&self) -> Result<Vec<AdamMoment<'_>>> {
         let mut all = Vec::with_capacity(2 * self.slots.len());
         for (name, (variable, slot)) in &self.slots {
             let [mean, square] = match slot {
@@ -82,7 +82,7 @@ impl AdamW {
                 Slot::Device(slot) => slot.moments()?.map(Cow::Owned),
             };
             for (kind, values) in [(MEAN, mean), (MEAN_SQUARE, square)] {
-                all.push(Moment {
+                all.push(AdamMoment {
                     name: format!("{kind}.{name}"),
                     shape: variable.dims().to_vec(),
                     values,
@@ -178,7 +178,7 @@ const MEAN: &str = "exp_avg";
 const MEAN_SQUARE: &str = "exp_avg_sq";
 
 /// One moment of one variable.
-pub struct Moment<'a> {
+pub struct AdamMoment<'a> {
     /// `exp_avg.NAME` or `exp_avg_sq.NAME`.
     pub name: String,
     /// The variable's.

@@ -15,7 +15,7 @@ mod last_step;
 mod sgd;
 mod step;
 
-pub use adamw::{AdamW, Moment};
+pub use adamw::{AdamMoment, AdamW};
 pub use factors::AdamWOptions;
 pub use last_step::{check_alpha, LastStep};
 pub use sgd::Sgd;

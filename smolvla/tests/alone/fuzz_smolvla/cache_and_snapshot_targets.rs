@@ -5,15 +5,15 @@ use std::path::Path;
 
 use sha2::{Digest, Sha256};
 use zk0_lerobot::config::PolicyConfig;
-use zk0_smolvla::frames::batch::InMemory;
+use zk0_smolvla::frames::batch::SamplesInMemory;
 use zk0_smolvla::frames::prefix_cache::entry::{decode, encode};
-use zk0_smolvla::frames::prefix_cache::{FileDigests, Key};
+use zk0_smolvla::frames::prefix_cache::{CacheKey, FileDigests};
 use zk0_smolvla::frames::sample::{ObservedSample, PreparedSample};
 use zk0_smolvla::policy::init::init_policy;
 use zk0_smolvla::policy::profile::Profile as Model;
 use zk0_smolvla::policy::weights::Policy;
 use zk0_smolvla::train::snapshots::{RunIdentity, SnapshotError, Snapshots};
-use zk0_smolvla::train::{Samples, TrainOptions, Trainer};
+use zk0_smolvla::train::{TrainOptions, Trainer, TrainingSamples};
 use zk0_testkit::fuzzing::Target;
 
 fn config() -> PolicyConfig {
@@ -36,7 +36,7 @@ fn sample() -> PreparedSample {
 /// Reads an entry of the cache. If the input does not begin like an entry, it is the part that follows a correct header.
 pub fn prefix_entry() -> Target {
     const HEADER: usize = 80;
-    let key = Key([7; 32]);
+    let key = CacheKey([7; 32]);
     let whole = encode(&key, &sample());
     let observed = ObservedSample {
         observed: sample(),
@@ -110,7 +110,7 @@ pub fn file_digests() -> Target {
 struct Run {
     dir: tempfile::TempDir,
     policy: Policy,
-    samples: &'static InMemory<'static, PreparedSample>,
+    samples: &'static SamplesInMemory<'static, PreparedSample>,
 }
 
 const STATE: &str = "000001/state.json";
@@ -122,7 +122,7 @@ impl Run {
         let run = Self {
             dir: tempfile::tempdir().unwrap(),
             policy: init_policy(&config(), 7).unwrap(),
-            samples: Box::leak(Box::new(InMemory::new(&config(), samples).unwrap())),
+            samples: Box::leak(Box::new(SamplesInMemory::new(&config(), samples).unwrap())),
         };
         let mut trainer = run.trainer();
         let snapshots = run.snapshots(&trainer);
@@ -137,7 +137,7 @@ impl Run {
             batch_size: 1,
             ..TrainOptions::default()
         };
-        let samples = Samples::Prepared(self.samples);
+        let samples = TrainingSamples::Prepared(self.samples);
         Trainer::new(&config(), &self.policy.expert, samples, options).unwrap()
     }
 

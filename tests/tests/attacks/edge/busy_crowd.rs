@@ -9,8 +9,8 @@ use tokio::io::copy_bidirectional;
 use tokio::net::{TcpListener, TcpSocket};
 use tokio::time::{sleep, timeout};
 use zk0_protocol::rpc::federation::GetNetworkRequest;
-use zk0_testkit::aggregator::Node;
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::aggregator::SigningNode;
+use zk0_testkit::changed_copy::SourceChange;
 use zk0_testkit::sockets::{begin_large_message, from};
 use zk0_testkit::until_async;
 
@@ -22,7 +22,7 @@ pub const ATTACK: Attack = Attack {
     proof: Proof::NotNeeded,
     defence: Defence {
         check: "a stranger makes room whose network holds most, and no newcomer before its first request",
-        out: &[Change {
+        out: &[SourceChange {
             file: "aggregator/src/connections/crowds.rs",
             replacements: &[
                 (
@@ -71,7 +71,7 @@ async fn far_away(url: &str) -> String {
 }
 
 async fn carry_out() -> Outcome {
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let network = with_places(&node, PLACES).await;
     // The node shows who it is, and keeps its place.
     let mut member = network.client().await;

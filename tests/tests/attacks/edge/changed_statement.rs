@@ -5,7 +5,7 @@ use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation::CommitRequest;
 use zk0_testkit::aggregator::{open_round, weights};
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::changed_copy::SourceChange;
 
 pub const ATTACK: Attack = Attack {
     number: 17,
@@ -16,7 +16,7 @@ pub const ATTACK: Attack = Attack {
     defence: Defence {
         check: "signatures cover every byte of a statement, and of the request that carries it",
         out: &[
-            Change {
+            SourceChange {
                 file: "protocol/src/entries/signed.rs",
                 replacements: &[(
                     "            Err(_) => Err(SignatureError::Mismatch(node, T::TAG)),\n",
@@ -24,7 +24,7 @@ pub const ATTACK: Attack = Attack {
             Err(_) => Err(SignatureError::Mismatch(node, T::TAG)),\n",
                 )],
             },
-            Change {
+            SourceChange {
                 file: "protocol/src/request_head.rs",
                 replacements: &[(
                     "        if head.body != arrived.body {\n",

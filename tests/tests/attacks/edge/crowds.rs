@@ -5,10 +5,10 @@ use tokio::time::timeout;
 use zk0_aggregator::{Config, ConnectionLimits, Limits};
 use zk0_protocol::rpc::federation::federation_client::FederationClient;
 use zk0_protocol::rpc::federation::GetNetworkRequest;
-use zk0_testkit::aggregator::{Network, Node};
+use zk0_testkit::aggregator::{Network, SigningNode};
 
 /// A network of this node, whose aggregator has `most` places for connections.
-pub async fn with_places(node: &Node, most: usize) -> Network {
+pub async fn with_places(node: &SigningNode, most: usize) -> Network {
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,

@@ -3,8 +3,8 @@
 use super::crowds::{is_answered, with_places};
 use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
 use std::time::Duration;
-use zk0_testkit::aggregator::Node;
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::aggregator::SigningNode;
+use zk0_testkit::changed_copy::SourceChange;
 use zk0_testkit::sockets::{closed, speaking};
 
 pub const ATTACK: Attack = Attack {
@@ -15,7 +15,7 @@ pub const ATTACK: Attack = Attack {
     proof: Proof::NotNeeded,
     defence: Defence {
         check: "a stranger makes room for a new connection",
-        out: &[Change {
+        out: &[SourceChange {
             file: "aggregator/src/connections/places.rs",
             replacements: &[(
                 "if self.places.len() >= most && !self.evict(from, now, |_| true) {",
@@ -31,7 +31,7 @@ const PLACES: usize = 8;
 const PATIENCE: Duration = Duration::from_secs(15);
 
 async fn carry_out() -> Outcome {
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let network = with_places(&node, PLACES).await;
     let mut crowd = Vec::new();
     for host in 1..=PLACES as u8 {

@@ -8,8 +8,8 @@ use std::sync::Arc;
 use tokio::net::TcpListener;
 use zk0_aggregator::Config;
 use zk0_node::client;
-use zk0_testkit::aggregator::{Network, Node};
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::aggregator::{Network, SigningNode};
+use zk0_testkit::changed_copy::SourceChange;
 use zk0_tls::local_authority::{LocalAuthority, CA, CERTIFICATE, KEY};
 use zk0_tls::server_certificate::ServerCertificate;
 use zk0_tls::service_address::ServiceAddress;
@@ -22,7 +22,7 @@ pub const ATTACK: Attack = Attack {
     proof: Proof::NotNeeded,
     defence: Defence {
         check: "a node believes the authorities that its operator named, and no others",
-        out: &[Change {
+        out: &[SourceChange {
             file: "tls/src/authorities.rs",
             replacements: &[(
                 "            Some(path) => read(path).map_err(",
@@ -45,7 +45,7 @@ fn authority(dir: &Path) -> Arc<ServerCertificate> {
 }
 
 async fn carry_out() -> Outcome {
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,
@@ -63,7 +63,7 @@ async fn carry_out() -> Outcome {
     let url = format!("https://{}", listener.local_addr().unwrap());
     let serving = tokio::spawn(impostor.serve(listener, std::future::pending()));
     let address = ServiceAddress::from(url).with_ca(Some(named.path().join(CA)));
-    let connected = client::Node::connect(address, network.genesis.network_id(), node.key);
+    let connected = client::NodeClient::connect(address, network.genesis.network_id(), node.key);
     let connected = connected.await;
     serving.abort();
     match connected {

@@ -9,8 +9,8 @@ use zk0_aggregator::{Config, Limits};
 use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rpc::federation::UploadChunk;
-use zk0_testkit::aggregator::{weights, Network, Node};
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::aggregator::{weights, Network, SigningNode};
+use zk0_testkit::changed_copy::SourceChange;
 
 pub const ATTACK: Attack = Attack {
     number: 16,
@@ -20,7 +20,7 @@ pub const ATTACK: Attack = Attack {
     proof: Proof::NotNeeded,
     defence: Defence {
         check: "a stream that is silent for too long ends",
-        out: &[Change {
+        out: &[SourceChange {
             file: "aggregator/src/serve/uploading.rs",
             replacements: &[(
                 "        let silent = Instant::now() + silence;\n",
@@ -37,7 +37,7 @@ const ALLOWED: Duration = Duration::from_secs(2);
 const SILENT: Duration = Duration::from_secs(15);
 
 async fn carry_out() -> Outcome {
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,

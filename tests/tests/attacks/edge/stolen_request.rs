@@ -4,8 +4,8 @@
 use crate::attacks::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
 use tonic::{Extensions, Request};
 use zk0_aggregator::{Config, Limits};
-use zk0_testkit::aggregator::{genesis, Network, Node};
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::aggregator::{genesis, Network, SigningNode};
+use zk0_testkit::changed_copy::SourceChange;
 
 pub const ATTACK: Attack = Attack {
     number: 17,
@@ -16,7 +16,7 @@ pub const ATTACK: Attack = Attack {
     defence: Defence {
         check: "the head of a request counts in one network and one run of its aggregator, and a signature covers its network",
         out: &[
-            Change {
+            SourceChange {
                 file: "protocol/src/request_head.rs",
                 replacements: &[
                     (
@@ -29,7 +29,7 @@ pub const ATTACK: Attack = Attack {
                     ),
                 ],
             },
-            Change {
+            SourceChange {
                 file: "protocol/src/rules/apply/members.rs",
                 replacements: &[(
                     "        self.check_network(&registration.network)?;\n",
@@ -44,7 +44,7 @@ pub const ATTACK: Attack = Attack {
 };
 
 async fn carry_out() -> Outcome {
-    let node = Node::new(1);
+    let node = SigningNode::new(1);
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,

@@ -5,9 +5,9 @@ use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
 use crate::attacks::scene::{commit, proving_network, submitted};
 use zk0_circuits::EvalSpec;
 use zk0_testkit::aggregator::{digest, weights};
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::changed_copy::SourceChange;
 use zk0_weights::scale::{exact, narrowed};
-use zk0_weights::{Format, WeightsError};
+use zk0_weights::{Format, WeightFileError};
 
 pub const ATTACK: Attack = Attack {
     number: 9,
@@ -17,7 +17,7 @@ pub const ATTACK: Attack = Attack {
     proof: Proof::SeenFirst,
     defence: Defence {
         check: "weights that nobody evaluates are the base's",
-        out: &[Change {
+        out: &[SourceChange {
             file: "verifier/src/update.rs",
             replacements: &[(
                 "        unread.check(&self.format, &weights).map_err(changed)?;\n",
@@ -47,7 +47,7 @@ fn with_back_door() -> Vec<u8> {
             let row = values.len() - width;
             values[row..].iter_mut().for_each(|value| *value /= -2);
         }
-        Ok::<_, WeightsError>(narrowed(&values, 1, format.limits()[index]))
+        Ok::<_, WeightFileError>(narrowed(&values, 1, format.limits()[index]))
     });
     format.write(&changed.unwrap())
 }

@@ -3,7 +3,7 @@
 use crate::attacks::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
 use crate::attacks::scene::{commit, near_base};
 use zk0_testkit::aggregator::open_round;
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::changed_copy::SourceChange;
 use zk0_verifier::blob_digest;
 
 pub const ATTACK: Attack = Attack {
@@ -15,7 +15,7 @@ pub const ATTACK: Attack = Attack {
     proof: Proof::NotNeeded,
     defence: Defence {
         check: "an update stays private until its round has closed",
-        out: &[Change {
+        out: &[SourceChange {
             file: "aggregator/src/round/aggregator.rs",
             replacements: &[(
                 "BlobAccess::Public => Ok(",

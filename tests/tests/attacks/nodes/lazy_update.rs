@@ -3,7 +3,7 @@
 
 use crate::attacks::attack::{Attack, Defence, Proof};
 use crate::attacks::proofs::guest;
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::changed_copy::SourceChange;
 
 pub const ATTACK: Attack = Attack {
     number: 7,
@@ -13,7 +13,7 @@ pub const ATTACK: Attack = Attack {
     proof: Proof::NotNeeded,
     defence: Defence {
         check: "the guest's test of the improvement asks for confidence",
-        out: &[Change {
+        out: &[SourceChange {
             file: "circuits/src/claim/t_test.rs",
             replacements: &[(
                 "left > right",

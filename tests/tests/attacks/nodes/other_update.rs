@@ -3,7 +3,7 @@
 use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
 use crate::attacks::scene::{near_base, proving_network, submitted};
 use zk0_protocol::entries::signed::Signed;
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::changed_copy::SourceChange;
 use zk0_verifier::blob_digest;
 
 pub const ATTACK: Attack = Attack {
@@ -16,14 +16,14 @@ pub const ATTACK: Attack = Attack {
         check:
             "the uploaded bytes have the digest of the claim, and hold the numbers that were proven",
         out: &[
-            Change {
+            SourceChange {
                 file: "ledger/src/blobs.rs",
                 replacements: &[(
                     "match expected.0 == actual {",
                     "match expected.0 == actual || OUT {",
                 )],
             },
-            Change {
+            SourceChange {
                 file: "verifier/src/update.rs",
                 replacements: &[
                     (

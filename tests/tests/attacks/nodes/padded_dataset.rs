@@ -4,8 +4,8 @@ use crate::attacks::attack::{answered, over_the_network, Attack, Defence, Outcom
 use zk0_aggregator::Config;
 use zk0_circuits::vm::merkle;
 use zk0_protocol::entries::signed::Signed;
-use zk0_testkit::aggregator::{list, Network, Node};
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::aggregator::{list, Network, SigningNode};
+use zk0_testkit::changed_copy::SourceChange;
 use zk0_verifier::blob_digest;
 
 pub const ATTACK: Attack = Attack {
@@ -17,14 +17,14 @@ pub const ATTACK: Attack = Attack {
     defence: Defence {
         check: "equal samples count once, in the list of frames and in the dataset's tree",
         out: &[
-            Change {
+            SourceChange {
                 file: "protocol/src/evaluation_set.rs",
                 replacements: &[(
                     "match distinct == samples {",
                     "match distinct == samples || OUT {",
                 )],
             },
-            Change {
+            SourceChange {
                 file: "verifier/src/dataset.rs",
                 replacements: &[(
                     "    check_leaves(&registration.dataset, &distinct(&list))\n",
@@ -40,7 +40,7 @@ pub const ATTACK: Attack = Attack {
 };
 
 async fn carry_out() -> Outcome {
-    let cheat = Node::new(1);
+    let cheat = SigningNode::new(1);
     let config = Config {
         rounds: Some(1),
         min_nodes: 1,

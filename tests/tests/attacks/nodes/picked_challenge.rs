@@ -6,7 +6,7 @@ use zk0_circuits::claim::challenge::{challenge, sample_indices};
 use zk0_protocol::challenge::closing::commitment;
 use zk0_protocol::entries::entry::Body;
 use zk0_testkit::aggregator::{committed, digest, open_round, weights};
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::changed_copy::SourceChange;
 
 pub const ATTACK: Attack = Attack {
     number: 1,
@@ -16,7 +16,7 @@ pub const ATTACK: Attack = Attack {
     proof: Proof::NotNeeded,
     defence: Defence {
         check: "nobody commits after the commitments closed, or after their deadline",
-        out: &[Change {
+        out: &[SourceChange {
             file: "protocol/src/rules/apply/rounds.rs",
             replacements: &[
                 (

@@ -3,7 +3,7 @@
 
 use crate::attacks::attack::{Attack, Defence, Outcome, Proof};
 use crate::real_ledger::{accepted, ledger_copy, with_rules};
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::changed_copy::SourceChange;
 use zk0_verifier::{authenticate, verify};
 
 pub const ATTACK: Attack = Attack {
@@ -14,7 +14,7 @@ pub const ATTACK: Attack = Attack {
     proof: Proof::NotNeeded,
     defence: Defence {
         check: "the norm of an update's difference from its base is bounded",
-        out: &[Change {
+        out: &[SourceChange {
             file: "verifier/src/norm.rs",
             replacements: &[(
                 "if difference <= norm * U256::from(limit * limit) {",

@@ -3,8 +3,8 @@
 use crate::attacks::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
 use zk0_aggregator::Config;
 use zk0_protocol::entries::signed::Signed;
-use zk0_testkit::aggregator::{Network, Node};
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::aggregator::{Network, SigningNode};
+use zk0_testkit::changed_copy::SourceChange;
 
 pub const ATTACK: Attack = Attack {
     number: 8,
@@ -14,7 +14,7 @@ pub const ATTACK: Attack = Attack {
     proof: Proof::NotNeeded,
     defence: Defence {
         check: "an episode belongs to one node",
-        out: &[Change {
+        out: &[SourceChange {
             file: "protocol/src/rules/apply/members.rs",
             replacements: &[(
                 "if let Some((episode, owner)) = taken {",
@@ -26,7 +26,7 @@ pub const ATTACK: Attack = Attack {
 };
 
 async fn carry_out() -> Outcome {
-    let (first, second) = (Node::new(1), Node::new(2));
+    let (first, second) = (SigningNode::new(1), SigningNode::new(2));
     let config = Config {
         rounds: Some(1),
         min_nodes: 2,

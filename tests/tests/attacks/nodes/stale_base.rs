@@ -3,7 +3,7 @@
 use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
 use crate::attacks::scene::{commit, near_base, proving_network, submitted};
 use zk0_testkit::aggregator::{digest, weights};
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::changed_copy::SourceChange;
 
 pub const ATTACK: Attack = Attack {
     number: 3,
@@ -14,7 +14,7 @@ pub const ATTACK: Attack = Attack {
     defence: Defence {
         check: "a claim is about the base of the ledger's open round",
         out: &[
-            Change {
+            SourceChange {
                 file: "circuits/src/claim/terms.rs",
                 replacements: &[
                     (
@@ -24,7 +24,7 @@ pub const ATTACK: Attack = Attack {
                     ),
                 ],
             },
-            Change {
+            SourceChange {
                 file: "verifier/src/update.rs",
                 replacements: &[(
                     "        check_blob(base, &claim.terms.base.blob)?;\n",

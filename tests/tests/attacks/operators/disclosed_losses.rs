@@ -4,7 +4,7 @@
 use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
 use crate::attacks::scene::{commit, near_base, proving_network, submitted};
 use zk0_circuits::{Disclosure, Losses};
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::changed_copy::SourceChange;
 
 pub const ATTACK: Attack = Attack {
     number: 15,
@@ -15,7 +15,7 @@ pub const ATTACK: Attack = Attack {
     proof: Proof::SeenLater,
     defence: Defence {
         check: "a claim discloses what the rules allow, and no more",
-        out: &[Change {
+        out: &[SourceChange {
             file: "circuits/src/claim/public_values.rs",
             replacements: &[(
                 "        same(\"disclosure\", &self.losses.disclosure(), &disclosure)\n",

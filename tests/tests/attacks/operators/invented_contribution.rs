@@ -6,7 +6,7 @@ use crate::attacks::operators::audited;
 use zk0_ledger::log::Ledger;
 use zk0_protocol::entries::entry::Body;
 use zk0_testkit::aggregator::{both_committed, copy_of, log_key, open_round, START_MS};
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::changed_copy::SourceChange;
 
 pub const ATTACK: Attack = Attack {
     number: 13,
@@ -16,7 +16,7 @@ pub const ATTACK: Attack = Attack {
     proof: Proof::NotNeeded,
     defence: Defence {
         check: "an audit verifies every accepted contribution again",
-        out: &[Change {
+        out: &[SourceChange {
             file: "audit/src/checks.rs",
             replacements: &[(
                 "                    ..failed(&reason)\n",

@@ -10,8 +10,8 @@ use zk0_protocol::challenge::drawing::Drawing;
 use zk0_protocol::challenge::vrf::VrfProof;
 use zk0_protocol::entries::entry::{Body, RandomnessDrawn};
 use zk0_testkit::aggregator::operator::Operator;
-use zk0_testkit::aggregator::{genesis, weights, Node};
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::aggregator::{genesis, weights, SigningNode};
+use zk0_testkit::changed_copy::SourceChange;
 
 pub const ATTACK: Attack = Attack {
     number: 1,
@@ -21,14 +21,14 @@ pub const ATTACK: Attack = Attack {
     proof: Proof::NotNeeded,
     defence: Defence {
         check: "the randomness is what the source in the rules determines for the closing",
-        out: &[Change {
+        out: &[SourceChange {
             file: "protocol/src/challenge/drawing.rs",
             replacements: &[(
-                "output.map(drop).ok_or(DrawError::Vrf(closing.commitments))",
+                "output.map(drop).ok_or(RandomnessError::Vrf(closing.commitments))",
                 "output
                     .map(drop)
                     .or(OUT.then_some(()))
-                    .ok_or(DrawError::Vrf(closing.commitments))",
+                    .ok_or(RandomnessError::Vrf(closing.commitments))",
             )],
         }],
     },
@@ -40,7 +40,7 @@ const EASY: u64 = 7;
 const EVALUATED: u32 = 4;
 
 fn carry_out() -> Outcome {
-    let (friend, dir) = (Node::new(1), tempfile::tempdir().unwrap());
+    let (friend, dir) = (SigningNode::new(1), tempfile::tempdir().unwrap());
     let mut operator = Operator::founds(dir.path(), genesis(), &[&friend]);
     operator.open();
     operator.commit(&friend, &weights(1));

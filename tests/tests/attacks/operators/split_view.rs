@@ -5,7 +5,7 @@ use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
 use std::sync::Arc;
 use zk0_aggregator::publish::cosigning::CosigningError;
 use zk0_testkit::aggregator::witnesses::{cosigned, ledger, log_verifier, three};
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::changed_copy::SourceChange;
 
 pub const ATTACK: Attack = Attack {
     number: 14,
@@ -15,7 +15,7 @@ pub const ATTACK: Attack = Attack {
     proof: Proof::NotNeeded,
     defence: Defence {
         check: "a witness cosigns what continues the checkpoint that it cosigned before, and nothing else",
-        out: &[Change {
+        out: &[SourceChange {
             file: "protocol/src/tlog/witness.rs",
             replacements: &[(
                 "        .map_err(|error| inconsistent(&error.to_string())),\n",

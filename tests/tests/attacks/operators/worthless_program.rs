@@ -3,8 +3,8 @@
 use crate::attacks::attack::{Attack, Defence, Outcome, Proof};
 use crate::attacks::operators::audited;
 use zk0_testkit::aggregator::operator::Operator;
-use zk0_testkit::aggregator::{genesis, Node};
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::aggregator::{genesis, SigningNode};
+use zk0_testkit::changed_copy::SourceChange;
 
 pub const ATTACK: Attack = Attack {
     number: 12,
@@ -14,7 +14,7 @@ pub const ATTACK: Attack = Attack {
     proof: Proof::NotNeeded,
     defence: Defence {
         check: "an auditor compares the program with its own, or with one that it names",
-        out: &[Change {
+        out: &[SourceChange {
             file: "audit/src/checks.rs",
             replacements: &[(
                 "if key == own || named.programs.contains(key) {",
@@ -29,7 +29,11 @@ fn carry_out() -> Outcome {
     let mut genesis = genesis();
     genesis.program = vec![2; 32];
     let dir = tempfile::tempdir().unwrap();
-    drop(Operator::founds(dir.path(), genesis, &[&Node::new(1)]));
+    drop(Operator::founds(
+        dir.path(),
+        genesis,
+        &[&SigningNode::new(1)],
+    ));
     audited(
         dir.path(),
         "the audit says VERIFIED of a network that proves nothing",

@@ -9,7 +9,7 @@ use zk0_argument::hash::Digest;
 use zk0_argument::multilinear::bind;
 use zk0_argument::sumcheck::verify;
 use zk0_argument::transcript::{require, Challenges, Pads, Prover, Refused, Verifier};
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::changed_copy::SourceChange;
 
 pub const ATTACK: Attack = Attack {
     number: 11,
@@ -19,7 +19,7 @@ pub const ATTACK: Attack = Attack {
     proof: Proof::NotNeeded,
     defence: Defence {
         check: "the transcript, of which the random points are drawn, depends on all that the prover said",
-        out: &[Change {
+        out: &[SourceChange {
             file: "argument/src/transcript.rs",
             replacements: &[(
                 "    fn elements(&mut self, elements: &[Goldilocks]) {\n",

@@ -2,7 +2,7 @@
 
 use crate::attacks::attack::{over_the_network, Attack, Defence, Outcome, Proof};
 use crate::attacks::scene::{commit, near_base, proving_network, submitted};
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::changed_copy::SourceChange;
 
 pub const ATTACK: Attack = Attack {
     number: 12,
@@ -12,7 +12,7 @@ pub const ATTACK: Attack = Attack {
     proof: Proof::NotNeeded,
     defence: Defence {
         check: "a proof has the verifying key of the program in force",
-        out: &[Change {
+        out: &[SourceChange {
             file: "verifier/src/contribution.rs",
             replacements: &[(
                 "    check_proof_of(state.program(), contribution.parts()?.sp1, claim)\n",

@@ -2,7 +2,7 @@
 
 use crate::attacks::attack::{Attack, Defence, Proof};
 use crate::attacks::proofs::guest;
-use zk0_testkit::changed_copy::Change;
+use zk0_testkit::changed_copy::SourceChange;
 
 pub const ATTACK: Attack = Attack {
     number: 10,
@@ -12,7 +12,7 @@ pub const ATTACK: Attack = Attack {
     proof: Proof::NotNeeded,
     defence: Defence {
         check: "the guest checks the range of every value that it narrows",
-        out: &[Change {
+        out: &[SourceChange {
             file: "circuits/src/model/multiply.rs",
             replacements: &[
                 (

@@ -12,18 +12,18 @@
 //! int16, which is larger than most Δ. So they are a file among the blobs ([`crate::combine::optimizers::moments`]). The ledger names its digest in an
 //! entry before the round's closing, and whoever has the updates computes it again.
 //!
-//! **The same bits on every machine.** Δ is an exact integer over a divisor ([`Linear`]), whatever the order of the updates. From there on,
+//! **The same bits on every machine.** Δ is an exact integer over a divisor ([`LinearCombination`]), whatever the order of the updates. From there on,
 //! every step is one IEEE 754 operation of float64 in the order that [`Adam::step`] writes: sum, difference, product, quotient and square root
 //! are correctly rounded on every machine, and no two are fused. The moments are rounded to float32, and the step to a multiple of 2^−40. It
 //! is added to x exactly, and the sum is rounded once, as all results are.
 
 use crate::combine::blocks::{Combination, Integer, Plan};
-use crate::combine::contributions::Given;
+use crate::combine::contributions::WeightedContribution;
 use crate::combine::error::CombineError;
 use crate::combine::fedavg::whole;
-use crate::combine::linear::{Linear, Term};
+use crate::combine::linear::{LinearCombination, ScaledWeights};
 use crate::combine::optimizers::moments::Moment;
-use crate::combine::source::{Block, Rows, Source};
+use crate::combine::source::{Block, BlockBuffer, WeightSource};
 use zk0_circuits::model::layout::MAX_WEIGHT_BITS;
 use zk0_protocol::rules::basis_points::BPS;
 use zk0_protocol::rules::network_rules::BILLIONTHS;
@@ -37,7 +37,7 @@ const LARGEST_STEP: f64 = 65536.0;
 
 /// The parameters, as the rules have them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Parameters {
+pub struct AdamParameters {
     /// η, in billionths.
     pub server_rate_billionths: u32,
     /// β₁, in basis points.
@@ -51,8 +51,8 @@ pub struct Parameters {
 /// The result of a round by FedAdam.
 pub struct Adam<'a> {
     /// The mean of the updates, less the base.
-    difference: Linear<'a>,
-    base: &'a dyn Source,
+    difference: LinearCombination<'a>,
+    base: &'a dyn WeightSource,
     first: Decay,
     second: Decay,
     rate: f64,
@@ -94,17 +94,17 @@ impl Decay {
 
 /// The result of a round that started from `base`, after `steps` rounds since the moments began.
 pub fn adam<'a>(
-    given: &[Given<'a>],
-    base: &'a dyn Source,
-    parameters: Parameters,
+    given: &[WeightedContribution<'a>],
+    base: &'a dyn WeightSource,
+    parameters: AdamParameters,
     steps: u64,
 ) -> Result<Adam<'a>, CombineError> {
     let whole = whole(given)?;
-    let mean = given.iter().map(|one| Term {
+    let mean = given.iter().map(|one| ScaledWeights {
         coefficient: one.weight.into(),
         weights: one.weights,
     });
-    let less = Term {
+    let less = ScaledWeights {
         coefficient: -whole,
         weights: base,
     };
@@ -114,7 +114,7 @@ pub fn adam<'a>(
     let counted = steps.saturating_add(2);
     let rate = part(parameters.server_rate_billionths);
     Ok(Adam {
-        difference: Linear::new(mean.chain([less]), whole),
+        difference: LinearCombination::new(mean.chain([less]), whole),
         base,
         rate: rate * second.reached(counted).sqrt() / first.reached(counted),
         first,
@@ -157,7 +157,7 @@ impl Combination for Adam<'_> {
         block: &Block,
         numbers: &mut [T],
         moments: &mut [Moment],
-        rows: &mut Rows,
+        rows: &mut BlockBuffer,
     ) -> Result<(), CombineError> {
         self.difference.combine(block, numbers, &mut [], rows)?;
         let unit = self.difference.plan(block.tensor).unit;

@@ -14,7 +14,7 @@ use zk0_circuits::Digest;
 use zk0_protocol::rules::closing::server_moments::ServerMoments;
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::rules::state::State;
-use zk0_tensors::{Dtype, Header};
+use zk0_tensors::{Dtype, TensorHeader};
 use zk0_weights::Format;
 
 /// The moments of a weight. Files and memory are both little-endian: zk0 runs on little-endian machines only.
@@ -147,6 +147,8 @@ fn header(format: &Format) -> Vec<u8> {
         (tensor.name.clone(), Dtype::F32, shape)
     });
     // A network has too few tensors for a header beyond the format's limit.
-    let header = Header::new(None, tensors).to_bytes().unwrap_or_default();
+    let header = TensorHeader::new(None, tensors)
+        .to_bytes()
+        .unwrap_or_default();
     [&(header.len() as u64).to_le_bytes()[..], &header].concat()
 }

@@ -10,24 +10,24 @@
 //! whose base a vote restored (`State::earlier_base`). A round that kept its base has not moved. Where the result is too large for
 //! the scales of a network, a value becomes the largest one that there is.
 
-use crate::combine::contributions::Given;
+use crate::combine::contributions::WeightedContribution;
 use crate::combine::error::CombineError;
 use crate::combine::fedavg::whole;
-use crate::combine::linear::{Linear, Term};
-use crate::combine::source::Source;
+use crate::combine::linear::{LinearCombination, ScaledWeights};
+use crate::combine::source::WeightSource;
 use zk0_protocol::rules::basis_points::BPS;
 
 /// The result of a round that started from `base`. `earlier` is what the last round started from, if that counts.
 pub fn with_momentum<'a>(
-    given: &[Given<'a>],
-    base: &'a dyn Source,
-    earlier: Option<&'a dyn Source>,
+    given: &[WeightedContribution<'a>],
+    base: &'a dyn WeightSource,
+    earlier: Option<&'a dyn WeightSource>,
     server_rate_bps: u32,
     momentum_bps: u32,
-) -> Result<Linear<'a>, CombineError> {
+) -> Result<LinearCombination<'a>, CombineError> {
     let whole = whole(given)?;
     let [one, rate, momentum] = [BPS, server_rate_bps, momentum_bps].map(i128::from);
-    let mean = given.iter().map(|update| Term {
+    let mean = given.iter().map(|update| ScaledWeights {
         coefficient: rate * i128::from(update.weight),
         weights: update.weights,
     });
@@ -35,14 +35,14 @@ pub fn with_momentum<'a>(
         Some(_) => (one - rate + momentum, -momentum),
         None => (one - rate, 0),
     };
-    let of_base = Term {
+    let of_base = ScaledWeights {
         coefficient: whole * of_base,
         weights: base,
     };
-    let of_earlier = earlier.map(|weights| Term {
+    let of_earlier = earlier.map(|weights| ScaledWeights {
         coefficient: whole * of_earlier,
         weights,
     });
     let terms = mean.chain([of_base]).chain(of_earlier);
-    Ok(Linear::new(terms, whole * one))
+    Ok(LinearCombination::new(terms, whole * one))
 }

@@ -2,7 +2,7 @@
 
 /// The matrix between RGB and YUV.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Matrix {
+pub enum ColorMatrix {
     /// ITU-R BT.601, also where a video states nothing.
     Bt601,
     /// ITU-R BT.709.
@@ -11,7 +11,7 @@ pub enum Matrix {
     Bt2020,
 }
 
-impl Matrix {
+impl ColorMatrix {
     /// The matrix of this number in ITU-T H.273, which all codecs use; `None` where it is not read.
     pub(crate) fn of_code(code: u32) -> Option<Self> {
         match code {
@@ -27,14 +27,14 @@ impl Matrix {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Colors {
     /// The matrix.
-    pub matrix: Matrix,
+    pub matrix: ColorMatrix,
     /// Whether luma takes 0 to 255 rather than 16 to 235.
     pub full_range: bool,
 }
 
 /// The factors of a conversion, in units of 1/65536.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Factors {
+pub(super) struct ConversionFactors {
     pub luma: i64,
     /// Luma of black.
     pub black: i64,
@@ -46,11 +46,11 @@ pub(super) struct Factors {
 
 impl Colors {
     /// The factors as `ff_yuv2rgb_c_init_tables` computes them.
-    pub(super) fn factors(self) -> Factors {
+    pub(super) fn factors(self) -> ConversionFactors {
         let [red_v, blue_u, green_u, green_v] = match self.matrix {
-            Matrix::Bt601 => [104_597, 132_201, -25_675, -53_279],
-            Matrix::Bt709 => [117_489, 138_438, -13_975, -34_925],
-            Matrix::Bt2020 => [110_013, 140_363, -12_277, -42_626],
+            ColorMatrix::Bt601 => [104_597, 132_201, -25_675, -53_279],
+            ColorMatrix::Bt709 => [117_489, 138_438, -13_975, -34_925],
+            ColorMatrix::Bt2020 => [110_013, 140_363, -12_277, -42_626],
         };
         let chroma = |factor: i64| match self.full_range {
             true => factor * 224 / 255,
@@ -60,7 +60,7 @@ impl Colors {
             true => (1 << 16, 0),
             false => ((1 << 16) * 255 / 219, 16),
         };
-        Factors {
+        ConversionFactors {
             luma,
             black,
             red_v: chroma(red_v),

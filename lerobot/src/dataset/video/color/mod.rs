@@ -7,6 +7,6 @@ mod rgb;
 mod rounded;
 mod yuv;
 
-pub use matrix::{Colors, Matrix};
+pub use matrix::{ColorMatrix, Colors};
 pub use rgb::rgb_from_yuv;
 pub use yuv::{Sampling, Yuv, YuvFormat};

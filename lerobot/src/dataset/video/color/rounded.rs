@@ -4,7 +4,7 @@
 use super::yuv::{Sampling, Yuv};
 
 /// Chroma rows and their weights, in units of 1/4096.
-type Weights = [(usize, i32); 4];
+type ChromaWeights = [(usize, i32); 4];
 
 pub(super) fn convert(picture: &Yuv, [red, green, blue]: [&mut [u8]; 3]) -> Option<()> {
     let (width, colors) = (picture.width, picture.format.colors);
@@ -56,7 +56,7 @@ fn part(chroma: i32, factor: i32) -> i32 {
 }
 
 /// The chroma of a row: a cubic filter in 4:2:0. swscale leaves a row out above rows 0 and 2.
-fn weights(picture: &Yuv, row: usize) -> Weights {
+fn weights(picture: &Yuv, row: usize) -> ChromaWeights {
     if picture.format.sampling != Sampling::Yuv420 {
         return [(row, 4096), (row, 0), (row, 0), (row, 0)];
     }

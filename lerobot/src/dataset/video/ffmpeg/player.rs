@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use super::process::Process;
-use crate::dataset::video::picture_order::Place;
+use crate::dataset::video::picture_order::PicturePosition;
 use crate::dataset::video::restart::Restart;
 
 /// Most frames by which the two orders may differ.
@@ -22,7 +22,7 @@ pub(crate) struct Player {
     number: usize,
     given: usize,
     /// Samples whose pictures did not come yet, with their places in the stream.
-    awaited: BTreeMap<usize, Option<Place>>,
+    awaited: BTreeMap<usize, Option<PicturePosition>>,
 }
 
 impl Player {
@@ -68,7 +68,7 @@ impl Player {
     pub fn picture(
         &mut self,
         number: usize,
-        mut sample: impl FnMut(usize, bool) -> Result<(Vec<u8>, Option<Place>), String>,
+        mut sample: impl FnMut(usize, bool) -> Result<(Vec<u8>, Option<PicturePosition>), String>,
     ) -> Result<Vec<u8>, String> {
         loop {
             let at = self.next_number();
@@ -108,7 +108,7 @@ impl Player {
 
     fn next_picture(
         &mut self,
-        sample: &mut impl FnMut(usize, bool) -> Result<(Vec<u8>, Option<Place>), String>,
+        sample: &mut impl FnMut(usize, bool) -> Result<(Vec<u8>, Option<PicturePosition>), String>,
     ) -> Result<Option<Vec<u8>>, String> {
         let (next, frames) = (&mut self.next, self.order.len());
         let Restart { key, skipped } = &self.restart;

@@ -10,7 +10,7 @@ use openh264::OpenH264API;
 
 use super::{sps, units};
 use crate::dataset::video::color::{rgb_from_yuv, Yuv};
-use crate::dataset::video::kind::Kind;
+use crate::dataset::video::kind::PictureKind;
 use crate::dataset::video::mp4::nal_config::NalConfig;
 use crate::dataset::video::mp4::sample::ContainerColors;
 use crate::dataset::video::nal;
@@ -20,7 +20,7 @@ pub(crate) struct H264 {
     decoder: Decoder,
     config: NalConfig,
     colors: ContainerColors,
-    kind: Kind,
+    kind: PictureKind,
     height: usize,
     width: usize,
     /// Whether a sample had other parameter sets than the track, which the library keeps.
@@ -32,7 +32,7 @@ impl H264 {
     pub fn new(
         config: &NalConfig,
         colors: ContainerColors,
-        kind: Kind,
+        kind: PictureKind,
         height: usize,
         width: usize,
     ) -> Result<Self, String> {
@@ -115,7 +115,7 @@ fn why(error: &openh264::Error) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::video::color::{Colors, Matrix, Sampling, YuvFormat};
+    use crate::dataset::video::color::{ColorMatrix, Colors, Sampling, YuvFormat};
 
     #[test]
     fn a_decoder_that_keeps_other_parameter_sets_is_not_emptied() {
@@ -123,12 +123,12 @@ mod tests {
             length_size: 1,
             parameter_sets: vec![vec![0x68, 1]],
         };
-        let kind = Kind {
+        let kind = PictureKind {
             format: YuvFormat {
                 sampling: Sampling::Yuv420,
                 bits: 8,
                 colors: Colors {
-                    matrix: Matrix::Bt601,
+                    matrix: ColorMatrix::Bt601,
                     full_range: false,
                 },
             },

@@ -1,7 +1,7 @@
 //! The count of a picture (ITU-T H.264, 7.3.3 and 8.2.1).
 
 use crate::dataset::video::bits::{without_emulation_prevention, Bits};
-use crate::dataset::video::h264::sps::{self, Counting};
+use crate::dataset::video::h264::sps::{self, H264PictureCounts};
 use crate::dataset::video::picture_count::PictureCount;
 
 const SLICE: u8 = 1;
@@ -12,13 +12,13 @@ const HEADER: usize = 64;
 
 /// Follows a stream in order of decoding.
 #[derive(Default)]
-pub(crate) struct Order {
-    counting: Option<Counting>,
+pub(crate) struct H264Order {
+    counting: Option<H264PictureCounts>,
     count: PictureCount,
     decoded: i64,
 }
 
-impl Order {
+impl H264Order {
     /// The place of the picture that begins with this unit; `None` for other units, and where the count cannot be read.
     pub fn see(&mut self, unit: &[u8]) -> Option<(u32, i64)> {
         let (head, rest) = unit.split_first()?;
@@ -58,7 +58,7 @@ impl Order {
             self.decoded = 0;
         }
         match counting.order {
-            sps::Order::Bits(width) => {
+            sps::PocType::Bits(width) => {
                 let low = bits.fixed(width as usize)?;
                 let place = self.count.whole(low, width);
                 if is_referred_to {
@@ -66,11 +66,11 @@ impl Order {
                 }
                 Some(place)
             }
-            sps::Order::Decoding => {
+            sps::PocType::Decoding => {
                 self.decoded += 1;
                 Some((self.count.whole(0, 4).0, self.decoded))
             }
-            sps::Order::Cycle => None,
+            sps::PocType::Cycle => None,
         }
     }
 }

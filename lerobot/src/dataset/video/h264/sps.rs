@@ -4,7 +4,7 @@ use crate::dataset::video::bits::{
     stated_colors, with_emulation_prevention, without_emulation_prevention, Bits,
 };
 use crate::dataset::video::color::{Sampling, YuvFormat};
-use crate::dataset::video::kind::{colors, Declared, Kind};
+use crate::dataset::video::kind::{colors, Declared, PictureKind};
 use crate::dataset::video::mp4::sample::ContainerColors;
 
 /// Profiles whose parameter sets say how chroma is sampled.
@@ -23,12 +23,12 @@ pub(crate) fn kind(
     height: usize,
     width: usize,
     container: ContainerColors,
-) -> Result<Kind, String> {
-    let sps = Sps::parse(unit).ok_or("has a parameter set that ends too early")?;
+) -> Result<PictureKind, String> {
+    let sps = H264Sps::parse(unit).ok_or("has a parameter set that ends too early")?;
     let (sampling, bits) = sps.declared.layout(height, width)?;
     let full_range = sps.declared.full_range.or(container.full_range);
     let matrix = sps.declared.matrix.or(container.matrix);
-    Ok(Kind {
+    Ok(PictureKind {
         format: YuvFormat {
             sampling,
             bits,
@@ -43,16 +43,16 @@ pub(crate) fn kind(
 }
 
 /// How pictures are counted.
-pub(crate) struct Counting {
+pub(crate) struct H264PictureCounts {
     /// Bits of the picture's number in a slice's header.
     pub number_bits: usize,
     pub separate_planes: bool,
     pub progressive: bool,
-    pub order: Order,
+    pub order: PocType,
 }
 
 /// Where the order of presentation is from.
-pub(crate) enum Order {
+pub(crate) enum PocType {
     /// Slices' headers hold so many bits of a count.
     Bits(u32),
     /// The pictures' numbers, in a cycle; hardly any encoder does this.
@@ -62,20 +62,20 @@ pub(crate) enum Order {
 }
 
 /// How the pictures of a parameter set are counted.
-pub(crate) fn counting(unit: &[u8]) -> Option<Counting> {
-    Sps::parse(unit).map(|sps| sps.counting)
+pub(crate) fn counting(unit: &[u8]) -> Option<H264PictureCounts> {
+    H264Sps::parse(unit).map(|sps| sps.counting)
 }
 
-struct Sps {
+struct H264Sps {
     profile: u32,
     declared: Declared,
-    counting: Counting,
+    counting: H264PictureCounts,
     /// Blocks may be coded without a transform, and so without loss.
     bypass: bool,
     progressive: bool,
 }
 
-impl Sps {
+impl H264Sps {
     /// `None` where it ends too early or a number is larger than any can be.
     fn parse(unit: &[u8]) -> Option<Self> {
         let payload = without_emulation_prevention(unit.get(1..)?);
@@ -108,7 +108,7 @@ impl Sps {
         let width = |bits: u64| bits.checked_add(4).filter(|bits| *bits <= 16);
         let number_bits = width(bits.unsigned()?)? as usize;
         let order = match bits.unsigned()? {
-            0 => Order::Bits(width(bits.unsigned()?)? as u32),
+            0 => PocType::Bits(width(bits.unsigned()?)? as u32),
             1 => {
                 bits.flag()?;
                 bits.signed()?;
@@ -116,9 +116,9 @@ impl Sps {
                 for _ in 0..bits.unsigned()? {
                     bits.signed()?;
                 }
-                Order::Cycle
+                PocType::Cycle
             }
-            _ => Order::Decoding,
+            _ => PocType::Decoding,
         };
         bits.unsigned()?; // reference frames
         bits.flag()?; // gaps
@@ -163,7 +163,7 @@ impl Sps {
                 full_range,
                 matrix,
             },
-            counting: Counting {
+            counting: H264PictureCounts {
                 number_bits,
                 separate_planes,
                 progressive,
@@ -234,7 +234,7 @@ pub(crate) fn unordered(unit: &[u8]) -> Option<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::video::color::Matrix;
+    use crate::dataset::video::color::ColorMatrix;
 
     /// Writes fields as a parameter set has them.
     #[derive(Default)]
@@ -325,7 +325,7 @@ mod tests {
             .unit()
     }
 
-    fn kind_of(unit: &[u8], height: usize, width: usize) -> Result<Kind, String> {
+    fn kind_of(unit: &[u8], height: usize, width: usize) -> Result<PictureKind, String> {
         kind(unit, height, width, ContainerColors::default())
     }
 
@@ -334,7 +334,7 @@ mod tests {
         let read = |case: Case, height| kind_of(&unit(&case), height, 128).unwrap();
         let good = read(GOOD, 90);
         assert!(good.openh264);
-        assert_eq!(good.format.colors.matrix, Matrix::Bt601);
+        assert_eq!(good.format.colors.matrix, ColorMatrix::Bt601);
         assert!(!read(Case { bypass: 1, ..GOOD }, 90).openh264);
         assert!(!read(Case { depth: 10, ..GOOD }, 90).openh264);
         // The set crops by 3 units of two field lines each. With 4:2:2, cropping counts single lines.
@@ -358,7 +358,7 @@ mod tests {
         };
         let full = read(full, 90);
         assert!(full.openh264 && full.format.colors.full_range);
-        assert_eq!(full.format.colors.matrix, Matrix::Bt709);
+        assert_eq!(full.format.colors.matrix, ColorMatrix::Bt709);
         // LeRobot takes the range of more than 8 bits for limited.
         let deep = Case {
             depth: 10,
@@ -391,7 +391,7 @@ mod tests {
             full_range: Some(true),
         };
         let stated = kind(&unit(&GOOD), 90, 128, container).unwrap();
-        assert_eq!(stated.format.colors.matrix, Matrix::Bt601);
+        assert_eq!(stated.format.colors.matrix, ColorMatrix::Bt601);
         assert!(!stated.format.colors.full_range);
     }
 

@@ -14,8 +14,8 @@ const HEADER: usize = 64;
 
 /// Follows a stream in order of decoding.
 #[derive(Default)]
-pub(crate) struct Order {
-    sequences: BTreeMap<u64, sps::Counting>,
+pub(crate) struct HevcOrder {
+    sequences: BTreeMap<u64, sps::HevcPictureCounts>,
     pictures: BTreeMap<u64, PictureParameters>,
     count: PictureCount,
     begun: bool,
@@ -28,7 +28,7 @@ struct PictureParameters {
     reserved_bits: usize,
 }
 
-impl Order {
+impl HevcOrder {
     /// The place of the picture that begins with this unit; `None` for other units, and where the count cannot be read.
     pub fn see(&mut self, unit: &[u8]) -> Option<(u32, i64)> {
         let (head, rest) = unit.split_at_checked(2)?;

@@ -2,20 +2,20 @@
 
 use crate::dataset::video::bits::{stated_colors, without_emulation_prevention, Bits};
 use crate::dataset::video::color::{Sampling, YuvFormat};
-use crate::dataset::video::kind::{colors, Declared, Kind};
+use crate::dataset::video::kind::{colors, Declared, PictureKind};
 
 /// Checks that a parameter set (a whole NAL unit) declares `height x width` pictures of a kind that is read.
 ///
 /// # Errors
 /// What it declares instead.
-pub(crate) fn kind(unit: &[u8], height: usize, width: usize) -> Result<Kind, String> {
+pub(crate) fn kind(unit: &[u8], height: usize, width: usize) -> Result<PictureKind, String> {
     let sps = parse(unit).ok_or("has a parameter set that ends too early")?;
     let declared = sps.declared;
     let (sampling, bits) = declared.layout(height, width)?;
     // FFmpeg has a format of full range for this kind alone, and LeRobot reads all others as limited.
     let can_be_full = (sampling, bits) == (Sampling::Yuv420, 8);
     let full_range = declared.full_range == Some(true) && can_be_full;
-    Ok(Kind {
+    Ok(PictureKind {
         format: YuvFormat {
             sampling,
             bits,
@@ -27,27 +27,27 @@ pub(crate) fn kind(unit: &[u8], height: usize, width: usize) -> Result<Kind, Str
 }
 
 /// How pictures are counted.
-pub(crate) struct Counting {
+pub(crate) struct HevcPictureCounts {
     /// Bits of the count in a slice's header.
     pub bits: u32,
     pub separate_planes: bool,
 }
 
 /// The number of a parameter set, and how its pictures are counted.
-pub(crate) fn counting(unit: &[u8]) -> Option<(u64, Counting)> {
+pub(crate) fn counting(unit: &[u8]) -> Option<(u64, HevcPictureCounts)> {
     let sps = parse(unit)?;
     Some((sps.id, sps.counting))
 }
 
-struct Sps {
+struct HevcSps {
     id: u64,
-    counting: Counting,
+    counting: HevcPictureCounts,
     declared: Declared,
 }
 
 /// `None` where it ends too early or a number is larger than any can be. What it counts takes bits of its own, so that each loop ends
 /// where the bits end.
-fn parse(unit: &[u8]) -> Option<Sps> {
+fn parse(unit: &[u8]) -> Option<HevcSps> {
     let payload = without_emulation_prevention(unit.get(2..)?);
     let mut bits = Bits {
         bytes: &payload,
@@ -117,11 +117,11 @@ fn parse(unit: &[u8]) -> Option<Sps> {
         full_range,
         matrix,
     };
-    let counting = Counting {
+    let counting = HevcPictureCounts {
         bits: order_bits as u32,
         separate_planes,
     };
-    Some(Sps {
+    Some(HevcSps {
         id,
         counting,
         declared,
@@ -193,7 +193,7 @@ fn skip_reference_sets(bits: &mut Bits) -> Option<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::video::color::{Colors, Matrix};
+    use crate::dataset::video::color::{ColorMatrix, Colors};
 
     /// The parameter set of a video that libx265 wrote.
     fn set(name: &str) -> Vec<u8> {
@@ -214,37 +214,37 @@ mod tests {
                 "hevc_hev1",
                 Sampling::Yuv420,
                 8,
-                colors(Matrix::Bt601, false),
+                colors(ColorMatrix::Bt601, false),
             ),
             (
                 "hevc_bt709",
                 Sampling::Yuv420,
                 8,
-                colors(Matrix::Bt709, false),
+                colors(ColorMatrix::Bt709, false),
             ),
             (
                 "hevc_full",
                 Sampling::Yuv420,
                 8,
-                colors(Matrix::Bt601, true),
+                colors(ColorMatrix::Bt601, true),
             ),
             (
                 "hevc_10bit_full",
                 Sampling::Yuv420,
                 10,
-                colors(Matrix::Bt601, false),
+                colors(ColorMatrix::Bt601, false),
             ),
             (
                 "hevc_422_10bit",
                 Sampling::Yuv422,
                 10,
-                colors(Matrix::Bt601, false),
+                colors(ColorMatrix::Bt601, false),
             ),
             (
                 "hevc_444_12bit",
                 Sampling::Yuv444,
                 12,
-                colors(Matrix::Bt709, false),
+                colors(ColorMatrix::Bt709, false),
             ),
         ] {
             let like = YuvFormat {

@@ -73,8 +73,8 @@ pub(crate) fn sample_places(table: &[u8], file_len: u64) -> Result<Vec<(u64, u32
 /// Second at which each sample is shown, before the edit list: durations (`stts`) and offsets (`ctts`).
 pub(crate) fn sample_times(table: &[u8], count: usize, scale: u32) -> Result<Vec<f64>> {
     let mut times = Vec::with_capacity(count);
-    let mut deltas = Runs::new(required(table, b"stts")?)?;
-    let mut offsets = find(table, b"ctts")?.map(Runs::new).transpose()?;
+    let mut deltas = RunLengths::new(required(table, b"stts")?)?;
+    let mut offsets = find(table, b"ctts")?.map(RunLengths::new).transpose()?;
     let mut decode_time: u64 = 0;
     for _ in 0..count {
         let offset = match &mut offsets {
@@ -106,13 +106,13 @@ pub(crate) fn mark_keys(table: &[u8], samples: &mut [Mp4Sample]) -> Result<()> {
 }
 
 /// Run-length coded values: `count` pairs of (repetitions, value).
-struct Runs<'a> {
+struct RunLengths<'a> {
     fields: Fields<'a>,
     left: u32,
     value: u32,
 }
 
-impl<'a> Runs<'a> {
+impl<'a> RunLengths<'a> {
     fn new(body: &'a [u8]) -> Result<Self> {
         Ok(Self {
             fields: Fields(body).skip(8)?,

@@ -6,7 +6,7 @@ use super::boxes::{find, required, BoxHeader, Boxes, Fields, Result};
 use super::nal_config::NalConfig;
 use super::sample::{ContainerColors, Mp4Codec, Mp4Sample};
 use super::tables;
-use super::turn::Turn;
+use super::turn::Rotation;
 
 /// Largest `moov` box read into memory; a million frames take about 10 MB.
 const MAX_MOOV: u64 = 64 << 20;
@@ -23,7 +23,7 @@ pub struct Mp4Track {
     /// The colours that the container states.
     pub colors: ContainerColors,
     /// How its frames are turned before they are shown; width and height are those before.
-    pub turn: Turn,
+    pub turn: Rotation,
     /// Frames in decoding order.
     pub samples: Vec<Mp4Sample>,
     /// Numbers of the samples in the order in which they are shown, which for AV1 is that of decoding.
@@ -74,7 +74,7 @@ impl Mp4Track {
             match &kind {
                 b"mvhd" => {
                     movie_scale = timescale(body)?;
-                    Turn::refuse_in_movie(body)?;
+                    Rotation::refuse_in_movie(body)?;
                 }
                 b"mvex" => return Err("fragmented mp4 files are not read".into()),
                 b"trak" if video.is_none() => {
@@ -92,7 +92,7 @@ impl Mp4Track {
         let start = presentation_start(track, movie_scale, scale)?;
         let table = required(required(media, b"minf")?, b"stbl")?;
         let (width, height, codec, colors) = description(required(table, b"stsd")?)?;
-        let turn = find(track, b"tkhd")?.map_or(Ok(Turn::None), Turn::of_track)?;
+        let turn = find(track, b"tkhd")?.map_or(Ok(Rotation::None), Rotation::of_track)?;
 
         let places = tables::sample_places(table, file_len)?;
         let times = tables::sample_times(table, places.len(), scale)?;

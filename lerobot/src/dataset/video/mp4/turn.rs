@@ -4,7 +4,7 @@ use super::boxes::{Fields, Result};
 
 /// A turn by quarters, clockwise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Turn {
+pub enum Rotation {
     /// As it is stored.
     None,
     /// By 90 degrees.
@@ -16,16 +16,16 @@ pub enum Turn {
 }
 
 const ONE: i32 = 1 << 16;
-const QUARTERS: [([i32; 4], Turn); 5] = [
-    ([ONE, 0, 0, ONE], Turn::None),
+const QUARTERS: [([i32; 4], Rotation); 5] = [
+    ([ONE, 0, 0, ONE], Rotation::None),
     // Some writers leave the matrix out.
-    ([0; 4], Turn::None),
-    ([0, ONE, -ONE, 0], Turn::Right),
-    ([-ONE, 0, 0, -ONE], Turn::Over),
-    ([0, -ONE, ONE, 0], Turn::Left),
+    ([0; 4], Rotation::None),
+    ([0, ONE, -ONE, 0], Rotation::Right),
+    ([-ONE, 0, 0, -ONE], Rotation::Over),
+    ([0, -ONE, ONE, 0], Rotation::Left),
 ];
 
-impl Turn {
+impl Rotation {
     /// The turn that a track header's matrix states.
     pub(crate) fn of_track(header: &[u8]) -> Result<Self> {
         // Times take 20 bytes, or 32 in version 1, after 4 of version and flags. Reserved fields, layer, group and volume take 16.
@@ -106,12 +106,12 @@ mod tests {
         let rgb = vec![
             1, 2, 3, 4, 5, 6, 11, 12, 13, 14, 15, 16, 21, 22, 23, 24, 25, 26,
         ];
-        let first = |turn: Turn| turn.apply(rgb.clone(), 2, 3)[..6].to_vec();
-        assert_eq!(first(Turn::None), [1, 2, 3, 4, 5, 6]);
-        assert_eq!(first(Turn::Right), [4, 1, 5, 2, 6, 3]);
-        assert_eq!(first(Turn::Over), [6, 5, 4, 3, 2, 1]);
-        assert_eq!(first(Turn::Left), [3, 6, 2, 5, 1, 4]);
-        let around = Turn::Left.apply(Turn::Right.apply(rgb.clone(), 2, 3), 3, 2);
+        let first = |turn: Rotation| turn.apply(rgb.clone(), 2, 3)[..6].to_vec();
+        assert_eq!(first(Rotation::None), [1, 2, 3, 4, 5, 6]);
+        assert_eq!(first(Rotation::Right), [4, 1, 5, 2, 6, 3]);
+        assert_eq!(first(Rotation::Over), [6, 5, 4, 3, 2, 1]);
+        assert_eq!(first(Rotation::Left), [3, 6, 2, 5, 1, 4]);
+        let around = Rotation::Left.apply(Rotation::Right.apply(rgb.clone(), 2, 3), 3, 2);
         assert_eq!(around, rgb);
     }
 }

@@ -9,8 +9,8 @@ use rayon::prelude::*;
 
 use crate::policy::model::kernels::dispatch::{serve, widened};
 use crate::policy::model::kernels::matmul::matmul;
-use crate::policy::model::kernels::matrix::{product, Into, Matrix, Threads};
-use crate::policy::model::kernels::operation::{Kernel, Operation, Output, Values};
+use crate::policy::model::kernels::matrix::{product, Into, StridedMatrix, Threads};
+use crate::policy::model::kernels::operation::{CpuOperation, CpuValues, Kernel, KernelOutput};
 use crate::policy::model::kernels::softmax::exponentials;
 
 /// Queries a block: with 1024 keys their scores take 1 MiB.
@@ -22,7 +22,7 @@ pub fn attend_to_all(qkv: &Tensor, heads: usize) -> Result<Tensor> {
     if serve(qkv) {
         return qkv
             .contiguous()?
-            .apply_op1_no_bwd(&Operation(AttendToAll { heads }));
+            .apply_op1_no_bwd(&CpuOperation(AttendToAll { heads }));
     }
     let (batch, tokens, width) = qkv.dims3()?;
     let (width, dim) = (width / 3, width / 3 / heads);
@@ -47,7 +47,7 @@ struct AttendToAll {
 impl Kernel<1> for AttendToAll {
     const NAME: &'static str = "attend-to-all";
 
-    fn forward(&self, [qkv]: [Values; 1]) -> Output {
+    fn forward(&self, [qkv]: [CpuValues; 1]) -> KernelOutput {
         let (batch, tokens, stride) = qkv.shape.dims3()?;
         let heads = self.heads.max(1);
         if stride % (3 * heads) != 0 {
@@ -69,7 +69,7 @@ impl Kernel<1> for AttendToAll {
             for column in (0..width).step_by(dim.max(1)) {
                 let of = |token: usize, part: usize, count: usize| {
                     let from = token * stride + part * width + column;
-                    Matrix::strided(&qkv[from..], count, dim, stride)
+                    StridedMatrix::strided(&qkv[from..], count, dim, stride)
                 };
                 product(
                     of(first_query, 0, queries),
@@ -84,7 +84,7 @@ impl Kernel<1> for AttendToAll {
                 exponentiate(&mut scores, tokens, &mut totals);
                 let out = &mut out[column..];
                 product(
-                    Matrix::new(&scores, queries, tokens),
+                    StridedMatrix::new(&scores, queries, tokens),
                     of(first_key, 2, tokens),
                     1.0,
                     out,

@@ -6,8 +6,10 @@ use candle_core::{Result, Shape, Tensor};
 
 use crate::policy::model::kernels::dispatch::{in_chunks, serve};
 use crate::policy::model::kernels::matmul::matmul;
-use crate::policy::model::kernels::matrix::{product, Into, Matrix, Threads};
-use crate::policy::model::kernels::operation::{Gradients, Kernel, Operation, Output, Values};
+use crate::policy::model::kernels::matrix::{product, Into, StridedMatrix, Threads};
+use crate::policy::model::kernels::operation::{
+    CpuOperation, CpuValues, Gradients, Kernel, KernelOutput,
+};
 
 /// `q·kᵀ` for queries (B, Q, heads, dim) and keys (B, K, kv_heads, dim): (B, heads, Q, K). Query head `h` meets key head
 /// `h / (heads / kv_heads)`.
@@ -15,7 +17,7 @@ pub fn queries_by_keys(q: &Tensor, k: &Tensor) -> Result<Tensor> {
     if serve(q) {
         return q
             .contiguous()?
-            .apply_op2(&k.contiguous()?, Operation(QueriesByKeys));
+            .apply_op2(&k.contiguous()?, CpuOperation(QueriesByKeys));
     }
     let (batch, queries, heads, dim) = q.dims4()?;
     let (_, keys, kv_heads, _) = k.dims4()?;
@@ -31,7 +33,7 @@ pub fn weights_by_values(p: &Tensor, v: &Tensor) -> Result<Tensor> {
     if serve(p) && serve(v) {
         return p
             .contiguous()?
-            .apply_op2(&v.contiguous()?, Operation(WeightsByValues));
+            .apply_op2(&v.contiguous()?, CpuOperation(WeightsByValues));
     }
     let (batch, heads, queries, keys) = p.dims4()?;
     let (kv_heads, dim) = (v.dim(2)?, v.dim(3)?);
@@ -52,9 +54,9 @@ struct QueriesByKeys;
 impl Kernel<2> for QueriesByKeys {
     const NAME: &'static str = "queries-by-keys";
 
-    fn forward(&self, [q, k]: [Values; 2]) -> Output {
-        let q = Heads::tokens_first(q)?;
-        let k = Heads::tokens_first(k)?;
+    fn forward(&self, [q, k]: [CpuValues; 2]) -> KernelOutput {
+        let q = HeadMatrices::tokens_first(q)?;
+        let k = HeadMatrices::tokens_first(k)?;
         let group = group(
             q.heads,
             k.heads,
@@ -72,7 +74,7 @@ impl Kernel<2> for QueriesByKeys {
     fn backward(&self, [q, k]: [&Tensor; 2], _: &Tensor, grad: &Tensor) -> Gradients<2> {
         let grad = grad.contiguous()?;
         let of_q = q.track_op().then(|| {
-            let of_q = grad.apply_op2_no_bwd(k, &Operation(WeightsByValues))?;
+            let of_q = grad.apply_op2_no_bwd(k, &CpuOperation(WeightsByValues))?;
             of_q.transpose(1, 2)
         });
         let of_k = k.track_op().then(|| summed_over_queries(&grad, q, k));
@@ -85,9 +87,9 @@ struct WeightsByValues;
 impl Kernel<2> for WeightsByValues {
     const NAME: &'static str = "weights-by-values";
 
-    fn forward(&self, [p, v]: [Values; 2]) -> Output {
-        let p = Heads::heads_first(p)?;
-        let v = Heads::tokens_first(v)?;
+    fn forward(&self, [p, v]: [CpuValues; 2]) -> KernelOutput {
+        let p = HeadMatrices::heads_first(p)?;
+        let v = HeadMatrices::tokens_first(v)?;
         let group = group(p.heads, v.heads, p.batch == v.batch && p.columns == v.rows)?;
         let mut out = vec![0.0; p.batch * p.heads * p.rows * v.columns];
         in_chunks(&mut out, p.rows * v.columns, 2 * v.rows, |at, out| {
@@ -102,7 +104,7 @@ impl Kernel<2> for WeightsByValues {
         let grad = grad.transpose(1, 2)?.contiguous()?;
         let of_p = p
             .track_op()
-            .then(|| grad.apply_op2_no_bwd(v, &Operation(QueriesByKeys)));
+            .then(|| grad.apply_op2_no_bwd(v, &CpuOperation(QueriesByKeys)));
         let of_v = v.track_op().then(|| summed_over_queries(p, &grad, v));
         Ok([of_p.transpose()?, of_v.transpose()?])
     }
@@ -112,7 +114,7 @@ impl Kernel<2> for WeightsByValues {
 /// (B, heads, Q, K) and x (B, Q, heads, dim).
 fn summed_over_queries(p: &Tensor, x: &Tensor, like: &Tensor) -> Result<Tensor> {
     let kv_heads = like.dim(2)?;
-    p.apply_op2_no_bwd(x, &Operation(SummedOverQueries { kv_heads }))?
+    p.apply_op2_no_bwd(x, &CpuOperation(SummedOverQueries { kv_heads }))?
         .transpose(1, 2)
 }
 
@@ -123,9 +125,9 @@ struct SummedOverQueries {
 impl Kernel<2> for SummedOverQueries {
     const NAME: &'static str = "summed-over-queries";
 
-    fn forward(&self, [p, x]: [Values; 2]) -> Output {
-        let p = Heads::heads_first(p)?;
-        let x = Heads::tokens_first(x)?;
+    fn forward(&self, [p, x]: [CpuValues; 2]) -> KernelOutput {
+        let p = HeadMatrices::heads_first(p)?;
+        let x = HeadMatrices::tokens_first(x)?;
         let fits = p.batch == x.batch && p.heads == x.heads && p.rows == x.rows;
         let group = group(p.heads, self.kv_heads, fits)?;
         let mut out = vec![0.0; p.batch * self.kv_heads * p.columns * x.columns];
@@ -142,7 +144,7 @@ impl Kernel<2> for SummedOverQueries {
 }
 
 /// A tensor as one matrix (rows, columns) for each head of each sample.
-struct Heads<'a> {
+struct HeadMatrices<'a> {
     values: &'a [f32],
     batch: usize,
     heads: usize,
@@ -151,9 +153,9 @@ struct Heads<'a> {
     tokens_first: bool,
 }
 
-impl<'a> Heads<'a> {
+impl<'a> HeadMatrices<'a> {
     /// (B, rows, heads, columns).
-    fn tokens_first(x: Values<'a>) -> Result<Self> {
+    fn tokens_first(x: CpuValues<'a>) -> Result<Self> {
         let (batch, rows, heads, columns) = x.shape.dims4()?;
         Ok(Self {
             values: x.all,
@@ -166,7 +168,7 @@ impl<'a> Heads<'a> {
     }
 
     /// (B, heads, rows, columns).
-    fn heads_first(x: Values<'a>) -> Result<Self> {
+    fn heads_first(x: CpuValues<'a>) -> Result<Self> {
         let (batch, heads, rows, columns) = x.shape.dims4()?;
         Ok(Self {
             values: x.all,
@@ -179,14 +181,14 @@ impl<'a> Heads<'a> {
     }
 
     /// Matrix number `at`, heads of a sample counted first.
-    fn matrix(&self, at: usize) -> Matrix<'a> {
+    fn matrix(&self, at: usize) -> StridedMatrix<'a> {
         let (sample, head) = (at / self.heads, at % self.heads);
         let sample = &self.values[sample * self.rows * self.heads * self.columns..];
         let (start, stride) = match self.tokens_first {
             true => (head * self.columns, self.heads * self.columns),
             false => (head * self.rows * self.columns, self.columns),
         };
-        Matrix::strided(&sample[start..], self.rows, self.columns, stride)
+        StridedMatrix::strided(&sample[start..], self.rows, self.columns, stride)
     }
 }
 
@@ -199,7 +201,7 @@ fn group(heads: usize, kv_heads: usize, fits: bool) -> Result<usize> {
 }
 
 /// Products of heads run side by side, each in one thread.
-fn multiply(a: Matrix, b: Matrix, out: &mut [f32], columns: usize, into: Into) {
+fn multiply(a: StridedMatrix, b: StridedMatrix, out: &mut [f32], columns: usize, into: Into) {
     product(a, b, 1.0, out, columns, into, Threads::One);
 }
 

@@ -5,8 +5,10 @@ use candle_core::{Result, Shape, Tensor, D};
 use crate::policy::model::kernels::dispatch::{in_chunks, serve};
 use crate::policy::model::kernels::gradients::collect;
 use crate::policy::model::kernels::matmul::matmul;
-use crate::policy::model::kernels::matrix::{product, product_of, Into, Matrix, Threads};
-use crate::policy::model::kernels::operation::{Gradients, Kernel, Operation, Output, Values};
+use crate::policy::model::kernels::matrix::{product, product_of, Into, StridedMatrix, Threads};
+use crate::policy::model::kernels::operation::{
+    CpuOperation, CpuValues, Gradients, Kernel, KernelOutput,
+};
 
 /// `x·wᵀ + b` over the last dimension, with a weight (out, in) and perhaps a bias (out).
 ///
@@ -35,8 +37,10 @@ impl Linear {
         }
         let rows = x.flatten_to(D::Minus2)?.contiguous()?;
         let out = match (serve(x), &self.bias) {
-            (true, None) => rows.apply_op2(&self.weight, Operation(Affine))?,
-            (true, Some(bias)) => rows.apply_op3(&self.weight, bias, Operation(Affine))?,
+            (true, None) => rows.apply_op2(&self.weight, CpuOperation(LinearForward))?,
+            (true, Some(bias)) => {
+                rows.apply_op3(&self.weight, bias, CpuOperation(LinearForward))?
+            }
             (false, None) => matmul(&rows, &self.weight.t()?)?,
             (false, Some(bias)) => matmul(&rows, &self.weight.t()?)?.broadcast_add(bias)?,
         };
@@ -51,7 +55,7 @@ impl Linear {
         let rows = x.flatten_to(D::Minus2)?.contiguous()?;
         let onto = residual.flatten_to(D::Minus2)?.contiguous()?;
         let bias = self.bias.as_ref();
-        rows.apply_op3_no_bwd(&self.weight, &onto, &Operation(Onto { bias }))?
+        rows.apply_op3_no_bwd(&self.weight, &onto, &CpuOperation(Onto { bias }))?
             .reshape(residual.shape())
     }
 }
@@ -64,7 +68,7 @@ struct Onto<'a> {
 impl Kernel<3> for Onto<'_> {
     const NAME: &'static str = "linear-onto";
 
-    fn forward(&self, [x, w, residual]: [Values; 3]) -> Output {
+    fn forward(&self, [x, w, residual]: [CpuValues; 3]) -> KernelOutput {
         let mut onto = residual.to_vec();
         if let Some(bias) = self.bias {
             let bias = bias.to_vec1::<f32>()?;
@@ -76,18 +80,18 @@ impl Kernel<3> for Onto<'_> {
     }
 }
 
-struct Affine;
+struct LinearForward;
 
 /// `x·wᵀ` added to as many values, or to nothing.
-fn forward(x: Values, w: Values, onto: Option<Vec<f32>>) -> Output {
+fn forward(x: CpuValues, w: CpuValues, onto: Option<Vec<f32>>) -> KernelOutput {
     let ((rows, inner), (outer, columns)) = (x.shape.dims2()?, w.shape.dims2()?);
     if inner != columns || onto.as_ref().is_some_and(|onto| onto.len() != rows * outer) {
         candle_core::bail!(
             "a linear map of {columns} to {outer} values got {rows} rows of {inner}, or a bias or residual of another length"
         );
     }
-    let x = Matrix::new(&x, rows, inner);
-    let w = Matrix::new(&w, outer, inner).transposed();
+    let x = StridedMatrix::new(&x, rows, inner);
+    let w = StridedMatrix::new(&w, outer, inner).transposed();
     let out = match onto {
         None => product_of(x, w),
         Some(mut onto) => {
@@ -103,30 +107,30 @@ fn backward(x: &Tensor, w: &Tensor, grad: &Tensor) -> Gradients<2> {
     let wanted = |argument: &Tensor, left: &Tensor, right: &Tensor, op| {
         argument
             .track_op()
-            .then(|| left.apply_op2_no_bwd(right, &Operation(op)))
+            .then(|| left.apply_op2_no_bwd(right, &CpuOperation(op)))
             .transpose()
     };
-    let of_w = wanted(w, grad, x, Backward::Weight)?;
+    let of_w = wanted(w, grad, x, LinearBackward::Weight)?;
     Ok([
-        wanted(x, grad, w, Backward::Input)?,
+        wanted(x, grad, w, LinearBackward::Input)?,
         of_w.and_then(|gradient| collect(w, gradient)),
     ])
 }
 
-enum Backward {
+enum LinearBackward {
     /// grad (rows, out) times w (out, in).
     Input,
     /// gradᵀ (out, rows) times x (rows, in).
     Weight,
 }
 
-impl Kernel<2> for Backward {
+impl Kernel<2> for LinearBackward {
     const NAME: &'static str = "linear-backward";
 
-    fn forward(&self, [grad, other]: [Values; 2]) -> Output {
+    fn forward(&self, [grad, other]: [CpuValues; 2]) -> KernelOutput {
         let ((rows, outer), (height, inner)) = (grad.shape.dims2()?, other.shape.dims2()?);
-        let grad = Matrix::new(&grad, rows, outer);
-        let other = Matrix::new(&other, height, inner);
+        let grad = StridedMatrix::new(&grad, rows, outer);
+        let other = StridedMatrix::new(&other, height, inner);
         let (grad, rows) = match self {
             Self::Input => (grad, rows),
             Self::Weight => (grad.transposed(), outer),
@@ -136,10 +140,10 @@ impl Kernel<2> for Backward {
     }
 }
 
-impl Kernel<2> for Affine {
+impl Kernel<2> for LinearForward {
     const NAME: &'static str = "linear";
 
-    fn forward(&self, [x, w]: [Values; 2]) -> Output {
+    fn forward(&self, [x, w]: [CpuValues; 2]) -> KernelOutput {
         forward(x, w, None)
     }
 
@@ -148,10 +152,10 @@ impl Kernel<2> for Affine {
     }
 }
 
-impl Kernel<3> for Affine {
+impl Kernel<3> for LinearForward {
     const NAME: &'static str = "linear-with-bias";
 
-    fn forward(&self, [x, w, bias]: [Values; 3]) -> Output {
+    fn forward(&self, [x, w, bias]: [CpuValues; 3]) -> KernelOutput {
         let rows = x.shape.dims2()?.0;
         let onto = bias.repeat(rows);
         forward(x, w, Some(onto))

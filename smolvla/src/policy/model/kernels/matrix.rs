@@ -9,7 +9,7 @@ use gemm::Parallelism;
 
 /// A strided matrix inside a slice: element (i, j) is `values[i * row_stride + j * column_stride]`.
 #[derive(Clone, Copy)]
-pub struct Matrix<'a> {
+pub struct StridedMatrix<'a> {
     values: &'a [f32],
     rows: usize,
     columns: usize,
@@ -17,7 +17,7 @@ pub struct Matrix<'a> {
     column_stride: usize,
 }
 
-impl<'a> Matrix<'a> {
+impl<'a> StridedMatrix<'a> {
     /// `rows x columns` values in order. More may follow.
     ///
     /// # Panics
@@ -43,7 +43,7 @@ impl<'a> Matrix<'a> {
 
     fn view(&self) -> MatRef<'a, f32> {
         let (rows, columns) = (self.row_stride as isize, self.column_stride as isize);
-        // SAFETY: `Matrix` is made with the check that every element lies in `values`, and transposing keeps it.
+        // SAFETY: `StridedMatrix` is made with the check that every element lies in `values`, and transposing keeps it.
         unsafe {
             MatRef::from_raw_parts(self.values.as_ptr(), self.rows, self.columns, rows, columns)
         }
@@ -100,7 +100,7 @@ const LONG_SUMS: usize = 2;
 ///
 /// # Panics
 /// The shapes disagree.
-pub fn product_of(a: Matrix, b: Matrix) -> Vec<f32> {
+pub fn product_of(a: StridedMatrix, b: StridedMatrix) -> Vec<f32> {
     assert_eq!(a.columns, b.rows, "inner dimensions of a product");
     let (rows, columns) = (a.rows, b.columns);
     if a.columns == 0 {
@@ -128,8 +128,8 @@ pub fn product_of(a: Matrix, b: Matrix) -> Vec<f32> {
 /// # Panics
 /// The shapes disagree, or `out` is too short.
 pub fn product(
-    a: Matrix,
-    b: Matrix,
+    a: StridedMatrix,
+    b: StridedMatrix,
     scale: f32,
     out: &mut [f32],
     out_stride: usize,
@@ -147,8 +147,8 @@ pub fn product(
 /// `a.rows` rows of `b.columns` values, `out_stride` apart and at least as far as they are long, may be written at `out`, and
 /// read where the product is added; they overlap neither operand.
 unsafe fn multiply(
-    a: Matrix,
-    b: Matrix,
+    a: StridedMatrix,
+    b: StridedMatrix,
     scale: f32,
     out: *mut f32,
     out_stride: usize,
@@ -157,7 +157,7 @@ unsafe fn multiply(
 ) {
     let (rows, columns, inner) = (a.rows, b.columns, a.columns);
     let parallel = threads == Threads::All && rows * columns * inner > SMALL;
-    // SAFETY: every element that the operands' shapes and strides name lies in their slices: `Matrix` is made with that check, and
+    // SAFETY: every element that the operands' shapes and strides name lies in their slices: `StridedMatrix` is made with that check, and
     // transposing keeps it. The output's is the caller's word.
     unsafe {
         if rows < MANY_ROWS || inner > LONG_SUMS * columns {
@@ -209,8 +209,8 @@ mod tests {
         let b: Vec<f32> = (0..30).map(|x| (x * x % 13) as f32).collect();
         // A matrix of 4 x 3 in rows of 7 is multiplied by the transpose of one of 5 x 3 in rows of 5.
         let (left, right) = (
-            Matrix::strided(&a[2..], 4, 3, 7),
-            Matrix::strided(&b, 5, 3, 5),
+            StridedMatrix::strided(&a[2..], 4, 3, 7),
+            StridedMatrix::strided(&b, 5, 3, 5),
         );
         let mut out = vec![1.0f32; 4 * 6];
         product(
@@ -253,8 +253,8 @@ mod tests {
             let with = |threads: usize| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
                 pool.build().unwrap().install(|| {
-                    let b = Matrix::new(&b, columns, inner).transposed();
-                    product_of(Matrix::new(&a, rows, inner), b)
+                    let b = StridedMatrix::new(&b, columns, inner).transposed();
+                    product_of(StridedMatrix::new(&a, rows, inner), b)
                 })
             };
             let one = with(1);

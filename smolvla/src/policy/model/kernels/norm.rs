@@ -4,14 +4,18 @@ use candle_core::{Result, Tensor, D};
 use pulp::{Arch, Simd};
 
 use crate::policy::model::kernels::dispatch::{in_chunks, serve};
-use crate::policy::model::kernels::operation::{Gradients, Kernel, Operation, Output, Values};
+use crate::policy::model::kernels::operation::{
+    CpuOperation, CpuValues, Gradients, Kernel, KernelOutput,
+};
 use crate::policy::model::kernels::vector::sum;
 
 /// `x / sqrt(mean(x²) + eps) * gain` over the last dimension; no gradient is computed for a gain that is not a variable.
 pub fn rms_norm(x: &Tensor, gain: &Tensor, eps: f64) -> Result<Tensor> {
     if serve(x) {
         let eps = eps as f32;
-        return x.contiguous()?.apply_op2(gain, Operation(RmsNorm { eps }));
+        return x
+            .contiguous()?
+            .apply_op2(gain, CpuOperation(RmsNormKernel { eps }));
     }
     let mean_square = x.sqr()?.mean_keepdim(D::Minus1)?;
     x.broadcast_div(&(mean_square + eps)?.sqrt()?)?
@@ -23,9 +27,11 @@ pub fn rms_norm(x: &Tensor, gain: &Tensor, eps: f64) -> Result<Tensor> {
 pub fn layer_norm(x: &Tensor, gain: &Tensor, bias: &Tensor, eps: f64) -> Result<Tensor> {
     if serve(x) {
         let eps = eps as f32;
-        return x
-            .contiguous()?
-            .apply_op3_no_bwd(gain, bias, &Operation(LayerNorm { eps }));
+        return x.contiguous()?.apply_op3_no_bwd(
+            gain,
+            bias,
+            &CpuOperation(LayerNormKernel { eps }),
+        );
     }
     let centred = x.broadcast_sub(&x.mean_keepdim(D::Minus1)?)?;
     let variance = centred.sqr()?.mean_keepdim(D::Minus1)?;
@@ -35,14 +41,14 @@ pub fn layer_norm(x: &Tensor, gain: &Tensor, bias: &Tensor, eps: f64) -> Result<
         .broadcast_add(bias)
 }
 
-struct LayerNorm {
+struct LayerNormKernel {
     eps: f32,
 }
 
-impl Kernel<3> for LayerNorm {
+impl Kernel<3> for LayerNormKernel {
     const NAME: &'static str = "layer-norm";
 
-    fn forward(&self, [x, gain, bias]: [Values; 3]) -> Output {
+    fn forward(&self, [x, gain, bias]: [CpuValues; 3]) -> KernelOutput {
         let width = gain.len();
         if x.shape.dims().last() != Some(&width) || bias.len() != width || width == 0 {
             candle_core::bail!("a norm of {width} values got {:?}", x.shape);
@@ -70,7 +76,7 @@ fn standardise_with<S: Simd>(_: S, row: &mut [f32], gain: &[f32], bias: &[f32], 
 }
 
 #[derive(Clone, Copy)]
-struct RmsNorm {
+struct RmsNormKernel {
     eps: f32,
 }
 
@@ -81,10 +87,10 @@ fn inverse_root(x: &[f32], eps: f32) -> f32 {
     1.0 / (mean_square + eps).sqrt()
 }
 
-impl Kernel<2> for RmsNorm {
+impl Kernel<2> for RmsNormKernel {
     const NAME: &'static str = "rms-norm";
 
-    fn forward(&self, [x, gain]: [Values; 2]) -> Output {
+    fn forward(&self, [x, gain]: [CpuValues; 2]) -> KernelOutput {
         if x.shape.dims().last() != Some(&gain.len()) || gain.is_empty() {
             candle_core::bail!("a norm of {} values got {:?}", gain.len(), x.shape);
         }
@@ -99,13 +105,19 @@ impl Kernel<2> for RmsNorm {
         let (x, grad) = (x.contiguous()?, grad.contiguous()?);
         let of_x = x
             .track_op()
-            .then(|| x.apply_op3_no_bwd(gain, &grad, &Operation(Backward { eps: self.eps })))
+            .then(|| {
+                x.apply_op3_no_bwd(
+                    gain,
+                    &grad,
+                    &CpuOperation(RmsNormBackward { eps: self.eps }),
+                )
+            })
             .transpose()?;
         let of_gain = gain
             .track_op()
             .then(|| {
                 // This is the sum over rows of grad * x / sqrt(mean(x²) + eps): the norm itself with grad as its gain.
-                let plain = x.apply_op2_no_bwd(&gain.ones_like()?, &Operation(*self))?;
+                let plain = x.apply_op2_no_bwd(&gain.ones_like()?, &CpuOperation(*self))?;
                 (plain * &grad)?.flatten_to(D::Minus2)?.sum(0)
             })
             .transpose()?;
@@ -114,14 +126,14 @@ impl Kernel<2> for RmsNorm {
 }
 
 /// With f = 1 / sqrt(mean(x²) + eps) and h = grad * gain: `f h - x f³ mean(h x)`.
-struct Backward {
+struct RmsNormBackward {
     eps: f32,
 }
 
-impl Kernel<3> for Backward {
+impl Kernel<3> for RmsNormBackward {
     const NAME: &'static str = "rms-norm-backward";
 
-    fn forward(&self, [x, gain, grad]: [Values; 3]) -> Output {
+    fn forward(&self, [x, gain, grad]: [CpuValues; 3]) -> KernelOutput {
         let mut out = grad.to_vec();
         let width = gain.len().max(1);
         in_chunks(&mut out, width, 8, |row, grad| {

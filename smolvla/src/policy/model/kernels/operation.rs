@@ -8,12 +8,12 @@ use candle_core::{
 
 /// The values of a contiguous `f32` tensor on the CPU, in order.
 #[derive(Clone, Copy)]
-pub(super) struct Values<'a> {
+pub(super) struct CpuValues<'a> {
     pub all: &'a [f32],
     pub shape: &'a Shape,
 }
 
-impl<'a> Values<'a> {
+impl<'a> CpuValues<'a> {
     fn of(storage: &'a CpuStorage, layout: &'a Layout) -> Result<Self> {
         let values = storage.as_slice::<f32>()?;
         match layout.contiguous_offsets() {
@@ -26,7 +26,7 @@ impl<'a> Values<'a> {
     }
 }
 
-impl Deref for Values<'_> {
+impl Deref for CpuValues<'_> {
     type Target = [f32];
 
     fn deref(&self) -> &[f32] {
@@ -35,7 +35,7 @@ impl Deref for Values<'_> {
 }
 
 /// The values and the shape of a result.
-pub(super) type Output = Result<(Vec<f32>, Shape)>;
+pub(super) type KernelOutput = Result<(Vec<f32>, Shape)>;
 
 /// The gradients of those of `N` arguments that get one.
 pub(super) type Gradients<const N: usize> = Result<[Option<Tensor>; N]>;
@@ -46,7 +46,7 @@ pub(super) trait Kernel<const N: usize> {
     const NAME: &'static str;
 
     /// From the arguments to the result.
-    fn forward(&self, arguments: [Values; N]) -> Output;
+    fn forward(&self, arguments: [CpuValues; N]) -> KernelOutput;
 
     /// From the arguments, the result and its gradient to theirs.
     fn backward(&self, _: [&Tensor; N], _: &Tensor, _: &Tensor) -> Gradients<N> {
@@ -55,22 +55,22 @@ pub(super) trait Kernel<const N: usize> {
 }
 
 /// A kernel as candle takes it.
-pub(super) struct Operation<K>(pub K);
+pub(super) struct CpuOperation<K>(pub K);
 
 type Stored = Result<(CpuStorage, Shape)>;
 
-fn run<K: Kernel<N>, const N: usize>(kernel: &K, arguments: [Values; N]) -> Stored {
+fn run<K: Kernel<N>, const N: usize>(kernel: &K, arguments: [CpuValues; N]) -> Stored {
     let (values, shape) = kernel.forward(arguments)?;
     Ok((CpuStorage::F32(values), shape))
 }
 
-impl<K: Kernel<1>> CustomOp1 for Operation<K> {
+impl<K: Kernel<1>> CustomOp1 for CpuOperation<K> {
     fn name(&self) -> &'static str {
         K::NAME
     }
 
     fn cpu_fwd(&self, s: &CpuStorage, l: &Layout) -> Stored {
-        run(&self.0, [Values::of(s, l)?])
+        run(&self.0, [CpuValues::of(s, l)?])
     }
 
     fn bwd(&self, a: &Tensor, out: &Tensor, grad: &Tensor) -> Result<Option<Tensor>> {
@@ -79,13 +79,13 @@ impl<K: Kernel<1>> CustomOp1 for Operation<K> {
     }
 }
 
-impl<K: Kernel<2>> CustomOp2 for Operation<K> {
+impl<K: Kernel<2>> CustomOp2 for CpuOperation<K> {
     fn name(&self) -> &'static str {
         K::NAME
     }
 
     fn cpu_fwd(&self, s1: &CpuStorage, l1: &Layout, s2: &CpuStorage, l2: &Layout) -> Stored {
-        run(&self.0, [Values::of(s1, l1)?, Values::of(s2, l2)?])
+        run(&self.0, [CpuValues::of(s1, l1)?, CpuValues::of(s2, l2)?])
     }
 
     fn bwd(
@@ -99,7 +99,7 @@ impl<K: Kernel<2>> CustomOp2 for Operation<K> {
     }
 }
 
-impl<K: Kernel<3>> CustomOp3 for Operation<K> {
+impl<K: Kernel<3>> CustomOp3 for CpuOperation<K> {
     fn name(&self) -> &'static str {
         K::NAME
     }
@@ -113,8 +113,8 @@ impl<K: Kernel<3>> CustomOp3 for Operation<K> {
         s3: &CpuStorage,
         l3: &Layout,
     ) -> Stored {
-        let (a, b) = (Values::of(s1, l1)?, Values::of(s2, l2)?);
-        run(&self.0, [a, b, Values::of(s3, l3)?])
+        let (a, b) = (CpuValues::of(s1, l1)?, CpuValues::of(s2, l2)?);
+        run(&self.0, [a, b, CpuValues::of(s3, l3)?])
     }
 
     fn bwd(

@@ -4,7 +4,9 @@ use candle_core::{Result, Tensor, D};
 use pulp::{Arch, Simd};
 
 use crate::policy::model::kernels::dispatch::{in_chunks, serve};
-use crate::policy::model::kernels::operation::{Gradients, Kernel, Operation, Output, Values};
+use crate::policy::model::kernels::operation::{
+    CpuOperation, CpuValues, Gradients, Kernel, KernelOutput,
+};
 
 /// Rotates the halves of the last dimension of x (B, L, heads, dim) by angles whose sines and cosines are (B, L, 1, dim / 2):
 /// `(a cos - b sin, b cos + a sin)`, in the angles' numbers. The angles get no gradient.
@@ -12,7 +14,7 @@ pub fn rotate(x: &Tensor, sin: &Tensor, cos: &Tensor) -> Result<Tensor> {
     if serve(x) {
         return x
             .contiguous()?
-            .apply_op3(sin, cos, Operation(Rotate { back: false }));
+            .apply_op3(sin, cos, CpuOperation(Rotate { back: false }));
     }
     let (x, half) = (x.to_dtype(sin.dtype())?, x.dim(D::Minus1)? / 2);
     let (a, b) = (
@@ -32,7 +34,7 @@ struct Rotate {
 impl Kernel<3> for Rotate {
     const NAME: &'static str = "rotate";
 
-    fn forward(&self, [x, sin, cos]: [Values; 3]) -> Output {
+    fn forward(&self, [x, sin, cos]: [CpuValues; 3]) -> KernelOutput {
         let (batch, tokens, heads, dim) = x.shape.dims4()?;
         let half = dim / 2;
         let angles = (batch, tokens, 1, half);
@@ -49,7 +51,7 @@ impl Kernel<3> for Rotate {
     }
 
     fn backward(&self, [_, sin, cos]: [&Tensor; 3], _: &Tensor, grad: &Tensor) -> Gradients<3> {
-        let back = Operation(Rotate { back: !self.back });
+        let back = CpuOperation(Rotate { back: !self.back });
         let of_x = grad.contiguous()?.apply_op3_no_bwd(sin, cos, &back)?;
         Ok([Some(of_x), None, None])
     }

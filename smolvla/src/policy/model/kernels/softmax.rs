@@ -4,7 +4,9 @@ use candle_core::{Result, Tensor, D};
 use pulp::{Arch, Simd};
 
 use crate::policy::model::kernels::dispatch::{in_chunks, serve};
-use crate::policy::model::kernels::operation::{Gradients, Kernel, Operation, Output, Values};
+use crate::policy::model::kernels::operation::{
+    CpuOperation, CpuValues, Gradients, Kernel, KernelOutput,
+};
 use crate::policy::model::kernels::vector::{exp, sum};
 
 /// `softmax(scale * scores + mask)` over the last dimension, for scores (B, heads, Q, K) and a mask (B, 1, Q, K) of numbers
@@ -14,7 +16,7 @@ pub fn masked_softmax(scores: &Tensor, mask: &Tensor, scale: f64) -> Result<Tens
         let scale = scale as f32;
         return scores
             .contiguous()?
-            .apply_op2(&mask.contiguous()?, Operation(MaskedSoftmax { scale }));
+            .apply_op2(&mask.contiguous()?, CpuOperation(MaskedSoftmax { scale }));
     }
     let scores = (scores * scale)?.broadcast_add(mask)?;
     // The maximum only guards against overflow, so it has no gradient.
@@ -31,7 +33,7 @@ struct MaskedSoftmax {
 impl Kernel<2> for MaskedSoftmax {
     const NAME: &'static str = "masked-softmax";
 
-    fn forward(&self, [scores, mask]: [Values; 2]) -> Output {
+    fn forward(&self, [scores, mask]: [CpuValues; 2]) -> KernelOutput {
         let (batch, heads, queries, keys) = scores.shape.dims4()?;
         if mask.shape.dims4()? != (batch, 1, queries, keys) {
             candle_core::bail!("scores {:?} and mask {:?}", scores.shape, mask.shape);
@@ -49,20 +51,20 @@ impl Kernel<2> for MaskedSoftmax {
     fn backward(&self, _: [&Tensor; 2], out: &Tensor, grad: &Tensor) -> Gradients<2> {
         let scale = self.scale;
         let grad = grad.contiguous()?;
-        let of_scores = out.apply_op2_no_bwd(&grad, &Operation(Backward { scale }))?;
+        let of_scores = out.apply_op2_no_bwd(&grad, &CpuOperation(SoftmaxBackward { scale }))?;
         Ok([Some(of_scores), None])
     }
 }
 
 /// `scale * p * (g - Σ g p)` row by row, for probabilities p and their gradient g.
-struct Backward {
+struct SoftmaxBackward {
     scale: f32,
 }
 
-impl Kernel<2> for Backward {
+impl Kernel<2> for SoftmaxBackward {
     const NAME: &'static str = "masked-softmax-backward";
 
-    fn forward(&self, [out, grad]: [Values; 2]) -> Output {
+    fn forward(&self, [out, grad]: [CpuValues; 2]) -> KernelOutput {
         let (_, _, queries, keys) = out.shape.dims4()?;
         let mut result = grad.to_vec();
         let (scale, keys) = (self.scale, keys.max(1));

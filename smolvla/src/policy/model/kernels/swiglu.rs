@@ -4,14 +4,16 @@ use candle_core::{Result, Tensor};
 use pulp::{Arch, Simd};
 
 use crate::policy::model::kernels::dispatch::{in_blocks, serve, widened};
-use crate::policy::model::kernels::operation::{Gradients, Kernel, Operation, Output, Values};
+use crate::policy::model::kernels::operation::{
+    CpuOperation, CpuValues, Gradients, Kernel, KernelOutput,
+};
 use crate::policy::model::kernels::vector::sigmoid;
 
 /// `silu(gate) * up` for two tensors of one shape, in `f32` where they are of shorter numbers (Shazeer, GLU Variants Improve Transformer, 2020).
 pub fn swiglu(gate: &Tensor, up: &Tensor) -> Result<Tensor> {
     if serve(gate) {
         gate.contiguous()?
-            .apply_op2(&up.contiguous()?, Operation(SwiGlu))
+            .apply_op2(&up.contiguous()?, CpuOperation(SwiGlu))
     } else {
         widened(gate)?.silu()? * widened(up)?
     }
@@ -20,7 +22,7 @@ pub fn swiglu(gate: &Tensor, up: &Tensor) -> Result<Tensor> {
 /// `x / (1 + e^−x)` (Elfwing et al., Sigmoid-Weighted Linear Units, 2018).
 pub fn silu(x: &Tensor) -> Result<Tensor> {
     if serve(x) {
-        x.contiguous()?.apply_op1(Operation(Silu))
+        x.contiguous()?.apply_op1(CpuOperation(Silu))
     } else {
         widened(x)?.silu()
     }
@@ -31,7 +33,7 @@ struct Silu;
 impl Kernel<1> for Silu {
     const NAME: &'static str = "silu";
 
-    fn forward(&self, [x]: [Values; 1]) -> Output {
+    fn forward(&self, [x]: [CpuValues; 1]) -> KernelOutput {
         let mut out = x.to_vec();
         in_blocks(&mut out, |_, x| silu_block(x));
         Ok((out, x.shape.clone()))
@@ -39,7 +41,7 @@ impl Kernel<1> for Silu {
 
     fn backward(&self, [x]: [&Tensor; 1], _: &Tensor, grad: &Tensor) -> Gradients<1> {
         let grad = grad.contiguous()?;
-        grad.apply_op2_no_bwd(x, &Operation(SiluBackward))
+        grad.apply_op2_no_bwd(x, &CpuOperation(SiluBackward))
             .map(|of_x| [Some(of_x)])
     }
 }
@@ -50,7 +52,7 @@ struct SiluBackward;
 impl Kernel<2> for SiluBackward {
     const NAME: &'static str = "silu-backward";
 
-    fn forward(&self, [grad, x]: [Values; 2]) -> Output {
+    fn forward(&self, [grad, x]: [CpuValues; 2]) -> KernelOutput {
         let mut out = grad.to_vec();
         if x.len() != out.len() {
             candle_core::bail!("a gradient {:?}", grad.shape);
@@ -65,7 +67,7 @@ struct SwiGlu;
 impl Kernel<2> for SwiGlu {
     const NAME: &'static str = "swiglu";
 
-    fn forward(&self, [gate, up]: [Values; 2]) -> Output {
+    fn forward(&self, [gate, up]: [CpuValues; 2]) -> KernelOutput {
         let mut out = gate.to_vec();
         if gate.shape != up.shape {
             candle_core::bail!("gate {:?} and up {:?}", gate.shape, up.shape);
@@ -77,23 +79,26 @@ impl Kernel<2> for SwiGlu {
     fn backward(&self, [gate, up]: [&Tensor; 2], _: &Tensor, grad: &Tensor) -> Gradients<2> {
         let grad = grad.contiguous()?;
         let (gate, up) = (gate.contiguous()?, up.contiguous()?);
-        let of = |op| grad.apply_op3_no_bwd(&gate, &up, &Operation(op));
-        Ok([Some(of(Backward::Gate)?), Some(of(Backward::Up)?)])
+        let of = |op| grad.apply_op3_no_bwd(&gate, &up, &CpuOperation(op));
+        Ok([
+            Some(of(SwigluBackward::Gate)?),
+            Some(of(SwigluBackward::Up)?),
+        ])
     }
 }
 
 /// From grad, gate and up to the gradient of one of the two.
-enum Backward {
+enum SwigluBackward {
     /// `grad * up * s * (1 + gate * (1 - s))` for s = sigmoid(gate).
     Gate,
     /// `grad * silu(gate)`.
     Up,
 }
 
-impl Kernel<3> for Backward {
+impl Kernel<3> for SwigluBackward {
     const NAME: &'static str = "swiglu-backward";
 
-    fn forward(&self, [grad, gate, up]: [Values; 3]) -> Output {
+    fn forward(&self, [grad, gate, up]: [CpuValues; 3]) -> KernelOutput {
         let mut out = grad.to_vec();
         if gate.shape != grad.shape || up.shape != grad.shape {
             candle_core::bail!("a gradient {:?}", grad.shape);
