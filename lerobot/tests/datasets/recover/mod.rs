@@ -2,6 +2,7 @@
 //! and where `recover` is named.
 
 mod damaged;
+mod encoded;
 mod merges;
 mod refusals;
 
