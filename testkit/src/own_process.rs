@@ -1,8 +1,8 @@
 //! Tests that have a process of their own, because they change or measure what belongs to a whole process: its variables, its namespaces, its
-//! subscriber, its memory.
+//! subscriber, its memory, what C libraries write to its stderr.
 
 use std::env;
-use std::process::Command;
+use std::process::{Command, Output};
 
 /// Says that this process runs one test alone.
 const ALONE: &str = "ZK0_TEST_ALONE";
@@ -16,18 +16,31 @@ pub fn is_alone() -> bool {
 /// modules. The words `before` are a command that runs the process, and may be none.
 #[track_caller]
 pub fn alone(test: &str, before: &[&str]) -> bool {
-    if is_alone() {
-        return true;
+    if !is_alone() {
+        run(test, before);
     }
+    is_alone()
+}
+
+/// What the test writes to stderr in a process of its own, which this runs; `None` in that process. Fails if the test fails there. `test` is
+/// its name with its modules.
+#[track_caller]
+pub fn stderr_alone(test: &str) -> Option<String> {
+    let said = (!is_alone()).then(|| run(test, &[]).stderr)?;
+    Some(String::from_utf8_lossy(&said).into_owned())
+}
+
+#[track_caller]
+fn run(test: &str, before: &[&str]) -> Output {
     let program = env::current_exe().unwrap();
     let program = program.to_str().unwrap();
     let words = [before, &[program, test, "--exact", "--nocapture"]].concat();
     let mut command = Command::new(words[0]);
     let output = command.args(&words[1..]).env(ALONE, "1").output().unwrap();
-    let said = [output.stdout, output.stderr].concat();
+    let said = [&output.stdout[..], &output.stderr].concat();
     let said = String::from_utf8_lossy(&said);
     println!("{said}");
     assert!(output.status.success(), "{test} fails in its own process");
     assert!(said.contains(" 1 passed"), "no test has the name {test}");
-    false
+    output
 }

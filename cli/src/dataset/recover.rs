@@ -38,8 +38,7 @@ fn text(recovered: &Recovered, out: &Path) -> String {
         text.push_str(&format!("note     {note}\n"));
     }
     text.push_str(&format!(
-        "next     zk0 dataset validate {} decodes every picture. LeRobot cannot record on in this folder, because its episodes have no statistics of \
-         pictures: record into another folder, and merge the two with lerobot-edit-dataset\n",
+        "next     zk0 dataset validate {} decodes every picture\n",
         out.display()
     ));
     text

@@ -7,6 +7,7 @@ mod h264;
 mod joint_unit;
 mod metadata;
 mod other_videos;
+mod picture_digests;
 mod pictures;
 mod recover;
 mod rename_map;

@@ -6,35 +6,15 @@ use std::sync::Arc;
 use arrow_array::cast::AsArray;
 use arrow_array::types::Float64Type;
 use arrow_array::{Float64Array, RecordBatch};
-use sha2::{Digest, Sha256};
 use zk0_lerobot::dataset::{Dataset, DatasetError, Repair};
-use zk0_testkit::recordings::{
-    fixtures, frames, open, recording, with_column, Copy, DATA, INFO, TOP,
-};
+use zk0_testkit::recordings::{fixtures, open, recording, with_column, Copy, DATA, INFO, TOP};
+
+use super::picture_digests::{expected, pictures};
 
 const EPISODES: &str = "meta/episodes/chunk-000/file-000.parquet";
 const TOP_TO: &str = "videos/observation.images.top/to_timestamp";
 const WRIST: &str = "observation.images.wrist";
 const DROPPED: &str = "../videos_and_rows/dropped_pictures";
-
-/// The digests of the pictures that LeRobot 0.6.1 gives, row after row.
-fn expected(name: &str) -> Vec<[String; 2]> {
-    let text = fs::read(fixtures().join("videos_and_rows/expected.json")).unwrap();
-    let all: serde_json::Value = serde_json::from_slice(&text).unwrap();
-    serde_json::from_value(all[name].clone()).unwrap()
-}
-
-/// The same of ours.
-fn pictures(dataset: &Dataset) -> Vec<[String; 2]> {
-    let rows = frames(dataset, 1).map(|frame| {
-        let digests = frame.unwrap().images.into_iter().map(|image| {
-            let digest = Sha256::digest(image.pixels);
-            digest[..8].iter().map(|b| format!("{b:02x}")).collect()
-        });
-        digests.collect::<Vec<String>>().try_into().unwrap()
-    });
-    rows.collect()
-}
 
 fn recorded(dataset: &Dataset) -> Vec<usize> {
     dataset.episodes().iter().map(|e| e.recorded).collect()

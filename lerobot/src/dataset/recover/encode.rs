@@ -64,7 +64,8 @@ pub(crate) fn write_mp4(
         .profile(Profile::Main)
         .bitrate(BitRate::from_bps(BITS_PER_SECOND))
         .max_frame_rate(FrameRate::from_hz(fps as f32))
-        .rate_control_mode(RateControlMode::Quality)
+        // Others warn on stderr that the bits are not controlled, before the crate silences the library. The quantiser is the same.
+        .rate_control_mode(RateControlMode::Bufferbased)
         .qp(QpRange::new(QUANTISER, QUANTISER))
         .skip_frames(false)
         .scene_change_detect(false)

@@ -5,15 +5,17 @@ use std::path::{Path, PathBuf};
 
 use arrow_array::RecordBatch;
 
-use crate::dataset::metadata::info::Camera;
+use crate::dataset::metadata::info::{Camera, CameraStorage};
 use crate::dataset::recover::described;
 use crate::dataset::recover::encode;
-use crate::dataset::recover::folder::{EpisodeToWrite, Recording, VideoToWrite};
+use crate::dataset::recover::folder::recording::{EpisodeToWrite, Recording, VideoToWrite};
 use crate::dataset::recover::leftovers::{self, SingleVideo, Video};
 use crate::dataset::recover::placing::{place, Stretch, VideoFrames};
 use crate::dataset::recover::report::{Lost, Recovered, Saved};
 use crate::dataset::recover::rows::{self, EpisodeRows};
 use crate::dataset::recover::source::Source;
+use crate::dataset::recover::statistics::columns::Statistics;
+use crate::dataset::recover::stored;
 use crate::dataset::{Dataset, DatasetError};
 
 /// Chooses the episodes, and reports on them and on the others.
@@ -36,8 +38,15 @@ pub(crate) fn choose(root: &Path, source: Source) -> Result<(Recording, Recovere
         let mut known = BTreeSet::new();
         episodes.retain(|episode| known.insert(episode.number));
     }
-    let mut cameras = Vec::new();
+    let (mut cameras, mut stored) = (Vec::new(), Vec::new());
     for (number, camera) in info.cameras.iter().enumerate() {
+        if camera.storage == CameraStorage::Pictures {
+            stored.push(PicturesInRows {
+                camera: camera.name.clone(),
+                statistics: stored::statistics(&source.files, camera, &episodes),
+            });
+            continue;
+        }
         if let Ok(dataset) = &described {
             cameras.push(Filmed::described(dataset, number, camera, &episodes));
             continue;
@@ -56,9 +65,12 @@ pub(crate) fn choose(root: &Path, source: Source) -> Result<(Recording, Recovere
         .extend(without_rows(root, &info.cameras, places)?);
     let (mut at, mut kept) = (0, Vec::new());
     episodes.retain(|episode| {
-        let of_camera = |camera: &Filmed| camera.pictures[at].as_ref().err().cloned();
+        let filmed = |camera: &Filmed| camera.pictures[at].as_ref().err().cloned();
+        let in_rows = |camera: &PicturesInRows| camera.statistics[at].as_ref().err().cloned();
         let fault = episode.fault.clone();
-        let missing = fault.or_else(|| cameras.iter().find_map(of_camera));
+        let missing = fault
+            .or_else(|| cameras.iter().find_map(filmed))
+            .or_else(|| stored.iter().find_map(in_rows));
         at += 1;
         let saved = missing.is_none();
         report.lost.extend(missing.map(|cause| Lost {
@@ -69,7 +81,10 @@ pub(crate) fn choose(root: &Path, source: Source) -> Result<(Recording, Recovere
         saved
     });
     for camera in &mut cameras {
-        camera.keep(&kept);
+        keep(&mut camera.pictures, &kept);
+    }
+    for camera in &mut stored {
+        keep(&mut camera.statistics, &kept);
     }
     report.lost.sort_by_key(|lost| lost.episode);
     if episodes.is_empty() {
@@ -94,7 +109,20 @@ pub(crate) fn choose(root: &Path, source: Source) -> Result<(Recording, Recovere
             encoded_here: cameras.iter().any(|camera| camera.is_encoded_here(at)),
         });
     }
-    Ok((recording(source, &episodes, cameras), report))
+    Ok((recording(source, &episodes, cameras, stored), report))
+}
+
+/// Leaves what is of the episodes that are kept.
+fn keep<T>(of_episodes: &mut Vec<T>, kept: &[bool]) {
+    let mut kept = kept.iter();
+    of_episodes.retain(|_| kept.next() == Some(&true));
+}
+
+/// A camera whose pictures the rows hold.
+struct PicturesInRows {
+    camera: String,
+    /// For each episode, or why it cannot be saved.
+    statistics: Vec<Result<Statistics, String>>,
 }
 
 /// Where a camera's pictures of an episode are.
@@ -230,12 +258,6 @@ impl Filmed {
         })
     }
 
-    /// Leaves the episodes that are kept.
-    fn keep(&mut self, kept: &[bool]) {
-        let mut kept = kept.iter();
-        self.pictures.retain(|_| kept.next() == Some(&true));
-    }
-
     fn is_encoded_here(&self, episode: usize) -> bool {
         matches!(self.pictures.get(episode), Some(Ok(Pictures::Files(_))))
     }
@@ -306,19 +328,30 @@ fn without_rows(
     Ok(found.into_iter().map(lost).collect())
 }
 
-fn recording(source: Source, episodes: &[EpisodeRows], cameras: Vec<Filmed>) -> Recording {
+fn recording(
+    source: Source,
+    episodes: &[EpisodeRows],
+    cameras: Vec<Filmed>,
+    stored: Vec<PicturesInRows>,
+) -> Recording {
     let mut videos = Vec::new();
     let mut stretches = Vec::new();
     for camera in cameras {
-        let name = camera.camera.name.clone();
+        let name = camera.camera.clone();
         let (files, of_episodes) = camera.into_videos();
         videos.push((name, files));
         stretches.push(of_episodes);
     }
-    let mut stats = source.stats;
-    stats.retain(|name, _| videos.iter().any(|(camera, _)| camera == name));
+    let pictures = |at: usize| {
+        let of = |camera: &PicturesInRows| {
+            let statistics = camera.statistics.get(at)?.as_ref().ok()?;
+            Some((camera.camera.clone(), statistics.clone()))
+        };
+        stored.iter().filter_map(of).collect()
+    };
     Recording {
         info: source.json,
+        fps: source.info.fps,
         tasks: source.tasks,
         schema: source.schema,
         episodes: episodes
@@ -326,12 +359,14 @@ fn recording(source: Source, episodes: &[EpisodeRows], cameras: Vec<Filmed>) -> 
             .enumerate()
             .map(|(at, episode)| EpisodeToWrite {
                 rows: slices(&source.batches, episode.rows.clone()),
+                read_from: episode.rows.clone(),
                 tasks: episode.tasks.clone(),
                 stretches: stretches.iter().map(|camera| camera[at]).collect(),
+                pictures: pictures(at),
             })
             .collect(),
         videos,
-        stats,
+        files: source.files,
     }
 }
 

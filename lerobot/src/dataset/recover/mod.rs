@@ -13,7 +13,8 @@
 //! placing              episodes, videos → which stretch of video belongs to which episode
 //! leftovers            what a camera left: videos, and pictures that were not encoded yet
 //! encode, mp4_index    those pictures as H.264
-//! statistics           mean, deviation and quantiles of the rows
+//! stored               pictures that the rows hold
+//! statistics           mean, deviation and quantiles of the rows and the pictures
 //! folder               episodes → files
 //! save                 all of it, beside the new folder and then under its name
 //! unfinished           tells such a recording from one that is damaged
@@ -32,6 +33,7 @@ mod rows;
 mod save;
 mod source;
 mod statistics;
+mod stored;
 pub(crate) mod unfinished;
 
 pub use report::{Lost, Recovered, Saved};

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use zk0_files::atomic_file;
 use zk0_files::random_number::random_number;
 
-use crate::dataset::recover::folder::Recording;
+use crate::dataset::recover::folder::recording::Recording;
+use crate::dataset::recover::folder::write::write;
 use crate::dataset::recover::report::Recovered;
 use crate::dataset::recover::{episodes, source};
 use crate::dataset::{Dataset, DatasetError};
@@ -22,23 +23,27 @@ pub fn recover(from: &Path, out: &Path) -> Result<Recovered, DatasetError> {
     }
     refuse_place(from, out)?;
     let source = source::Source::read(from)?;
-    let (recording, report) = episodes::choose(from, source)?;
+    let (recording, mut report) = episodes::choose(from, source)?;
     let partial = beside(out)?;
-    let made = fill(&recording, &partial).and_then(|()| {
-        atomic_file::rename_folder(&partial, out).map_err(|e| DatasetError::write(out, e))
+    let made = fill(&recording, &partial).and_then(|notes| {
+        let renamed = atomic_file::rename_folder(&partial, out);
+        renamed.map_err(|e| DatasetError::write(out, e))?;
+        Ok(notes)
     });
     if made.is_err() {
         // What is left of it has another name than a finished one, and the first error matters more.
         let _ = fs::remove_dir_all(&partial);
     }
-    made.map(|()| report)
+    report.notes.extend(made?);
+    Ok(report)
 }
 
-fn fill(recording: &Recording, partial: &Path) -> Result<(), DatasetError> {
+fn fill(recording: &Recording, partial: &Path) -> Result<Vec<String>, DatasetError> {
     fs::create_dir(partial).map_err(|e| DatasetError::write(partial, e))?;
-    recording.write(partial)?;
+    let notes = write(recording, partial)?;
     // What zk0 does not read itself is not called saved.
-    Dataset::open(partial).map(drop)
+    Dataset::open(partial)?;
+    Ok(notes)
 }
 
 /// Refuses a new folder that is there, or that would lie in the recording.

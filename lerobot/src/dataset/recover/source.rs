@@ -1,4 +1,4 @@
-//! The files of a recording that ended too early, without its pictures.
+//! The files of a recording that ended too early. Its pictures stay where they are.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -7,16 +7,17 @@ use arrow_array::cast::AsArray;
 use arrow_array::types::{Float32Type, Int64Type};
 use arrow_array::RecordBatch;
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
-use serde_json::{Map, Value};
+use serde_json::Value;
 
 use crate::dataset::metadata::info::{FormatVersion, Info};
 use crate::dataset::metadata::json::read_text;
 use crate::dataset::metadata::tasks;
-use crate::dataset::recover::folder::{DATA_PATH, VIDEO_PATH};
+use crate::dataset::recover::folder::recording::{DATA_PATH, VIDEO_PATH};
 use crate::dataset::recover::json_in_order::JsonInOrder;
 use crate::dataset::recover::leftovers::numbered_files;
 use crate::dataset::recover::rows::RowPlace;
-use crate::dataset::recover::statistics::numbers;
+use crate::dataset::recover::statistics::columns::numbers;
+use crate::dataset::recover::stored::DataFiles;
 use crate::dataset::tables::whole_rows;
 use crate::dataset::DatasetError;
 
@@ -29,11 +30,11 @@ pub(crate) struct Source {
     pub tasks: Vec<String>,
     /// The columns of the rows.
     pub schema: SchemaRef,
-    /// All rows that can be read, in the order of the files.
+    /// All rows that can be read, in the order of the files, without pictures.
     pub batches: Vec<RecordBatch>,
     pub places: Vec<RowPlace>,
-    /// `meta/stats.json`; nothing where it cannot be read.
-    pub stats: Map<String, Value>,
+    /// Where the pictures are that rows hold.
+    pub files: DataFiles,
     /// What could not be read and is not needed.
     pub notes: Vec<String>,
 }
@@ -56,26 +57,20 @@ impl Source {
             schema,
             batches: Vec::new(),
             places: Vec::new(),
-            stats: Map::new(),
+            files: DataFiles::new(root),
             notes: Vec::new(),
         };
         let mut most = whole_rows::MAX_VALUES;
         for path in data_files(root)? {
             let rows = whole_rows::read(&path, &source.schema, most)?;
             most -= rows.values;
+            let count = rows.batches.iter().map(RecordBatch::num_rows).sum();
+            source.files.add(&path, rows.metadata, count);
             for batch in &rows.batches {
                 source.places.extend(places(&path, batch)?);
             }
             source.batches.extend(rows.batches);
             source.notes.extend(rows.lost);
-        }
-        match read_text(&root.join("meta/stats.json"))
-            .map(|text: String| serde_json::from_str(&text))
-        {
-            Ok(Ok(stats)) => source.stats = stats,
-            _ => source.notes.push(
-                "meta/stats.json cannot be read; the new one has no statistics of pictures".into(),
-            ),
         }
         Ok(source)
     }
@@ -140,6 +135,10 @@ fn schema(root: &Path, json: &JsonInOrder) -> Result<SchemaRef, DatasetError> {
         if dtype == Some("video") {
             continue;
         }
+        if dtype == Some("image") {
+            fields.push(Field::new(name, picture(), true));
+            continue;
+        }
         let column =
             dtype
                 .and_then(number)
@@ -156,7 +155,7 @@ fn schema(root: &Path, json: &JsonInOrder) -> Result<SchemaRef, DatasetError> {
             return Err(DatasetError::meta(
                 root.join("meta/info.json"),
                 format!(
-                    "feature {:?} is {:?}; only numbers, truth values and vectors of them are recovered, and videos",
+                    "feature {:?} is {:?}; only numbers, truth values and vectors of them are recovered, videos and pictures",
                     name.chars().take(60).collect::<String>(),
                     dtype.unwrap_or("nothing").chars().take(60).collect::<String>()
                 ),
@@ -165,6 +164,13 @@ fn schema(root: &Path, json: &JsonInOrder) -> Result<SchemaRef, DatasetError> {
         fields.push(Field::new(name, column, true));
     }
     Ok(Arc::new(Schema::new(fields)))
+}
+
+/// A picture in a row, or the name of its file.
+fn picture() -> DataType {
+    let parts = [("bytes", DataType::Binary), ("path", DataType::Utf8)];
+    let parts = parts.map(|(name, part)| Field::new(name, part, true));
+    DataType::Struct(parts.to_vec().into())
 }
 
 fn number(dtype: &str) -> Option<DataType> {

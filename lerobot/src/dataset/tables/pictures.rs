@@ -37,6 +37,8 @@ pub(crate) struct StoredPicture {
     pub bytes: Vec<u8>,
     /// The file that holds it: the data file or one of its own.
     pub file: PathBuf,
+    /// The name that the row gives it, without folders, where it gives one.
+    pub name: Option<String>,
 }
 
 /// A reader within a group of rows, and where it is.
@@ -53,6 +55,20 @@ impl PictureColumn {
     /// The file is missing, damaged or lacks the column.
     pub fn open(root: &Path, path: &Path, column: &str) -> Result<Self, DatasetError> {
         let (file, metadata) = parquet_file::open(path)?;
+        Self::of(root, path, column, file, metadata)
+    }
+
+    /// The same of an open file whose `metadata` is known: that of a file without a footer is not in it.
+    ///
+    /// # Errors
+    /// The file lacks the column.
+    pub fn of(
+        root: &Path,
+        path: &Path,
+        column: &str,
+        file: File,
+        metadata: ArrowReaderMetadata,
+    ) -> Result<Self, DatasetError> {
         let mask = parquet_file::projection(path, &metadata, &[column])?;
         Ok(Self {
             root: root.into(),
@@ -134,18 +150,19 @@ impl PictureColumn {
                 return Err(self.fault(row, &fault));
             }
         };
-        match (bytes, path) {
-            (Some(bytes), _) => Ok(StoredPicture {
-                bytes: bytes.to_vec(),
-                file: self.path.clone(),
-            }),
-            (None, Some(path)) => self.beside(row, path),
-            (None, None) => Err(self.fault(row, "has no picture")),
-        }
+        let name = path.and_then(|path| std::str::from_utf8(path).ok());
+        let name = name.and_then(|path| Path::new(path).file_name()?.to_str());
+        let name = name.map(str::to_owned);
+        let (bytes, file) = match (bytes, path) {
+            (Some(bytes), _) => (bytes.to_vec(), self.path.clone()),
+            (None, Some(path)) => self.beside(row, path)?,
+            (None, None) => return Err(self.fault(row, "has no picture")),
+        };
+        Ok(StoredPicture { bytes, file, name })
     }
 
     /// A picture in a file of its own. A stranger's recording must not name files outside of its folder.
-    fn beside(&self, row: usize, name: &[u8]) -> Result<StoredPicture, DatasetError> {
+    fn beside(&self, row: usize, name: &[u8]) -> Result<(Vec<u8>, PathBuf), DatasetError> {
         let name = std::str::from_utf8(name).map_err(|_| self.fault(row, "names no file"))?;
         let inside = Path::new(name).strip_prefix(&self.root);
         let inside = inside.unwrap_or(Path::new(name));
@@ -162,7 +179,7 @@ impl PictureColumn {
         }
         let file = self.root.join(inside);
         match bounded_file::read(&file, MAX_FILE) {
-            Ok(bytes) => Ok(StoredPicture { bytes, file }),
+            Ok(bytes) => Ok((bytes, file)),
             Err(e) => Err(DatasetError::io(file, e)),
         }
     }

@@ -15,7 +15,7 @@ use parquet::arrow::{ArrowSchemaConverter, ProjectionMask};
 use parquet::errors::ParquetError;
 use parquet::file::metadata::ParquetMetaData;
 
-use crate::dataset::tables::parquet_file::guarded;
+use crate::dataset::tables::parquet_file::{self, guarded};
 use crate::dataset::tables::{parquet_pages, unfinished};
 use crate::dataset::DatasetError;
 
@@ -29,6 +29,8 @@ pub(crate) struct WholeRows {
     pub batches: Vec<RecordBatch>,
     /// How many values they hold.
     pub values: u64,
+    /// Where the columns lie, as the footer says or would say.
+    pub metadata: ArrowReaderMetadata,
     /// Why rows at the end of the file cannot be read, where there are any.
     pub lost: Option<String>,
 }
@@ -53,8 +55,9 @@ fn ends(file: &mut File) -> bool {
         && magic == unfinished::MAGIC
 }
 
-/// Reads a data file whose columns are `schema`: numbers, truth values, and lists of them that have a fixed length. Of a file
-/// without a footer it reads the row groups that are whole. All of them may hold `most` values.
+/// Reads a data file whose columns are `schema`: numbers, truth values, and lists of them that have a fixed length. Columns of
+/// pictures (structures) are passed over. Of a file without a footer it reads the row groups that are whole. All of them may hold
+/// `most` values.
 ///
 /// # Errors
 /// The file cannot be read, or it has a footer and is damaged all the same, or holds more than memory should.
@@ -63,9 +66,10 @@ pub(crate) fn read(path: &Path, schema: &SchemaRef, most: u64) -> Result<WholeRo
     let per_row: Vec<u64> = schema
         .fields()
         .iter()
-        .map(|field| match field.data_type() {
-            DataType::FixedSizeList(_, len) => *len as u64,
-            _ => 1,
+        .flat_map(|field| match field.data_type() {
+            DataType::FixedSizeList(_, len) => vec![*len as u64],
+            DataType::Struct(parts) => vec![1; parts.len()],
+            _ => vec![1],
         })
         .collect();
     let finished = ends(&mut file);
@@ -95,21 +99,27 @@ pub(crate) fn read(path: &Path, schema: &SchemaRef, most: u64) -> Result<WholeRo
         ));
     }
     let widest = per_row.iter().copied().max().unwrap_or(1) as usize;
-    let mask = ProjectionMask::all();
+    let names = schema.fields().iter();
+    let names = names.filter(|field| !matches!(field.data_type(), DataType::Struct(_)));
+    let names: Vec<&str> = names.map(|field| field.name().as_str()).collect();
+    let groups = metadata.num_row_groups();
+    let options = ArrowReaderOptions::new().with_schema(schema.clone());
+    let metadata: Arc<ParquetMetaData> = metadata.into();
+    let arrow = guarded(path, || {
+        ArrowReaderMetadata::try_new(metadata.clone(), options)
+    })?;
+    let mask = parquet_file::projection(path, &arrow, &names)?;
     guarded(path, || {
         parquet_pages::check(&file, &metadata, &mask, widest)
     })?;
     let mut rows = WholeRows {
         batches: Vec::new(),
         values,
+        metadata: arrow.clone(),
         lost: None,
     };
-    let groups = metadata.num_row_groups();
-    let options = ArrowReaderOptions::new().with_schema(schema.clone());
-    let metadata: Arc<ParquetMetaData> = metadata.into();
-    let arrow = guarded(path, || ArrowReaderMetadata::try_new(metadata, options))?;
     for group in 0..groups {
-        match guarded(path, || read_group(&file, &arrow, group)) {
+        match guarded(path, || read_group(&file, &arrow, &mask, group)) {
             Ok(batches) => rows.batches.extend(batches),
             Err(error) if finished => return Err(error),
             Err(error) => {
@@ -124,9 +134,11 @@ pub(crate) fn read(path: &Path, schema: &SchemaRef, most: u64) -> Result<WholeRo
 fn read_group(
     file: &File,
     metadata: &ArrowReaderMetadata,
+    mask: &ProjectionMask,
     group: usize,
 ) -> Result<Vec<RecordBatch>, ParquetError> {
     let reader = ParquetRecordBatchReaderBuilder::new_with_metadata(clone(file)?, metadata.clone())
+        .with_projection(mask.clone())
         .with_row_groups(vec![group])
         .with_batch_size(BATCH)
         .build()?;

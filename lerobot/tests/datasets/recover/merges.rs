@@ -4,31 +4,18 @@
 use std::fs;
 use std::path::Path;
 
-use sha2::{Digest, Sha256};
 use tempfile::TempDir;
 use zk0_lerobot::dataset::{recover, Dataset, DatasetError, Recovered};
-use zk0_testkit::recordings::{fixtures, frames, open, recording, Copy};
+use zk0_testkit::recordings::{open, recording, Copy};
+
+use crate::datasets::picture_digests::{self, expected};
 
 const MANY_FILES: &str = "../videos_and_rows/merged_in_many_files";
 
-/// Digests of the right pictures, row after row: LeRobot 0.6.1 gave them.
-fn expected(name: &str) -> Vec<[String; 2]> {
-    let text = fs::read(fixtures().join("videos_and_rows/expected.json")).unwrap();
-    let all: serde_json::Value = serde_json::from_slice(&text).unwrap();
-    serde_json::from_value(all[name].clone()).unwrap()
-}
-
-/// The same of ours, as the metadata says and with nothing put right.
+/// Digests of our pictures as the metadata says, with nothing put right.
 fn pictures(dataset: &Dataset) -> Vec<[String; 2]> {
     assert!(dataset.repairs().is_empty() && dataset.left_out().is_empty());
-    let rows = frames(dataset, 1).map(|frame| {
-        let digests = frame.unwrap().images.into_iter().map(|image| {
-            let digest = Sha256::digest(image.pixels);
-            digest[..8].iter().map(|b| format!("{b:02x}")).collect()
-        });
-        digests.collect::<Vec<String>>().try_into().unwrap()
-    });
-    rows.collect()
+    picture_digests::pictures(dataset)
 }
 
 fn saved(from: &Path) -> (TempDir, Recovered, Dataset) {

@@ -2,8 +2,11 @@
 //! and where `recover` is named.
 
 mod damaged;
+mod encoded;
 mod merges;
+mod pictures;
 mod refusals;
+mod statistics;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -260,8 +263,8 @@ fn statistics_are_lerobots() {
     };
     for (feature, old) in old.as_object().unwrap() {
         let new = &new[feature];
+        // These are of what the videos show, and LeRobot's of what the cameras gave: see `statistics`.
         if feature.starts_with("observation.images") {
-            assert_eq!(new, old);
             continue;
         }
         assert_eq!(

@@ -1,4 +1,4 @@
-//! Statistics of an episode's columns as LeRobot 0.6.1 computes them (`compute_stats.py`), and those of all episodes together.
+//! Statistics of an episode's columns of numbers, and those of all episodes together.
 //!
 //! Quantiles come from a histogram of 5000 bins for each dimension, and those of the whole are the episodes' means, weighted by
 //! their frames. LeRobot computes in float32 where the column has this type; here all is float64, so that the last digits differ.
@@ -11,7 +11,8 @@ use arrow_array::types::{
 use arrow_array::Array;
 use arrow_schema::DataType;
 
-const BINS: usize = 5000;
+/// Bins of the histogram that a quantile is taken from.
+pub(crate) const BINS: usize = 5000;
 /// The quantiles that LeRobot writes, with their names.
 pub(crate) const QUANTILES: [(&str, f64); 5] = [
     ("q01", 0.01),
