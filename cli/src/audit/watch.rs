@@ -14,7 +14,7 @@ use std::time::Duration;
 use zk0_audit::report::describe::printable;
 use zk0_audit::watch::{LogWatch, Look, WatchEvent, WatchOptions};
 use zk0_audit::Depth;
-use zk0_ledger::replay::ReplayVerdict;
+use zk0_ledger::replay::Verdict;
 use zk0_protocol::counted::counted;
 
 /// `zk0 audit watch`.
@@ -117,12 +117,12 @@ impl AuditWatchOptions {
             } => {
                 let entries = counted(entries, "entry", "entries");
                 let (label, left_out) = match verdict {
-                    ReplayVerdict::Verified => ("verified", ""),
-                    ReplayVerdict::Incomplete => (
+                    Verdict::Verified => ("verified", ""),
+                    Verdict::Incomplete => (
                         "incomplete",
                         "; `zk0 audit replay` names what was not checked",
                     ),
-                    ReplayVerdict::Failed => ("failed", ""),
+                    Verdict::Failed => ("failed", ""),
                 };
                 self.say(label, &format!("{entries} of network {network}{left_out}"))
             }
