@@ -181,9 +181,10 @@ impl LogWatch {
         report(&dir, before, &audited, &mut seen)?;
         if !audited.holds() {
             let faults = faults(&audited);
-            return Ok(match faults.is_empty() {
-                false => Look::Alarm(faults),
-                true => alarm(&sentence(&audited).1),
+            return Ok(if faults.is_empty() {
+                alarm(&sentence(&audited).1)
+            } else {
+                Look::Alarm(faults)
             });
         }
         match &audited.unsaved {

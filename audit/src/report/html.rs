@@ -105,17 +105,16 @@ impl HtmlPage {
             counts(&audited.checked)
         ));
         self.markup("</p><p>");
-        match audited.not_checked.is_empty() {
-            true => self.text("The audit left nothing out."),
-            false => {
-                self.markup("<b>Not checked:</b></p><ul>");
-                for left_out in &audited.not_checked {
-                    self.markup("<li>");
-                    self.text(left_out);
-                    self.markup("</li>");
-                }
-                self.markup("</ul><p>");
+        if audited.not_checked.is_empty() {
+            self.text("The audit left nothing out.")
+        } else {
+            self.markup("<b>Not checked:</b></p><ul>");
+            for left_out in &audited.not_checked {
+                self.markup("<li>");
+                self.text(left_out);
+                self.markup("</li>");
             }
+            self.markup("</ul><p>");
         }
         self.markup("</p>");
     }

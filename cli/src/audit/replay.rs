@@ -96,9 +96,10 @@ pub fn run(options: &AuditReplayOptions) -> Result<ExitCode> {
              ask for; to check them, audit an export or the served log",
         ));
     }
-    match options.json {
-        true => println!("{}", serde_json::to_string_pretty(&audited)?),
-        false => print!("{}", verdict(&audited)),
+    if options.json {
+        println!("{}", serde_json::to_string_pretty(&audited)?)
+    } else {
+        print!("{}", verdict(&audited))
     }
     let page = match &options.html {
         Some(path) => write_page(path, &options.rollouts, &located.dir, &audited),

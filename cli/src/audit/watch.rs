@@ -126,17 +126,21 @@ impl AuditWatchOptions {
                 };
                 self.say(label, &format!("{entries} of network {network}{left_out}"))
             }
-            WatchEvent::New { index, entry } => match self.json {
-                true => write(&show::as_json(index, entry).to_string()),
-                false => write(&show::line(index, entry)),
-            },
+            WatchEvent::New { index, entry } => {
+                if self.json {
+                    write(&show::as_json(index, entry).to_string())
+                } else {
+                    write(&show::line(index, entry))
+                }
+            }
         }
     }
 
     fn say(&self, label: &str, text: &str) -> io::Result<()> {
-        write(&match self.json {
-            true => json!({ "event": label.to_lowercase(), "text": text }).to_string(),
-            false => format!("{label:<12} {}", printable(text)),
+        write(&if self.json {
+            json!({ "event": label.to_lowercase(), "text": text }).to_string()
+        } else {
+            format!("{label:<12} {}", printable(text))
         })
     }
 }

@@ -83,9 +83,10 @@ impl Finding {
 
     /// What an error in reading the ledger says about it: a fault, unless it just cannot be read.
     pub(crate) fn of_error(index: impl Into<Option<u64>>, error: &LedgerError) -> Self {
-        match error.is_of_reading() {
-            true => Self::not_checked(index, error.to_string()),
-            false => Self::fault(index, error.to_string()),
+        if error.is_of_reading() {
+            Self::not_checked(index, error.to_string())
+        } else {
+            Self::fault(index, error.to_string())
         }
     }
 
