@@ -19,9 +19,10 @@ pub enum Depth {
 impl Depth {
     /// The depth of an audit that is light, or is not.
     pub fn of(light: bool) -> Self {
-        match light {
-            true => Self::Light,
-            false => Self::Full,
+        if light {
+            Self::Light
+        } else {
+            Self::Full
         }
     }
 }

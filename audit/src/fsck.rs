@@ -4,7 +4,7 @@ use crate::blob_check::BlobCheck;
 use std::path::Path;
 use zk0_ledger::folder;
 use zk0_ledger::published::publication::{Publication, PublicationError};
-use zk0_ledger::replay::{replay, ReplayReport, ReplayVerdict};
+use zk0_ledger::replay::{replay, ReplayReport, Verdict};
 
 /// What the check found.
 pub struct Fsck {
@@ -22,7 +22,7 @@ impl Fsck {
             self.published,
             Ok(_) | Err(PublicationError::NotCosigned(_))
         );
-        published && self.report.verdict == ReplayVerdict::Verified
+        published && self.report.verdict == Verdict::Verified
     }
 }
 

@@ -79,9 +79,10 @@ pub fn source(text: &str, ca: Option<&Path>) -> Result<Box<dyn LogSource>> {
     if !dir.is_dir() {
         bail!("{text} is neither a directory nor an address that begins with http:// or https://");
     }
-    match folder::database(dir).exists() {
-        true => Ok(Box::new(Publication::open(dir, None)?)),
-        false => Ok(Box::new(FolderSource::at(dir))),
+    if folder::database(dir).exists() {
+        Ok(Box::new(Publication::open(dir, None)?))
+    } else {
+        Ok(Box::new(FolderSource::at(dir)))
     }
 }
 

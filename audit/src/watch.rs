@@ -13,7 +13,7 @@ use anyhow::{bail, Context, Result};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use zk0_ledger::folder;
-use zk0_ledger::replay::{ReplayVerdict, SaveOptions, SavedReplay};
+use zk0_ledger::replay::{SaveOptions, SavedReplay, Verdict};
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::Entry;
 
@@ -32,7 +32,7 @@ pub enum WatchEvent<'a> {
     /// The first look has checked the whole log.
     First {
         /// Whether everything was checked.
-        verdict: ReplayVerdict,
+        verdict: Verdict,
         /// How many entries the log has.
         entries: u64,
         /// The network's id.
@@ -181,9 +181,10 @@ impl LogWatch {
         report(&dir, before, &audited, &mut seen)?;
         if !audited.holds() {
             let faults = faults(&audited);
-            return Ok(match faults.is_empty() {
-                false => Look::Alarm(faults),
-                true => alarm(&sentence(&audited).1),
+            return Ok(if faults.is_empty() {
+                alarm(&sentence(&audited).1)
+            } else {
+                Look::Alarm(faults)
             });
         }
         match &audited.unsaved {

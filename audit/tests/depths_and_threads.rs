@@ -10,8 +10,7 @@ use zk0_audit::account::{CheckKind, Checked, SkipReason};
 use zk0_audit::{Auditor, Depth};
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::replay::{
-    replay, replay_with, ReplayOptions, ReplayReport, ReplayVerdict, SaveOptions, SavedReplay,
-    Severity,
+    replay, replay_with, ReplayOptions, ReplayReport, SaveOptions, SavedReplay, Severity, Verdict,
 };
 use zk0_ledger::store::Store;
 use zk0_ledger::{folder, Ledger};
@@ -82,15 +81,10 @@ fn notes(report: &ReplayReport) -> Vec<&str> {
 fn a_light_audit_verifies_proofs_and_reads_no_weights() {
     let dir = copy_of(Path::new(REAL));
     let (full, everything) = audit(dir.path(), Depth::Full, 2);
-    assert_eq!(full.verdict, ReplayVerdict::Verified, "{:?}", full.findings);
+    assert_eq!(full.verdict, Verdict::Verified, "{:?}", full.findings);
     assert!(everything.proofs >= 1 && everything.updates >= 1 && everything.averages >= 1);
     let (light, checked) = audit(dir.path(), Depth::Light, 2);
-    assert_eq!(
-        light.verdict,
-        ReplayVerdict::Incomplete,
-        "{:?}",
-        light.findings
-    );
+    assert_eq!(light.verdict, Verdict::Incomplete, "{:?}", light.findings);
     assert_eq!(checked.proofs, everything.proofs);
     assert_eq!((checked.updates, checked.datasets), (0, 0));
     assert!(checked.not_checked >= 5);
@@ -110,22 +104,14 @@ fn a_light_audit_verifies_proofs_and_reads_no_weights() {
         fs::write(blob, b"changed").unwrap();
     }
     assert_eq!(audit(dir.path(), Depth::Light, 2).0, light);
-    assert_eq!(
-        audit(dir.path(), Depth::Full, 2).0.verdict,
-        ReplayVerdict::Failed
-    );
+    assert_eq!(audit(dir.path(), Depth::Full, 2).0.verdict, Verdict::Failed);
     for blob in blobs.iter().filter(|blob| !proofs.contains(blob)) {
         fs::remove_file(blob).unwrap();
     }
     assert_eq!(audit(dir.path(), Depth::Light, 2).0, light);
     let (without, _) = audit(dir.path(), Depth::Full, 2);
     // Among the missing blobs is an accepted update.
-    assert_eq!(
-        without.verdict,
-        ReplayVerdict::Failed,
-        "{:?}",
-        without.findings
-    );
+    assert_eq!(without.verdict, Verdict::Failed, "{:?}", without.findings);
     assert!(notes(&without)
         .iter()
         .any(|note| note.contains("not at hand")));
@@ -133,7 +119,7 @@ fn a_light_audit_verifies_proofs_and_reads_no_weights() {
     fs::write(accepted_proof(dir.path()), b"changed").unwrap();
     assert_eq!(
         audit(dir.path(), Depth::Light, 2).0.verdict,
-        ReplayVerdict::Failed
+        Verdict::Failed
     );
 }
 
@@ -149,13 +135,13 @@ fn several_threads_find_what_one_finds_in_blobs_too() {
         }
         audit(dir.path(), Depth::Full, 2).0.verdict
     };
-    assert_eq!(same("as it is"), ReplayVerdict::Verified);
+    assert_eq!(same("as it is"), Verdict::Verified);
     for blob in blobs(dir.path()) {
         let whole = fs::read(&blob).unwrap();
         let mut changed = whole.clone();
         changed[whole.len() / 2] ^= 1;
         fs::write(&blob, changed).unwrap();
-        assert_eq!(same("a changed blob"), ReplayVerdict::Failed);
+        assert_eq!(same("a changed blob"), Verdict::Failed);
         fs::remove_file(&blob).unwrap();
         same("a missing blob");
         fs::write(&blob, whole).unwrap();
@@ -164,7 +150,7 @@ fn several_threads_find_what_one_finds_in_blobs_too() {
     for blob in proofs(dir.path()) {
         fs::write(blob, b"no proof").unwrap();
     }
-    assert_eq!(same("no proof at all"), ReplayVerdict::Failed);
+    assert_eq!(same("no proof at all"), Verdict::Failed);
     let faults: Vec<_> = audit(dir.path(), Depth::Full, 5)
         .0
         .findings
@@ -237,8 +223,8 @@ fn an_audit_in_two_parts_ends_as_one_wherever_it_is_parted() {
             cut(part.path(), *size, text);
             let (first, _) = go_on(part.path(), depth, &file).unwrap();
             let verdict = match depth {
-                Depth::Light => ReplayVerdict::Incomplete,
-                Depth::Full => ReplayVerdict::Verified,
+                Depth::Light => Verdict::Incomplete,
+                Depth::Full => Verdict::Verified,
             };
             assert_eq!((first.verdict, first.entries), (verdict, *size));
             let then = go_on(whole.path(), depth, &file).unwrap();
@@ -281,12 +267,7 @@ fn a_proof_that_goes_missing_before_its_round_closes_is_missed() {
     let name = proof.file_name().unwrap();
     fs::remove_file(proof).unwrap();
     let (first, _) = go_on(part.path(), Depth::Full, &file).unwrap();
-    assert_eq!(
-        first.verdict,
-        ReplayVerdict::Incomplete,
-        "{:?}",
-        first.findings
-    );
+    assert_eq!(first.verdict, Verdict::Incomplete, "{:?}", first.findings);
     let open = notes(&first)
         .iter()
         .any(|note| note.contains("once its round closes"));
@@ -296,7 +277,7 @@ fn a_proof_that_goes_missing_before_its_round_closes_is_missed() {
     let place = whole.path().join("blobs/sha256").join(name);
     fs::remove_file(&place).unwrap();
     let (then, _) = go_on(whole.path(), Depth::Full, &file).unwrap();
-    assert_eq!(then.verdict, ReplayVerdict::Failed);
+    assert_eq!(then.verdict, Verdict::Failed);
     fs::write(&file, kept).unwrap();
     fs::write(&place, bytes).unwrap();
     let (then, _) = go_on(whole.path(), Depth::Full, &file).unwrap();
@@ -309,10 +290,7 @@ fn a_refusal_whose_proof_was_private_is_checked_once_its_round_has_closed() {
     let kind = u32::from_le_bytes(*b"no p");
     let truth = Refusal::MalformedProof(format!("unknown kind of proof {kind}"));
     let lie = Refusal::InvalidProof("because".into());
-    for (reason, verdict) in [
-        (truth, ReplayVerdict::Verified),
-        (lie, ReplayVerdict::Failed),
-    ] {
+    for (reason, verdict) in [(truth, Verdict::Verified), (lie, Verdict::Failed)] {
         let (whole, scratch) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let file = scratch.path().join("state");
         let node = SigningNode::new(1);
@@ -329,7 +307,7 @@ fn a_refusal_whose_proof_was_private_is_checked_once_its_round_has_closed() {
         let private = Blobs::at(part.path()).path(&zk0_verifier::blob_digest(proof));
         fs::remove_file(private).unwrap();
         let first = go_on(part.path(), Depth::Full, &file).unwrap();
-        assert_eq!(first.0.verdict, ReplayVerdict::Incomplete, "{:?}", first.0);
+        assert_eq!(first.0.verdict, Verdict::Incomplete, "{:?}", first.0);
         assert!(notes(&first.0)
             .iter()
             .any(|note| note.contains("looked for again once its round closes")));
@@ -353,12 +331,7 @@ async fn what_is_not_checked_is_counted_by_kind() -> Test {
     let dir = network.dir.path();
     let mut auditor = Auditor::new(Depth::Light);
     let report = replay(dir, None, &mut auditor);
-    assert_eq!(
-        report.verdict,
-        ReplayVerdict::Incomplete,
-        "{:?}",
-        report.findings
-    );
+    assert_eq!(report.verdict, Verdict::Incomplete, "{:?}", report.findings);
     let left_out: BTreeMap<_, _> = auditor
         .not_checked()
         .into_iter()

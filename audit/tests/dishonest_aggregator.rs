@@ -3,7 +3,7 @@
 use zk0_audit::Auditor;
 use zk0_circuits::Digest;
 use zk0_ledger::log::Ledger;
-use zk0_ledger::replay::{replay, ReplayVerdict};
+use zk0_ledger::replay::{replay, Verdict};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::evaluation_set::{list_bytes, DrawnLeaf};
@@ -29,12 +29,7 @@ async fn the_history_replays_and_refusals_are_found_to_be_right() -> Test {
         Some(&network.genesis.network_id()),
         &mut auditor,
     );
-    assert_eq!(
-        report.verdict,
-        ReplayVerdict::Verified,
-        "{:?}",
-        report.findings
-    );
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
     let checked = auditor.checked();
     assert_eq!(
         (checked.datasets, checked.refusals, checked.not_checked),
@@ -50,7 +45,7 @@ async fn the_history_replays_and_refusals_are_found_to_be_right() -> Test {
     std::fs::remove_file(proof)?;
     let mut auditor = Auditor::default();
     let report = replay(network.dir.path(), None, &mut auditor);
-    assert_eq!(report.verdict, ReplayVerdict::Incomplete);
+    assert_eq!(report.verdict, Verdict::Incomplete);
     assert_eq!(
         (auditor.checked().refusals, auditor.checked().not_checked),
         (1, 1)
@@ -98,7 +93,7 @@ async fn an_audit_finds_what_a_dishonest_aggregator_records() -> Test {
         ledger.append(START_MS, body(submission))?;
         drop(ledger);
         let report = replay(copy.path(), None, &mut Auditor::default());
-        assert_eq!(report.verdict, ReplayVerdict::Failed);
+        assert_eq!(report.verdict, Verdict::Failed);
         let found = report
             .findings
             .iter()
@@ -129,14 +124,9 @@ fn an_audit_finds_a_dataset_with_frames_that_were_not_drawn() {
         replay(dir.path(), None, &mut Auditor::default())
     };
     let report = audited(&mut operator, drawn);
-    assert_eq!(
-        report.verdict,
-        ReplayVerdict::Verified,
-        "{:?}",
-        report.findings
-    );
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
     let report = audited(&mut operator, list_bytes(&chosen));
-    assert_eq!(report.verdict, ReplayVerdict::Failed);
+    assert_eq!(report.verdict, Verdict::Failed);
     let found = report.findings.iter();
     let found = found.filter(|finding| finding.text.contains("nobody chooses the frames"));
     assert_eq!(found.count(), 1, "{:?}", report.findings);

@@ -4,7 +4,7 @@ use tempfile::TempDir;
 use zk0_audit::account::{CheckKind, NotChecked, SkipReason};
 use zk0_audit::report::history;
 use zk0_audit::{Auditor, Depth, TrustedPrograms};
-use zk0_ledger::replay::{replay, ReplayReport, ReplayVerdict, Severity};
+use zk0_ledger::replay::{replay, ReplayReport, Severity, Verdict};
 use zk0_protocol::entries::entry::{Body, DisputeResolved, ProposalSettled, RoundClosed};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
@@ -60,12 +60,7 @@ fn a_program_that_a_vote_put_in_force_is_a_fault_unless_the_auditor_names_it() {
     operator.decide(replace(&own));
     drop(operator);
     let (report, _) = audit(&dir, Depth::Full, TrustedPrograms::default());
-    assert_eq!(
-        report.verdict,
-        ReplayVerdict::Verified,
-        "{:?}",
-        report.findings
-    );
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
 
     let dir = tempfile::tempdir().unwrap();
     let mut operator = Operator::founds(dir.path(), genesis(), &[]);
@@ -73,7 +68,7 @@ fn a_program_that_a_vote_put_in_force_is_a_fault_unless_the_auditor_names_it() {
     drop(operator);
     for depth in [Depth::Light, Depth::Full] {
         let (report, _) = audit(&dir, depth, TrustedPrograms::default());
-        assert_eq!(report.verdict, ReplayVerdict::Failed);
+        assert_eq!(report.verdict, Verdict::Failed);
         let faults = faults(&report);
         assert!(
             matches!(faults[..], [(Some(at), text)] if at == entry
@@ -81,15 +76,10 @@ fn a_program_that_a_vote_put_in_force_is_a_fault_unless_the_auditor_names_it() {
             "{faults:?}"
         );
         let wrong = named(&[&Program::founding(&[8; 32])]);
-        assert_eq!(audit(&dir, depth, wrong).0.verdict, ReplayVerdict::Failed);
+        assert_eq!(audit(&dir, depth, wrong).0.verdict, Verdict::Failed);
     }
     let (report, _) = audit(&dir, Depth::Full, named(&[&other()]));
-    assert_eq!(
-        report.verdict,
-        ReplayVerdict::Verified,
-        "{:?}",
-        report.findings
-    );
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
     let history = history::of(dir.path(), report.entries, &report.root.unwrap()).unwrap();
     let programs: Vec<_> = history.programs.iter().map(ToString::to_string).collect();
     assert_eq!(
@@ -218,12 +208,7 @@ fn proofs_that_this_release_cannot_verify_are_not_checked_and_the_audit_says_so(
     operator.append(Body::DisputeResolved(resolved));
     drop(operator);
     let (report, left_out) = audit(&dir, Depth::Full, named(&[&own]));
-    assert_eq!(
-        report.verdict,
-        ReplayVerdict::Incomplete,
-        "{:?}",
-        report.findings
-    );
+    assert_eq!(report.verdict, Verdict::Incomplete, "{:?}", report.findings);
     let kinds: Vec<_> = left_out
         .iter()
         .map(|line| (line.what, line.why, line.count))
@@ -256,15 +241,10 @@ fn proofs_that_this_release_cannot_verify_are_not_checked_and_the_audit_says_so(
         lines[2]
     );
     let (report, _) = audit(&dir, Depth::Light, named(&[&own]));
-    assert_eq!(
-        report.verdict,
-        ReplayVerdict::Incomplete,
-        "{:?}",
-        report.findings
-    );
+    assert_eq!(report.verdict, Verdict::Incomplete, "{:?}", report.findings);
     // A proof that is not there is a fault all the same, because nobody could ever check it.
     let path = zk0_ledger::blobs::Blobs::at(dir.path()).path(&zk0_verifier::blob_digest(&proof));
     std::fs::remove_file(path).unwrap();
     let (report, _) = audit(&dir, Depth::Full, named(&[&own]));
-    assert_eq!(report.verdict, ReplayVerdict::Failed);
+    assert_eq!(report.verdict, Verdict::Failed);
 }

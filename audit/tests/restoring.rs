@@ -2,7 +2,7 @@
 
 use tempfile::TempDir;
 use zk0_audit::{Auditor, Depth};
-use zk0_ledger::replay::{replay, ReplayReport, ReplayVerdict, Severity};
+use zk0_ledger::replay::{replay, ReplayReport, Severity, Verdict};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::Action;
@@ -61,10 +61,10 @@ fn restored_weights_are_the_base_of_the_next_round_and_no_others() {
         if holds {
             // What is not checked are the proofs.
             assert_eq!(fault, None);
-            assert_eq!(report.verdict, ReplayVerdict::Incomplete);
+            assert_eq!(report.verdict, Verdict::Incomplete);
         } else {
             let fault = fault.expect("a fault");
-            assert_eq!(report.verdict, ReplayVerdict::Failed);
+            assert_eq!(report.verdict, Verdict::Failed);
             assert_eq!(fault.index, Some(entry));
             assert!(fault.text.contains("base.blob"), "{}", fault.text);
         }

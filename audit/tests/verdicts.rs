@@ -11,7 +11,7 @@ use zk0_audit::verified_entries::verified_entries;
 use zk0_audit::{Auditor, Depth, TrustedPrograms};
 use zk0_circuits::EvalSpec;
 use zk0_ledger::blobs::Blobs;
-use zk0_ledger::replay::{replay, ReplayReport, ReplayVerdict, SaveOptions};
+use zk0_ledger::replay::{replay, ReplayReport, SaveOptions, Verdict};
 use zk0_ledger::store::Store;
 use zk0_ledger::{folder, Ledger};
 use zk0_protocol::entries::entry::Body;
@@ -26,12 +26,7 @@ fn audit(dir: &Path, named: TrustedPrograms) -> ReplayReport {
 #[test]
 fn without_any_one_of_its_blobs_a_ledger_is_not_verified() {
     let (entries, report) = verified_entries(Path::new(REAL)).unwrap();
-    assert_eq!(
-        report.verdict,
-        ReplayVerdict::Verified,
-        "{:?}",
-        report.findings
-    );
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
     let accepted: Vec<_> = entries
         .iter()
         .filter_map(|entry| match &entry.body {
@@ -53,15 +48,13 @@ fn without_any_one_of_its_blobs_a_ledger_is_not_verified() {
         // What counted in a closed round must be there, and what it started from. Anything else may be missing, but then the audit is
         // not complete.
         let expected = match accepted.contains(&digest) {
-            true => ReplayVerdict::Failed,
-            false => ReplayVerdict::Incomplete,
+            true => Verdict::Failed,
+            false => Verdict::Incomplete,
         };
         assert_eq!(report.verdict, expected, "{name}: {:?}", report.findings);
         verdicts.push(expected);
     }
-    assert!(
-        verdicts.contains(&ReplayVerdict::Failed) && verdicts.contains(&ReplayVerdict::Incomplete)
-    );
+    assert!(verdicts.contains(&Verdict::Failed) && verdicts.contains(&Verdict::Incomplete));
 }
 
 /// A ledger of a network that was founded like this.
@@ -85,30 +78,20 @@ fn says(report: &ReplayReport, words: &str) -> bool {
 fn another_program_is_a_fault_unless_the_auditor_names_it() {
     let ours = founded(|_| ());
     let report = audit(ours.path(), TrustedPrograms::default());
-    assert_eq!(
-        report.verdict,
-        ReplayVerdict::Verified,
-        "{:?}",
-        report.findings
-    );
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
     let program = vec![7; 32];
     let theirs = founded(|genesis| genesis.program.clone_from(&program));
     let report = audit(theirs.path(), TrustedPrograms::default());
-    assert_eq!(report.verdict, ReplayVerdict::Failed);
+    assert_eq!(report.verdict, Verdict::Failed);
     assert!(says(&report, &format!("--program {}", "07".repeat(32))));
     let named = |program| TrustedPrograms {
         programs: [program].into(),
         ..TrustedPrograms::default()
     };
     let report = audit(theirs.path(), named(vec![8; 32]));
-    assert_eq!(report.verdict, ReplayVerdict::Failed);
+    assert_eq!(report.verdict, Verdict::Failed);
     let report = audit(theirs.path(), named(program));
-    assert_eq!(
-        report.verdict,
-        ReplayVerdict::Verified,
-        "{:?}",
-        report.findings
-    );
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
 }
 
 #[test]
@@ -126,8 +109,8 @@ fn an_evaluation_of_others_is_not_called_verified_unless_the_auditor_names_it() 
     let ranges = other(|spec| spec.layers[0].gate -= 1);
     let frequencies = other(|spec| spec.time_frequencies[0] += 1);
     for ((dir, digest), expected) in [
-        (ranges, ReplayVerdict::Incomplete),
-        (frequencies, ReplayVerdict::Failed),
+        (ranges, Verdict::Incomplete),
+        (frequencies, Verdict::Failed),
     ] {
         let report = audit(dir.path(), TrustedPrograms::default());
         assert_eq!(report.verdict, expected, "{:?}", report.findings);
@@ -137,12 +120,7 @@ fn an_evaluation_of_others_is_not_called_verified_unless_the_auditor_names_it() 
             ..TrustedPrograms::default()
         };
         let report = audit(dir.path(), named);
-        assert_eq!(
-            report.verdict,
-            ReplayVerdict::Verified,
-            "{:?}",
-            report.findings
-        );
+        assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
     }
 }
 
@@ -181,8 +159,8 @@ fn base_weights_that_hold_other_numbers_are_a_fault() {
         });
         assert_eq!(found, flipped == 1, "{:?}", report.findings);
         let expected = match flipped {
-            0 => ReplayVerdict::Verified,
-            _ => ReplayVerdict::Failed,
+            0 => Verdict::Verified,
+            _ => Verdict::Failed,
         };
         assert_eq!(report.verdict, expected, "{:?}", report.findings);
     }
@@ -260,12 +238,7 @@ fn a_blob_that_cannot_be_read_gives_no_verdict_and_none_is_remembered() {
             let right = fs::read(&policy).unwrap();
             fs::write(&policy, flipped(&right)).unwrap();
             let audited = audit.run(copy.path()).unwrap();
-            assert_eq!(
-                audited.verdict,
-                ReplayVerdict::Failed,
-                "{:?}",
-                audited.findings
-            );
+            assert_eq!(audited.verdict, Verdict::Failed, "{:?}", audited.findings);
             assert!(!state.exists());
             fs::write(&policy, right).unwrap();
         }
@@ -273,12 +246,7 @@ fn a_blob_that_cannot_be_read_gives_no_verdict_and_none_is_remembered() {
         fs::write(&blob, whole).unwrap();
     }
     let audited = audit.run(copy.path()).unwrap();
-    assert_eq!(
-        audited.verdict,
-        ReplayVerdict::Verified,
-        "{:?}",
-        audited.findings
-    );
+    assert_eq!(audited.verdict, Verdict::Verified, "{:?}", audited.findings);
     assert!(state.exists());
 }
 
@@ -292,12 +260,7 @@ fn a_damaged_blob_of_a_copy_is_fetched_again_before_anybody_judges() {
     };
     again().unwrap();
     let expected = of(None, Some(&again)).run(mirror.path()).unwrap();
-    assert_ne!(
-        expected.verdict,
-        ReplayVerdict::Failed,
-        "{:?}",
-        expected.findings
-    );
+    assert_ne!(expected.verdict, Verdict::Failed, "{:?}", expected.findings);
     for blob in blobs_of(mirror.path()) {
         let whole = fs::read(&blob).unwrap();
         fs::write(&blob, flipped(&whole)).unwrap();
@@ -310,12 +273,7 @@ fn a_damaged_blob_of_a_copy_is_fetched_again_before_anybody_judges() {
     let whole = fs::read(&proof).unwrap();
     fs::write(&proof, flipped(&whole)).unwrap();
     let audited = of(None, None).run(mirror.path()).unwrap();
-    assert_eq!(
-        audited.verdict,
-        ReplayVerdict::Failed,
-        "{:?}",
-        audited.findings
-    );
+    assert_eq!(audited.verdict, Verdict::Failed, "{:?}", audited.findings);
     // A disk that damages the blob again says nothing about the ledger.
     let damages = || -> anyhow::Result<()> { Ok(fs::write(&proof, flipped(&whole))?) };
     let error = of(None, Some(&damages)).run(mirror.path()).unwrap_err();
@@ -330,12 +288,7 @@ fn a_damaged_blob_of_a_copy_is_fetched_again_before_anybody_judges() {
     fs::remove_file(&proof).unwrap();
     fs::write(&policy, b"damaged").unwrap();
     let audited = of(None, Some(&away)).run(mirror.path()).unwrap();
-    assert_eq!(
-        audited.verdict,
-        ReplayVerdict::Failed,
-        "{:?}",
-        audited.findings
-    );
+    assert_eq!(audited.verdict, Verdict::Failed, "{:?}", audited.findings);
     // Whoever serves the damaged blob is at fault.
     fs::write(&proof, flipped(&whole)).unwrap();
     let served = ledger
@@ -360,16 +313,11 @@ fn what_was_found_about_a_missing_or_damaged_blob_is_not_final() {
                 Some(bytes) => fs::write(&blob, bytes).unwrap(),
             }
             let found = run(copy.path());
-            assert_ne!(found.verdict, ReplayVerdict::Verified);
+            assert_ne!(found.verdict, Verdict::Verified);
             assert_eq!(run(copy.path()), found);
             fs::write(&blob, &whole).unwrap();
             let mended = run(copy.path());
-            assert_eq!(
-                mended.verdict,
-                ReplayVerdict::Verified,
-                "{:?}",
-                mended.findings
-            );
+            assert_eq!(mended.verdict, Verdict::Verified, "{:?}", mended.findings);
             fs::remove_file(&state).unwrap();
         }
     }
@@ -379,9 +327,9 @@ fn what_was_found_about_a_missing_or_damaged_blob_is_not_final() {
         run(dir).verdict
     };
     let theirs = founded(|genesis| genesis.program = vec![7; 32]);
-    assert_eq!(without_policy(theirs.path()), ReplayVerdict::Failed);
+    assert_eq!(without_policy(theirs.path()), Verdict::Failed);
     Blobs::at(theirs.path()).put(POLICY).unwrap();
-    assert_eq!(run(theirs.path()).verdict, ReplayVerdict::Failed);
+    assert_eq!(run(theirs.path()).verdict, Verdict::Failed);
     fs::remove_file(&state).unwrap();
     let longer = tempfile::tempdir().unwrap();
     drop(Operator::founds(
@@ -389,7 +337,7 @@ fn what_was_found_about_a_missing_or_damaged_blob_is_not_final() {
         genesis(),
         &[&SigningNode::new(1)],
     ));
-    assert_eq!(without_policy(longer.path()), ReplayVerdict::Incomplete);
+    assert_eq!(without_policy(longer.path()), Verdict::Incomplete);
     let rolled_back = run(founded(|_| ()).path());
     assert!(says(&rolled_back.report, "ROLLED BACK"));
 }
@@ -405,13 +353,13 @@ fn an_import_that_was_killed_is_no_fault_of_the_ledger() {
     // Where entries were seen before, or signed, they are lost.
     of(Some(&state), None).run(copy.path()).unwrap();
     let audited = of(Some(&state), None).run(&dir).unwrap();
-    assert_eq!(audited.verdict, ReplayVerdict::Failed);
+    assert_eq!(audited.verdict, Verdict::Failed);
     fs::copy(folder::checkpoint(copy.path()), folder::checkpoint(&dir)).unwrap();
     let audited = of(None, None).run(&dir).unwrap();
-    assert_eq!(audited.verdict, ReplayVerdict::Failed);
+    assert_eq!(audited.verdict, Verdict::Failed);
     // Entries without a checkpoint may be tampering, too. The report says what to do with a copy.
     fs::remove_file(folder::checkpoint(copy.path())).unwrap();
     let audited = of(None, None).run(copy.path()).unwrap();
-    assert_eq!(audited.verdict, ReplayVerdict::Failed);
+    assert_eq!(audited.verdict, Verdict::Failed);
     assert!(says(&audited.report, "zk0 ledger import"));
 }

@@ -143,9 +143,10 @@ pub fn run(options: &EvalOptions) -> Result<()> {
             .with_context(|| format!("writing {}", path.display()))?;
         chart::draw_bars(&out.join("eval"), &panels(&rows, options.datasets.len()))?;
     }
-    match options.json {
-        true => println!("{}", serde_json::to_string_pretty(&rows)?),
-        false => print!("{}", table(&rows)),
+    if options.json {
+        println!("{}", serde_json::to_string_pretty(&rows)?)
+    } else {
+        print!("{}", table(&rows))
     }
     Ok(())
 }

@@ -145,9 +145,10 @@ fn run(command: &Command) -> anyhow::Result<ExitCode> {
         Command::Audit(command) => return audit::run(command),
         Command::Ledger(command) => ledger::run(command)?,
     };
-    Ok(match holds {
-        true => ExitCode::SUCCESS,
-        false => ExitCode::FAILURE,
+    Ok(if holds {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
     })
 }
 

@@ -67,9 +67,10 @@ pub async fn run(options: &StatusOptions) -> Result<()> {
 impl StatusOptions {
     /// Prints a status. Returns `false` if its reader, such as `head`, has left.
     fn write(&self, status: &StatusView) -> Result<bool> {
-        let mut text = match self.json {
-            true => serde_json::to_string(&status.facts())? + "\n",
-            false => status.text(),
+        let mut text = if self.json {
+            serde_json::to_string(&status.facts())? + "\n"
+        } else {
+            status.text()
         };
         let mut out = io::stdout().lock();
         // On a terminal, the new status takes the place of the old one.

@@ -44,12 +44,13 @@ pub fn start_if_there(path: &Path, most: u64) -> io::Result<Option<Vec<u8>>> {
 pub fn read_from(from: impl Read, limit: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     from.take(limit.saturating_add(1)).read_to_end(&mut bytes)?;
-    match bytes.len() as u64 > limit {
-        true => Err(io::Error::new(
+    if bytes.len() as u64 > limit {
+        Err(io::Error::new(
             io::ErrorKind::FileTooLarge,
             format!("it has more than {limit} bytes, which is the limit for this file"),
-        )),
-        false => Ok(bytes),
+        ))
+    } else {
+        Ok(bytes)
     }
 }
 

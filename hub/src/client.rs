@@ -78,9 +78,10 @@ impl<'t> Client<'t> {
             .header("authorization", self.bearer())
             .header("content-type", sent.content_type);
         // Git LFS asks for its own type back.
-        let asked = match sent.content_type.ends_with("lfs+json") {
-            true => asked.header("accept", sent.content_type),
-            false => asked,
+        let asked = if sent.content_type.ends_with("lfs+json") {
+            asked.header("accept", sent.content_type)
+        } else {
+            asked
         };
         asked
             .send(sent.body)
@@ -119,9 +120,10 @@ impl<'t> Client<'t> {
 
     /// What a request came to that has to succeed.
     pub fn succeeded(&self, what: &str, answer: Response<Body>) -> Result<Response<Body>, Failure> {
-        match answer.status().is_success() {
-            true => Ok(answer),
-            false => Err(self.refused(what, answer)),
+        if answer.status().is_success() {
+            Ok(answer)
+        } else {
+            Err(self.refused(what, answer))
         }
     }
 
@@ -207,8 +209,9 @@ fn said(answer: Response<Body>) -> String {
         .filter(|one| !one.is_control())
         .take(MAX_SAID)
         .collect();
-    match text.is_empty() {
-        true => reason.into(),
-        false => text,
+    if text.is_empty() {
+        reason.into()
+    } else {
+        text
     }
 }

@@ -173,10 +173,7 @@ fn changes<'f>(client: &Client, files: &'f [LocalFile]) -> Result<Vec<FileChange
         };
         // The storage of large files takes no empty ones.
         let large = mode.upload_mode == UploadMode::Lfs && file.size > 0;
-        let here = match large {
-            true => &file.sha256,
-            false => &file.git_sha1,
-        };
+        let here = if large { &file.sha256 } else { &file.git_sha1 };
         // The repository's .gitignore may leave a file out.
         if !mode.should_ignore && mode.oid.as_ref() != Some(here) {
             changes.push(FileChange { file, large });
@@ -197,16 +194,15 @@ fn commit(client: &Client, changes: &[FileChange], summary: &str) -> Result<Stri
     let header = json!({ "key": "header", "value": { "summary": summary, "description": "" } });
     let mut lines = vec![header.to_string()];
     for FileChange { file, large } in changes {
-        let line = match large {
-            true => json!({ "key": "lfsFile", "value": {
+        let line = if *large {
+            json!({ "key": "lfsFile", "value": {
                 "path": file.name, "algo": "sha256", "oid": file.sha256, "size": file.size,
-            }}),
-            false => {
-                let content = fs::read(&file.path).map_err(PublishError::at(&file.path))?;
-                json!({ "key": "file", "value": {
-                    "content": BASE64_STANDARD.encode(content), "path": file.name, "encoding": "base64",
-                }})
-            }
+            }})
+        } else {
+            let content = fs::read(&file.path).map_err(PublishError::at(&file.path))?;
+            json!({ "key": "file", "value": {
+                "content": BASE64_STANDARD.encode(content), "path": file.name, "encoding": "base64",
+            }})
         };
         lines.push(line.to_string());
     }

@@ -74,15 +74,16 @@ impl ClockWatch {
         last_ms: u64,
         read: impl Fn() -> Duration + Send + Sync + 'static,
     ) -> Result<Self, ClockError> {
-        match last_ms.saturating_sub(clock_ms) > TOLERANCE_MS {
-            true => Err(ClockError::Behind { clock_ms, last_ms }),
-            false => Ok(Self {
+        if last_ms.saturating_sub(clock_ms) > TOLERANCE_MS {
+            Err(ClockError::Behind { clock_ms, last_ms })
+        } else {
+            Ok(Self {
                 right: Mutex::new(Right {
                     clock_ms,
                     steady: read(),
                 }),
                 read: Box::new(read),
-            }),
+            })
         }
     }
 
@@ -122,11 +123,12 @@ impl Right {
 }
 
 fn ahead(clock_ms: u64, expected_ms: u64) -> Result<(), ClockError> {
-    match clock_ms.saturating_sub(expected_ms) > TOLERANCE_MS {
-        true => Err(ClockError::LeaptAhead {
+    if clock_ms.saturating_sub(expected_ms) > TOLERANCE_MS {
+        Err(ClockError::LeaptAhead {
             clock_ms,
             expected_ms,
-        }),
-        false => Ok(()),
+        })
+    } else {
+        Ok(())
     }
 }

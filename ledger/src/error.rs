@@ -159,9 +159,10 @@ impl LedgerError {
 
 /// What to do where a database has another checkpoint than the published one.
 fn if_published(published: u64, size: u64) -> &'static str {
-    match published < size {
-        true => "If the aggregator was killed, start it once. If this is a copy and `zk0 ledger import` was interrupted there, run it again",
-        false => "The database was rolled back or damaged: restore the newest copy",
+    if published < size {
+        "If the aggregator was killed, start it once. If this is a copy and `zk0 ledger import` was interrupted there, run it again"
+    } else {
+        "The database was rolled back or damaged: restore the newest copy"
     }
 }
 

@@ -197,13 +197,14 @@ fn open_published(
 }
 
 fn same_root(signed: &Checkpoint, found: Digest) -> Result<(), LedgerError> {
-    match signed.root == found {
-        true => Ok(()),
-        false => Err(LedgerError::Forked {
+    if signed.root == found {
+        Ok(())
+    } else {
+        Err(LedgerError::Forked {
             size: signed.size,
             found,
             signed: signed.root,
-        }),
+        })
     }
 }
 

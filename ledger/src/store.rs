@@ -139,8 +139,9 @@ fn is_rocksdb(path: &Path) -> bool {
 
 /// Refuses a database of RocksDB. A build that has RocksDB has opened it before.
 fn refuse_rocksdb(path: &Path) -> Result<(), LedgerError> {
-    match is_rocksdb(path) {
-        true => Err(LedgerError::NeedsRocksDb(path.into())),
-        false => Ok(()),
+    if is_rocksdb(path) {
+        Err(LedgerError::NeedsRocksDb(path.into()))
+    } else {
+        Ok(())
     }
 }

@@ -8,19 +8,14 @@ use std::path::Path;
 use zk0_ledger::backup::{backup, backup_with, restore, BackupError, OldBlobs};
 use zk0_ledger::published::mirror::{MirrorError, Mirrored};
 use zk0_ledger::published::publication::Publication;
-use zk0_ledger::replay::{replay, ReplayVerdict};
+use zk0_ledger::replay::{replay, Verdict};
 use zk0_ledger::{folder, Blobs, Ledger, LedgerError, ReplayReport};
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::{Body, WitnessPolicy};
 
 fn verified(dir: &Path) -> ReplayReport {
     let report = replay(dir, None, &mut ());
-    assert_eq!(
-        report.verdict,
-        ReplayVerdict::Verified,
-        "{:?}",
-        report.findings
-    );
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
     report
 }
 

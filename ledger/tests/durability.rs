@@ -9,7 +9,7 @@ use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
 use zk0_circuits::NodeId;
-use zk0_ledger::replay::{replay, ReplayVerdict};
+use zk0_ledger::replay::{replay, Verdict};
 use zk0_ledger::{Ledger, LedgerError};
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::tlog::tree::Frontier;
@@ -137,12 +137,7 @@ fn killed_at_any_moment_it_loses_nothing_acknowledged_and_never_forks() {
     );
     assert!(receipts.len() as u64 <= appended);
     let report = replay(dir.path(), None, &mut ());
-    assert_eq!(
-        report.verdict,
-        ReplayVerdict::Verified,
-        "{:?}",
-        report.findings
-    );
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
 }
 
 #[test]
@@ -151,10 +146,7 @@ fn one_writer_at_a_time_and_readers_beside_it() {
     let (ledger, _) = Ledger::create(dir.path(), genesis(), log_key(), T0).unwrap();
     let second = Ledger::open(dir.path(), None, log_key()).map(drop);
     assert!(matches!(second, Err(LedgerError::Locked(_))), "{second:?}");
-    assert_eq!(
-        replay(dir.path(), None, &mut ()).verdict,
-        ReplayVerdict::Verified
-    );
+    assert_eq!(replay(dir.path(), None, &mut ()).verdict, Verdict::Verified);
     drop(ledger);
 
     let mut child = child(dir.path());
@@ -163,12 +155,7 @@ fn one_writer_at_a_time_and_readers_beside_it() {
     let patience = std::time::Instant::now() + std::time::Duration::from_secs(60);
     while std::time::Instant::now() < patience {
         let report = replay(dir.path(), None, &mut ());
-        assert_eq!(
-            report.verdict,
-            ReplayVerdict::Verified,
-            "{:?}",
-            report.findings
-        );
+        assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
         assert!(report.entries >= seen);
         seen = report.entries;
         if seen > 20 {
@@ -246,13 +233,10 @@ fn killed_before_publishing_it_publishes_on_opening() {
     drop(ledger);
     fs::write(&file, &older).unwrap();
     let report = replay(dir.path(), None, &mut ());
-    assert_eq!(report.verdict, ReplayVerdict::Failed);
+    assert_eq!(report.verdict, Verdict::Failed);
     drop(Ledger::open(dir.path(), None, log_key()).unwrap());
     assert_eq!(fs::read(&file).unwrap(), newest);
-    assert_eq!(
-        replay(dir.path(), None, &mut ()).verdict,
-        ReplayVerdict::Verified
-    );
+    assert_eq!(replay(dir.path(), None, &mut ()).verdict, Verdict::Verified);
 
     // Right after the founding, the file may not exist yet.
     let dir = tempfile::tempdir().unwrap();
@@ -273,7 +257,7 @@ fn refused(dir: &Path) -> LedgerError {
         Ok(ledger) => panic!("opened with {} entries", ledger.size()),
     };
     assert_eq!(before, fs::read(&file).ok());
-    assert_eq!(replay(dir, None, &mut ()).verdict, ReplayVerdict::Failed);
+    assert_eq!(replay(dir, None, &mut ()).verdict, Verdict::Failed);
     error
 }
 
@@ -355,7 +339,7 @@ fn the_wrong_folder_or_key_is_refused() {
         Err(LedgerError::OtherNetwork { .. })
     ));
     let report = replay(dir.path(), Some(&digest(1)), &mut ());
-    assert_eq!(report.verdict, ReplayVerdict::Failed);
+    assert_eq!(report.verdict, Verdict::Failed);
     assert!(report.findings[0].text.contains("is of network"));
     assert!(matches!(open(None, key(0)), Err(LedgerError::OtherKey(_))));
     let again = Ledger::create(dir.path(), genesis(), log_key(), T0).map(drop);

@@ -12,7 +12,7 @@ use std::fs;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus};
-use zk0_ledger::replay::{replay, ReplayVerdict};
+use zk0_ledger::replay::{replay, Verdict};
 
 const EIO: i32 = 5;
 const ENOSPC: i32 = 28;
@@ -26,8 +26,8 @@ fn the_replay() {
     };
     let report = replay(Path::new(&dir), None, &mut ());
     let came = match (report.verdict, report.unread) {
-        (ReplayVerdict::Verified, None) => "verified".to_owned(),
-        (ReplayVerdict::Incomplete, Some(_)) => "unread".to_owned(),
+        (Verdict::Verified, None) => "verified".to_owned(),
+        (Verdict::Incomplete, Some(_)) => "unread".to_owned(),
         (verdict, _) => format!("{verdict:?}: {:?}", report.findings),
     };
     println!("\nit is {came}");

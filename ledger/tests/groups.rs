@@ -13,7 +13,7 @@ use std::path::Path;
 use zk0_circuits::NodeId;
 use zk0_ledger::published::mirror::{mirror, MirrorError};
 use zk0_ledger::published::tiles;
-use zk0_ledger::replay::{replay, ReplayVerdict};
+use zk0_ledger::replay::{replay, Verdict};
 use zk0_ledger::store::Store;
 use zk0_ledger::{Ledger, LedgerError, ReplayReport};
 use zk0_protocol::challenge::drawing::Drawing;
@@ -28,12 +28,7 @@ use zk0_protocol::{Body, Refusal, RuleViolation, Signed};
 
 fn verified(dir: &Path) -> ReplayReport {
     let report = replay(dir, None, &mut ());
-    assert_eq!(
-        report.verdict,
-        ReplayVerdict::Verified,
-        "{:?}",
-        report.findings
-    );
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
     report
 }
 
@@ -218,7 +213,7 @@ fn a_checkpoint_that_something_depends_on_may_not_be_missing() {
             .unwrap();
         drop(db);
         let report = replay(copied.path(), None, &mut ());
-        assert_eq!(report.verdict, ReplayVerdict::Failed, "{size}");
+        assert_eq!(report.verdict, Verdict::Failed, "{size}");
         let opened = Ledger::open(copied.path(), None, log_key()).map(drop);
         match opened {
             Err(LedgerError::BadEntry { index, why }) => {
@@ -259,7 +254,7 @@ fn any_checkpoint_of_another_tree_keeps_a_ledger_from_opening() {
         drop(db);
         assert!(Ledger::open(copied.path(), None, log_key()).is_err());
         let report = replay(copied.path(), None, &mut ());
-        assert_eq!(report.verdict, ReplayVerdict::Failed);
+        assert_eq!(report.verdict, Verdict::Failed);
         assert_eq!(report.findings[0].index, Some(place - 1));
     }
 }
@@ -289,10 +284,7 @@ fn the_opening_of_a_round_that_draws_its_nodes_has_the_checkpoint_that_draws_the
     db.delete([&b"c"[..], &14u64.to_be_bytes()].concat())
         .unwrap();
     drop(db);
-    assert_eq!(
-        replay(dir.path(), None, &mut ()).verdict,
-        ReplayVerdict::Failed
-    );
+    assert_eq!(replay(dir.path(), None, &mut ()).verdict, Verdict::Failed);
     assert!(Ledger::open(dir.path(), None, log_key()).is_err());
 }
 
@@ -465,7 +457,7 @@ fn a_mirror_of_groups_is_the_same_ledger_and_insists_on_the_same_checkpoints() {
         }
     }
     let fewer = without(7).unwrap();
-    assert_eq!(fewer.verdict, ReplayVerdict::Verified);
+    assert_eq!(fewer.verdict, Verdict::Verified);
     assert_eq!(fewer.checkpoints, original.checkpoints - 1);
     // The log's key signed this checkpoint in the midst of a group, but it is not of this tree.
     let forged = zk0_protocol::Checkpoint {

@@ -3,7 +3,7 @@
 use crate::network::*;
 use rocksdb::DB;
 use zk0_ledger::group::WantedEntry;
-use zk0_ledger::replay::{replay, ReplayVerdict};
+use zk0_ledger::replay::{replay, Verdict};
 use zk0_ledger::store::{Store, StoreBatch};
 use zk0_ledger::{Ledger, LedgerError};
 use zk0_protocol::entries::authentic::{Authentic, AuthenticBody};
@@ -81,10 +81,7 @@ fn an_entry_over_the_limit_is_refused_and_the_log_goes_on() {
     ledger.append(T0, registered(&network, 0)).unwrap();
     drop(ledger);
     let report = replay(dir.path(), None, &mut ());
-    assert_eq!(
-        (report.verdict, report.entries),
-        (ReplayVerdict::Verified, 3)
-    );
+    assert_eq!((report.verdict, report.entries), (Verdict::Verified, 3));
 }
 
 /// An operator with the log's key can put such bytes on disk without our code. Even if they are signed, every reader refuses them.
@@ -124,7 +121,7 @@ fn signed_or_not_such_bytes_on_disk_are_refused_by_name() {
             other => panic!("{other:?}"),
         }
         let report = replay(dir.path(), None, &mut ());
-        assert_eq!(report.verdict, ReplayVerdict::Failed);
+        assert_eq!(report.verdict, Verdict::Failed);
         assert_eq!(report.findings[0].index, Some(1));
         assert!(report.findings[0].text.contains(words));
         // The log before the bad entry is intact.
@@ -173,5 +170,5 @@ fn only_the_submission_that_was_verified_is_not_verified_again() {
         .unwrap();
     assert!(recorded[0].is_ok(), "{recorded:?}");
     let report = replay(dir.path(), None, &mut ());
-    assert_eq!(report.verdict, ReplayVerdict::Verified);
+    assert_eq!(report.verdict, Verdict::Verified);
 }

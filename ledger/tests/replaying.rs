@@ -11,8 +11,8 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use zk0_ledger::replay::{
-    replay, replay_with, Recheck, ReplayOptions, ReplayReport, ReplayVerdict, SaveOptions,
-    SavedError, SavedReplay,
+    replay, replay_with, Recheck, ReplayOptions, ReplayReport, SaveOptions, SavedError,
+    SavedReplay, Verdict,
 };
 use zk0_ledger::{Blobs, Finding};
 use zk0_protocol::tlog::checkpoint::Checkpoint;
@@ -75,7 +75,7 @@ fn several_threads_find_what_one_finds() {
     let report = same_by_any_number_of_threads(dir.path());
     assert_eq!(
         (report.verdict, report.entries),
-        (ReplayVerdict::Verified, size),
+        (Verdict::Verified, size),
         "{:?}",
         report.findings.last()
     );
@@ -101,7 +101,7 @@ fn several_threads_find_what_one_finds() {
             bad[at] ^= 1 << (x >> 60 & 7);
             db.put(key, &bad).unwrap();
             let report = same_by_any_number_of_threads(dir.path());
-            assert_eq!(report.verdict, ReplayVerdict::Failed);
+            assert_eq!(report.verdict, Verdict::Failed);
             assert_eq!(report.findings.last().unwrap().index, Some(index));
             assert_eq!(report.entries, index);
             db.put(key, &good).unwrap();
@@ -131,19 +131,14 @@ fn checkpoints_may_be_sparse_but_not_where_something_follows_from_them() {
     let size = long.size();
     drop(long);
     let verified = replay(dir.path(), None, &mut ());
-    assert_eq!(verified.verdict, ReplayVerdict::Verified);
+    assert_eq!(verified.verdict, Verdict::Verified);
     assert!(verified.checkpoints < size);
     let db = DB::open_default(dir.path().join("log")).unwrap();
     let (opened, last) = (size - ROUND, size);
     // Nothing depends on the checkpoint after the founding's last entry.
     db.delete(db_key(b'c', opened)).unwrap();
     let report = replay(dir.path(), None, &mut ());
-    assert_eq!(
-        report.verdict,
-        ReplayVerdict::Verified,
-        "{:?}",
-        report.findings
-    );
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
     assert_eq!(report.checkpoints, verified.checkpoints - 1);
     // The checkpoints after the closing of the commitments and after the last entry have to be there.
     let closing = opened + 1 + u64::from(NODES);
@@ -151,7 +146,7 @@ fn checkpoints_may_be_sparse_but_not_where_something_follows_from_them() {
         let text = db.get(db_key(b'c', missing)).unwrap().unwrap();
         db.delete(db_key(b'c', missing)).unwrap();
         let report = replay(dir.path(), None, &mut ());
-        assert_eq!(report.verdict, ReplayVerdict::Failed);
+        assert_eq!(report.verdict, Verdict::Failed);
         assert_eq!(report.findings[0].index, index, "{:?}", report.findings);
         db.put(db_key(b'c', missing), text).unwrap();
     }
@@ -188,7 +183,7 @@ fn a_replay_goes_on_where_an_earlier_one_ended() {
         let mut finder = Finder::default();
         let report = go_on(dir.path(), &file, &mut finder);
         assert_eq!(report, replay(dir.path(), None, &mut Finder::default()));
-        assert_eq!(report.verdict, ReplayVerdict::Verified);
+        assert_eq!(report.verdict, Verdict::Verified);
         assert_eq!(finder.seen, long.size() - seen, "it reads what is new");
         seen = long.size();
     }
@@ -240,7 +235,7 @@ fn a_log_that_does_not_continue_what_was_verified_is_named() {
     copy(&one, &short);
     long.rounds(20);
     let report = go_on(&one, &file, &mut Finder::default());
-    assert_eq!(report.verdict, ReplayVerdict::Verified);
+    assert_eq!(report.verdict, Verdict::Verified);
     let kept = fs::read(&file).unwrap();
     let says = |dir: &Path, words: &str| {
         for begins_again in [false, true] {
@@ -256,7 +251,7 @@ fn a_log_that_does_not_continue_what_was_verified_is_named() {
                 ..ReplayOptions::default()
             };
             let report = replay_with(dir, options, &mut Finder::default());
-            assert_eq!(report.verdict, ReplayVerdict::Failed);
+            assert_eq!(report.verdict, Verdict::Failed);
             let fault = report.findings.last().unwrap();
             assert!(fault.text.contains(words), "{fault:?}");
             assert_eq!(
@@ -322,7 +317,7 @@ fn a_memory_that_cannot_be_written_is_said_and_spoils_nothing() {
     Long::found(dir.path(), 0).rounds(1);
     let nowhere = dir.path().join("no/such/folder/state");
     let report = go_on(dir.path(), &nowhere, &mut Finder::default());
-    assert_eq!(report.verdict, ReplayVerdict::Verified);
+    assert_eq!(report.verdict, Verdict::Verified);
     let said = |finding: &Finding| finding.text.contains("cannot be saved");
     assert!(report.findings.iter().any(said), "{:?}", report.findings);
     let why = report
@@ -346,7 +341,7 @@ fn what_was_seen_has_to_stay_even_if_it_was_not_saved() {
         size: report.entries,
         root: report.root.unwrap().parse().unwrap(),
     });
-    let says = |dir: &Path, verdict: ReplayVerdict, words: &str| {
+    let says = |dir: &Path, verdict: Verdict, words: &str| {
         let options = ReplayOptions {
             seen,
             keep: keep(&state, Duration::ZERO),
@@ -357,10 +352,10 @@ fn what_was_seen_has_to_stay_even_if_it_was_not_saved() {
         let last = report.findings.last().unwrap();
         assert!(last.text.contains(words), "{last:?}");
     };
-    says(&short, ReplayVerdict::Failed, "ROLLED BACK");
-    says(&fork, ReplayVerdict::Failed, "FORKED");
+    says(&short, Verdict::Failed, "ROLLED BACK");
+    says(&fork, Verdict::Failed, "FORKED");
     assert!(!state.exists(), "nothing of these logs is saved");
-    says(&one, ReplayVerdict::Verified, "that was all");
+    says(&one, Verdict::Verified, "that was all");
 }
 
 #[test]
@@ -404,10 +399,7 @@ fn replay_speed_and_memory() {
         let report = replay_with(dir.path(), options, &mut ());
         let seconds = start.elapsed().as_secs_f64();
         assert_eq!(report, state);
-        assert_eq!(
-            (report.verdict, report.entries),
-            (ReplayVerdict::Verified, size)
-        );
+        assert_eq!((report.verdict, report.entries), (Verdict::Verified, size));
         println!(
             "{size} entries with {signatures} signatures and {} checkpoints, threads {threads:?}: {seconds:.1} s, {:.0} entries/s; \
              {:.1} s of CPU time; memory {before} MiB before, at most {} MiB",

@@ -7,7 +7,7 @@ use rocksdb::{IteratorMode, DB};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use zk0_ledger::replay::{replay, ReplayVerdict, Severity};
+use zk0_ledger::replay::{replay, Severity, Verdict};
 use zk0_ledger::{Blobs, Finding, Ledger, Recheck, ReplayReport};
 use zk0_protocol::{Entry, Genesis, State};
 
@@ -31,22 +31,13 @@ const CLOSING: u64 = 12;
 
 fn verified(dir: &Path) -> ReplayReport {
     let report = replay(dir, None, &mut ());
-    assert_eq!(
-        report.verdict,
-        ReplayVerdict::Verified,
-        "{:?}",
-        report.findings
-    );
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
     report
 }
 
 fn fails(dir: &Path, what: &str) -> Finding {
     let report = replay(dir, None, &mut ());
-    assert_eq!(
-        report.verdict,
-        ReplayVerdict::Failed,
-        "{what} does not matter"
-    );
+    assert_eq!(report.verdict, Verdict::Failed, "{what} does not matter");
     report.findings.last().unwrap().clone()
 }
 
@@ -216,7 +207,7 @@ fn flips(original: &Path, seed: u64, count: usize) -> BTreeMap<String, (usize, u
         *all += 1;
         match (report.verdict, &report.unread) {
             // RocksDB may look for a file of another name.
-            (ReplayVerdict::Failed, _) | (ReplayVerdict::Incomplete, Some(_)) => *caught += 1,
+            (Verdict::Failed, _) | (Verdict::Incomplete, Some(_)) => *caught += 1,
             _ => assert_eq!(report, truth, "byte {position} of {file:?}"),
         }
         fs::remove_dir_all(&dir).unwrap();
@@ -297,10 +288,7 @@ fn what_the_caller_finds_is_in_the_report() {
     let size = ledger_with_a_round(dir.path()).size();
     let mut caller = Caller::default();
     let report = replay(dir.path(), None, &mut caller);
-    assert_eq!(
-        (report.verdict, report.entries),
-        (ReplayVerdict::Verified, size)
-    );
+    assert_eq!((report.verdict, report.entries), (Verdict::Verified, size));
     assert_eq!((caller.announced, caller.seen), (size, (1..size).collect()));
     assert_eq!(report.findings[0].severity, Severity::Note);
     let mut caller = Caller {
@@ -308,10 +296,7 @@ fn what_the_caller_finds_is_in_the_report() {
         ..Caller::default()
     };
     let report = replay(dir.path(), None, &mut caller);
-    assert_eq!(
-        (report.verdict, report.entries),
-        (ReplayVerdict::Failed, size)
-    );
+    assert_eq!((report.verdict, report.entries), (Verdict::Failed, size));
     assert_eq!(report.findings[1].index, Some(3));
     let json = serde_json::to_value(&report).unwrap();
     assert_eq!(json["verdict"], "failed");

@@ -10,7 +10,7 @@ use zk0_ledger::published::export::export;
 use zk0_ledger::published::mirror::mirror;
 use zk0_ledger::published::publication::Publication;
 use zk0_ledger::published::source::FolderSource;
-use zk0_ledger::replay::{replay, ReplayReport, ReplayVerdict};
+use zk0_ledger::replay::{replay, ReplayReport, Verdict};
 use zk0_ledger::store::{Store, StoreBatch};
 use zk0_ledger::{Ledger, LedgerError};
 
@@ -21,12 +21,7 @@ fn in_plain_files() -> (tempfile::TempDir, ReplayReport) {
     drop(ledger_with_a_round(dir.path()));
     assert!(!is_rocksdb(dir.path()));
     let report = replay(dir.path(), None, &mut ());
-    assert_eq!(
-        report.verdict,
-        ReplayVerdict::Verified,
-        "{:?}",
-        report.findings
-    );
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
     (dir, report)
 }
 
@@ -109,7 +104,7 @@ fn what_an_interrupted_write_left_is_written_over() {
     let longer = replay(dir.path(), None, &mut ());
     assert_eq!(
         (longer.verdict, longer.entries),
-        (ReplayVerdict::Verified, report.entries + 1)
+        (Verdict::Verified, report.entries + 1)
     );
 }
 
@@ -134,7 +129,7 @@ fn every_changed_byte_of_plain_files_is_noticed() {
 #[track_caller]
 fn is_damaged(dir: &Path, what: &str) {
     let report = replay(dir, None, &mut ());
-    assert_eq!(report.verdict, ReplayVerdict::Failed, "{what}");
+    assert_eq!(report.verdict, Verdict::Failed, "{what}");
     let why = &report.findings.last().unwrap().text;
     assert!(why.ends_with("restore the newest copy"), "{what}: {why}");
 }

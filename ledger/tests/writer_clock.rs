@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use zk0_ledger::clock::{ClockError, TOLERANCE_MS};
 use zk0_ledger::replay;
-use zk0_ledger::replay::ReplayVerdict;
+use zk0_ledger::replay::Verdict;
 use zk0_ledger::{Ledger, LedgerError};
 
 /// A clock that only moves on. The test moves it by hand.
@@ -53,10 +53,7 @@ fn an_entry_from_the_future_is_refused_and_the_log_goes_on() {
     ledger.append(T0 + HOUR, enrolled(2)).unwrap();
     drop(ledger);
     let report = replay(dir.path(), None, &mut ());
-    assert_eq!(
-        (report.verdict, report.entries),
-        (ReplayVerdict::Verified, 4)
-    );
+    assert_eq!((report.verdict, report.entries), (Verdict::Verified, 4));
 }
 
 #[test]

@@ -227,9 +227,10 @@ impl NodeClient {
         };
         let terms = &signed.statement.claim.terms;
         let of = (terms.network, terms.round, terms.node);
-        match of == (*self.network(), round, self.id()) && signed.verify().is_ok() {
-            true => Ok(terms.update),
-            false => Err(unexpected(wanted, "another contribution")),
+        if of == (*self.network(), round, self.id()) && signed.verify().is_ok() {
+            Ok(terms.update)
+        } else {
+            Err(unexpected(wanted, "another contribution"))
         }
     }
 
@@ -410,12 +411,13 @@ impl NodeClient {
     /// Checks that the entry of the receipt is `body`.
     fn recorded(&self, receipt: rpc::Receipt, body: Body) -> Result<Receipt, NodeError> {
         let (receipt, _, entry) = self.opened(receipt)?;
-        match entry.body == body {
-            true => Ok(receipt),
-            false => Err(unexpected(
+        if entry.body == body {
+            Ok(receipt)
+        } else {
+            Err(unexpected(
                 "a receipt of what this node signed",
                 "a receipt of another entry",
-            )),
+            ))
         }
     }
 

@@ -245,9 +245,10 @@ fn check_program(mode: Mode, needed: Program) -> Result<(), ParticipantError> {
         key: verifying_key(mode).to_vec(),
         sp1: OUR_SP1.into(),
     };
-    match needed == own {
-        true => Ok(()),
-        false => Err(ParticipantError::OtherProgram { needed, own }),
+    if needed == own {
+        Ok(())
+    } else {
+        Err(ParticipantError::OtherProgram { needed, own })
     }
 }
 
@@ -276,8 +277,9 @@ fn eval_samples(
 
 /// Checks that the node trains and proves at the same dimensions. Otherwise it would fail only after minutes of work.
 fn check_dimensions(config: &PolicyConfig, spec: &EvalSpec) -> Result<(), ParticipantError> {
-    match dims(config)? == spec.dims {
-        true => Ok(()),
-        false => Err(ParticipantError::Dimensions),
+    if dims(config)? == spec.dims {
+        Ok(())
+    } else {
+        Err(ParticipantError::Dimensions)
     }
 }

@@ -259,9 +259,10 @@ impl Turn<'_> {
                 self.train_by_scaffold(&rule, training, base, correction.as_ref())?
             }
             _ => {
-                let earlier = match training.fedcm_alpha < 1.0 {
-                    true => self.earlier(node).await?,
-                    false => None,
+                let earlier = if training.fedcm_alpha < 1.0 {
+                    self.earlier(node).await?
+                } else {
+                    None
                 };
                 let rates = self.rates(training, node.network(), &base.weights)?;
                 let fedcm = earlier.as_ref().map(|earlier| FedCm {

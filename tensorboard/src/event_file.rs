@@ -53,9 +53,10 @@ impl EventFile {
     /// The folder holds the curves of another run, or cannot be written to.
     pub fn begin(folder: &Path) -> Result<Self, EventFileError> {
         let earlier = earlier(folder).map_err(failed(folder))?;
-        match earlier.iter().any(|file| file.has_values) {
-            true => Err(EventFileError::OtherRun(folder.into())),
-            false => Self::create(folder, &earlier).map_err(failed(folder)),
+        if earlier.iter().any(|file| file.has_values) {
+            Err(EventFileError::OtherRun(folder.into()))
+        } else {
+            Self::create(folder, &earlier).map_err(failed(folder))
         }
     }
 

@@ -21,9 +21,10 @@ pub trait ReadAt {
 impl ReadAt for std::fs::File {
     fn size(&self) -> io::Result<u64> {
         let about = self.metadata()?;
-        match about.is_file() {
-            true => Ok(about.len()),
-            false => Err(io::Error::other("is not a file")),
+        if about.is_file() {
+            Ok(about.len())
+        } else {
+            Err(io::Error::other("is not a file"))
         }
     }
 

@@ -140,13 +140,14 @@ impl<R: ReadAt> TensorFile<R> {
                 accepted: dtype.to_string(),
             });
         }
-        match info.shape == shape {
-            true => Ok(()),
-            false => Err(TensorError::Shape {
+        if info.shape == shape {
+            Ok(())
+        } else {
+            Err(TensorError::Shape {
                 name: name.into(),
                 found: info.shape.clone(),
                 expected: shape.to_vec(),
-            }),
+            })
         }
     }
 

@@ -213,14 +213,13 @@ fn copy_folder(from: &Path, to: &Path) {
             continue;
         }
         let to = to.join(name);
-        match path.is_dir() {
-            true => copy_folder(&path, &to),
-            false => {
-                let parent = to.parent().expect("a file in a folder");
-                fs::create_dir_all(parent)
-                    .and_then(|()| fs::copy(&path, &to).map(drop))
-                    .unwrap_or_else(|error| panic!("{}: {error}", path.display()));
-            }
+        if path.is_dir() {
+            copy_folder(&path, &to)
+        } else {
+            let parent = to.parent().expect("a file in a folder");
+            fs::create_dir_all(parent)
+                .and_then(|()| fs::copy(&path, &to).map(drop))
+                .unwrap_or_else(|error| panic!("{}: {error}", path.display()));
         }
     }
 }

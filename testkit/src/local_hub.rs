@@ -291,9 +291,10 @@ impl HubContent {
             let oid = object["oid"].as_str().unwrap();
             let mut answer = json!({ "oid": oid, "size": object["size"] });
             if !self.storage.contains_key(oid) {
-                let verify = match self.verify_elsewhere {
-                    true => "http://127.0.0.1:9/verify".into(),
-                    false => format!("{address}/verify"),
+                let verify = if self.verify_elsewhere {
+                    "http://127.0.0.1:9/verify".into()
+                } else {
+                    format!("{address}/verify")
                 };
                 answer["actions"] = json!({
                     "upload": { "href": format!("{address}/storage/{oid}"), "header": { "x-part": "all" } },

@@ -7,10 +7,10 @@ use std::path::Path;
 use crate::real_ledger::ledger_copy;
 use zk0_audit::verified_entries::{network_id, verified_entries};
 use zk0_audit::Auditor;
-use zk0_ledger::replay::{replay, ReplayVerdict};
+use zk0_ledger::replay::{replay, Verdict};
 use zk0_protocol::entries::entry::Body;
 
-fn verdict(dir: &Path) -> ReplayVerdict {
+fn verdict(dir: &Path) -> Verdict {
     replay(dir, None, &mut Auditor::default()).verdict
 }
 
@@ -24,7 +24,7 @@ fn flip(path: &Path, at: usize) {
 fn a_real_ledger_is_verified_with_an_acceptance_and_a_refusal() {
     let dir = ledger_copy();
     let (entries, report) = verified_entries(dir.path()).unwrap();
-    assert_eq!(report.verdict, ReplayVerdict::Verified, "{report:?}");
+    assert_eq!(report.verdict, Verdict::Verified, "{report:?}");
     let accepted = entries
         .iter()
         .filter(|entry| matches!(entry.body, Body::ContributionAccepted(_)))
@@ -65,12 +65,12 @@ fn any_byte_of_records(part: usize) {
             changed[at] ^= 1 << (at % 8);
             db.put(key, &changed).unwrap();
             let verdict = replay(dir.path(), None, &mut ()).verdict;
-            assert_eq!(verdict, ReplayVerdict::Failed, "byte {at} of {key:?}");
+            assert_eq!(verdict, Verdict::Failed, "byte {at} of {key:?}");
         }
         db.put(key, value).unwrap();
     }
     drop(db);
-    assert_eq!(verdict(dir.path()), ReplayVerdict::Verified);
+    assert_eq!(verdict(dir.path()), Verdict::Verified);
 }
 
 #[test]
@@ -83,12 +83,12 @@ fn any_byte_of_the_published_checkpoint() {
         // The ledger's own checks notice the change, so no proof has to be verified again.
         assert_eq!(
             replay(dir.path(), None, &mut ()).verdict,
-            ReplayVerdict::Failed,
+            Verdict::Failed,
             "byte {at}"
         );
         fs::write(&path, &whole).unwrap();
     }
-    assert_eq!(verdict(dir.path()), ReplayVerdict::Verified);
+    assert_eq!(verdict(dir.path()), Verdict::Verified);
 }
 
 #[test]
@@ -101,14 +101,14 @@ fn a_byte_of_any_proof_or_weights() {
             flip(&path, at);
             assert_eq!(
                 verdict(dir.path()),
-                ReplayVerdict::Failed,
+                Verdict::Failed,
                 "{} byte {at}",
                 path.display()
             );
         }
         fs::write(&path, &whole).unwrap();
     }
-    assert_eq!(verdict(dir.path()), ReplayVerdict::Verified);
+    assert_eq!(verdict(dir.path()), Verdict::Verified);
 }
 
 #[test]
@@ -125,7 +125,7 @@ fn a_missing_proof() {
             .join(proof.unwrap().to_string()),
     )
     .unwrap();
-    assert_eq!(verdict(dir.path()), ReplayVerdict::Failed);
+    assert_eq!(verdict(dir.path()), Verdict::Failed);
 }
 
 #[test]
@@ -134,11 +134,11 @@ fn another_network() {
     let id = network_id(dir.path()).unwrap();
     assert_eq!(
         replay(dir.path(), Some(&id), &mut ()).verdict,
-        ReplayVerdict::Verified
+        Verdict::Verified
     );
     let other = zk0_circuits::Digest([1; 32]);
     assert_eq!(
         replay(dir.path(), Some(&other), &mut ()).verdict,
-        ReplayVerdict::Failed
+        Verdict::Failed
     );
 }

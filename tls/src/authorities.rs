@@ -67,9 +67,10 @@ impl Authorities {
             })?,
             None => rustls_native_certs::load_native_certs().certs,
         };
-        match found.is_empty() {
-            true => Err(self.unusable()),
-            false => Ok(found),
+        if found.is_empty() {
+            Err(self.unusable())
+        } else {
+            Ok(found)
         }
     }
 

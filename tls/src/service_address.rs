@@ -182,9 +182,10 @@ impl ServiceAddress {
             None => {
                 let last = causes(error).last();
                 let why = last.map_or_else(|| error.to_string(), |cause| cause.to_string());
-                match self.is_encrypted() && why.contains("tls handshake eof") {
-                    true => "the server ended the connection during the TLS handshake; perhaps it does not speak TLS".into(),
-                    false => why,
+                if self.is_encrypted() && why.contains("tls handshake eof") {
+                    "the server ended the connection during the TLS handshake; perhaps it does not speak TLS".into()
+                } else {
+                    why
                 }
             }
         };
@@ -195,11 +196,10 @@ impl ServiceAddress {
     pub fn first_failure(&self, status: &Status) -> Option<ConnectError> {
         // What a service answers has no source. A lost connection has one, and how it was lost depends on who was faster.
         let cause = status.source().and_then(|cause| causes(cause).last())?;
-        Some(self.because(match self.is_encrypted() {
-            true => format!("the connection ended before it answered: {cause}"),
-            false => format!(
-                "it does not answer in plain HTTP/2 ({cause}): use https:// if it speaks TLS"
-            ),
+        Some(self.because(if self.is_encrypted() {
+            format!("the connection ended before it answered: {cause}")
+        } else {
+            format!("it does not answer in plain HTTP/2 ({cause}): use https:// if it speaks TLS")
         }))
     }
 

@@ -60,14 +60,15 @@ pub fn check_limits(
     bits: i16,
     (least, most): (i16, i16),
 ) -> Result<(), WeightFileError> {
-    match (least..=most).contains(&bits) {
-        true => Ok(()),
-        false => Err(WeightFileError::Scale {
+    if (least..=most).contains(&bits) {
+        Ok(())
+    } else {
+        Err(WeightFileError::Scale {
             name: name.into(),
             bits,
             least,
             most,
-        }),
+        })
     }
 }
 

@@ -156,10 +156,7 @@ impl Serving {
             // While a request is in progress, nothing is due; it is looked at again when it could be idle.
             let idle = seat.places.idle_until(seat.number);
             let idle = idle.unwrap_or(now + self.limits.stranger_idle);
-            let due = match spoke() {
-                true => idle,
-                false => handshake.min(idle),
-            };
+            let due = if spoke() { idle } else { handshake.min(idle) };
             if due <= now {
                 break;
             }

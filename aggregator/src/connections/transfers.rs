@@ -35,9 +35,10 @@ impl Transfers {
 
     /// A place for a file of a node, or else of a stranger. `None` if all are taken.
     pub fn begin(&self, of_node: bool) -> Option<Transfer> {
-        let places = match of_node {
-            true => &self.nodes,
-            false => &self.strangers,
+        let places = if of_node {
+            &self.nodes
+        } else {
+            &self.strangers
         };
         let place = places.clone().try_acquire_owned().ok()?;
         Some(Transfer { _place: place })

@@ -173,12 +173,13 @@ impl BeaconServers {
             read::<ChainInfo>(&body)?.public_key,
             hex::encode(chain.public_key),
         );
-        match found == expected {
-            true => Ok(()),
-            false => Err(ServerError::OtherChain {
+        if found == expected {
+            Ok(())
+        } else {
+            Err(ServerError::OtherChain {
                 found: short(&found),
                 expected,
-            }),
+            })
         }
     }
 

@@ -30,9 +30,10 @@ pub fn chosen_witnesses(
 ) -> Result<WitnessPolicy, ChosenWitnessesError> {
     let ruled = rules.witnesses().map_err(ChosenWitnessesError::Rules)?;
     let Some(named) = named else {
-        return Ok(match ruled.wants_witnesses() {
-            true => ruled,
-            false => folder::read_policy(dir)?,
+        return Ok(if ruled.wants_witnesses() {
+            ruled
+        } else {
+            folder::read_policy(dir)?
         });
     };
     if ruled.wants_witnesses() {

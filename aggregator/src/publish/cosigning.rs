@@ -201,12 +201,13 @@ impl Witnesses {
                 Err(why) => refused.push(format!("{} {why}", self.clients[at].witness.name)),
             }
         }
-        match enough(&cosigned) {
-            true => Ok(Cosigned {
+        if enough(&cosigned) {
+            Ok(Cosigned {
                 note,
                 cosignatures: cosignatures.into_iter().flatten().collect(),
-            }),
-            false => Err(CosigningError::NoQuorum { wanted, refused }),
+            })
+        } else {
+            Err(CosigningError::NoQuorum { wanted, refused })
         }
     }
 }
@@ -230,9 +231,10 @@ impl CosigningClient {
                      checkpoint was submitted"
                 ));
             }
-            let proof = match old == 0 || old == size {
-                true => Vec::new(),
-                false => prove(old, size)?,
+            let proof = if old == 0 || old == size {
+                Vec::new()
+            } else {
+                prove(old, size)?
             };
             let request = AddCheckpoint {
                 old,

@@ -14,7 +14,7 @@ use zk0_verifier::{
 };
 
 /// What verification says of an acceptance: that it counts, why it does not, or which of its blobs cannot be read.
-pub type Verdict = Result<Result<VerifiedContribution, Refusal>, Unreadable<BlobError>>;
+pub type VerificationResult = Result<Result<VerifiedContribution, Refusal>, Unreadable<BlobError>>;
 
 /// An acceptance, and what its verification reads of the state that it was made on.
 #[derive(Clone)]
@@ -46,7 +46,7 @@ impl Accepted {
     ///
     /// # Errors
     /// A blob of the contribution cannot be read.
-    pub fn verify(&self, blobs: &Blobs) -> Verdict {
+    pub fn verify(&self, blobs: &Blobs) -> VerificationResult {
         let Self {
             submission,
             before,
@@ -61,7 +61,7 @@ impl Accepted {
 }
 
 /// Verifies acceptances on all cores. The verdicts are in the order of the acceptances.
-pub fn verify_all(accepted: &[Accepted], blobs: &Blobs) -> Vec<Verdict> {
+pub fn verify_all(accepted: &[Accepted], blobs: &Blobs) -> Vec<VerificationResult> {
     let next = AtomicUsize::new(0);
     let work = || {
         let mut verdicts = Vec::new();

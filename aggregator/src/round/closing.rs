@@ -88,12 +88,13 @@ impl ToClose {
                 "the open round cannot close, because its result cannot be kept: {why}"
             )))
         };
-        let mut moments = match has_moments(&state) && !contributions.is_empty() {
-            true => match blobs.writer(BlobKind::Moments.max_bytes(state.rules())) {
+        let mut moments = if has_moments(&state) && !contributions.is_empty() {
+            match blobs.writer(BlobKind::Moments.max_bytes(state.rules())) {
                 Ok(writer) => Some(writer),
                 Err(error) => return not_kept(&error),
-            },
-            false => None,
+            }
+        } else {
+            None
         };
         let mut nowhere = sink();
         let kept: &mut dyn Write = match &mut moments {

@@ -5,7 +5,7 @@ use crate::round::request_error::RequestError;
 use std::path::PathBuf;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
-use zk0_ledger::replay::{replay, Finding, Recheck, ReplayVerdict};
+use zk0_ledger::replay::{replay, Finding, Recheck, Verdict};
 use zk0_protocol::entries::entry::Entry;
 use zk0_protocol::rules::state::State;
 use zk0_protocol::Refusal;
@@ -33,7 +33,7 @@ impl Disputed {
         let mut search = Search { index, found: None };
         let report = replay(&self.dir, Some(&self.network), &mut search);
         match search.found {
-            Some(accepted) if report.verdict == ReplayVerdict::Verified => {
+            Some(accepted) if report.verdict == Verdict::Verified => {
                 Ok(accepted.verify(&self.blobs)?.err())
             }
             _ => Err(RequestError::Internal(format!(

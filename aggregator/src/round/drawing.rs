@@ -109,12 +109,13 @@ impl Aggregator {
 
 fn awaited(round: u64, chain: &DrandChain, closing: &CommitmentsClosing, now: u64) -> StepOutcome {
     let beacon = chain.round_after(closing.time_ms);
-    match now >= chain.time_ms(beacon) {
-        true => StepOutcome::NeedsBeacon(AwaitedBeacon {
+    if now >= chain.time_ms(beacon) {
+        StepOutcome::NeedsBeacon(AwaitedBeacon {
             round,
             chain: chain.clone(),
             beacon,
-        }),
-        false => StepOutcome::Waiting,
+        })
+    } else {
+        StepOutcome::Waiting
     }
 }

@@ -155,9 +155,10 @@ pub fn check_free(dir: &Path) -> Result<(), FoundingError> {
     if let Some(file) = there.filter(|path| !path.is_dir()) {
         return Err(FoundingError::NoFolder(file.to_owned()));
     }
-    match folder::checkpoint(dir).exists() {
-        true => Err(LedgerError::AlreadyExists(dir.to_owned()).into()),
-        false => Ok(()),
+    if folder::checkpoint(dir).exists() {
+        Err(LedgerError::AlreadyExists(dir.to_owned()).into())
+    } else {
+        Ok(())
     }
 }
 

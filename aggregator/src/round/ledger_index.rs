@@ -9,7 +9,7 @@ use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::log::Ledger;
-use zk0_ledger::replay::{replay, Finding, Recheck, ReplayVerdict};
+use zk0_ledger::replay::{replay, Finding, Recheck, Verdict};
 use zk0_protocol::entries::entry::{Body, Entry, RoundOpened};
 use zk0_protocol::rules::disclosed_blobs::DisclosedBlobs;
 use zk0_protocol::rules::network_rules::Strategy;
@@ -168,7 +168,7 @@ pub struct FromLedger {
 pub fn read(ledger: &Ledger) -> Result<FromLedger, RequestError> {
     let mut reader = IndexReader::default();
     let report = replay(ledger.dir(), Some(ledger.state().network()), &mut reader);
-    if report.verdict != ReplayVerdict::Verified {
+    if report.verdict != Verdict::Verified {
         let findings: Vec<_> = report
             .findings
             .iter()

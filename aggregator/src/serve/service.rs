@@ -275,12 +275,13 @@ impl Service {
     fn check_witnesses(&self, asked_for: &str) -> Result<(), ServeError> {
         let used = self.publishing.as_ref();
         let used = used.map(|publishing| publishing.witnesses.policy().text());
-        match asked_for.is_empty() || used == Some(asked_for) {
-            true => Ok(()),
-            false => Err(ServeError::OtherWitnesses {
+        if asked_for.is_empty() || used == Some(asked_for) {
+            Ok(())
+        } else {
+            Err(ServeError::OtherWitnesses {
                 asked_for: asked_for.into(),
                 used: used.map(Into::into),
-            }),
+            })
         }
     }
 
@@ -309,9 +310,12 @@ impl Service {
                 let proof = aggregator.ledger().consistency_between(old, new);
                 proof.map_err(|error| error.to_string())
             });
-            let cosigned = spawn_blocking(move || match draws {
-                true => witnesses.cosign_all(&checkpoint, &prove),
-                false => witnesses.cosign(&checkpoint, &prove),
+            let cosigned = spawn_blocking(move || {
+                if draws {
+                    witnesses.cosign_all(&checkpoint, &prove)
+                } else {
+                    witnesses.cosign(&checkpoint, &prove)
+                }
             });
             let Cosigned { note, cosignatures } = match cosigned.await {
                 Ok(Ok(cosigned)) => cosigned,
@@ -327,9 +331,10 @@ impl Service {
                 if size > published {
                     folder::write_cosigned(aggregator.ledger().dir(), &note)?;
                 }
-                match draws {
-                    true => aggregator.draw_cosigned(cosignatures),
-                    false => Ok(()),
+                if draws {
+                    aggregator.draw_cosigned(cosignatures)
+                } else {
+                    Ok(())
                 }
             });
             match written.await {
@@ -361,12 +366,13 @@ impl Service {
         let patience = publishing.witnesses.patience();
         let covered = timeout(patience, published.wait_for(|held| *held >= size));
         let covered = covered.instrument(info_span!("wait for witnesses")).await;
-        match covered.is_ok_and(|covered| covered.is_ok()) {
-            true => Ok(()),
-            false => Err(RequestError::NotPublished(format!(
+        if covered.is_ok_and(|covered| covered.is_ok()) {
+            Ok(())
+        } else {
+            Err(RequestError::NotPublished(format!(
                 "this is recorded as entry {}, but too few witnesses have cosigned it yet: ask again",
                 size - 1
-            ))),
+            )))
         }
     }
 

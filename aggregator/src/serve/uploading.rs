@@ -79,12 +79,8 @@ impl Service {
             return Ok(sender);
         };
         let newest = self.uploads.begin(upload.node);
-        match stored {
-            false => {
-                self.receive_data(incoming, newest, staging, upload, begins)
-                    .await?;
-            }
-            true => match incoming.next().await? {
+        if stored {
+            match incoming.next().await? {
                 None => {
                     self.take_stored(incoming.ends, newest, staging, upload)
                         .await?;
@@ -93,7 +89,10 @@ impl Service {
                     let why = "nothing follows the request of an update that is in the store";
                     return Err(malformed(why));
                 }
-            },
+            }
+        } else {
+            self.receive_data(incoming, newest, staging, upload, begins)
+                .await?;
         }
         Ok(sender)
     }
@@ -118,9 +117,10 @@ impl Service {
         let request = upload.clone();
         let (held, begins) =
             blocking(move || Ok((staging.held(&request)?, staging.begins(&request)?))).await?;
-        let address = match begins {
-            true => self.upload_address(&upload).await,
-            false => None,
+        let address = if begins {
+            self.upload_address(&upload).await
+        } else {
+            None
         };
         Ok(UploadInfo {
             held,
@@ -230,9 +230,12 @@ impl Incoming {
         } = self.limits;
         let silent = Instant::now() + silence;
         let message = timeout_at(silent.min(self.ends), self.stream.message());
-        let message = message.await.map_err(|_| match self.ends < silent {
-            true => too_long("the upload took", upload),
-            false => too_long("no data came for", silence),
+        let message = message.await.map_err(|_| {
+            if self.ends < silent {
+                too_long("the upload took", upload)
+            } else {
+                too_long("no data came for", silence)
+            }
         })??;
         match message {
             None => Ok(None),

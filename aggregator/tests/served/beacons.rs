@@ -15,7 +15,7 @@ use zk0_aggregator::publish::beacon::{BeaconServers, NoBeacon, ServerError};
 use zk0_aggregator::publish::http::{self, HttpLimits};
 use zk0_aggregator::{Aggregator, Config, Limits, StepOutcome};
 use zk0_audit::Auditor;
-use zk0_ledger::replay::{replay, ReplayVerdict};
+use zk0_ledger::replay::{replay, Verdict};
 use zk0_protocol::challenge::drand::{BeaconSignature, DrandChain};
 use zk0_protocol::challenge::source::RandomnessSource;
 use zk0_protocol::entries::entry::Body;
@@ -265,12 +265,7 @@ async fn a_round_waits_for_its_beacon_and_goes_on_with_it() -> Test {
     let claim = first.claim(&network).await;
     first.submit(&network, claim, b"no proof").await?;
     let report = replay(network.dir.path(), None, &mut Auditor::default());
-    assert_ne!(
-        report.verdict,
-        ReplayVerdict::Failed,
-        "{:?}",
-        report.findings
-    );
+    assert_ne!(report.verdict, Verdict::Failed, "{:?}", report.findings);
     Ok(())
 }
 
@@ -291,11 +286,6 @@ async fn a_round_whose_beacon_never_comes_closes_and_the_next_one_may_open() -> 
     let late = first.upload(&network, 0, &weights(5)).await;
     refused(late, Code::FailedPrecondition, "round 0");
     let report = replay(network.dir.path(), None, &mut Auditor::default());
-    assert_ne!(
-        report.verdict,
-        ReplayVerdict::Failed,
-        "{:?}",
-        report.findings
-    );
+    assert_ne!(report.verdict, Verdict::Failed, "{:?}", report.findings);
     Ok(())
 }

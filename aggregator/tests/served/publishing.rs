@@ -21,7 +21,7 @@ use zk0_ledger::published::publication::Publication;
 use zk0_ledger::published::reader::{PublishedError, PublishedLog};
 use zk0_ledger::published::source::{FolderSource, LogSource};
 use zk0_ledger::published::web::Web;
-use zk0_ledger::replay::{replay, ReplayVerdict};
+use zk0_ledger::replay::{replay, Verdict};
 use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
 use zk0_protocol::WitnessPolicy;
 use zk0_testkit::aggregator::*;
@@ -63,14 +63,9 @@ fn mirrored(source: &dyn LogSource, dir: &Path) -> Result<u64, MirrorError> {
 fn same_replay(ours: &Path, theirs: &Path) {
     let report = |dir| replay(dir, None, &mut Auditor::default());
     let (ours, theirs) = (report(ours), report(theirs));
-    assert_eq!(ours.verdict, ReplayVerdict::Verified, "{:?}", ours.findings);
+    assert_eq!(ours.verdict, Verdict::Verified, "{:?}", ours.findings);
     // What the aggregator still holds back is not in the copy, and so it is not checked.
-    assert_ne!(
-        theirs.verdict,
-        ReplayVerdict::Failed,
-        "{:?}",
-        theirs.findings
-    );
+    assert_ne!(theirs.verdict, Verdict::Failed, "{:?}", theirs.findings);
     assert_eq!(theirs.root, ours.root);
     assert_eq!(theirs.state, ours.state);
     assert_eq!(
@@ -175,7 +170,7 @@ fn a_mirror_follows_no_fork_and_no_rollback() {
         fs::read(out.join("checkpoint")).unwrap(),
     );
     assert_eq!(before, after);
-    assert_eq!(replay(copy, None, &mut ()).verdict, ReplayVerdict::Verified);
+    assert_eq!(replay(copy, None, &mut ()).verdict, Verdict::Verified);
     // A second operator has another key under the same name.
     let theirs = tempfile::tempdir().unwrap();
     let secret = ed25519_dalek::SigningKey::from_bytes(&[43; 32]);

@@ -8,7 +8,7 @@ use tonic::Code;
 use zk0_aggregator::{Aggregator, Config, StepOutcome};
 use zk0_audit::Auditor;
 use zk0_circuits::Digest;
-use zk0_ledger::replay::{replay, ReplayVerdict};
+use zk0_ledger::replay::{replay, Verdict};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::rules::network_rules::{Participation, Scaffold, Strategy};
@@ -287,12 +287,7 @@ fn a_submission_after_the_deadline_of_an_open_round_is_recorded_as_late() -> Tes
     assert_eq!(aggregator.go_on()?, StepOutcome::Closed(0));
     assert_eq!(aggregator.step()?, StepOutcome::Finished);
     let report = replay(dir.path(), None, &mut Auditor::default());
-    assert_eq!(
-        report.verdict,
-        ReplayVerdict::Verified,
-        "{:?}",
-        report.findings
-    );
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
     Ok(())
 }
 

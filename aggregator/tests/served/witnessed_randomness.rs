@@ -5,7 +5,7 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::time::timeout;
 use zk0_aggregator::{Config, Limits};
-use zk0_ledger::replay::{replay, ReplayVerdict};
+use zk0_ledger::replay::{replay, Verdict};
 use zk0_protocol::challenge::drawing::Drawing;
 use zk0_protocol::challenge::source::RandomnessSource;
 use zk0_protocol::entries::entry::Body;
@@ -67,11 +67,6 @@ async fn all_witnesses_draw_the_randomness_and_one_of_them_may_be_late() -> Test
     let claim = first.claim(&network).await;
     first.submit(&network, claim, b"no proof").await?;
     let report = replay(network.dir.path(), None, &mut ());
-    assert_eq!(
-        report.verdict,
-        ReplayVerdict::Verified,
-        "{:?}",
-        report.findings
-    );
+    assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
     Ok(())
 }

@@ -28,9 +28,10 @@ impl PruningWaiver {
 
     /// Why a check is left out that needs a missing blob of this kind.
     pub fn why(&self, kind: &BlobKind) -> SkipReason {
-        match self.covers(kind) {
-            true => SkipReason::Pruned,
-            false => SkipReason::NotAtHand,
+        if self.covers(kind) {
+            SkipReason::Pruned
+        } else {
+            SkipReason::NotAtHand
         }
     }
 }
@@ -62,9 +63,10 @@ impl fmt::Display for Rounds {
             if number > 0 {
                 f.write_str(", ")?;
             }
-            match first == last {
-                true => write!(f, "{first}")?,
-                false => write!(f, "{first} to {last}")?,
+            if first == last {
+                write!(f, "{first}")?
+            } else {
+                write!(f, "{first} to {last}")?
             }
         }
         match self.0.len().saturating_sub(LISTED) {

@@ -105,10 +105,13 @@ pub fn action(action: &Action) -> String {
         Action::Reinstate(node) => format!("reinstate node {node}"),
         Action::Revoke(node) => format!("revoke node {node}"),
         Action::ReplaceKey { node, with } => format!("replace the key of node {node} by {with}"),
-        Action::JudgeDispute { dispute, upheld } => match upheld {
-            true => format!("uphold the dispute of entry {dispute}"),
-            false => format!("dismiss the dispute of entry {dispute}"),
-        },
+        Action::JudgeDispute { dispute, upheld } => {
+            if *upheld {
+                format!("uphold the dispute of entry {dispute}")
+            } else {
+                format!("dismiss the dispute of entry {dispute}")
+            }
+        }
         Action::ReplaceProgram(program) => {
             format!("prove with the guest program {program} from the next round on")
         }
@@ -403,9 +406,12 @@ pub fn time(unix_ms: u64) -> String {
 
 /// Text without control characters, which a terminal would obey. Names and reasons come from strangers.
 pub fn printable(text: &str) -> String {
-    let shown = |c: char| match c.is_control() {
-        true => c.escape_default().collect::<String>(),
-        false => c.to_string(),
+    let shown = |c: char| {
+        if c.is_control() {
+            c.escape_default().collect::<String>()
+        } else {
+            c.to_string()
+        }
     };
     text.chars().map(shown).collect()
 }

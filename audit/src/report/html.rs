@@ -9,7 +9,7 @@ use crate::report::page::HtmlPage;
 use crate::report::rollouts::Rollouts;
 use crate::report::verdict::{counts, sentence, Audited};
 use serde::Serialize;
-use zk0_ledger::replay::{Finding, ReplayVerdict, Severity};
+use zk0_ledger::replay::{Finding, Severity, Verdict};
 use zk0_protocol::counted::counted;
 
 /// Most rows in a table. The data beside the page has all.
@@ -77,9 +77,9 @@ fn name(audited: &Audited) -> &str {
 impl HtmlPage {
     fn verdict(&mut self, audited: &Audited, history: &History) {
         self.markup(match audited.verdict {
-            ReplayVerdict::Verified => "<div class=\"verdict good\"><b>",
-            ReplayVerdict::Incomplete => "<div class=\"verdict partial\"><b>",
-            ReplayVerdict::Failed => "<div class=\"verdict bad\"><b>",
+            Verdict::Verified => "<div class=\"verdict good\"><b>",
+            Verdict::Incomplete => "<div class=\"verdict partial\"><b>",
+            Verdict::Failed => "<div class=\"verdict bad\"><b>",
         });
         let (word, says) = sentence(audited);
         self.text(word);
@@ -105,17 +105,16 @@ impl HtmlPage {
             counts(&audited.checked)
         ));
         self.markup("</p><p>");
-        match audited.not_checked.is_empty() {
-            true => self.text("The audit left nothing out."),
-            false => {
-                self.markup("<b>Not checked:</b></p><ul>");
-                for left_out in &audited.not_checked {
-                    self.markup("<li>");
-                    self.text(left_out);
-                    self.markup("</li>");
-                }
-                self.markup("</ul><p>");
+        if audited.not_checked.is_empty() {
+            self.text("The audit left nothing out.")
+        } else {
+            self.markup("<b>Not checked:</b></p><ul>");
+            for left_out in &audited.not_checked {
+                self.markup("<li>");
+                self.text(left_out);
+                self.markup("</li>");
             }
+            self.markup("</ul><p>");
         }
         self.markup("</p>");
     }

@@ -63,9 +63,10 @@ impl HtmlPage {
     pub fn row(&mut self, columns: &[&str], cells: &[&dyn Display]) {
         self.markup("<tr>");
         for (column, cell) in columns.iter().zip(cells) {
-            match column.starts_with('#') {
-                true => self.markup("<td class=\"n\">"),
-                false => self.markup("<td>"),
+            if column.starts_with('#') {
+                self.markup("<td class=\"n\">")
+            } else {
+                self.markup("<td>")
             }
             self.text(cell);
             self.markup("</td>");

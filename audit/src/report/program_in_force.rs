@@ -35,9 +35,10 @@ impl ProgramInForce {
 
 impl std::fmt::Display for ProgramInForce {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let whose = match self.ours {
-            true => "this release's",
-            false => "not this release's",
+        let whose = if self.ours {
+            "this release's"
+        } else {
+            "not this release's"
         };
         write!(
             f,

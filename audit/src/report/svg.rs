@@ -112,9 +112,10 @@ pub fn lines(
             .flat_map(|one| one.values.iter().flatten().copied())
     };
     let most = values().fold(f64::MIN, f64::max);
-    let least = match from_zero {
-        true => 0.0,
-        false => values().fold(f64::MAX, f64::min),
+    let least = if from_zero {
+        0.0
+    } else {
+        values().fold(f64::MAX, f64::min)
     };
     let mut chart = Chart::new(title, (least.min(most), most.max(least)), from_zero);
     chart.axes(x, y);
@@ -203,13 +204,15 @@ impl Chart {
             span if span > 0.0 => span,
             _ => high.abs().max(1.0) * 0.1,
         };
-        let step = match from_zero {
-            true => nice(span / 4.0).max(1.0),
-            false => nice(span / 4.0),
+        let step = if from_zero {
+            nice(span / 4.0).max(1.0)
+        } else {
+            nice(span / 4.0)
         };
-        let bottom = match from_zero {
-            true => 0.0,
-            false => (low / step).floor() * step,
+        let bottom = if from_zero {
+            0.0
+        } else {
+            (low / step).floor() * step
         };
         let mut chart = Self {
             title: title.into(),
@@ -329,17 +332,19 @@ fn number(value: f64) -> String {
         size if size >= 1.0 => format!("{value:.2}"),
         _ => format!("{value:.5}"),
     };
-    match text.contains('.') && !text.contains('e') {
-        true => text.trim_end_matches('0').trim_end_matches('.').into(),
-        false => text,
+    if text.contains('.') && !text.contains('e') {
+        text.trim_end_matches('0').trim_end_matches('.').into()
+    } else {
+        text
     }
 }
 
 /// The beginning of a long text.
 fn short(text: &str, most: usize) -> String {
-    match text.chars().count() > most {
-        true => text.chars().take(most - 1).chain(['…']).collect(),
-        false => text.into(),
+    if text.chars().count() > most {
+        text.chars().take(most - 1).chain(['…']).collect()
+    } else {
+        text.into()
     }
 }
 

@@ -5,7 +5,7 @@ use crate::auditor::Auditor;
 use crate::depth::Depth;
 use crate::report::describe::printable;
 use serde::Serialize;
-use zk0_ledger::replay::{Finding, ReplayReport, ReplayVerdict, Severity};
+use zk0_ledger::replay::{Finding, ReplayReport, Severity, Verdict};
 use zk0_protocol::counted::counted;
 
 /// The report of an audit: what the replay found, what was checked, and what was not.
@@ -35,7 +35,7 @@ impl Audited {
 
     /// Whether everything that was checked holds. Something may not have been checked.
     pub fn holds(&self) -> bool {
-        self.report.verdict != ReplayVerdict::Failed
+        self.report.verdict != Verdict::Failed
     }
 }
 
@@ -95,19 +95,19 @@ fn placed(finding: &Finding) -> String {
 /// The verdict in a word and a sentence.
 pub fn sentence(audited: &Audited) -> (&'static str, &'static str) {
     match (audited.report.verdict, audited.depth) {
-        (ReplayVerdict::Verified, _) => (
+        (Verdict::Verified, _) => (
             "VERIFIED",
             "this audit checked every entry, signature, proof, update, refusal, average and result again, and all of them hold",
         ),
-        (ReplayVerdict::Incomplete, Depth::Light) => (
+        (Verdict::Incomplete, Depth::Light) => (
             "INCOMPLETE",
             "light audit: weights not verified; everything that this audit checked holds",
         ),
-        (ReplayVerdict::Incomplete, Depth::Full) => (
+        (Verdict::Incomplete, Depth::Full) => (
             "INCOMPLETE",
             "everything that this audit checked holds, but the lines above name what it could not check",
         ),
-        (ReplayVerdict::Failed, _) => (
+        (Verdict::Failed, _) => (
             "FAILED",
             "this audit found faults: do not trust this ledger",
         ),

@@ -18,7 +18,7 @@ use zk0_audit::{Auditor, Depth};
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::prune::{Longer, PrunePlan, Reason, Retention};
-use zk0_ledger::replay::{replay, ReplayReport, ReplayVerdict, Severity};
+use zk0_ledger::replay::{replay, ReplayReport, Severity, Verdict};
 use zk0_ledger::{Ledger, LedgerError};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
@@ -165,12 +165,7 @@ fn updates_of_older_rounds_go_and_audits_say_what_they_could_not_check() {
     let (dir, now_ms) = four_rounds();
     let dir = dir.path();
     let (before, auditor) = audit(dir, Depth::Full);
-    assert_eq!(
-        before.verdict,
-        ReplayVerdict::Incomplete,
-        "{:?}",
-        before.findings
-    );
+    assert_eq!(before.verdict, Verdict::Incomplete, "{:?}", before.findings);
     assert_eq!(left_out(&auditor, CheckKind::Updates), 0);
     let dry = PrunePlan::look(dir, &Blobs::at(dir), &TWO_ROUNDS, now_ms).unwrap();
     let all = files(&dir.join("blobs"));
@@ -197,7 +192,7 @@ fn updates_of_older_rounds_go_and_audits_say_what_they_could_not_check() {
 
     for depth in [Depth::Full, Depth::Light] {
         let (after, auditor) = audit(dir, depth);
-        assert_eq!(after.verdict, ReplayVerdict::Incomplete);
+        assert_eq!(after.verdict, Verdict::Incomplete);
         assert_eq!(faults(&after), [] as [&str; 0]);
         assert!(says(
             &after,
@@ -258,7 +253,7 @@ fn proofs_and_weights_of_older_rounds_go_where_that_is_asked_for() {
     assert_eq!(doomed(&plan, Reason::Weights), names(&[global(0)]));
     let (report, auditor) = audit(dir, Depth::Full);
     assert_eq!(faults(&report), [] as [&str; 0]);
-    assert_eq!(report.verdict, ReplayVerdict::Incomplete);
+    assert_eq!(report.verdict, Verdict::Incomplete);
     assert_eq!(left_out(&auditor, CheckKind::Proofs), 3);
     assert_eq!(left_out(&auditor, CheckKind::Updates), 3);
     assert_eq!(left_out(&auditor, CheckKind::Bases), 1);

@@ -51,7 +51,7 @@ fn only_a_statement_of_the_log_about_rounds_that_had_closed_counts() {
     let stranger = SigningNode::new(7);
     let fails = |words: &str| {
         let (report, _) = audit(dir, Depth::Full);
-        assert_eq!(report.verdict, ReplayVerdict::Failed);
+        assert_eq!(report.verdict, Verdict::Failed);
         let faults = faults(&report);
         let found = faults.iter().any(|fault| fault.contains(words));
         assert!(found, "{words}: {faults:?}");

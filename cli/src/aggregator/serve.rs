@@ -138,9 +138,10 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
         let metrics_listener = listening_if(options.metrics.metrics)?;
         let network = *aggregator.state().network();
         let patience = Duration::from_secs(options.beacon_seconds);
-        let beacons = match options.beacons.is_empty() {
-            true => BeaconServers::public(patience),
-            false => BeaconServers::new(options.beacons.clone(), patience),
+        let beacons = if options.beacons.is_empty() {
+            BeaconServers::public(patience)
+        } else {
+            BeaconServers::new(options.beacons.clone(), patience)
         };
         let mut service = Service::with_limits(aggregator, limits).with_beacons(beacons);
         if let Some(bytes) = options.blob_cache_bytes {

@@ -170,10 +170,10 @@ fn whole<T>(read: Result<T, BlobError>, what: &'static str) -> Result<T> {
         Err(BlobError::WrongDigest { .. } | BlobError::TooLarge { .. })
     );
     let read = read.context(what);
-    match wrong {
-        true => read
-            .with_context(|| AuditFailed("a file of the ledger is not what its name says".into())),
-        false => read,
+    if wrong {
+        read.with_context(|| AuditFailed("a file of the ledger is not what its name says".into()))
+    } else {
+        read
     }
 }
 

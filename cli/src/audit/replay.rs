@@ -20,7 +20,7 @@ use zk0_audit::report::{history, html};
 use zk0_audit::run::{check_state_file, Audit};
 use zk0_audit::Depth;
 use zk0_files::atomic_file;
-use zk0_ledger::replay::{Finding, ReplayVerdict, SaveOptions, SavedReplay};
+use zk0_ledger::replay::{Finding, SaveOptions, SavedReplay, Verdict};
 
 /// `zk0 audit replay`.
 #[derive(Debug, clap::Args)]
@@ -96,9 +96,10 @@ pub fn run(options: &AuditReplayOptions) -> Result<ExitCode> {
              ask for; to check them, audit an export or the served log",
         ));
     }
-    match options.json {
-        true => println!("{}", serde_json::to_string_pretty(&audited)?),
-        false => print!("{}", verdict(&audited)),
+    if options.json {
+        println!("{}", serde_json::to_string_pretty(&audited)?)
+    } else {
+        print!("{}", verdict(&audited))
     }
     let page = match &options.html {
         Some(path) => write_page(path, &options.rollouts, &located.dir, &audited),
@@ -116,17 +117,17 @@ pub fn run(options: &AuditReplayOptions) -> Result<ExitCode> {
         .and(page)
         .and(saved)
         .map_err(|error| match audited.verdict {
-            ReplayVerdict::Failed => {
+            Verdict::Failed => {
                 let why =
                     "the verdict is FAILED, but not all that this audit found could be written";
                 error.context(AuditFailed(why.into()))
             }
-            ReplayVerdict::Verified | ReplayVerdict::Incomplete => error,
+            Verdict::Verified | Verdict::Incomplete => error,
         })?;
     Ok(ExitCode::from(match audited.verdict {
-        ReplayVerdict::Verified => 0,
-        ReplayVerdict::Failed => 1,
-        ReplayVerdict::Incomplete => 3,
+        Verdict::Verified => 0,
+        Verdict::Failed => 1,
+        Verdict::Incomplete => 3,
     }))
 }
 

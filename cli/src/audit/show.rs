@@ -127,9 +127,10 @@ pub fn run(options: &AuditShowOptions) -> Result<bool> {
 fn one(options: &AuditShowOptions, index: u64) -> Result<()> {
     let bytes = open_log(&options.ledger, &options.trust.read()?, |log, _, _| {
         let size = log.checkpoint().size;
-        match index < size {
-            true => log.entry(index),
-            false => Err(PublishedError::NoEntry { index, size }),
+        if index < size {
+            log.entry(index)
+        } else {
+            Err(PublishedError::NoEntry { index, size })
         }
     })?;
     let entry = Entry::decode(&bytes)?;

@@ -14,7 +14,7 @@ use std::time::Duration;
 use zk0_audit::report::describe::printable;
 use zk0_audit::watch::{LogWatch, Look, WatchEvent, WatchOptions};
 use zk0_audit::Depth;
-use zk0_ledger::replay::ReplayVerdict;
+use zk0_ledger::replay::Verdict;
 use zk0_protocol::counted::counted;
 
 /// `zk0 audit watch`.
@@ -117,26 +117,30 @@ impl AuditWatchOptions {
             } => {
                 let entries = counted(entries, "entry", "entries");
                 let (label, left_out) = match verdict {
-                    ReplayVerdict::Verified => ("verified", ""),
-                    ReplayVerdict::Incomplete => (
+                    Verdict::Verified => ("verified", ""),
+                    Verdict::Incomplete => (
                         "incomplete",
                         "; `zk0 audit replay` names what was not checked",
                     ),
-                    ReplayVerdict::Failed => ("failed", ""),
+                    Verdict::Failed => ("failed", ""),
                 };
                 self.say(label, &format!("{entries} of network {network}{left_out}"))
             }
-            WatchEvent::New { index, entry } => match self.json {
-                true => write(&show::as_json(index, entry).to_string()),
-                false => write(&show::line(index, entry)),
-            },
+            WatchEvent::New { index, entry } => {
+                if self.json {
+                    write(&show::as_json(index, entry).to_string())
+                } else {
+                    write(&show::line(index, entry))
+                }
+            }
         }
     }
 
     fn say(&self, label: &str, text: &str) -> io::Result<()> {
-        write(&match self.json {
-            true => json!({ "event": label.to_lowercase(), "text": text }).to_string(),
-            false => format!("{label:<12} {}", printable(text)),
+        write(&if self.json {
+            json!({ "event": label.to_lowercase(), "text": text }).to_string()
+        } else {
+            format!("{label:<12} {}", printable(text))
         })
     }
 }

@@ -55,9 +55,10 @@ pub fn beside<B: DrawingBackend>(
     let names = (widest + SAMPLE + 3 * GAP).min(width as i32 / 2);
     let (left, right) = area.split_horizontally(width as i32 - names);
     let room = ((height as i32 - ABOVE) / LINE).max(1) as usize;
-    let shown = match keys.len() > room {
-        true => room - 1,
-        false => keys.len(),
+    let shown = if keys.len() > room {
+        room - 1
+    } else {
+        keys.len()
     };
     let place = |number: usize| ABOVE + LINE * number as i32;
     for (number, key) in keys[..shown].iter().enumerate() {

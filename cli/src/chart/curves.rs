@@ -75,9 +75,10 @@ pub fn lines<B: DrawingBackend>(
     curves: &[Curve],
     nodes: Range<usize>,
 ) -> DrawResult<B> {
-    let behind = match nodes.len() > NAMED_NODES {
-        true => nodes,
-        false => 0..0,
+    let behind = if nodes.len() > NAMED_NODES {
+        nodes
+    } else {
+        0..0
     };
     let (grey, named): (Vec<_>, Vec<_>) = curves
         .iter()

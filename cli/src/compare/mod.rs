@@ -40,16 +40,13 @@ pub fn run(options: &CompareOptions) -> Result<()> {
     let measured = measured_rounds(options.federation.rounds, MEASURED);
     let setting = prepared.setting(options, &options.dealing(), measured)?;
     let kept = ComparisonFolder::open(out, prepared.of, options.resume)?;
-    let (values, searched) = match options.search {
-        true => {
-            let (values, searched) = search::search(options, &prepared, &kept)?;
-            (values, Some(searched))
-        }
-        false => {
-            let space = options.space();
-            let given = VariantKind::ALL.map(|kind| space.given(kind));
-            (given.to_vec(), None)
-        }
+    let (values, searched) = if options.search {
+        let (values, searched) = search::search(options, &prepared, &kept)?;
+        (values, Some(searched))
+    } else {
+        let space = options.space();
+        let given = VariantKind::ALL.map(|kind| space.given(kind));
+        (given.to_vec(), None)
     };
     let runs = make(options, &prepared, &setting, &kept, &values)?;
     report::report(options, &setting, &values, &runs, searched)?;

@@ -112,13 +112,15 @@ impl CompareOptions {
     /// What the search tries. Without a search, the values that were given are used.
     pub fn space(&self) -> Space {
         let federation = &self.federation;
-        let mut mus = match self.search_mu.is_empty() {
-            true => vec![0.0, 0.001, 0.01, 0.1, 1.0],
-            false => self.search_mu.clone(),
+        let mut mus = if self.search_mu.is_empty() {
+            vec![0.0, 0.001, 0.01, 0.1, 1.0]
+        } else {
+            self.search_mu.clone()
         };
-        let mut strategies = match self.search_strategy.is_empty() {
-            true => usual_strategies(),
-            false => self.search_strategy.clone(),
+        let mut strategies = if self.search_strategy.is_empty() {
+            usual_strategies()
+        } else {
+            self.search_strategy.clone()
         };
         if !mus.contains(&federation.fedprox_mu) {
             mus.push(federation.fedprox_mu);

@@ -75,9 +75,10 @@ pub fn report(
     });
     println!();
     for (kind, steps, values) in trained.clone() {
-        let each = match kind == VariantKind::Alone.name() {
-            true => " each",
-            false => "",
+        let each = if kind == VariantKind::Alone.name() {
+            " each"
+        } else {
+            ""
         };
         let steps = counted(steps, "step", "steps");
         println!("{kind:<12} {steps}{each}, {}", in_words(values)?);

@@ -11,9 +11,10 @@ use zk0_protocol::counted::counted;
 pub fn run(recording: &RecordingName, chunk: usize, json: bool) -> Result<()> {
     let dataset = Dataset::open(recording.locate()?)?;
     let summary = RecordingSummary::of(&dataset, chunk)?;
-    match json {
-        true => println!("{}", serde_json::to_string_pretty(&summary)?),
-        false => print!("{}", summary.table(recording)),
+    if json {
+        println!("{}", serde_json::to_string_pretty(&summary)?)
+    } else {
+        print!("{}", summary.table(recording))
     }
     Ok(())
 }

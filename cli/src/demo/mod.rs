@@ -146,9 +146,10 @@ pub async fn run(options: &DemoOptions) -> Result<()> {
     for (i, (name, dataset)) in names.iter().zip(&options.datasets).enumerate() {
         let dir = nodes.join(name);
         let key = dir.join("node.key");
-        let (command, own): (_, (&str, &dyn AsRef<OsStr>)) = match i + 1 == count {
-            true => ("demo-lazy-node", ("--stolen-proof", &options.stolen_proof)),
-            false => ("node join", ("--prover", &prover_url)),
+        let (command, own): (_, (&str, &dyn AsRef<OsStr>)) = if i + 1 == count {
+            ("demo-lazy-node", ("--stolen-proof", &options.stolen_proof))
+        } else {
+            ("node join", ("--prover", &prover_url))
         };
         let mut join: Vec<(&str, &dyn AsRef<OsStr>)> = vec![
             own,

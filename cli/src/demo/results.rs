@@ -14,7 +14,7 @@ use zk0_circuits::model::spec::EvalSpec;
 use zk0_circuits::{Digest, NodeId};
 use zk0_files::atomic_file;
 use zk0_ledger::blobs::Blobs;
-use zk0_ledger::replay::ReplayVerdict;
+use zk0_ledger::replay::Verdict;
 use zk0_node::training_history::TrainingHistory;
 use zk0_protocol::counted::counted;
 use zk0_protocol::entries::entry::{Body, Entry};
@@ -57,7 +57,7 @@ pub fn finish(
 ) -> Result<()> {
     let (entries, report) = verified_entries(network)?;
     print!("\n{}\n", verdict(&report));
-    if report.verdict != ReplayVerdict::Verified {
+    if report.verdict != Verdict::Verified {
         bail!("the audit did not verify everything; the lines above say why");
     }
     let Some(Body::Genesis(genesis)) = entries.first().map(|entry| &entry.body) else {

@@ -46,9 +46,10 @@ pub fn run(options: &ExportLeRobotOptions) -> Result<()> {
     else {
         bail!("--out {} does not name a folder", out.display());
     };
-    let parent = match parent == Path::new("") {
-        true => Path::new("."),
-        false => parent,
+    let parent = if parent == Path::new("") {
+        Path::new(".")
+    } else {
+        parent
     };
     let trust = options.trust.read()?;
     let located = locate(&options.ledger, None, &trust, WantedBlobs::Everything)?;

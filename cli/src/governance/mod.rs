@@ -113,9 +113,10 @@ async fn answer(command: &GovernanceCommand) -> Result<()> {
             // Nothing is signed, so any key will do.
             let key = SigningKey::from_bytes(&keys::random()?);
             let info = network.connect(key).await?.governance().await?;
-            match rules {
-                true => println!("{}", serde_json::to_string_pretty(&info.rules)?),
-                false => print!("{}", status::status(&info)?),
+            if *rules {
+                println!("{}", serde_json::to_string_pretty(&info.rules)?)
+            } else {
+                print!("{}", status::status(&info)?)
             }
         }
         GovernanceCommand::Propose {

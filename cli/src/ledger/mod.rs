@@ -166,10 +166,7 @@ pub fn run(command: &LedgerCommand) -> Result<bool> {
             let blobs = store.blobs_beside_writer(dir)?;
             #[cfg(not(feature = "full"))]
             let blobs = zk0_ledger::Blobs::at(dir);
-            let old = match check {
-                true => OldBlobs::Checked,
-                false => OldBlobs::Trusted,
-            };
+            let old = if *check { OldBlobs::Checked } else { OldBlobs::Trusted };
             let done = backup::backup_with(dir, &blobs, out, old)?;
             copied(&done);
             match done.mended_blobs {
@@ -316,9 +313,10 @@ fn check(dir: &Path) -> bool {
     }
     println!(
         "{}",
-        match found.is_whole() {
-            true => "WHOLE        proofs were not checked; `zk0 audit replay` checks them",
-            false => "DAMAGED      the lines above say what is damaged",
+        if found.is_whole() {
+            "WHOLE        proofs were not checked; `zk0 audit replay` checks them"
+        } else {
+            "DAMAGED      the lines above say what is damaged"
         }
     );
     found.is_whole()

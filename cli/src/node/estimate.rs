@@ -69,9 +69,10 @@ pub async fn run(options: &EstimateOptions) -> Result<()> {
     let executor = Executor::new().await?;
     let estimate =
         measure::Estimate::of(&executor, &spec, options.mode, options.samples, machine).await?;
-    match options.json {
-        true => println!("{}", serde_json::to_string(&estimate)?),
-        false => print!("{}", table(&options.model, &estimate)),
+    if options.json {
+        println!("{}", serde_json::to_string(&estimate)?)
+    } else {
+        print!("{}", table(&options.model, &estimate))
     }
     Ok(())
 }
@@ -96,9 +97,10 @@ fn check_fit(
 /// The estimate, for people.
 fn table(model: &str, estimate: &measure::Estimate) -> String {
     const GIB: f64 = (1u64 << 30) as f64;
-    let memory = match estimate.fits() {
-        true => "enough",
-        false => "NOT ENOUGH, so make the proof on another machine",
+    let memory = if estimate.fits() {
+        "enough"
+    } else {
+        "NOT ENOUGH, so make the proof on another machine"
     };
     let argument = estimate.argument.map_or(String::new(), |argument| {
         format!(

@@ -27,11 +27,10 @@ pub struct CardOptions {
 /// What goes into the header as it is.
 fn identifier(text: &str) -> Result<String> {
     let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"._-/".contains(&byte);
-    match !text.is_empty() && text.len() <= 200 && text.bytes().all(plain) {
-        true => Ok(text.into()),
-        false => {
-            bail!("{text:?} is no identifier of the Hub: it has letters, digits, and . _ - / alone")
-        }
+    if !text.is_empty() && text.len() <= 200 && text.bytes().all(plain) {
+        Ok(text.into())
+    } else {
+        bail!("{text:?} is no identifier of the Hub: it has letters, digits, and . _ - / alone")
     }
 }
 
@@ -157,9 +156,12 @@ fn table(contributions: &[AcceptedContribution]) -> String {
 
 /// A name that others chose, without what Markdown or HTML would take for theirs.
 fn plain(name: &str) -> String {
-    let shown = |c: char| match c.is_alphanumeric() || " .-/:".contains(c) {
-        true => c,
-        false => '_',
+    let shown = |c: char| {
+        if c.is_alphanumeric() || " .-/:".contains(c) {
+            c
+        } else {
+            '_'
+        }
     };
     name.chars().take(100).map(shown).collect()
 }

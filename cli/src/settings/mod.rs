@@ -122,9 +122,10 @@ fn probe(command: &Command) -> Command {
 /// Takes the variable from a switch that it turns off. clap would count the switch as given, and ask for what it needs.
 fn without_false(arg: Arg) -> Arg {
     let said = arg.get_env().and_then(env::var_os);
-    match same(arg.get_action(), &ArgAction::SetTrue) && said.is_some_and(|said| said == "false") {
-        true => arg.env(None::<&'static str>),
-        false => arg,
+    if same(arg.get_action(), &ArgAction::SetTrue) && said.is_some_and(|said| said == "false") {
+        arg.env(None::<&'static str>)
+    } else {
+        arg
     }
 }
 
@@ -293,9 +294,10 @@ fn arguments_of(arg: &Arg, setting: &FileSetting) -> Result<Vec<OsString>, &'sta
         None => value.into(),
     };
     match arg.get_action() {
-        ArgAction::SetTrue => Ok(match setting.flag()? {
-            true => vec![format!("--{}", key(arg)).into()],
-            false => Vec::new(),
+        ArgAction::SetTrue => Ok(if setting.flag()? {
+            vec![format!("--{}", key(arg)).into()]
+        } else {
+            Vec::new()
         }),
         ArgAction::Append => Ok(setting.list()?.into_iter().map(said).collect()),
         _ => Ok(vec![said(setting.value()?)]),

@@ -39,9 +39,10 @@ impl CurveFiles {
         }
         let open = |name: &str| {
             let folder = folder.join(name);
-            let file = match goes_on {
-                true => EventFile::go_on(&folder),
-                false => EventFile::begin(&folder),
+            let file = if goes_on {
+                EventFile::go_on(&folder)
+            } else {
+                EventFile::begin(&folder)
             };
             file.context("--tensorboard")
         };

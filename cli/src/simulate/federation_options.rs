@@ -87,9 +87,10 @@ pub struct StartingPoint {
 /// Reads a strategy as the options take it.
 pub fn strategy(given: &str) -> Result<Strategy, String> {
     let given = given.trim();
-    let value = match given.starts_with(['{', '"']) {
-        true => serde_json::from_str(given),
-        false => serde_json::from_value(given.into()),
+    let value = if given.starts_with(['{', '"']) {
+        serde_json::from_str(given)
+    } else {
+        serde_json::from_value(given.into())
     };
     value.map_err(|error| {
         format!("a strategy is fed-avg, median, or a JSON value as in a network's rules (docs/governance.md): {error}")

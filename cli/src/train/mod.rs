@@ -43,9 +43,10 @@ use zk0_tensors::TensorSet;
 
 /// Runs the command.
 pub fn run(options: &TrainRunOptions) -> Result<()> {
-    match options.train_state_proj {
-        true => train::<ObservedSample>(options),
-        false => train::<PreparedSample>(options),
+    if options.train_state_proj {
+        train::<ObservedSample>(options)
+    } else {
+        train::<PreparedSample>(options)
     }
 }
 
@@ -97,21 +98,23 @@ fn train<S: SampleKind>(options: &TrainRunOptions) -> Result<()> {
     let maker = maker
         .with_prefixes_by_asker(by_asker)
         .with_variants(variants.clone());
-    let held_out = match chosen.held_out.is_empty() {
-        true => None,
-        false => Some(HeldOut {
+    let held_out = if chosen.held_out.is_empty() {
+        None
+    } else {
+        Some(HeldOut {
             draws: fixed_draws(&config, chosen.held_out.len(), options.seed),
             samples: samples::prepare::<S>(cache.as_ref(), &maker, chosen.held_out)
                 .map_err(cache_failed)?,
-        }),
+        })
     };
     let prepare =
         |frames| samples::while_training::<S>(cache.as_ref(), &maker, frames).map_err(cache_failed);
     let ours = prepare(trained_on)?;
     // Losses are measured on frames as they are recorded.
-    let recorded = match variants.is_some() && options.lr_boost.is_some() {
-        true => Some(prepare(chosen.train)?),
-        false => None,
+    let recorded = if variants.is_some() && options.lr_boost.is_some() {
+        Some(prepare(chosen.train)?)
+    } else {
+        None
     };
 
     let lines = out.join("metrics.jsonl");

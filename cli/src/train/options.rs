@@ -145,9 +145,10 @@ impl TrainRunOptions {
 
     /// The type of the trained tensors in `lerobot/`.
     pub fn lerobot_precision(&self) -> Precision {
-        match self.lerobot_f32 {
-            true => Precision::Single,
-            false => Precision::Kept,
+        if self.lerobot_f32 {
+            Precision::Single
+        } else {
+            Precision::Kept
         }
     }
 
@@ -194,9 +195,10 @@ impl TrainRunOptions {
 
     /// Where the curves go, if the user wants them.
     pub fn event_file(&self) -> Result<Option<EventFile>> {
-        let open = match self.resume {
-            true => EventFile::go_on,
-            false => EventFile::begin,
+        let open = if self.resume {
+            EventFile::go_on
+        } else {
+            EventFile::begin
         };
         let file = self.tensorboard.as_deref().map(open);
         file.transpose().context("--tensorboard")

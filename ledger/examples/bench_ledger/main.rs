@@ -13,7 +13,7 @@ use network::{empty_rounds, enrolments, founded, grown, registrations};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
-use zk0_ledger::replay::{replay, ReplayVerdict};
+use zk0_ledger::replay::{replay, Verdict};
 use zk0_ledger::{Blobs, Ledger};
 use zk0_protocol::Body;
 use zk0_verifier::{check_proof, ProgramKey};
@@ -220,7 +220,7 @@ fn replay_here(dir: &Path) -> Result<()> {
     let started = Instant::now();
     let report = replay(dir, None, &mut ());
     let seconds = started.elapsed().as_secs_f64();
-    if report.verdict != ReplayVerdict::Verified {
+    if report.verdict != Verdict::Verified {
         bail!("{:?}", report.findings);
     }
     let status = std::fs::read_to_string("/proc/self/status")?;

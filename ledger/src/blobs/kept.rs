@@ -89,9 +89,12 @@ impl Blobs {
         let Some(kept) = &self.kept else {
             return Err(BlobError::Missing(*blob));
         };
-        kept.in_turn(blob, || match self.is_here(blob) {
-            true => Ok(()),
-            false => self.read_from(kept, blob)?.finish_here(blob),
+        kept.in_turn(blob, || {
+            if self.is_here(blob) {
+                Ok(())
+            } else {
+                self.read_from(kept, blob)?.finish_here(blob)
+            }
         })
     }
 

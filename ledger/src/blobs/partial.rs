@@ -65,9 +65,10 @@ impl Blobs {
             held,
             size,
         };
-        match held > size {
-            true => Err(partial.refuse(held)),
-            false => Ok(partial),
+        if held > size {
+            Err(partial.refuse(held))
+        } else {
+            Ok(partial)
         }
     }
 

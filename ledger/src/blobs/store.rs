@@ -114,9 +114,12 @@ impl IndexedStore {
     /// Stores a file whose digest is verified. If the store has a verified copy of it already, it need not be sent there.
     pub(super) fn put(&self, blob: &Digest, file: &Path) -> Result<(), BlobError> {
         let size = fs::metadata(file).map_err(io_error(file))?.len();
-        let put = || match self.copies.make_blob(self.store.sent(), blob, size) {
-            true => Ok(()),
-            false => self.store.put(blob, file, size).map_err(BlobError::from),
+        let put = || {
+            if self.copies.make_blob(self.store.sent(), blob, size) {
+                Ok(())
+            } else {
+                self.store.put(blob, file, size).map_err(BlobError::from)
+            }
         };
         self.counting.count(StoreOperation::Put, put, |()| size)?;
         locked(&self.known).insert(*blob, size);

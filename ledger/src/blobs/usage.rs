@@ -127,9 +127,10 @@ impl UsageCounter {
             // The folder failed, and not the store.
             Err(_) => return done,
         };
-        usage.failing = match failing {
-            true => usage.failing.or(Some(Instant::now())),
-            false => None,
+        usage.failing = if failing {
+            usage.failing.or(Some(Instant::now()))
+        } else {
+            None
         };
         done
     }

@@ -114,13 +114,15 @@ impl Needed {
                     submission.statement.proof,
                     &submission.statement.claim.terms,
                 );
-                match reason.rests_on_update() {
-                    true => self.take(!older, terms.update.blob, Reason::Update),
-                    false => self.take(open, terms.update.blob, Reason::Unread),
+                if reason.rests_on_update() {
+                    self.take(!older, terms.update.blob, Reason::Update)
+                } else {
+                    self.take(open, terms.update.blob, Reason::Unread)
                 }
-                match reason.follows_from_blobs() {
-                    true => self.take(!(older && self.older.without_proofs), proof, Reason::Proof),
-                    false => self.take(open, proof, Reason::Unread),
+                if reason.follows_from_blobs() {
+                    self.take(!(older && self.older.without_proofs), proof, Reason::Proof)
+                } else {
+                    self.take(open, proof, Reason::Unread)
                 }
             }
             Body::MomentsComputed(computed) => {
@@ -150,20 +152,20 @@ impl Needed {
 
     /// Notes a blob that is needed, or else is there for this reason. An audit's reason counts more than another.
     fn take(&mut self, needed: bool, blob: Digest, reason: Reason) {
-        match needed {
-            true => drop(self.needed.insert(blob)),
-            false => {
-                let known = self.others.entry(blob).or_insert(reason);
-                *known = reason.min(*known);
-            }
+        if needed {
+            drop(self.needed.insert(blob))
+        } else {
+            let known = self.others.entry(blob).or_insert(reason);
+            *known = reason.min(*known);
         }
     }
 
     /// Why a blob can be deleted; `None` if it is needed.
     pub fn reason_to_delete(&self, blob: &Digest) -> Option<Reason> {
-        match self.needed.contains(blob) {
-            true => None,
-            false => Some(self.others.get(blob).copied().unwrap_or(Reason::Unnamed)),
+        if self.needed.contains(blob) {
+            None
+        } else {
+            Some(self.others.get(blob).copied().unwrap_or(Reason::Unnamed))
         }
     }
 }

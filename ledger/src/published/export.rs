@@ -133,13 +133,14 @@ fn continues(view: &Publication, place: &dyn ExportTarget) -> Result<(), ExportE
         .into());
     }
     let found = view.root(there.size)?;
-    match found == there.root {
-        true => Ok(()),
-        false => Err(LedgerError::Forked {
+    if found == there.root {
+        Ok(())
+    } else {
+        Err(LedgerError::Forked {
             size: there.size,
             found,
             signed: there.root,
         }
-        .into()),
+        .into())
     }
 }

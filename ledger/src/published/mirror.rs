@@ -146,9 +146,10 @@ pub(crate) fn mirror_with(
 ) -> Result<Mirrored, MirrorError> {
     // If there is none, an import was perhaps killed while it made the database. This import makes it anew.
     let begun = Store::is_in(&folder::database(dir));
-    let known = match begun {
-        true => Store::open_read_only(&folder::database(dir))?.entry(0)?,
-        false => None,
+    let known = if begun {
+        Store::open_read_only(&folder::database(dir))?.entry(0)?
+    } else {
+        None
     };
     let genesis = genesis(&known.map_or_else(|| first_entry(source), Ok)?)?;
     check_network(dir, &genesis.network_id(), network)?;
@@ -326,12 +327,13 @@ fn extend(
 fn check_checkpoint(text: &[u8], genesis: &Genesis, found: &Checkpoint) -> Result<(), String> {
     let signed = Checkpoint::open(text, genesis.origin(), &genesis.log_key)
         .map_err(|error| error.to_string())?;
-    match signed == *found {
-        true => Ok(()),
-        false => Err(format!(
+    if signed == *found {
+        Ok(())
+    } else {
+        Err(format!(
             "it signs root {} of {} entries, but the first {} entries have root {}",
             signed.root, signed.size, found.size, found.root
-        )),
+        ))
     }
 }
 
@@ -356,12 +358,13 @@ fn copy_blobs(
             if !seen.insert(digest) {
                 continue;
             }
-            let damaged = match blobs.contains(&digest) {
-                false => None,
-                true => match source.damage_of_copy(blobs, &digest)? {
+            let damaged = if blobs.contains(&digest) {
+                match source.damage_of_copy(blobs, &digest)? {
                     None => continue,
                     damaged => damaged,
-                },
+                }
+            } else {
+                None
             };
             match (
                 source.copy(blobs, &digest, kind.max_bytes(&rules))?,

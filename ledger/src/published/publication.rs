@@ -110,22 +110,21 @@ impl Publication {
         let text = text.ok_or_else(|| LedgerError::NoCheckpoint(file.clone()))?;
         let (gathered, ruled) = gathered_from(&file, &text)?;
         let uncosigned = !ruled.wants_witnesses() && !own_policy.wants_witnesses();
-        let (file, text, gathered, policy) = match uncosigned {
-            true => (file, text, gathered, WitnessPolicy::none()),
-            false => {
-                let file = folder::cosigned(dir);
-                let text = texts.cosigned;
-                let text = text.ok_or_else(|| PublicationError::NotCosigned(dir.into()))?;
-                let (gathered, ruled_then) = gathered_from(&file, &text)?;
-                let policies = [ruled_then, own_policy.clone(), ruled];
-                let policy = policies.into_iter().find(WitnessPolicy::wants_witnesses);
-                (
-                    file,
-                    text,
-                    gathered,
-                    policy.unwrap_or(WitnessPolicy::none()),
-                )
-            }
+        let (file, text, gathered, policy) = if uncosigned {
+            (file, text, gathered, WitnessPolicy::none())
+        } else {
+            let file = folder::cosigned(dir);
+            let text = texts.cosigned;
+            let text = text.ok_or_else(|| PublicationError::NotCosigned(dir.into()))?;
+            let (gathered, ruled_then) = gathered_from(&file, &text)?;
+            let policies = [ruled_then, own_policy.clone(), ruled];
+            let policy = policies.into_iter().find(WitnessPolicy::wants_witnesses);
+            (
+                file,
+                text,
+                gathered,
+                policy.unwrap_or(WitnessPolicy::none()),
+            )
         };
         let key = genesis.verifier_key().map_err(not_published(&file))?;
         let opened = policy.open(&text, &key).map_err(not_published(&file))?;
@@ -165,9 +164,10 @@ impl Publication {
     /// Whether the folder still publishes the same.
     pub fn is_current(&self) -> Result<bool, PublicationError> {
         let texts = Texts::read(&self.dir)?;
-        let text = match self.policy.wants_witnesses() {
-            true => texts.cosigned,
-            false => texts.checkpoint,
+        let text = if self.policy.wants_witnesses() {
+            texts.cosigned
+        } else {
+            texts.checkpoint
         };
         let policy = folder::read_policy(&self.dir)?;
         Ok(text.as_ref() == Some(&self.text) && policy.text() == self.own_policy.text())

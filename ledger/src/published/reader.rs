@@ -78,13 +78,14 @@ impl<'a> PublishedLog<'a> {
             .get(&path, MAX_NOTE_BYTES as u64)?
             .ok_or(PublishedError::NoCheckpoint)?;
         let checkpoint = policy.open(&text, key)?.checkpoint;
-        match (1..=MAX_TREE_SIZE).contains(&checkpoint.size) {
-            true => Ok(Self {
+        if (1..=MAX_TREE_SIZE).contains(&checkpoint.size) {
+            Ok(Self {
                 source,
                 text,
                 checkpoint,
-            }),
-            false => Err(PublishedError::Size(checkpoint.size)),
+            })
+        } else {
+            Err(PublishedError::Size(checkpoint.size))
         }
     }
 
@@ -108,13 +109,14 @@ impl<'a> PublishedLog<'a> {
             });
         }
         let found = self.tiles(|reader| tree_hash(known.size, reader))?;
-        match found.0 == known.root.0 {
-            true => Ok(()),
-            false => Err(PublishedError::Forked {
+        if found.0 == known.root.0 {
+            Ok(())
+        } else {
+            Err(PublishedError::Forked {
                 size: known.size,
                 found: Digest(found.0),
                 known: known.root,
-            }),
+            })
         }
     }
 
@@ -122,9 +124,10 @@ impl<'a> PublishedLog<'a> {
     pub fn entry(&self, index: u64) -> Result<Vec<u8>, PublishedError> {
         let mut entries = self.entries(index / TILE_WIDTH)?;
         let at = (index % TILE_WIDTH) as usize;
-        match at < entries.len() {
-            true => Ok(entries.swap_remove(at)),
-            false => Err(self.no_entry(index)),
+        if at < entries.len() {
+            Ok(entries.swap_remove(at))
+        } else {
+            Err(self.no_entry(index))
         }
     }
 

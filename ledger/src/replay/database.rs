@@ -80,13 +80,14 @@ fn open_once(dir: &Path, path: &Path) -> Result<OpenedDatabase, LedgerError> {
     let at_work = folder::read_checkpoint(dir)?.as_ref() != Some(&published);
     let claimed = claimed_size(&published).unwrap_or_default();
     let at = if at_work { claimed } else { size };
-    match store.checkpoint(at)? == Some(published) {
-        true => Ok(OpenedDatabase { store, size }),
-        false => Err(LedgerError::OtherPublished {
+    if store.checkpoint(at)? == Some(published) {
+        Ok(OpenedDatabase { store, size })
+    } else {
+        Err(LedgerError::OtherPublished {
             path: folder::checkpoint(dir),
             published: claimed,
             size,
-        }),
+        })
     }
 }
 

@@ -20,7 +20,7 @@ mod serial;
 pub use database::OpenedDatabase;
 pub use options::{ReplayOptions, SaveOptions};
 pub use recheck::Recheck;
-pub use report::{Finding, ReplayReport, ReplayVerdict, Severity};
+pub use report::{Finding, ReplayReport, Severity, Verdict};
 pub use saved::{SavedError, SavedReplay};
 
 use crate::error::LedgerError;

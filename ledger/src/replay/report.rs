@@ -24,16 +24,16 @@ pub struct Finding {
 pub enum Severity {
     /// Something deserves a look. The verdict does not change.
     Note,
-    /// Something was not checked: the verdict is [`ReplayVerdict::Incomplete`] at best.
+    /// Something was not checked: the verdict is [`Verdict::Incomplete`] at best.
     NotChecked,
-    /// Something is wrong: the verdict is [`ReplayVerdict::Failed`].
+    /// Something is wrong: the verdict is [`Verdict::Failed`].
     Fault,
 }
 
 /// The verdict on the history.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum ReplayVerdict {
+pub enum Verdict {
     /// Everything was checked, and nothing is wrong.
     Verified,
     /// Nothing was found to be wrong, but something was not checked: see the findings.
@@ -46,7 +46,7 @@ pub enum ReplayVerdict {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct ReplayReport {
     /// The verdict.
-    pub verdict: ReplayVerdict,
+    pub verdict: Verdict,
     /// The network's name, once the genesis was read.
     pub name: Option<String>,
     /// The network's id, in hexadecimal.
@@ -72,7 +72,7 @@ pub struct ReplayReport {
 }
 
 impl Finding {
-    /// A finding that makes the verdict [`ReplayVerdict::Failed`].
+    /// A finding that makes the verdict [`Verdict::Failed`].
     pub fn fault(index: impl Into<Option<u64>>, text: impl Into<String>) -> Self {
         Self {
             index: index.into(),
@@ -83,13 +83,14 @@ impl Finding {
 
     /// What an error in reading the ledger says about it: a fault, unless it just cannot be read.
     pub(crate) fn of_error(index: impl Into<Option<u64>>, error: &LedgerError) -> Self {
-        match error.is_of_reading() {
-            true => Self::not_checked(index, error.to_string()),
-            false => Self::fault(index, error.to_string()),
+        if error.is_of_reading() {
+            Self::not_checked(index, error.to_string())
+        } else {
+            Self::fault(index, error.to_string())
         }
     }
 
-    /// A finding that makes the verdict [`ReplayVerdict::Incomplete`] at best.
+    /// A finding that makes the verdict [`Verdict::Incomplete`] at best.
     pub fn not_checked(index: impl Into<Option<u64>>, text: impl Into<String>) -> Self {
         Self {
             severity: Severity::NotChecked,

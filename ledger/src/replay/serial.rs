@@ -3,8 +3,7 @@
 use super::chunk::{Chunk, Item};
 use super::saved::Saving;
 use super::{
-    Finding, Recheck, ReplayOptions, ReplayReport, ReplayVerdict, SaveOptions, SavedReplay,
-    Severity,
+    Finding, Recheck, ReplayOptions, ReplayReport, SaveOptions, SavedReplay, Severity, Verdict,
 };
 use crate::blobs::Blobs;
 use crate::error::LedgerError;
@@ -340,10 +339,10 @@ impl<'a> Serial<'a> {
         let worst = findings.iter().map(|finding| finding.severity).max();
         ReplayReport {
             verdict: match worst {
-                _ if self.state.is_none() && unread.is_none() => ReplayVerdict::Failed,
-                Some(Severity::Fault) => ReplayVerdict::Failed,
-                Some(Severity::NotChecked) => ReplayVerdict::Incomplete,
-                Some(Severity::Note) | None => ReplayVerdict::Verified,
+                _ if self.state.is_none() && unread.is_none() => Verdict::Failed,
+                Some(Severity::Fault) => Verdict::Failed,
+                Some(Severity::NotChecked) => Verdict::Incomplete,
+                Some(Severity::Note) | None => Verdict::Verified,
             },
             name: self
                 .state

@@ -82,14 +82,15 @@ impl Files {
         let text = bounded_file::read(&dir.join("size"), 8 + SEAL as u64).map_err(failed(dir))?;
         let size = unsealed::<u64>(dir, &text)?;
         let held = ends.metadata().map_err(failed(dir))?.len() / 8;
-        match size <= held {
-            true => Ok(Self {
+        if size <= held {
+            Ok(Self {
                 dir: dir.into(),
                 records,
                 ends,
                 size: Mutex::new(size),
-            }),
-            false => Err(damaged(dir, format!("{held} of {size} entries are there"))),
+            })
+        } else {
+            Err(damaged(dir, format!("{held} of {size} entries are there")))
         }
     }
 

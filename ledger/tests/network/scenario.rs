@@ -267,7 +267,7 @@ pub fn check(dir: &Path, said: &Said, when: &str) -> u64 {
     let report = zk0_ledger::replay(dir, None, &mut ());
     assert_eq!(
         (report.verdict, report.entries),
-        (zk0_ledger::replay::ReplayVerdict::Verified, size),
+        (zk0_ledger::replay::Verdict::Verified, size),
         "{when}: {:?}",
         report.findings
     );

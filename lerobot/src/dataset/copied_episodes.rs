@@ -58,9 +58,10 @@ impl CopiedEpisodes {
 impl fmt::Display for CopiedEpisodes {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let (copy, original) = self.first;
-        let of = match self.within_one {
-            true => String::new(),
-            false => format!(" of {}", self.of.display()),
+        let of = if self.within_one {
+            String::new()
+        } else {
+            format!(" of {}", self.of.display())
         };
         let recording = self.recording.display();
         write!(
@@ -69,14 +70,15 @@ impl fmt::Display for CopiedEpisodes {
              twice, and a copy of a held-out episode may be trained on; ",
             self.episodes.len()
         )?;
-        match self.within_one {
-            true => write!(
+        if self.within_one {
+            write!(
                 f,
                 "remove them with lerobot-edit-dataset --repo_id NAME --root {recording} --operation.type delete_episodes \
                  --operation.episode_indices '{:?}' --new_root NEW_FOLDER",
                 self.episodes
-            ),
-            false => f.write_str("use one of the two recordings alone"),
+            )
+        } else {
+            f.write_str("use one of the two recordings alone")
         }
     }
 }

@@ -168,12 +168,13 @@ fn check(path: &Path, file: &RemoteFile) -> Result<Option<String>, DownloadFailu
     let mut content = File::open(path).map_err(unreadable)?;
     io::copy(&mut content, &mut hash).map_err(unreadable)?;
     let found = hex::encode(hash.finalize());
-    Ok(match found.eq_ignore_ascii_case(&lfs.sha256) {
-        true => None,
-        false => Some(format!(
+    Ok(if found.eq_ignore_ascii_case(&lfs.sha256) {
+        None
+    } else {
+        Some(format!(
             "its SHA-256 is {found} where {} is listed",
             lfs.sha256
-        )),
+        ))
     })
 }
 

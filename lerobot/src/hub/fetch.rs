@@ -98,9 +98,10 @@ pub fn fetch(
     if let Err(error) = named.create_ref(&listing.sha) {
         tracing::warn!("{recording}: its place in the cache could not be noted: {error}");
     }
-    let lerobot_commit = match recording.revision == DEFAULT_REVISION {
-        true => tagged(&api.repo(of(LEROBOT_TAG))).filter(|commit| *commit != listing.sha),
-        false => None,
+    let lerobot_commit = if recording.revision == DEFAULT_REVISION {
+        tagged(&api.repo(of(LEROBOT_TAG))).filter(|commit| *commit != listing.sha)
+    } else {
+        None
     };
     Ok(Fetched {
         folder: snapshot,

@@ -61,9 +61,10 @@ impl PolicyFolder {
             own if own.exists() => own,
             _ => weights.with_file_name(VLM_CONFIG),
         };
-        let vlm_json = match vlm_path.exists() {
-            true => Some(read_json(&vlm_path)?),
-            false => None,
+        let vlm_json = if vlm_path.exists() {
+            Some(read_json(&vlm_path)?)
+        } else {
+            None
         };
         let mut config = LeRobotConfig::parse(&policy_json, vlm_json.as_deref())
             .map_err(|e| e.within(&folder.join(CONFIG)))?;

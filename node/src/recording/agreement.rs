@@ -28,9 +28,10 @@ pub fn check(
 ) -> Result<(), ParticipantError> {
     let leaves_out = !config.camera_names.is_empty();
     let differences = differences(rules, dataset, leaves_out);
-    match differences.is_empty() {
-        true => Ok(()),
-        false => Err(ParticipantError::OtherRecording(differences.join("; "))),
+    if differences.is_empty() {
+        Ok(())
+    } else {
+        Err(ParticipantError::OtherRecording(differences.join("; ")))
     }
 }
 
@@ -59,9 +60,10 @@ fn differences(rules: &RecordingRules, dataset: &Dataset, leaves_out: bool) -> V
     if !rules.cameras.is_empty() {
         let own: BTreeSet<&String> = dataset.cameras().iter().map(|c| &c.name).collect();
         let asked: BTreeSet<&String> = rules.cameras.iter().collect();
-        let fits = match leaves_out {
-            true => own.is_superset(&asked),
-            false => own == asked,
+        let fits = if leaves_out {
+            own.is_superset(&asked)
+        } else {
+            own == asked
         };
         if !fits {
             found.push(format!(

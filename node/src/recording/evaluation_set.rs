@@ -221,15 +221,14 @@ impl EvaluationSet {
         tracing::warn!("{damaged}; the node makes the sample again");
         let sample = quantise_sample(&self.spec, all.sample(kept.frame)?.as_ref())?;
         let blind = self.by.secret.blind();
-        match committed(self.by.mode, &self.spec, &sample, &blind).digest == kept.digest {
-            true => {
-                self.files.put(&kept.key, &sample)?;
-                Ok(())
-            }
-            false => Err(ParticipantError::OtherSample {
+        if committed(self.by.mode, &self.spec, &sample, &blind).digest == kept.digest {
+            self.files.put(&kept.key, &sample)?;
+            Ok(())
+        } else {
+            Err(ParticipantError::OtherSample {
                 frame: kept.frame,
                 damaged: damaged.to_string(),
-            }),
+            })
         }
     }
 }

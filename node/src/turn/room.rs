@@ -22,13 +22,14 @@ pub fn check_room_of_update(format: &Format, state: &Path) -> Result<(), Partici
 
 /// Checks that `free` bytes of disk in a folder suffice for the file of an update.
 fn check_update(needed: u64, folder: &Path, free: u64) -> Result<(), ParticipantError> {
-    match needed <= free {
-        true => Ok(()),
-        false => Err(ParticipantError::NoRoomForUpdate {
+    if needed <= free {
+        Ok(())
+    } else {
+        Err(ParticipantError::NoRoomForUpdate {
             folder: folder.into(),
             needed,
             free,
-        }),
+        })
     }
 }
 

@@ -148,27 +148,27 @@ impl Turn<'_> {
             Some((blob, weights)) if blob == from => weights,
             _ => self.weights(node, &rule, &from).await?,
         };
-        let result = match to == self.opened.base.blob {
-            true => None,
-            false => Some(self.weights(node, &rule, &to).await?),
+        let result = if to == self.opened.base.blob {
+            None
+        } else {
+            Some(self.weights(node, &rule, &to).await?)
         };
         let contributors: Vec<_> = closed.contributors.iter().map(|one| one.node).collect();
-        let own = match contributors.contains(&node.id()) {
-            true => {
-                let update = match node.accepted_update(opened.round).await {
-                    // A round may have opened meanwhile for which the earlier ones count no more.
-                    Err(NodeError::Unexpected { .. })
-                        if node.commits_no_more(self.opened.round).await? =>
-                    {
-                        return Err(ParticipantError::TooLate {
-                            round: self.opened.round,
-                        });
-                    }
-                    update => update?,
-                };
-                Some(self.weights(node, &rule, &update.blob).await?)
-            }
-            false => None,
+        let own = if contributors.contains(&node.id()) {
+            let update = match node.accepted_update(opened.round).await {
+                // A round may have opened meanwhile for which the earlier ones count no more.
+                Err(NodeError::Unexpected { .. })
+                    if node.commits_no_more(self.opened.round).await? =>
+                {
+                    return Err(ParticipantError::TooLate {
+                        round: self.opened.round,
+                    });
+                }
+                update => update?,
+            };
+            Some(self.weights(node, &rule, &update.blob).await?)
+        } else {
+            None
         };
         let sat_out = known.contributed.iter();
         let sat_out = sat_out.filter(|node| !contributors.contains(node)).count();

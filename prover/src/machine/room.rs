@@ -39,24 +39,26 @@ pub enum NoRoom {
 
 /// Checks that `free` bytes of disk in a folder suffice.
 pub fn check_disk(cost: &Cost, folder: &Path, free: u64) -> Result<(), NoRoom> {
-    match cost.files <= free {
-        true => Ok(()),
-        false => Err(NoRoom::Disk {
+    if cost.files <= free {
+        Ok(())
+    } else {
+        Err(NoRoom::Disk {
             folder: folder.into(),
             needed: cost.files,
             free,
-        }),
+        })
     }
 }
 
 /// Checks that the free memory suffices.
 pub fn check_memory(cost: &Cost, free: Resources) -> Result<(), NoRoom> {
-    match cost.memory <= free.memory {
-        true => Ok(()),
-        false => Err(NoRoom::Memory {
+    if cost.memory <= free.memory {
+        Ok(())
+    } else {
+        Err(NoRoom::Memory {
             needed: cost.memory,
             free: free.memory,
-        }),
+        })
     }
 }
 

@@ -279,9 +279,10 @@ fn weights(
         .into_iter()
         .map(|tensor| {
             let is_gain = tensor.name.contains("norm");
-            let factor = match tensor.name.starts_with("model.action_out_proj") {
-                true => loudness,
-                false => 1.0,
+            let factor = if tensor.name.starts_with("model.action_out_proj") {
+                loudness
+            } else {
+                1.0
             };
             let values = (0..tensor.len())
                 .map(|_| match tensor.shape.as_slice() {

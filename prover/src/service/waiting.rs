@@ -58,9 +58,10 @@ impl WaitingClient {
 
     /// What the client is told.
     pub(super) fn phase(&self) -> Phase {
-        match self.taken.load(Ordering::Relaxed) {
-            true => Phase::Proving,
-            false => Phase::Queued,
+        if self.taken.load(Ordering::Relaxed) {
+            Phase::Proving
+        } else {
+            Phase::Queued
         }
     }
 }

@@ -68,9 +68,10 @@ impl Space {
         bytes[8..16].copy_from_slice(&(trials.len() as u64).to_le_bytes());
         bytes[16] = kind as u8;
         let mut rng = StdRng::from_seed(bytes);
-        let known: &[Trial] = match trials.len() <= AT_RANDOM {
-            true => &[],
-            false => trials,
+        let known: &[Trial] = if trials.len() <= AT_RANDOM {
+            &[]
+        } else {
+            trials
         };
         let mut ask = |searched: SearchedValue| self.ask(&searched, known, &mut rng);
         let mut values = self.given(kind);

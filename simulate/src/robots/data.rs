@@ -103,9 +103,10 @@ pub fn deal(
         let names: Vec<_> = names.collect();
         let (train, held_out) = divided(&episodes, dealing, &name, &names)?;
         let trained_on = frames(recordings, &train);
-        let evaluated = match held_out.is_empty() {
-            true => spread(&trained_on, dealing.evaluated),
-            false => spread(&frames(recordings, &held_out), dealing.evaluated),
+        let evaluated = if held_out.is_empty() {
+            spread(&trained_on, dealing.evaluated)
+        } else {
+            spread(&frames(recordings, &held_out), dealing.evaluated)
         };
         let held_out = held_out.iter().map(|(recording, episode)| {
             format!("{} episode {episode}", recordings[*recording].name)

@@ -235,7 +235,7 @@ fn id(node: usize) -> NodeId {
 }
 
 impl Federation for Robots {
-    type GlobalState = GlobalState;
+    type Global = GlobalState;
     type Update = Update;
     /// The strategies are exact, and some need all updates. They take 2 bytes for each weight.
     type Collected = (Vec<(usize, QuantisedWeights)>, Vec<TrainedNode>);

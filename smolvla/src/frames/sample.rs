@@ -126,9 +126,10 @@ fn check_actions(
 }
 
 fn finite(what: &str, values: &[f32]) -> std::result::Result<(), String> {
-    match values.iter().all(|x| x.is_finite()) {
-        true => Ok(()),
-        false => Err(format!("its {what} hold a value that is not finite")),
+    if values.iter().all(|x| x.is_finite()) {
+        Ok(())
+    } else {
+        Err(format!("its {what} hold a value that is not finite"))
     }
 }
 

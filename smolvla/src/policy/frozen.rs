@@ -72,9 +72,10 @@ impl Default for FrozenPlace {
 impl FrozenPlace {
     /// On `device`, in the precision asked for, or else `bf16` on a GPU and `f32` on the CPU.
     pub fn on(device: Device, precision: Option<FrozenPrecision>) -> Self {
-        let usual = match device.is_cpu() {
-            true => FrozenPrecision::F32,
-            false => FrozenPrecision::Bf16,
+        let usual = if device.is_cpu() {
+            FrozenPrecision::F32
+        } else {
+            FrozenPrecision::Bf16
         };
         Self {
             precision: precision.unwrap_or(usual),

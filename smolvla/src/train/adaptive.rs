@@ -145,9 +145,10 @@ impl Boost {
 pub fn boost(boost: Boost, average: f64, current: f64) -> Result<f64> {
     check("a client's loss", &[average, current])?;
     boost.check()?;
-    Ok(match current > average * boost.threshold {
-        true => boost.factor,
-        false => 1.0,
+    Ok(if current > average * boost.threshold {
+        boost.factor
+    } else {
+        1.0
     })
 }
 

@@ -27,11 +27,12 @@ pub fn measured_loss(
     let draws = fixed_draws(models.config(), count, seed);
     let errors = evaluate_samples(models, samples, &indices, &draws)?;
     let loss = errors.valid_only.loss();
-    match loss.is_finite() {
-        true => Ok(loss),
-        false => Err(PolicyError::Sample(format!(
+    if loss.is_finite() {
+        Ok(loss)
+    } else {
+        Err(PolicyError::Sample(format!(
             "the loss on {count} of them is {loss}"
-        ))),
+        )))
     }
 }
 

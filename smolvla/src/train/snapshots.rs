@@ -368,9 +368,10 @@ fn read_checked(path: &Path, digest: &FileDigest) -> Result<Vec<u8>, String> {
         return Err(format!("{name} has {size} bytes, not {}", digest.bytes));
     }
     let bytes = fs::read(path).map_err(failed)?;
-    match hex::encode(Sha256::digest(&bytes)) == digest.sha256 {
-        true => Ok(bytes),
-        false => Err(format!("{name} has another SHA-256 than {STATE} says")),
+    if hex::encode(Sha256::digest(&bytes)) == digest.sha256 {
+        Ok(bytes)
+    } else {
+        Err(format!("{name} has another SHA-256 than {STATE} says"))
     }
 }
 

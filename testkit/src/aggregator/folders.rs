@@ -11,9 +11,10 @@ pub fn copy_of(folder: &Path) -> TempDir {
         for found in fs::read_dir(from).unwrap() {
             let found = found.unwrap();
             let (path, place) = (found.path(), to.join(found.file_name()));
-            match path.is_dir() {
-                true => copy(&path, &place),
-                false => drop(fs::copy(&path, &place).unwrap()),
+            if path.is_dir() {
+                copy(&path, &place)
+            } else {
+                drop(fs::copy(&path, &place).unwrap())
             }
         }
     }

@@ -64,9 +64,10 @@ pub fn copy(from: &Path, to: &Path) {
     for found in std::fs::read_dir(from).unwrap() {
         let found = found.unwrap();
         let target = to.join(found.file_name());
-        match found.file_type().unwrap().is_dir() {
-            true => copy(&found.path(), &target),
-            false => drop(std::fs::copy(found.path(), target).unwrap()),
+        if found.file_type().unwrap().is_dir() {
+            copy(&found.path(), &target)
+        } else {
+            drop(std::fs::copy(found.path(), target).unwrap())
         }
     }
 }

@@ -147,9 +147,10 @@ fn swings() -> Vec<(f32, f32)> {
 
 /// Each joint swings at its own pace.
 fn position(swings: &[(f32, f32)], episode: &MadeEpisode, frame: usize) -> [f32; DIM] {
-    let time = match episode.still {
-        true => 0.0,
-        false => frame as f32 / FPS,
+    let time = if episode.still {
+        0.0
+    } else {
+        frame as f32 / FPS
     };
     std::array::from_fn(|joint| {
         let pace = 0.5 + 0.1 * joint as f32;

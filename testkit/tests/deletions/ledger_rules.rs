@@ -41,7 +41,7 @@ pub const REMOVALS: &[Removal] = &[
     protocol("randomness is drawn in time", RANDOMNESS, never!("late_ms > 0"), "a_round_without_randomness_closes_and_keeps_its_base"),
     protocol("no claim is made without randomness", ROUNDS, skipped!("drawn(round)?;"),
         "nobody_commits_or_claims_between_the_closing_and_the_randomness"),
-    protocol("the log's function is verified", DRAWING, &[("output.map(drop).ok_or(", "output.map(drop).or(OUT.then_some(())).ok_or(")],
+    protocol("the log's function is verified", DRAWING, &[(".ok_or(RandomnessError::Vrf(", ".or(OUT.then_some(())).ok_or(RandomnessError::Vrf(")],
         "the_logs_function_draws_one_value_for_the_commitments"),
     protocol("the proof of the log's function is verified", VRF, always!("proof_hash(&shown) == hash"),
         "a_proof_is_for_one_key_and_one_input_and_every_bit_of_it_matters"),

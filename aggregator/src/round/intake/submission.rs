@@ -103,12 +103,13 @@ impl Aggregator {
             Body::ContributionRejected { submission, reason } => (submission, Some(reason)),
             _ => return Ok(None),
         };
-        match recorded == *submission {
-            true => Ok(Some(SubmissionAnswer {
+        if recorded == *submission {
+            Ok(Some(SubmissionAnswer {
                 receipt: self.ledger.first_receipt(index)?,
                 rejected,
-            })),
-            false => Ok(None),
+            }))
+        } else {
+            Ok(None)
         }
     }
 }

@@ -69,12 +69,11 @@ fn read_parquet(
                 {
                     repeated += 1;
                 } else {
-                    let by_place = match found.index == number as i64 {
-                        true => "",
-                        false => {
-                            "; LeRobot (0.6.1) takes the rows of this table for episodes 0, 1, 2 and so on, and gives wrong frames \
+                    let by_place = if found.index == number as i64 {
+                        ""
+                    } else {
+                        "; LeRobot (0.6.1) takes the rows of this table for episodes 0, 1, 2 and so on, and gives wrong frames \
                              here: write it sorted by episode_index"
-                        }
                     };
                     return Err(DatasetError::meta(
                         &path,

@@ -49,15 +49,17 @@ fn in_exif(exif: &[u8]) -> Option<u16> {
     };
     let u16_at = |at: usize| {
         let bytes: [u8; 2] = exif.get(at..at.checked_add(2)?)?.try_into().ok()?;
-        Some(match big {
-            true => u16::from_be_bytes(bytes),
-            false => u16::from_le_bytes(bytes),
+        Some(if big {
+            u16::from_be_bytes(bytes)
+        } else {
+            u16::from_le_bytes(bytes)
         })
     };
     let bytes: [u8; 4] = exif.get(4..8)?.try_into().ok()?;
-    let directory = match big {
-        true => u32::from_be_bytes(bytes),
-        false => u32::from_le_bytes(bytes),
+    let directory = if big {
+        u32::from_be_bytes(bytes)
+    } else {
+        u32::from_le_bytes(bytes)
     } as usize;
     let entries = usize::from(u16_at(directory)?);
     (0..entries)

@@ -37,11 +37,12 @@ pub(super) fn check(codec: Compression, page: impl Read, claimed: u64) -> Result
         Compression::LZ4 => {
             let mut first = Vec::new();
             page.take(4).read_to_end(&mut first)?;
-            match LZ4_FRAMES.iter().any(|magic| *magic == first[..]) {
-                true => Err(ParquetFault::NotSupported(
+            if LZ4_FRAMES.iter().any(|magic| *magic == first[..]) {
+                Err(ParquetFault::NotSupported(
                     "LZ4 frames in place of blocks".into(),
-                )),
-                false => Ok(()),
+                ))
+            } else {
+                Ok(())
             }
         }
         _ => Ok(()),

@@ -13,11 +13,12 @@ pub(crate) struct PictureKind {
 impl PictureKind {
     /// Checks that a later parameter set declares pictures of the same kind.
     pub fn same_as(self, first: Self) -> Result<(), String> {
-        match self == first {
-            true => Ok(()),
-            false => Err(format!(
+        if self == first {
+            Ok(())
+        } else {
+            Err(format!(
                 "has other pictures ({self:?}) than the frames before ({first:?}); re-encode the video"
-            )),
+            ))
         }
     }
 }

@@ -25,9 +25,10 @@ impl VideoSource {
         let track = Mp4Track::read(&mut file).map_err(|cause| DatasetError::video(path, cause))?;
         let shown = track.turn.size(track.height, track.width);
         if shown != (height, width) {
-            let turned = match shown == (track.height, track.width) {
-                true => "",
-                false => " after the turn that the file states (tkhd), by which LeRobot turns them",
+            let turned = if shown == (track.height, track.width) {
+                ""
+            } else {
+                " after the turn that the file states (tkhd), by which LeRobot turns them"
             };
             return Err(DatasetError::video(
                 path,

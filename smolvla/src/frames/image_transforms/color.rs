@@ -48,9 +48,10 @@ pub(super) fn sharpness(picture: &mut Picture, factor: f32) {
                 let mut blurred = 0.0;
                 for row in y - 1..=y + 1 {
                     for column in x - 1..=x + 1 {
-                        let weight = match (row, column) == (y, x) {
-                            true => centre,
-                            false => beside,
+                        let weight = if (row, column) == (y, x) {
+                            centre
+                        } else {
+                            beside
                         };
                         blurred += weight * plane[row * width + column];
                     }

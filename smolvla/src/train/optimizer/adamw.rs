@@ -47,9 +47,10 @@ impl AdamW {
             .iter()
             .map(|(name, variable)| {
                 let anchored = mu > 0.0;
-                let slot = match serve(variable) {
-                    true => Slot::Host(HostSlot::new(variable, anchored)?),
-                    false => Slot::Device(DeviceSlot::new(variable, anchored)?),
+                let slot = if serve(variable) {
+                    Slot::Host(HostSlot::new(variable, anchored)?)
+                } else {
+                    Slot::Device(DeviceSlot::new(variable, anchored)?)
                 };
                 Ok((name.clone(), (variable.clone(), slot)))
             })

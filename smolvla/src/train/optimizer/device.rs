@@ -19,9 +19,10 @@ impl DeviceSlot {
         Ok(Self {
             mean: zeros.clone(),
             mean_square: zeros,
-            anchor: match anchored {
-                true => Some(variable.as_detached_tensor().copy()?),
-                false => None,
+            anchor: if anchored {
+                Some(variable.as_detached_tensor().copy()?)
+            } else {
+                None
             },
         })
     }

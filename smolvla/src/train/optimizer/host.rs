@@ -26,9 +26,10 @@ impl HostSlot {
         Ok(Self {
             mean: vec![0.0; count],
             mean_square: vec![0.0; count],
-            anchor: match anchored {
-                true => Some(variable.flatten_all()?.to_vec1()?),
-                false => None,
+            anchor: if anchored {
+                Some(variable.flatten_all()?.to_vec1()?)
+            } else {
+                None
             },
         })
     }

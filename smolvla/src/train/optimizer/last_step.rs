@@ -71,10 +71,11 @@ impl LastStep {
 /// # Errors
 /// [`PolicyError::Options`] names the value.
 pub fn check_alpha(alpha: f64) -> Result<()> {
-    match alpha > 0.0 && alpha <= 1.0 {
-        true => Ok(()),
-        false => Err(PolicyError::Options(format!(
+    if alpha > 0.0 && alpha <= 1.0 {
+        Ok(())
+    } else {
+        Err(PolicyError::Options(format!(
             "`fedcm_alpha` is {alpha}; it must be above 0 and at most 1, which leaves FedCM out"
-        ))),
+        )))
     }
 }

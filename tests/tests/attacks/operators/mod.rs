@@ -9,13 +9,13 @@ pub mod worthless_program;
 use crate::attacks::attack::Outcome;
 use std::path::Path;
 use zk0_audit::Auditor;
-use zk0_ledger::replay::{replay, ReplayVerdict};
+use zk0_ledger::replay::{replay, Verdict};
 
 /// What an auditor says of the ledger in `dir`, who verifies everything. The attack has succeeded if that is VERIFIED.
 fn audited(dir: &Path, won: &str) -> Outcome {
     let report = replay(dir, None, &mut Auditor::default());
     match report.verdict {
-        ReplayVerdict::Verified => Outcome::Succeeded(won.into()),
+        Verdict::Verified => Outcome::Succeeded(won.into()),
         _ => {
             let found: Vec<_> = report.findings.into_iter().map(|one| one.text).collect();
             Outcome::Refused(found.join("; "))

@@ -24,10 +24,8 @@ pub const ATTACK: Attack = Attack {
         out: &[SourceChange {
             file: "protocol/src/challenge/drawing.rs",
             replacements: &[(
-                "output.map(drop).ok_or(RandomnessError::Vrf(closing.commitments))",
-                "output
-                    .map(drop)
-                    .or(OUT.then_some(()))
+                ".ok_or(RandomnessError::Vrf(closing.commitments))",
+                ".or(OUT.then_some(()))
                     .ok_or(RandomnessError::Vrf(closing.commitments))",
             )],
         }],

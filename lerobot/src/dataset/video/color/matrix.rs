@@ -52,13 +52,17 @@ impl Colors {
             ColorMatrix::Bt709 => [117_489, 138_438, -13_975, -34_925],
             ColorMatrix::Bt2020 => [110_013, 140_363, -12_277, -42_626],
         };
-        let chroma = |factor: i64| match self.full_range {
-            true => factor * 224 / 255,
-            false => factor,
+        let chroma = |factor: i64| {
+            if self.full_range {
+                factor * 224 / 255
+            } else {
+                factor
+            }
         };
-        let (luma, black) = match self.full_range {
-            true => (1 << 16, 0),
-            false => ((1 << 16) * 255 / 219, 16),
+        let (luma, black) = if self.full_range {
+            (1 << 16, 0)
+        } else {
+            ((1 << 16) * 255 / 219, 16)
         };
         ConversionFactors {
             luma,

@@ -184,9 +184,10 @@ impl<'a> HeadMatrices<'a> {
     fn matrix(&self, at: usize) -> StridedMatrix<'a> {
         let (sample, head) = (at / self.heads, at % self.heads);
         let sample = &self.values[sample * self.rows * self.heads * self.columns..];
-        let (start, stride) = match self.tokens_first {
-            true => (head * self.columns, self.heads * self.columns),
-            false => (head * self.rows * self.columns, self.columns),
+        let (start, stride) = if self.tokens_first {
+            (head * self.columns, self.heads * self.columns)
+        } else {
+            (head * self.rows * self.columns, self.columns)
         };
         StridedMatrix::strided(&sample[start..], self.rows, self.columns, stride)
     }
