@@ -1,5 +1,6 @@
 //! `zk0 dataset`: look at recordings, check them, and save those that ended too early, before training on them.
 
+mod camera_names;
 mod inspect;
 mod recording_name;
 mod recover;
@@ -8,7 +9,8 @@ mod validate;
 use anyhow::Result;
 use std::path::PathBuf;
 
-pub use recording_name::{refuse_left_out, RecordingName};
+pub use camera_names::CameraNames;
+pub use recording_name::{of_recording, refuse_left_out, RecordingName};
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
