@@ -216,3 +216,20 @@ fn episodes_that_are_not_whole_or_there_twice_are_named() {
         "{text}"
     );
 }
+
+#[test]
+fn where_no_episode_was_finished_it_has_to_be_recorded_again() {
+    let ended = "../unfinished_recordings/killed_in_first_episode";
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("saved");
+    let out = out.to_str().unwrap();
+    let recover = ["dataset", "recover", ended, "--out", out];
+    for arguments in [&["dataset", "validate", ended][..], &recover] {
+        let failed = zk0(arguments).output().unwrap();
+        let text = said(&failed);
+        assert_eq!(failed.status.code(), Some(1), "{text}");
+        let says = format!("{ended}: no episode was finished before the recording ended");
+        assert!(text.contains(&says), "{text}");
+        assert!(text.contains(": record again\n"), "{text}");
+    }
+}

@@ -4,12 +4,13 @@ use std::path::{Path, PathBuf};
 
 use crate::dataset::error::DatasetError;
 use crate::dataset::metadata::episode::Episode;
-use crate::dataset::metadata::info::{Camera, Info};
+use crate::dataset::metadata::info::{Camera, CameraStorage, Format, Info};
 use crate::dataset::metadata::normalizer::Stats;
 use crate::dataset::metadata::{episodes, stats, tasks};
 use crate::dataset::recover::unfinished::explained;
 use crate::dataset::repair::Repair;
 use crate::dataset::tables::motion::Motion;
+use crate::dataset::tables::whole_rows::lacks_footer;
 use crate::dataset::video_fit::merged_videos;
 use crate::dataset::video_fit::short_episodes::{self, LeftOut};
 
@@ -44,7 +45,8 @@ impl Dataset {
         let mut episodes = episodes::read_episodes(&root, &info, &mut repairs)
             .map_err(|error| explained(&root, &info, error))?;
         let stats = stats::read(&root, &info, &episodes)?;
-        let mut motion = Motion::read(&root, &info, &episodes, tasks.len(), &mut repairs)?;
+        let mut motion = Motion::read(&root, &info, &episodes, tasks.len(), &mut repairs)
+            .map_err(|error| cut_off(&root, &info, error))?;
         merged_videos::repair(&root, &info, &mut episodes, &mut repairs)?;
         let left_out = short_episodes::find(&info, &episodes, &mut repairs);
         short_episodes::remove(&left_out, &mut episodes, &mut motion);
@@ -168,5 +170,23 @@ impl Dataset {
             counts[self.motion.task(frame)] += 1;
         }
         counts
+    }
+}
+
+/// Adds what saves the whole episodes to an error about a data file that has lost its end.
+fn cut_off(root: &Path, info: &Info, error: DatasetError) -> DatasetError {
+    let has_depth = !info.depth_maps.is_empty();
+    let mut storages = info.cameras.iter().map(|camera| camera.storage);
+    let can_be_saved =
+        info.format == Format::V30 && !has_depth && storages.all(|s| s == CameraStorage::Video);
+    match error {
+        DatasetError::Parquet { path, cause } if can_be_saved && lacks_footer(&path) => {
+            DatasetError::CutOff {
+                path,
+                cause,
+                root: root.into(),
+            }
+        }
+        error => error,
     }
 }

@@ -1,5 +1,6 @@
 //! The files under `meta/`.
 
+mod begun;
 pub(crate) mod episode;
 mod episode_stats;
 pub(crate) mod episodes;
