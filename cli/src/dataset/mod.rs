@@ -26,8 +26,8 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Read recordings to the last frame, decode every picture, and list all faults. The exit code is 0 if there are none, and 1 if there
-    /// are any.
+    /// Read recordings to the last frame, decode every picture, compare the statistics with the rows, and list all faults. The exit code is 0
+    /// if there are none, and 1 if there are any.
     Validate {
         /// The recordings: LeRobotDataset folders (v2.0, v2.1, v3.0), or hub:owner/name[@revision] on the Hugging Face Hub.
         #[arg(required = true)]

@@ -10,6 +10,7 @@ use crate::dataset::metadata::{episodes, stats, tasks};
 use crate::dataset::recover::unfinished::explained;
 use crate::dataset::repair::Repair;
 use crate::dataset::tables::motion::Motion;
+use crate::dataset::tables::spread::Spread;
 use crate::dataset::tables::whole_rows::lacks_footer;
 use crate::dataset::video_fit::merged_videos;
 use crate::dataset::video_fit::short_episodes::{self, LeftOut};
@@ -26,6 +27,8 @@ pub struct Dataset {
     tasks: Vec<String>,
     episodes: Vec<Episode>,
     pub(crate) motion: Motion,
+    /// Of the states and of the actions of all rows, those of episodes that are left out among them.
+    pub(super) spreads: [Spread; 2],
     repairs: Vec<Repair>,
     left_out: Vec<LeftOut>,
 }
@@ -47,6 +50,7 @@ impl Dataset {
         let stats = stats::read(&root, &info, &episodes)?;
         let mut motion = Motion::read(&root, &info, &episodes, tasks.len(), &mut repairs)
             .map_err(|error| cut_off(&root, &info, error))?;
+        let spreads = motion.spreads();
         merged_videos::repair(&root, &info, &mut episodes, &mut repairs)?;
         let left_out = short_episodes::find(&info, &episodes, &mut repairs);
         short_episodes::remove(&left_out, &mut episodes, &mut motion);
@@ -70,6 +74,7 @@ impl Dataset {
             tasks,
             episodes,
             motion,
+            spreads,
             repairs,
             left_out,
         })
