@@ -1,16 +1,16 @@
 //! `zk0 eval`: losses and action errors of policies on recordings.
 
 use crate::chart::{self, Bars, Panel};
-use crate::dataset::RecordingName;
+use crate::dataset::{of_recording, CameraNames, RecordingName};
 use crate::output::{print, println};
-use crate::policy::{cache_failed, CacheOptions, DeviceOptions, PolicySource};
+use crate::policy::{cache_failed, refuse_unfit, CacheOptions, DeviceOptions, PolicySource};
 use anyhow::{bail, Context, Result};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::fs;
 use std::path::PathBuf;
 use zk0_files::atomic_file;
-use zk0_lerobot::dataset::{Dataset, RenameMap};
+use zk0_lerobot::dataset::Dataset;
 use zk0_node::progress::Progress;
 use zk0_node::samples::prepare;
 use zk0_protocol::counted::counted;
@@ -43,14 +43,8 @@ pub struct EvalOptions {
     /// Measure on this recording: a LeRobotDataset folder, or hub:owner/name[@revision]. Repeat the option for more recordings.
     #[arg(long = "dataset", value_name = "RECORDING", required = true)]
     datasets: Vec<RecordingName>,
-    /// Call the recordings' cameras otherwise, as LeRobot's --rename_map: '{"observation.images.front": "observation.images.top"}'.
-    #[arg(
-        long,
-        value_name = "JSON",
-        default_value = "{}",
-        hide_default_value = true
-    )]
-    rename_map: RenameMap,
+    #[command(flatten)]
+    cameras: CameraNames,
     /// Use only these episodes of each recording, counted from 0 [default: all]
     #[arg(long, value_name = "N,N,…", value_delimiter = ',')]
     episodes: Vec<usize>,
@@ -126,7 +120,8 @@ pub fn run(options: &EvalOptions) -> Result<()> {
             .profile
             .map(|profile| PolicySource::Random(profile, options.seed)),
     );
-    let mut datasets = RecordingName::open_together(&options.datasets, &options.rename_map)?;
+    let mut datasets =
+        RecordingName::open_together(&options.datasets, &options.cameras.rename_map)?;
     let chosen: Vec<Vec<usize>> = datasets
         .iter()
         .map(|dataset| chosen(options, dataset))
@@ -185,6 +180,8 @@ fn measure(
     chosen: &[Vec<usize>],
 ) -> Result<Vec<EvaluationRow>> {
     let inference = source.inference()?;
+    let PolicyFile { policy, tokenizer } = source.load()?;
+    refuse_unfit(&policy.config, datasets)?;
     let (statistics, policys) = match (options.statistics, &inference.stats) {
         (StatisticsChoice::Policy, Some(stats)) => (StatisticsChoice::Policy, Some(stats)),
         _ => (StatisticsChoice::Recording, None),
@@ -196,7 +193,6 @@ fn measure(
     }
     let datasets = &*datasets;
     let place = options.device.open()?;
-    let PolicyFile { policy, tokenizer } = source.load()?;
     let (config, tokenizer) = (policy.config.clone(), &tokenizer);
     let cache = options.cache.open()?;
     let space = KeySpace::new::<PreparedSample>(&policy, &place);
@@ -212,8 +208,7 @@ fn measure(
     for (number, (dataset, indices)) in datasets.iter().zip(chosen).enumerate() {
         let frames = names_of_frames
             .frames(number, dataset, indices)
-            .map_err(cache_failed)
-            .with_context(|| format!("recording {}", dataset.root().display()))?;
+            .map_err(|error| of_recording(cache_failed(error), dataset.root().display()))?;
         let samples =
             prepare::<PreparedSample>(cache.as_ref(), &maker, frames).map_err(cache_failed)?;
         let draws = fixed_draws(&config, samples.len(), options.seed);

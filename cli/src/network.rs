@@ -1,6 +1,6 @@
 //! The options that say which network is meant, and who connects to it.
 
-use crate::dataset::{refuse_left_out, RecordingName};
+use crate::dataset::{refuse_left_out, CameraNames, RecordingName};
 use crate::keys;
 use crate::policy::CacheOptions;
 use anyhow::{Context, Result};
@@ -10,7 +10,7 @@ use std::io;
 use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
-use zk0_lerobot::dataset::{Dataset, RenameMap};
+use zk0_lerobot::dataset::Dataset;
 use zk0_node::client::NodeClient;
 use zk0_node::participant::Participant;
 use zk0_node::state_files::lock::StateLock;
@@ -52,14 +52,8 @@ pub struct Membership {
     /// neither trains on them nor registers them.
     #[arg(long)]
     whole_recordings: bool,
-    /// Call cameras of the recording as the network does, as LeRobot's --rename_map: '{"observation.images.front": "observation.images.top"}'.
-    #[arg(
-        long,
-        value_name = "JSON",
-        default_value = "{}",
-        hide_default_value = true
-    )]
-    rename_map: RenameMap,
+    #[command(flatten)]
+    cameras: CameraNames,
     /// Keep the policy, the node's secret, the evaluation set, updates, training histories and receipts in this folder. Keep the folder secret.
     #[arg(long, value_name = "DIR")]
     state: PathBuf,
@@ -102,7 +96,7 @@ impl Membership {
         }
         let participant = Participant {
             dataset,
-            rename_map: self.rename_map.clone(),
+            rename_map: self.cameras.rename_map.clone(),
             state: state.clone(),
             cache: self.cache.open_in(state)?,
             eval_samples: self.eval_samples,

@@ -44,6 +44,9 @@ fn a_recording_that_is_not_there_founds_nothing() {
     ends(0, zk0(&["aggregator", "keygen", key.to_str().unwrap()]));
     let refused = found(dir.path(), "ledger", &["--calibrate", "no/such/recording"]);
     let said = logged(&ends(1, refused));
-    assert!(said.contains("recording no/such/recording"), "{said}");
+    assert!(
+        said.contains("error: no/such/recording: no such folder"),
+        "{said}"
+    );
     assert!(!dir.path().join("ledger").exists());
 }

@@ -188,13 +188,14 @@ fn episodes_that_are_not_whole_or_there_twice_are_named() {
         assert!(text.contains(line), "{line:?} is not in\n{text}");
     }
     // What two recordings share is a fault of neither.
-    let good = zk0(&["dataset", "validate", "so100_sorting", "so100_sorting_two"])
+    let stacking = ["so100_stacking", "so100_stacking_doubled"];
+    let good = zk0(&[&["dataset", "validate"], &stacking[..]].concat())
         .output()
         .unwrap();
     let text = printed(&good);
     assert_eq!(good.status.code(), Some(0), "{text}");
-    let shared = "copies   so100_sorting_two: 2 of its episodes are copies: episode 0 has the states and actions of episode 4 of \
-                  so100_sorting.";
+    let shared = "copies   so100_stacking_doubled: 6 of its episodes are copies: episode 0 has the states and actions of episode 0 of \
+                  so100_stacking.";
     assert!(text.contains(shared), "{text}");
 
     let inspected = printed(&zk0(&["dataset", "inspect", dropped]).output().unwrap());
@@ -215,4 +216,39 @@ fn episodes_that_are_not_whole_or_there_twice_are_named() {
         text.contains(left_out) && text.contains("--whole-recordings"),
         "{text}"
     );
+}
+
+#[test]
+fn statistics_of_other_rows_are_a_fault() {
+    // This part of a recording has the statistics of the whole.
+    let bad = zk0(&["dataset", "validate", "so100_sorting_two"])
+        .output()
+        .unwrap();
+    let text = printed(&bad);
+    assert_eq!(bad.status.code(), Some(1), "{text}");
+    for line in [
+        "  fault    so100_sorting_two/meta/stats.json: the count of observation.state is 249, and the rows have 90; ",
+        "  fault    so100_sorting_two/meta/stats.json: the count of action is 249, and the rows have 90; ",
+        "--root so100_sorting_two --new_root so100_sorting_two --operation.type recompute_stats --operation.overwrite true\n",
+    ] {
+        assert!(text.contains(line), "{line:?} is not in\n{text}");
+    }
+    assert_eq!(text.matches("  fault    ").count(), 2, "{text}");
+}
+
+#[test]
+fn where_no_episode_was_finished_it_has_to_be_recorded_again() {
+    let ended = "../unfinished_recordings/killed_in_first_episode";
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("saved");
+    let out = out.to_str().unwrap();
+    let recover = ["dataset", "recover", ended, "--out", out];
+    for arguments in [&["dataset", "validate", ended][..], &recover] {
+        let failed = zk0(arguments).output().unwrap();
+        let text = said(&failed);
+        assert_eq!(failed.status.code(), Some(1), "{text}");
+        let says = format!("{ended}: no episode was finished before the recording ended");
+        assert!(text.contains(&says), "{text}");
+        assert!(text.contains(": record again\n"), "{text}");
+    }
 }

@@ -429,6 +429,9 @@ fn cameras_of_other_names_are_refused_without_a_map_and_taken_with_one() {
     let said = train().unwrap_err();
     assert!(said.contains("--rename_map"), "{said}");
     assert!(said.contains("observation.images.camera1"), "{said}");
+    let (fine, _, evaluated) = place.zk0("eval", &[recording(PICKPLACE)], &["--policy", "source"]);
+    let named = "so100_pickplace: sample: the policy's cameras are observation.images.camera1, ";
+    assert!(!fine && evaluated.contains(named), "{evaluated}");
 
     let path = place.at("source/policy_preprocessor.json");
     let mut pipeline: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();

@@ -193,7 +193,11 @@ fn nothing_is_added_to_a_folder_that_holds_a_ledger() {
     };
     assert_eq!(blobs(), 2);
     let refused = fails(&words(&network.founding(&["--seed", "5"])));
-    assert!(refused.contains("already holds a ledger"), "{refused}");
+    let ledger = network.path("ledger");
+    let says = format!(
+        "{ledger} already holds a ledger: `zk0 aggregator serve {ledger} --key FILE` continues its network"
+    );
+    assert!(refused.contains(&says), "{refused}");
     assert_eq!(blobs(), 2);
 }
 

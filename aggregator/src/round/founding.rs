@@ -41,6 +41,12 @@ pub enum FoundingError {
     /// A file is where the ledger's folder would be, or a folder above it.
     #[error("{} is a file, and a ledger needs a folder: choose another path", .0.display())]
     NoFolder(PathBuf),
+    /// The folder holds a ledger already.
+    #[error(
+        "{} already holds a ledger: `zk0 aggregator serve {} --key FILE` continues its network; to found another one, choose another folder",
+        .0.display(), .0.display()
+    )]
+    Taken(PathBuf),
     /// The ledger cannot be made.
     #[error(transparent)]
     Ledger(#[from] LedgerError),
@@ -156,7 +162,7 @@ pub fn check_free(dir: &Path) -> Result<(), FoundingError> {
         return Err(FoundingError::NoFolder(file.to_owned()));
     }
     if folder::checkpoint(dir).exists() {
-        Err(LedgerError::AlreadyExists(dir.to_owned()).into())
+        Err(FoundingError::Taken(dir.to_owned()))
     } else {
         Ok(())
     }

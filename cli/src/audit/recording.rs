@@ -2,7 +2,7 @@
 //! the recording and its secret.
 
 use super::failed::AuditFailed;
-use crate::dataset::RecordingName;
+use crate::dataset::{CameraNames, RecordingName};
 use crate::ledger::TrustOptions;
 use crate::output::println;
 use crate::policy::{cache_failed, CacheOptions};
@@ -18,7 +18,7 @@ use zk0_circuits::{Digest, EvalSpec};
 use zk0_files::bounded_file;
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_ledger::replay::{self, replay_with, Severity};
-use zk0_lerobot::dataset::{Dataset, RenameMap};
+use zk0_lerobot::dataset::Dataset;
 use zk0_node::error::ParticipantError;
 use zk0_node::recording::recompute::{recompute, Recomputed};
 use zk0_node::recording::secret::{Secrets, MAX_BYTES};
@@ -39,14 +39,8 @@ pub struct AuditRecordingOptions {
     /// The recording: a LeRobotDataset folder, or hub:owner/name[@revision] on the Hugging Face Hub.
     #[arg(long, value_name = "RECORDING")]
     recording: RecordingName,
-    /// The map of cameras' names with which the node joined (`zk0 node join --rename-map`).
-    #[arg(
-        long,
-        value_name = "JSON",
-        default_value = "{}",
-        hide_default_value = true
-    )]
-    rename_map: RenameMap,
+    #[command(flatten)]
+    cameras: CameraNames,
     /// The node's secret: the file `secret` of its state folder. Show it to nobody: whoever has it can check guesses of the
     /// samples of the dataset.
     #[arg(long, value_name = "FILE")]
@@ -115,7 +109,7 @@ pub fn run(options: &AuditRecordingOptions) -> Result<bool> {
         return Err(WrongUsage(format!("--recording {recording}: there is no such folder")).into());
     }
     let found = (|| {
-        let dataset = Dataset::open(&recording)?.renamed(&options.rename_map)?;
+        let dataset = Dataset::open(&recording)?.renamed(&options.cameras.rename_map)?;
         let recording = OpenRecording::of(dataset, &policy, cache.as_ref())?;
         let maker = recording.maker();
         let samples = recording.samples(&maker);

@@ -1,5 +1,6 @@
 //! `zk0 dataset`: look at recordings, check them, and save those that ended too early, before training on them.
 
+mod camera_names;
 mod inspect;
 mod recording_name;
 mod recover;
@@ -8,7 +9,8 @@ mod validate;
 use anyhow::Result;
 use std::path::PathBuf;
 
-pub use recording_name::{refuse_left_out, RecordingName};
+pub use camera_names::CameraNames;
+pub use recording_name::{of_recording, refuse_left_out, RecordingName};
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -24,8 +26,8 @@ pub enum DatasetCommand {
         #[arg(long)]
         json: bool,
     },
-    /// Read recordings to the last frame, decode every picture, and list all faults. The exit code is 0 if there are none, and 1 if there
-    /// are any.
+    /// Read recordings to the last frame, decode every picture, compare the statistics with the rows, and list all faults. The exit code is 0
+    /// if there are none, and 1 if there are any.
     Validate {
         /// The recordings: LeRobotDataset folders (v2.0, v2.1, v3.0), or hub:owner/name[@revision] on the Hugging Face Hub.
         #[arg(required = true)]

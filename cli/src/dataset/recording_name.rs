@@ -1,6 +1,6 @@
 //! A recording, as the command line names it.
 
-use anyhow::{bail, Context, Result};
+use anyhow::{bail, Error, Result};
 use std::convert::Infallible;
 use std::fmt;
 use std::path::PathBuf;
@@ -54,7 +54,7 @@ impl RecordingName {
     /// Opens the recording.
     pub fn open(&self) -> Result<Dataset> {
         let opened = self.locate().and_then(|folder| Ok(Dataset::open(folder)?));
-        opened.with_context(|| format!("recording {self}"))
+        opened.map_err(|error| of_recording(error, self))
     }
 
     /// Opens recordings that are used together, with their cameras renamed. Episodes that are there twice are warned of.
@@ -71,6 +71,20 @@ impl RecordingName {
     }
 }
 
+/// Adds the name of a recording to an error, unless the error has it already: most name a file, and so its folder.
+pub fn of_recording(error: Error, recording: impl fmt::Display) -> Error {
+    let (name, said) = (recording.to_string(), format!("{error:#}"));
+    let folder = name.trim_end_matches('/');
+    let is_there = said.match_indices(folder).any(|(at, _)| {
+        let (before, after) = (&said[..at], &said[at + folder.len()..]);
+        (before.is_empty() || before.ends_with(' ')) && after.starts_with(['/', ':'])
+    });
+    match is_there {
+        true => error,
+        false => error.context(format!("recording {name}")),
+    }
+}
+
 /// Refuses a recording with episodes that were left out: `--whole-recordings`.
 pub fn refuse_left_out(dataset: &Dataset) -> Result<()> {
     match dataset.left_out().first() {
@@ -78,5 +92,43 @@ pub fn refuse_left_out(dataset: &Dataset) -> Result<()> {
             bail!("{left_out}. Without --whole-recordings, the other episodes are used")
         }
         None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_recording_is_named_once() {
+        let said = |error: &str, recording: &str| {
+            format!(
+                "{:#}",
+                of_recording(Error::msg(error.to_owned()), recording)
+            )
+        };
+        for (error, recording) in [
+            ("nowhere: no such folder", "nowhere"),
+            ("my/arm/meta/info.json: missing", "my/arm/"),
+            ("episode 1 frame 2: my/arm/videos/a.mp4: cut off", "my/arm"),
+        ] {
+            assert_eq!(said(error, recording), error);
+        }
+        for (error, recording) in [
+            ("the network is unreachable", "hub:robots/arm"),
+            ("the policy takes 5 dimensions", "arm"),
+            ("my/arm/meta/info.json: missing", "arm"),
+            ("arms/meta/info.json: missing", "arm"),
+        ] {
+            let expected = format!("recording {recording}: {error}");
+            assert_eq!(said(error, recording), expected);
+        }
+    }
+
+    #[test]
+    fn a_folder_that_is_not_there_is_named_once() {
+        let name: RecordingName = "no/such/recording".parse().unwrap();
+        let said = format!("{:#}", name.open().unwrap_err());
+        assert_eq!(said.matches("no/such/recording").count(), 1, "{said}");
     }
 }

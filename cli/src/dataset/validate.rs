@@ -66,13 +66,21 @@ fn check(recording: &RecordingName) -> (ValidationReport, Option<Dataset>) {
             .reached(done as u64);
     });
     let left_out = dataset.left_out().iter().map(ToString::to_string);
+    let statistics = match dataset.statistics_faults() {
+        Ok(faults) => faults.iter().map(ToString::to_string).collect(),
+        Err(error) => vec![error.to_string()],
+    };
     let copied = CopiedEpisodes::among([&dataset]).into_iter();
     let undecoded = faults.into_iter().map(|fault| match fault.more_episodes {
         0 => fault.error.to_string(),
         more => format!("{} ({more} more episodes have the same fault)", fault.error),
     });
     let copied = copied.map(|copied| copied.to_string());
-    report.faults = left_out.chain(copied).chain(undecoded).collect();
+    report.faults = left_out
+        .chain(copied)
+        .chain(statistics)
+        .chain(undecoded)
+        .collect();
     (report, Some(dataset))
 }
 

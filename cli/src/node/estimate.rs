@@ -1,8 +1,9 @@
 //! `zk0 node estimate`: what a claim will cost on this machine.
 
-use crate::dataset::RecordingName;
+use crate::dataset::{CameraNames, RecordingName};
 use crate::output::{eprintln, print, println};
-use anyhow::{bail, Context, Result};
+use crate::policy::refuse_unfit;
+use anyhow::{bail, Result};
 use std::path::Path;
 use zk0_argument::claim::most_samples;
 use zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES;
@@ -11,7 +12,6 @@ use zk0_lerobot::dataset::RenameMap;
 use zk0_prover::machine::Resources;
 use zk0_prover::measure;
 use zk0_prover::program::Executor;
-use zk0_smolvla::frames::cameras::camera_slots;
 use zk0_smolvla::measure::fixed_point::dims;
 use zk0_smolvla::policy::policy_file;
 use zk0_smolvla::{PolicyConfig, Profile};
@@ -32,14 +32,8 @@ pub struct EstimateOptions {
     /// Check that this recording fits the policy and the number of samples (a LeRobotDataset folder, or hub:owner/name[@revision]).
     #[arg(long, value_name = "RECORDING")]
     dataset: Option<RecordingName>,
-    /// Call cameras of the recording as the network does, as LeRobot's --rename_map.
-    #[arg(
-        long,
-        value_name = "JSON",
-        default_value = "{}",
-        hide_default_value = true
-    )]
-    rename_map: RenameMap,
+    #[command(flatten)]
+    cameras: CameraNames,
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -58,7 +52,12 @@ pub async fn run(options: &EstimateOptions) -> Result<()> {
         },
     };
     if let Some(recording) = &options.dataset {
-        check_fit(recording, &options.rename_map, &config, options.samples)?;
+        check_fit(
+            recording,
+            &options.cameras.rename_map,
+            &config,
+            options.samples,
+        )?;
     }
     let spec = EvalSpec::new(dims(&config)?);
     check_samples(options.mode, &spec, options.samples)?;
@@ -89,9 +88,7 @@ fn check_fit(
     if (frames as u64) < u64::from(samples) {
         bail!("{recording} has {frames} frames, too few for a claim over {samples} samples");
     }
-    let cameras: Vec<&str> = dataset.cameras().iter().map(|c| c.name.as_str()).collect();
-    camera_slots(config, 0, &cameras).with_context(|| recording.to_string())?;
-    Ok(())
+    refuse_unfit(config, &[dataset])
 }
 
 /// The estimate, for people.

@@ -1,7 +1,7 @@
 //! Samples from recordings, and the ranges of fixed-point numbers that are chosen from them, for `zk0 fidelity` and
 //! `zk0 aggregator init --calibrate`.
 
-use crate::dataset::RecordingName;
+use crate::dataset::{of_recording, RecordingName};
 use anyhow::{Context, Result};
 use zk0_circuits::{Digest, EvalSpec};
 use zk0_smolvla::frames::sample::{PreparedSample, Preparer};
@@ -37,7 +37,7 @@ pub fn samples_of<'a>(
         let prepared = preparer.prepare_frames(&dataset, wanted, |done, of| {
             tracing::debug!("{recording}: {done} of {of} frames prepared");
         });
-        samples.extend(prepared.with_context(|| format!("recording {recording}"))?);
+        samples.extend(prepared.map_err(|error| of_recording(error.into(), recording))?);
     }
     Ok(samples)
 }

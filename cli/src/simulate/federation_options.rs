@@ -1,11 +1,11 @@
 //! The federation that `zk0 simulate` and `zk0 compare` make on this machine: its data, its policy, and how its nodes train.
 
-use crate::dataset::RecordingName;
+use crate::dataset::{of_recording, CameraNames, RecordingName};
 use crate::policy::{self, CacheOptions, PolicySource};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use std::path::PathBuf;
 use std::thread;
-use zk0_lerobot::dataset::{refuse_different, RenameMap};
+use zk0_lerobot::dataset::refuse_different;
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_simulate::robots::data::{Dealing, SampledRecording};
 use zk0_simulate::robots::federation::Training;
@@ -18,14 +18,8 @@ pub struct FederationOptions {
     /// A recording for a node: a LeRobotDataset folder, or hub:owner/name[@revision]. Repeat the option to give each node one.
     #[arg(long = "dataset", value_name = "RECORDING", required = true)]
     pub datasets: Vec<RecordingName>,
-    /// Call the recordings' cameras otherwise, as LeRobot's --rename_map: '{"observation.images.front": "observation.images.top"}'.
-    #[arg(
-        long,
-        value_name = "JSON",
-        default_value = "{}",
-        hide_default_value = true
-    )]
-    rename_map: RenameMap,
+    #[command(flatten)]
+    cameras: CameraNames,
     /// Simulate this many nodes. The episodes of all recordings are dealt out to them: number I goes to node I modulo N. Without this option,
     /// there is a node for each recording.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000))]
@@ -117,11 +111,11 @@ impl FederationOptions {
         let file = self.source(self.seed)?.load()?;
         let cache = self.cache.open()?;
         let names = || self.datasets.iter().chain(&self.unseen);
-        let datasets = RecordingName::open_together(names(), &self.rename_map)?;
+        let datasets = RecordingName::open_together(names(), &self.cameras.rename_map)?;
         refuse_different(datasets.iter().map(|d| (d.root(), d.info())))?;
         let recorded = datasets.iter().zip(names()).map(|(dataset, name)| {
             let recorded = SampledRecording::of(dataset, &file, cache.as_ref());
-            recorded.with_context(|| format!("recording {name}"))
+            recorded.map_err(|error| of_recording(error.into(), name))
         });
         let mut recordings = recorded.collect::<Result<Vec<_>>>()?;
         let unseen = recordings.split_off(self.datasets.len());

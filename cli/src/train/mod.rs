@@ -9,9 +9,9 @@ mod report;
 pub use options::TrainRunOptions;
 
 use crate::chart;
-use crate::dataset::{refuse_left_out, RecordingName};
+use crate::dataset::{of_recording, refuse_left_out, RecordingName};
 use crate::output::println;
-use crate::policy::cache_failed;
+use crate::policy::{cache_failed, refuse_unfit};
 use anyhow::{bail, Context, Result};
 use metrics::{MetricsFile, MetricsLine};
 use report::{Ended, HeldOutLosses, TrainingRecording, TrainingReport};
@@ -19,12 +19,11 @@ use std::fs::{self, File, TryLockError};
 use std::mem;
 use std::path::Path;
 use std::time::Instant;
-use zk0_lerobot::dataset::{refuse_different, Dataset, Episode, Stats};
+use zk0_lerobot::dataset::{Dataset, Episode, Stats};
 use zk0_lerobot::layout::expert_layout;
 use zk0_lerobot::policy_folder::Inference;
 use zk0_node::progress::Progress;
 use zk0_node::samples::{self, SampleKind};
-use zk0_smolvla::frames::cameras::camera_slots;
 use zk0_smolvla::frames::prefix_cache::{
     digest_of, FrameMaker, FrameNames, FrameRef, KeySpace, PreparedFrames,
 };
@@ -61,7 +60,8 @@ fn train<S: SampleKind>(options: &TrainRunOptions) -> Result<()> {
     let events = options.event_file()?;
 
     let inference = source.inference()?;
-    let mut datasets = RecordingName::open_together(&options.datasets, &options.rename_map)?;
+    let mut datasets =
+        RecordingName::open_together(&options.datasets, &options.cameras.rename_map)?;
     if options.whole_recordings {
         datasets.iter().try_for_each(refuse_left_out)?;
     }
@@ -232,8 +232,7 @@ impl Chosen {
             let mut named = |some| {
                 names
                     .frames(number, dataset, &split::frames(&all, some))
-                    .map_err(cache_failed)
-                    .with_context(|| format!("recording {}", dataset.root().display()))
+                    .map_err(|error| of_recording(cache_failed(error), dataset.root().display()))
             };
             let (train, eval) = (named(&split.train)?, named(&split.eval)?);
             chosen.recordings.push(TrainingRecording {
@@ -359,10 +358,7 @@ fn normalise(
     inference: &Inference,
     datasets: &mut [Dataset],
 ) -> Result<Stats> {
-    refuse_different(datasets.iter().map(|d| (d.root(), d.info())))?;
-    for dataset in datasets.iter() {
-        fits(config, dataset)?;
-    }
+    refuse_unfit(config, datasets)?;
     let parts: Vec<_> = datasets.iter().map(|d| (d.stats(), d.len())).collect();
     let stats = Stats::pooled(&parts).context("statistics of the recordings together")?;
     let stats = inference.fitted(&stats);
@@ -370,33 +366,6 @@ fn normalise(
         dataset.normalise_with(stats.clone())?;
     }
     Ok(stats)
-}
-
-/// Refuses a recording that does not fit the policy, before minutes are spent on it.
-fn fits(config: &PolicyConfig, dataset: &Dataset) -> Result<()> {
-    let name = dataset.root().display();
-    let cameras: Vec<&str> = dataset.cameras().iter().map(|c| c.name.as_str()).collect();
-    let slots = camera_slots(config, 0, &cameras).with_context(|| name.to_string())?;
-    let left_out = |i: &usize| !slots.contains(&Some(*i));
-    let left_out: Vec<&str> = (0..cameras.len())
-        .filter(left_out)
-        .map(|i| cameras[i])
-        .collect();
-    if !left_out.is_empty() {
-        tracing::warn!(
-            "{name}: the policy does not take the cameras {}, so nothing is learnt from them",
-            left_out.join(", ")
-        );
-    }
-    let (state, action) = (dataset.stats().state.dim(), dataset.stats().action.dim());
-    if (state, action) != (config.state_dim, config.action_dim) {
-        bail!(
-            "{name} has {state} state and {action} action dimensions, and the policy takes {} and {}",
-            config.state_dim,
-            config.action_dim
-        );
-    }
-    Ok(())
 }
 
 /// The factor for the learning rate of a client whose loss is high.

@@ -1,11 +1,10 @@
 //! The options of `zk0 train`.
 
-use crate::dataset::RecordingName;
+use crate::dataset::{CameraNames, RecordingName};
 use crate::policy::{self, CacheOptions, DeviceOptions, PolicySource, TransformOptions};
 use anyhow::{Context, Result};
 use serde::Serialize;
 use std::path::PathBuf;
-use zk0_lerobot::dataset::RenameMap;
 use zk0_lerobot::policy_folder::Precision;
 use zk0_smolvla::train::adaptive::{follow, Rates, Trend};
 use zk0_smolvla::train::optimizer::AdamWOptions;
@@ -22,14 +21,8 @@ pub struct TrainRunOptions {
     /// together. They are normalised with the mean and the standard deviation over all their frames.
     #[arg(long = "dataset", value_name = "RECORDING", required = true)]
     pub datasets: Vec<RecordingName>,
-    /// Call the recordings' cameras otherwise, as LeRobot's --rename_map: '{"observation.images.front": "observation.images.top"}'.
-    #[arg(
-        long,
-        value_name = "JSON",
-        default_value = "{}",
-        hide_default_value = true
-    )]
-    pub rename_map: RenameMap,
+    #[command(flatten)]
+    pub cameras: CameraNames,
     /// Refuse a recording with episodes that have fewer pictures than rows. Without this option, these episodes are left out.
     #[arg(long)]
     pub whole_recordings: bool,

@@ -47,7 +47,7 @@ fn options_that_make_no_sense_are_named() {
 
 #[test]
 fn recordings_that_cannot_be_compared_are_named() {
-    refused(&["--dataset", "nowhere"], "recording nowhere: ");
+    refused(&["--dataset", "nowhere"], "error: nowhere: no such folder");
     // The same recording twice, and one that holds episodes of another.
     refused(
         &["--unseen", DATASETS[0]],

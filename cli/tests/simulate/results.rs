@@ -151,7 +151,7 @@ fn what_cannot_be_simulated_is_refused() {
     let said = refused(&["--fedcm-alpha", "0", "--rounds", "2"]);
     assert!(said.contains("round 1, node-1: "), "{said}");
     let said = refused(&["--dataset", "nowhere"]);
-    assert!(said.contains("recording nowhere: "), "{said}");
+    assert!(said.contains("error: nowhere: no such folder"), "{said}");
 }
 
 #[test]

@@ -312,6 +312,30 @@ fn the_frozen_halfs_precision_is_a_runs_own() {
     assert!(logged(&unknown).contains("`fp8`"), "{}", logged(&unknown));
 }
 
+/// What `zk0 train` asks of recordings, `zk0 eval` asks, too.
+#[test]
+fn recordings_that_do_not_fit_the_policy_or_each_other_are_not_evaluated() {
+    let dir = tempfile::tempdir().unwrap();
+    let eval = |more: &[&str]| {
+        let mut eval = zk0(&["eval", "--frames", "2", "--dataset", RECORDING]);
+        eval.args(more);
+        eval.arg("--cache").arg(dir.path().join("cache"));
+        fails(eval)
+    };
+    let other = Copy::default();
+    other.edit_text(INFO, "\"main_gripper\"", "\"gripper.pos\"");
+    let other = other.root().to_str().unwrap();
+    let different = eval(&["--profile", "micro", "--dataset", other]);
+    assert!(
+        different.contains("\"gripper.pos\"], not [\"main_"),
+        "{different}"
+    );
+    // This policy takes states of 5 dimensions and actions of 4.
+    let odd = eval(&["--policy", "tests/fixtures/smolvla_odd"]);
+    let says = "has 6 state and 6 action dimensions, and the policy takes 5 and 4";
+    assert!(odd.contains(&format!("{RECORDING} {says}")), "{odd}");
+}
+
 #[test]
 fn mistakes_are_named_before_anything_is_spent() {
     let dir = tempfile::tempdir().unwrap();

@@ -39,6 +39,24 @@ pub enum DatasetError {
         /// How the files show it.
         sign: String,
     },
+    /// A data file of a finished recording has lost its end.
+    #[error(
+        "{}: {cause}; the file has no end: copy it again, or save the episodes before it with: zk0 dataset recover {} --out NEW_FOLDER",
+        path.display(), root.display()
+    )]
+    CutOff {
+        path: PathBuf,
+        cause: String,
+        /// The recording.
+        root: PathBuf,
+    },
+    /// The process that recorded was ended before it saved an episode.
+    #[error(
+        "{}: no episode was finished before the recording ended, so there is nothing to read, and nothing that `zk0 dataset recover` \
+         could save: record again",
+        path.display()
+    )]
+    NothingFinished { path: PathBuf },
     /// The operating system could not read a file.
     #[error("{}: cannot be read: {source}", path.display())]
     Io {

@@ -4,12 +4,14 @@ use std::path::{Path, PathBuf};
 
 use crate::dataset::error::DatasetError;
 use crate::dataset::metadata::episode::Episode;
-use crate::dataset::metadata::info::{Camera, Info};
+use crate::dataset::metadata::info::{Camera, CameraStorage, Format, Info};
 use crate::dataset::metadata::normalizer::Stats;
 use crate::dataset::metadata::{episodes, stats, tasks};
 use crate::dataset::recover::unfinished::explained;
 use crate::dataset::repair::Repair;
 use crate::dataset::tables::motion::Motion;
+use crate::dataset::tables::spread::Spread;
+use crate::dataset::tables::whole_rows::lacks_footer;
 use crate::dataset::video_fit::merged_videos;
 use crate::dataset::video_fit::short_episodes::{self, LeftOut};
 
@@ -25,6 +27,8 @@ pub struct Dataset {
     tasks: Vec<String>,
     episodes: Vec<Episode>,
     pub(crate) motion: Motion,
+    /// Of the states and of the actions of all rows, those of episodes that are left out among them.
+    pub(super) spreads: [Spread; 2],
     repairs: Vec<Repair>,
     left_out: Vec<LeftOut>,
 }
@@ -44,7 +48,9 @@ impl Dataset {
         let mut episodes = episodes::read_episodes(&root, &info, &mut repairs)
             .map_err(|error| explained(&root, &info, error))?;
         let stats = stats::read(&root, &info, &episodes)?;
-        let mut motion = Motion::read(&root, &info, &episodes, tasks.len(), &mut repairs)?;
+        let mut motion = Motion::read(&root, &info, &episodes, tasks.len(), &mut repairs)
+            .map_err(|error| cut_off(&root, &info, error))?;
+        let spreads = motion.spreads();
         merged_videos::repair(&root, &info, &mut episodes, &mut repairs)?;
         let left_out = short_episodes::find(&info, &episodes, &mut repairs);
         short_episodes::remove(&left_out, &mut episodes, &mut motion);
@@ -68,6 +74,7 @@ impl Dataset {
             tasks,
             episodes,
             motion,
+            spreads,
             repairs,
             left_out,
         })
@@ -168,5 +175,23 @@ impl Dataset {
             counts[self.motion.task(frame)] += 1;
         }
         counts
+    }
+}
+
+/// Adds what saves the whole episodes to an error about a data file that has lost its end.
+fn cut_off(root: &Path, info: &Info, error: DatasetError) -> DatasetError {
+    let has_depth = !info.depth_maps.is_empty();
+    let mut storages = info.cameras.iter().map(|camera| camera.storage);
+    let can_be_saved =
+        info.format == Format::V30 && !has_depth && storages.all(|s| s == CameraStorage::Video);
+    match error {
+        DatasetError::Parquet { path, cause } if can_be_saved && lacks_footer(&path) => {
+            DatasetError::CutOff {
+                path,
+                cause,
+                root: root.into(),
+            }
+        }
+        error => error,
     }
 }

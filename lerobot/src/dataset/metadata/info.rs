@@ -7,6 +7,7 @@ use serde::de::{Deserializer, MapAccess, Visitor};
 use serde::Deserialize;
 use serde_json::Value;
 
+use crate::dataset::metadata::begun;
 use crate::dataset::metadata::json::{self, read_text};
 use crate::dataset::metadata::paths::{fill, RecordingFile};
 use crate::dataset::DatasetError;
@@ -185,7 +186,11 @@ impl Info {
             return Err(DatasetError::NoRecording { path: root.into() });
         }
         let path = root.join("meta/info.json");
-        Self::parse(&path, &read_text(&path)?)
+        let text = read_text(&path)?;
+        match begun::fault(root, &text) {
+            Some(fault) => Err(fault),
+            None => Self::parse(&path, &text),
+        }
     }
 
     /// Checks `text`, which is that of the file `path`.

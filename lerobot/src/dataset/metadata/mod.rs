@@ -1,5 +1,7 @@
 //! The files under `meta/`.
 
+mod begun;
+pub(crate) mod bounds;
 pub(crate) mod episode;
 mod episode_stats;
 pub(crate) mod episodes;

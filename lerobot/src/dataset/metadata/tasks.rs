@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
+use crate::dataset::metadata::begun;
 use crate::dataset::metadata::info::FormatVersion;
 use crate::dataset::metadata::json;
 use crate::dataset::tables::columns;
@@ -17,6 +18,9 @@ pub(crate) fn read_tasks(root: &Path, info: &Info) -> Result<Vec<String>, Datase
         read_jsonl(root, &mut tasks)?
     } else {
         let path = root.join("meta/tasks.parquet");
+        if !path.is_file() {
+            begun::refuse_empty(root)?;
+        }
         let column = task_column(&path)?;
         // LeRobot goes by the place in the table, which is all there is where the numbers are not there.
         let numbers = columns::present(&path, &["task_index"])?;

@@ -9,6 +9,7 @@ mod parquet_file;
 pub(crate) mod parquet_files;
 mod parquet_pages;
 pub(crate) mod pictures;
+pub(crate) mod spread;
 mod thrift;
 pub(crate) mod unfinished;
 pub(crate) mod whole_rows;

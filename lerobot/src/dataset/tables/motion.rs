@@ -8,6 +8,7 @@ use crate::dataset::metadata::info::FormatVersion;
 use crate::dataset::metadata::info::{ACTION, STATE};
 use crate::dataset::tables::columns::{self, Columns};
 use crate::dataset::tables::parquet_files::parquet_files;
+use crate::dataset::tables::spread::Spread;
 use crate::dataset::{DatasetError, Episode, Info, Repair};
 
 /// LeRobot's tolerance on timestamps, in seconds.
@@ -191,6 +192,14 @@ impl Motion {
 
     pub fn action(&self, frame: usize) -> &[f32] {
         &self.actions[frame * self.action_dim..][..self.action_dim]
+    }
+
+    /// The statistics of all states and of all actions.
+    pub fn spreads(&self) -> [Spread; 2] {
+        [
+            Spread::of(&self.states, self.state_dim),
+            Spread::of(&self.actions, self.action_dim),
+        ]
     }
 
     /// Seconds since the episode began.

@@ -1,0 +1,80 @@
+//! What the statistics of a recording say besides mean and standard deviation: the smallest and largest values, and the number of frames.
+//! Nothing is normalised with these, so they need not be there.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use serde_json::Value;
+
+use crate::dataset::metadata::info::{Format, ACTION, STATE};
+use crate::dataset::metadata::json::{self, read_text};
+use crate::dataset::{DatasetError, Info};
+
+/// Of one feature; `None` where the file does not say it.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(crate) struct Bounds {
+    pub min: Option<Vec<f64>>,
+    pub max: Option<Vec<f64>>,
+    pub count: Option<f64>,
+}
+
+/// Those of states and of actions, after the file that states them. In v2.1 the episodes have them, and these are pooled.
+pub(crate) fn read(root: &Path, info: &Info) -> Result<(PathBuf, [Bounds; 2]), DatasetError> {
+    if info.format != Format::V21 {
+        let path = root.join("meta/stats.json");
+        let all = json::parse(&read_text(&path)?).map_err(|error| {
+            DatasetError::meta(&path, format!("is not the JSON it should be: {error}"))
+        })?;
+        return Ok((path, of_features(&all)));
+    }
+    let path = root.join("meta/episodes_stats.jsonl");
+    // As LeRobot does, the last line of an episode is taken.
+    let mut episodes = BTreeMap::new();
+    json::read_lines(&path, |_, line: Line| {
+        if line.episode_index < info.total_episodes {
+            episodes.insert(line.episode_index, of_features(&line.stats));
+        }
+        Ok(())
+    })?;
+    let pooled = episodes.into_values().reduce(|[states, actions], next| {
+        let [more_states, more_actions] = next;
+        [states.and(more_states), actions.and(more_actions)]
+    });
+    Ok((path, pooled.unwrap_or_default()))
+}
+
+#[derive(Deserialize)]
+struct Line {
+    episode_index: usize,
+    stats: HashMap<String, Value>,
+}
+
+fn of_features(all: &HashMap<String, Value>) -> [Bounds; 2] {
+    [STATE, ACTION].map(|name| all.get(name).map(Bounds::of).unwrap_or_default())
+}
+
+impl Bounds {
+    fn of(statistics: &Value) -> Self {
+        let list = |name: &str| json::numbers(statistics.get(name)?).ok();
+        Self {
+            min: list("min"),
+            max: list("max"),
+            count: list("count").and_then(|count| count.first().copied()),
+        }
+    }
+
+    /// Of the episodes of both together.
+    fn and(self, other: Self) -> Self {
+        Self {
+            min: each(self.min, other.min, f64::min),
+            max: each(self.max, other.max, f64::max),
+            count: self.count.zip(other.count).map(|(a, b)| a + b),
+        }
+    }
+}
+
+fn each(a: Option<Vec<f64>>, b: Option<Vec<f64>>, of: fn(f64, f64) -> f64) -> Option<Vec<f64>> {
+    let (a, b) = a.zip(b).filter(|(a, b)| a.len() == b.len())?;
+    Some(a.into_iter().zip(b).map(|(a, b)| of(a, b)).collect())
+}
