@@ -4,7 +4,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use crate::dataset::metadata::bounds::{self, Bounds};
+use crate::dataset::metadata::bounds::{self, RecordedBounds};
 use crate::dataset::metadata::info::{Format, ACTION, STATE};
 use crate::dataset::tables::spread::Spread;
 use crate::dataset::{Dataset, DatasetError, Normalizer, Repair, VectorFeature};
@@ -81,7 +81,7 @@ impl Dataset {
 
 /// A number that differs.
 #[derive(Clone)]
-struct Difference {
+struct StatisticDifference {
     statistic: &'static str,
     joint: Option<String>,
     written: f64,
@@ -91,14 +91,14 @@ struct Difference {
 fn differences(
     feature: &VectorFeature,
     moments: &Normalizer,
-    bounds: &Bounds,
+    bounds: &RecordedBounds,
     rows: &Spread,
     counts: [usize; 2],
-) -> Vec<Difference> {
+) -> Vec<StatisticDifference> {
     let mut differ = Vec::new();
     if let Some(count) = bounds.count {
         if !counts.map(|rows| rows as f64).contains(&count) {
-            differ.push(Difference {
+            differ.push(StatisticDifference {
                 statistic: "count",
                 joint: None,
                 written: count,
@@ -131,7 +131,7 @@ fn differences(
             let Some(written) = written else { continue };
             if !fits.unwrap_or_else(|| near(written, found, slack)) {
                 let name = feature.names.get(d).cloned();
-                differ.push(Difference {
+                differ.push(StatisticDifference {
                     statistic,
                     joint: Some(name.unwrap_or_else(|| format!("dimension {d}"))),
                     written,
@@ -183,7 +183,13 @@ mod tests {
         };
         let differ = |std: f32| {
             let moments = Normalizer::new(vec![100.299_995], vec![std]).unwrap();
-            differences(&feature, &moments, &Bounds::default(), &rows, [300; 2])
+            differences(
+                &feature,
+                &moments,
+                &RecordedBounds::default(),
+                &rows,
+                [300; 2],
+            )
         };
         assert!(differ(0.044_194_173).is_empty());
         let found = differ(2.0);

@@ -13,14 +13,17 @@ use crate::dataset::{DatasetError, Info};
 
 /// Of one feature; `None` where the file does not say it.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(crate) struct Bounds {
+pub(crate) struct RecordedBounds {
     pub min: Option<Vec<f64>>,
     pub max: Option<Vec<f64>>,
     pub count: Option<f64>,
 }
 
 /// Those of states and of actions, after the file that states them. In v2.1 the episodes have them, and these are pooled.
-pub(crate) fn read(root: &Path, info: &Info) -> Result<(PathBuf, [Bounds; 2]), DatasetError> {
+pub(crate) fn read(
+    root: &Path,
+    info: &Info,
+) -> Result<(PathBuf, [RecordedBounds; 2]), DatasetError> {
     if info.format != Format::V21 {
         let path = root.join("meta/stats.json");
         let all = json::parse(&read_text(&path)?).map_err(|error| {
@@ -50,11 +53,11 @@ struct Line {
     stats: HashMap<String, Value>,
 }
 
-fn of_features(all: &HashMap<String, Value>) -> [Bounds; 2] {
-    [STATE, ACTION].map(|name| all.get(name).map(Bounds::of).unwrap_or_default())
+fn of_features(all: &HashMap<String, Value>) -> [RecordedBounds; 2] {
+    [STATE, ACTION].map(|name| all.get(name).map(RecordedBounds::of).unwrap_or_default())
 }
 
-impl Bounds {
+impl RecordedBounds {
     fn of(statistics: &Value) -> Self {
         let list = |name: &str| json::numbers(statistics.get(name)?).ok();
         Self {
