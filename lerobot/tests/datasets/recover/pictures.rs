@@ -160,3 +160,23 @@ fn a_large_episode_is_not_held_until_its_end() {
     // Each of the two episodes has more than 16 MiB.
     assert_eq!(written.metadata().num_row_groups(), 4);
 }
+
+#[test]
+fn damaged_bytes_end_in_an_error_or_in_pictures_that_decode() {
+    let copy = copy_of("pictures_killed_in_episode");
+    let whole = fs::read(copy.path(DATA)).unwrap();
+    for at in (0..whole.len()).step_by(37) {
+        copy.edit(DATA, |_| {
+            let mut bytes = whole.clone();
+            bytes[at] ^= 0x55;
+            bytes
+        });
+        let out = Out::new();
+        if recover(copy.root(), &out.path()).is_ok() {
+            let saved = Dataset::open(out.path()).unwrap();
+            assert!(saved.picture_faults(|_, _| ()).is_empty(), "{at}");
+        } else {
+            assert_eq!(out.names().len(), 0);
+        }
+    }
+}
