@@ -32,7 +32,7 @@ use zk0_protocol::challenge::vrf::VrfProof;
 use zk0_protocol::entries::authentic::AuthenticBody;
 use zk0_protocol::entries::entry::{Body, Entry, ENTRY_VERSION};
 use zk0_protocol::entries::genesis::Genesis;
-use zk0_protocol::entries::signed::{Signed, Statement};
+use zk0_protocol::entries::signed::{SignableStatement, Signed};
 use zk0_protocol::rules::state::State;
 use zk0_protocol::rules::violation::RuleViolation;
 use zk0_protocol::tlog::checkpoint::Checkpoint;

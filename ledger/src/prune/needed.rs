@@ -153,7 +153,7 @@ impl Needed {
     /// Notes a blob that is needed, or else is there for this reason. An audit's reason counts more than another.
     fn take(&mut self, needed: bool, blob: Digest, reason: Reason) {
         if needed {
-            drop(self.needed.insert(blob))
+            self.needed.insert(blob);
         } else {
             let known = self.others.entry(blob).or_insert(reason);
             *known = reason.min(*known);

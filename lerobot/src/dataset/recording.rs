@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::dataset::error::DatasetError;
 use crate::dataset::metadata::episode::Episode;
-use crate::dataset::metadata::info::{Camera, CameraStorage, Format, Info};
+use crate::dataset::metadata::info::{Camera, CameraStorage, FormatVersion, Info};
 use crate::dataset::metadata::normalizer::Stats;
 use crate::dataset::metadata::{episodes, stats, tasks};
 use crate::dataset::recover::unfinished::explained;
@@ -183,7 +183,7 @@ fn cut_off(root: &Path, info: &Info, error: DatasetError) -> DatasetError {
     let has_depth = !info.depth_maps.is_empty();
     let mut storages = info.cameras.iter().map(|camera| camera.storage);
     let can_be_saved =
-        info.format == Format::V30 && !has_depth && storages.all(|s| s == CameraStorage::Video);
+        info.format == FormatVersion::V30 && !has_depth && storages.all(|s| s == CameraStorage::Video);
     match error {
         DatasetError::Parquet { path, cause } if can_be_saved && lacks_footer(&path) => {
             DatasetError::CutOff {

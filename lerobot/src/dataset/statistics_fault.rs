@@ -5,7 +5,7 @@ use std::fmt;
 use std::path::PathBuf;
 
 use crate::dataset::metadata::bounds::{self, RecordedBounds};
-use crate::dataset::metadata::info::{Format, ACTION, STATE};
+use crate::dataset::metadata::info::{FormatVersion, ACTION, STATE};
 use crate::dataset::tables::spread::Spread;
 use crate::dataset::{Dataset, DatasetError, Normalizer, Repair, VectorFeature};
 
@@ -35,7 +35,7 @@ pub struct StatisticsFault {
     /// How many numbers differ in all.
     pub differ: usize,
     root: PathBuf,
-    format: Format,
+    format: FormatVersion,
 }
 
 impl Dataset {
@@ -156,8 +156,8 @@ impl fmt::Display for StatisticsFault {
             write!(f, "; {} numbers of this feature differ", self.differ)?;
         }
         let first = match self.format {
-            Format::V30 => "Compute them anew",
-            Format::V20 | Format::V21 => {
+            FormatVersion::V30 => "Compute them anew",
+            FormatVersion::V20 | FormatVersion::V21 => {
                 "Convert the recording to v3.0 with LeRobot, and compute them anew"
             }
         };

@@ -62,10 +62,10 @@ impl CalibrationPoint {
         use CalibrationPoint::*;
         let joint = |layer| spec.dims.is_self_attention(layer);
         let holder = match self {
-            LossTotal(Site::Key(layer) | Site::RotatedKey(layer)) if joint(layer) => {
+            Evaluation(Site::Key(layer) | Site::RotatedKey(layer)) if joint(layer) => {
                 CachedKeys(layer)
             }
-            LossTotal(Site::Value(layer) | Site::Attention(layer)) if joint(layer) => {
+            Evaluation(Site::Value(layer) | Site::Attention(layer)) if joint(layer) => {
                 CachedValues(layer)
             }
             place => place,
@@ -76,7 +76,7 @@ impl CalibrationPoint {
             TimeEmbedding => &mut spec.embedding,
             CachedKeys(layer) => &mut layers.get_mut(layer)?.cache_key,
             CachedValues(layer) => &mut layers.get_mut(layer)?.cache_value,
-            LossTotal(site) => match site {
+            Evaluation(site) => match site {
                 Site::NoisedAction | Site::Velocity => &mut spec.action,
                 Site::ActionIn => &mut spec.embedding,
                 Site::TimeMlpIn => &mut spec.time_hidden,

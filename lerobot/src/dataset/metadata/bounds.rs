@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use serde_json::Value;
 
-use crate::dataset::metadata::info::{Format, ACTION, STATE};
+use crate::dataset::metadata::info::{FormatVersion, ACTION, STATE};
 use crate::dataset::metadata::json::{self, read_text};
 use crate::dataset::{DatasetError, Info};
 
@@ -24,7 +24,7 @@ pub(crate) fn read(
     root: &Path,
     info: &Info,
 ) -> Result<(PathBuf, [RecordedBounds; 2]), DatasetError> {
-    if info.format != Format::V21 {
+    if info.format != FormatVersion::V21 {
         let path = root.join("meta/stats.json");
         let all = json::parse(&read_text(&path)?).map_err(|error| {
             DatasetError::meta(&path, format!("is not the JSON it should be: {error}"))
