@@ -98,14 +98,6 @@ fn a_group_has_one_checkpoint_and_a_receipt_for_each_entry() {
 
 #[test]
 fn a_refused_entry_of_a_group_leaves_no_trace_and_the_others_are_recorded() {
-    let network = genesis().network_id();
-    let forged = match registered(&network, 5) {
-        Body::DatasetCommitted(mut signed) => {
-            signed.signature[10] ^= 1;
-            Body::DatasetCommitted(signed)
-        }
-        _ => unreachable!(),
-    };
     let expected = {
         let dir = tempfile::tempdir().unwrap();
         let mut ledger = founded(dir.path());

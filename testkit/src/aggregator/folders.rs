@@ -12,9 +12,9 @@ pub fn copy_of(folder: &Path) -> TempDir {
             let found = found.unwrap();
             let (path, place) = (found.path(), to.join(found.file_name()));
             if path.is_dir() {
-                copy(&path, &place)
+                copy(&path, &place);
             } else {
-                drop(fs::copy(&path, &place).unwrap())
+                fs::copy(&path, &place).unwrap();
             }
         }
     }

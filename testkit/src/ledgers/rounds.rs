@@ -65,9 +65,9 @@ pub fn copy(from: &Path, to: &Path) {
         let found = found.unwrap();
         let target = to.join(found.file_name());
         if found.file_type().unwrap().is_dir() {
-            copy(&found.path(), &target)
+            copy(&found.path(), &target);
         } else {
-            drop(std::fs::copy(found.path(), target).unwrap())
+            std::fs::copy(found.path(), target).unwrap();
         }
     }
 }
