@@ -175,12 +175,8 @@ impl Auditor {
             let name = format!(
                 "node {node}'s refused contribution is not at hand; it is looked for again once its round closes"
             );
-            account.left_out(
-                CheckKind::Refusals,
-                SkipReason::NotAtHand,
-                recorded.index,
-                name,
-            );
+            let (what, why) = (CheckKind::Refusals, SkipReason::NotAtHand);
+            account.left_out(what, why, recorded.index, name);
         }
         account
     }
@@ -323,16 +319,8 @@ impl Recheck for Auditor {
         let (policy, depth, blobs) = (genesis.policy, self.depth, blobs.clone());
         self.check(0, move || {
             let (kind, name) = (BlobKind::Policy, "the initial policy");
-            let waiver = PruningWaiver::default();
-            checks::whole(
-                CheckKind::Policy,
-                &kind,
-                name,
-                &policy,
-                depth,
-                waiver,
-                &blobs,
-            )
+            let (what, waiver) = (CheckKind::Policy, PruningWaiver::default());
+            checks::whole(what, &kind, name, &policy, depth, waiver, &blobs)
         });
         self.found.take()
     }
@@ -385,15 +373,8 @@ impl Recheck for Auditor {
                 let (global, blobs) = (closed.global.blob, blobs.clone());
                 self.check(index, move || {
                     let (kind, name) = (BlobKind::Weights, "the global weights");
-                    checks::whole(
-                        CheckKind::Globals,
-                        &kind,
-                        name,
-                        &global,
-                        depth,
-                        waiver,
-                        &blobs,
-                    )
+                    let what = CheckKind::Globals;
+                    checks::whole(what, &kind, name, &global, depth, waiver, &blobs)
                 });
             }
             Body::DisputeResolved(resolved) => {

@@ -182,8 +182,9 @@ impl Dataset {
 fn cut_off(root: &Path, info: &Info, error: DatasetError) -> DatasetError {
     let has_depth = !info.depth_maps.is_empty();
     let mut storages = info.cameras.iter().map(|camera| camera.storage);
-    let can_be_saved =
-        info.format == FormatVersion::V30 && !has_depth && storages.all(|s| s == CameraStorage::Video);
+    let can_be_saved = info.format == FormatVersion::V30
+        && !has_depth
+        && storages.all(|s| s == CameraStorage::Video);
     match error {
         DatasetError::Parquet { path, cause } if can_be_saved && lacks_footer(&path) => {
             DatasetError::CutOff {

@@ -12,7 +12,6 @@ mod pictures;
 mod recover;
 mod rename_map;
 mod rows;
-mod statistics_fault;
 mod tables;
 mod together;
 mod video_fit;

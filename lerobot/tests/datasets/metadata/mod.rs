@@ -1,5 +1,6 @@
 //! Metadata that is missing or wrong: each ends in an error that names the file and the cause.
 
+mod statistics_fault;
 mod v21;
 mod variants;
 
