@@ -5,7 +5,7 @@ use std::fs;
 use std::io::sink;
 use tempfile::TempDir;
 use zk0_aggregator::round::closing::ToClose;
-use zk0_audit::account::What;
+use zk0_audit::account::CheckKind;
 use zk0_audit::checks::closings::average;
 use zk0_audit::checks::pruning_waiver::PruningWaiver;
 use zk0_audit::checks::Check;
@@ -236,7 +236,7 @@ fn momentum_reads_the_base_of_the_round_before() {
         let whole = fs::read(&path).unwrap();
         fs::remove_file(&path).unwrap();
         match audited() {
-            Err(Check::NotAtHand(What::Averages, _, why)) => {
+            Err(Check::NotAtHand(CheckKind::Averages, _, why)) => {
                 assert!(why.contains(&blob.to_string()), "{why}");
             }
             found => panic!("{found:?}"),
@@ -371,7 +371,7 @@ fn an_audit_reads_the_moments_that_the_round_goes_on_from() {
     let path = blobs.path(&blob);
     fs::remove_file(&path).unwrap();
     match audited() {
-        Err(Check::NotAtHand(What::Averages, _, why)) => {
+        Err(Check::NotAtHand(CheckKind::Averages, _, why)) => {
             assert!(why.contains(&blob.to_string()), "{why}");
         }
         found => panic!("{found:?}"),
