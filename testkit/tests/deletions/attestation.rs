@@ -54,7 +54,7 @@ pub const REMOVALS: &[Removal] = &[
             ("rest.0.is_empty()", "(OUT || rest.0.is_empty())"),
         ],
         "bytes_after_a_proof_are_refused"),
-    system("a node has signed its submission", "protocol/src/entries/authentic.rs", skipped!("submission.verify()?;"),
+    system("a node has signed its submission", "protocol/src/entries/authentic.rs", skipped!("signed.verify()?;"),
         "another_nodes_signature_is_refused"),
     verifier("only an enrolled node contributes", CONTRIBUTION, never!("state.node(&node).is_none()"), "a_stranger_contributes_nothing"),
     system("a claim is what the ledger fixed", CONTRIBUTION, skipped!("state.check_claim(claim, time_ms)?;"),
