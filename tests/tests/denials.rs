@@ -6,7 +6,7 @@ use zk0_audit::checks::pruning_waiver::PruningWaiver;
 use zk0_audit::checks::{disputed, Check, RecordedClaim};
 use zk0_audit::Depth;
 use zk0_ledger::blobs::Blobs;
-use zk0_protocol::RefusalCode;
+use zk0_protocol::Refusal;
 
 #[test]
 fn a_good_contribution_that_was_refused_is_a_fault() {
@@ -19,14 +19,19 @@ fn a_good_contribution_that_was_refused_is_a_fault() {
         before: real.state,
     };
     let blobs = Blobs::at(dir.path());
-    for reason in [RefusalCode::InvalidProof, RefusalCode::MalformedUpdate] {
+    for reason in [
+        Refusal::InvalidProof("because".into()),
+        Refusal::MalformedUpdate("because".into()),
+    ] {
         match recorded.rejected(&reason, Depth::Full, PruningWaiver::default(), &blobs) {
             Check::Failed(why) => assert!(why.ends_with("nothing wrong with it"), "{why}"),
             found => panic!("not found: {found:?}"),
         }
     }
     // Nobody may refuse a contribution for what others can cause.
-    let others = RefusalCode::NoVerifier;
+    let others = Refusal::NoVerifier {
+        sp1: "9.9.9".into(),
+    };
     match recorded.rejected(&others, Depth::Full, PruningWaiver::default(), &blobs) {
         Check::Failed(why) => assert!(why.contains("not to blame"), "{why}"),
         found => panic!("not found: {found:?}"),
@@ -35,7 +40,7 @@ fn a_good_contribution_that_was_refused_is_a_fault() {
 
 #[test]
 fn a_dispute_of_a_good_contribution_that_was_upheld_is_a_fault() {
-    let upheld = RefusalCode::InvalidProof;
+    let upheld = Refusal::InvalidProof("because".into());
     match disputed(7, None, Some(&upheld)) {
         Check::Failed(why) => assert!(why.contains("the contribution verifies"), "{why}"),
         found => panic!("not found: {found:?}"),

@@ -130,8 +130,10 @@ impl<'a> PublicSampleFile<'a> {
             match evaluator.loss(&mut multiply, &sample, &draw) {
                 Ok(loss) => sum = sum.saturating_add(loss.squared_error),
                 Err(overflow @ EvalError::OutOfRange { .. }) => {
-                    tracing::warn!("public sample {number}: {overflow}");
-                    return Ok(PublicLoss::Overflow { sample: number });
+                    return Ok(PublicLoss::Overflow {
+                        sample: number,
+                        what: overflow.to_string(),
+                    })
                 }
                 Err(other) => return Err(failed(other)),
             }

@@ -313,10 +313,7 @@ impl Federation for Service {
         request::outcome(reason.as_deref().unwrap_or("accepted"));
         let reply = SubmitReply {
             accepted: reason.is_none(),
-            detail: decided
-                .rejected
-                .map(|refusal| refusal.detail)
-                .unwrap_or_default(),
+            reason: reason.unwrap_or_default(),
             receipt: Some(decided.receipt.into()),
         };
         Ok(sent_by(sender, reply))

@@ -3,9 +3,7 @@
 use super::{refused, Breaks};
 use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::{Claim, Disclosure, Losses};
-use zk0_protocol::entries::refusal::claim_field::ClaimField;
-use zk0_protocol::entries::refusal::code::RoundStatement;
-use zk0_protocol::{Body, RefusalCode, RuleViolation};
+use zk0_protocol::{Body, Refusal, RuleViolation};
 use zk0_testkit::network::*;
 
 #[test]
@@ -47,7 +45,7 @@ fn a_claim_says_what_the_ledger_fixed() {
         breaks(&mut claim);
         let body = Body::ContributionAccepted(submission(claim, 0));
         match refused(chain.refusal(body)) {
-            RefusalCode::Binding(field) => assert_eq!(field.to_string(), what),
+            Refusal::Binding { field, .. } => assert_eq!(field, what),
             other => panic!("{what}: {other}"),
         }
     }
@@ -72,8 +70,9 @@ fn losses_stay_hidden_where_the_rules_say_so() {
         elements: 1,
     };
     let body = Body::ContributionAccepted(submission(claim, 0));
-    let disclosure = RefusalCode::Binding(ClaimField::Disclosure);
-    assert_eq!(refused(chain.refusal(body)), disclosure);
+    assert!(
+        matches!(refused(chain.refusal(body)), Refusal::Binding { field, .. } if field == "disclosure")
+    );
     chain.apply(accepted(&chain.state, 0));
 }
 
@@ -90,21 +89,21 @@ fn a_claim_is_for_this_network_this_round_and_an_enrolled_node_that_committed() 
     };
     assert!(matches!(
         refusal(|c| c.terms.network = digest(1), 0),
-        RefusalCode::WrongNetwork { .. }
+        Refusal::WrongNetwork { .. }
     ));
     assert!(matches!(
         refusal(|c| c.terms.round = 1, 0),
-        RefusalCode::WrongRound { .. }
+        Refusal::WrongRound { .. }
     ));
     assert_eq!(
         refusal(|c| c.terms.node = id(5), 5),
-        RefusalCode::NotEnrolled(id(5))
+        Refusal::NotEnrolled(id(5))
     );
     assert_eq!(
         refusal(|c| c.terms.node = id(1), 1),
-        RefusalCode::NotCommitted(id(1))
+        Refusal::NotCommitted(id(1))
     );
-    assert!(matches!(refusal(|_| {}, 1), RefusalCode::Signature));
+    assert!(matches!(refusal(|_| {}, 1), Refusal::Signature(_)));
 }
 
 #[test]
@@ -123,7 +122,7 @@ fn a_contribution_is_decided_once() {
         for second in [accept, reject] {
             assert!(matches!(
                 refused(chain.refusal(second)),
-                RefusalCode::Duplicate { .. }
+                Refusal::Duplicate { .. }
             ));
         }
     }
@@ -131,8 +130,8 @@ fn a_contribution_is_decided_once() {
 
 #[test]
 fn a_late_claim_is_refused_as_such() {
-    let late = |late_ms| RefusalCode::Late {
-        what: RoundStatement::Claim,
+    let late = |late_ms| Refusal::Late {
+        what: "the claim".into(),
         round: 0,
         late_ms,
     };
@@ -146,8 +145,8 @@ fn a_late_claim_is_refused_as_such() {
     chain.time_ms = deadline - 1;
     chain.apply(accepted(&chain.state, 1));
     assert_eq!(refused(chain.refusal(accepted(&chain.state, 0))), late(1));
-    let other = RefusalCode::Late {
-        what: RoundStatement::Commitment,
+    let other = Refusal::Late {
+        what: "nonsense".into(),
         round: 0,
         late_ms: 1,
     };
@@ -163,13 +162,14 @@ fn a_late_claim_is_refused_as_such() {
 #[test]
 fn a_refusal_gives_the_reason_that_holds() {
     let mut chain = Chain::all_committed(1);
+    let binding = |field: &str| Refusal::Binding {
+        field: field.into(),
+        claimed: "3".into(),
+        expected: "2".into(),
+    };
     // Nothing is wrong with this claim's bindings.
     assert!(matches!(
-        chain.refusal(rejected(
-            &chain.state,
-            0,
-            RefusalCode::Binding(ClaimField::EvalSamples)
-        )),
+        chain.refusal(rejected(&chain.state, 0, binding("eval_samples"))),
         RuleViolation::WrongReason { .. }
     ));
     let mut wrong = claim(&chain.state, 0);
@@ -179,14 +179,14 @@ fn a_refusal_gives_the_reason_that_holds() {
         reason,
     };
     assert!(matches!(
-        chain.refusal(reject(RefusalCode::Binding(ClaimField::Challenge))),
+        chain.refusal(reject(binding("challenge"))),
         RuleViolation::WrongReason { .. }
     ));
     assert!(matches!(
-        chain.refusal(reject(RefusalCode::NotCommitted(id(0)))),
+        chain.refusal(reject(Refusal::NotCommitted(id(0)))),
         RuleViolation::WrongReason { .. }
     ));
-    chain.apply(reject(RefusalCode::Binding(ClaimField::EvalSamples)));
+    chain.apply(reject(binding("eval_samples")));
 }
 
 #[test]
@@ -199,7 +199,7 @@ fn nobody_is_refused_by_a_strangers_hand_or_an_old_claim() {
     };
     assert!(matches!(
         refused(chain.refusal(forged)),
-        RefusalCode::Signature
+        Refusal::Signature(_)
     ));
     chain.close(weights(4));
     chain.open();
@@ -207,7 +207,7 @@ fn nobody_is_refused_by_a_strangers_hand_or_an_old_claim() {
     chain.draw();
     for reason in [
         invalid_proof(),
-        RefusalCode::WrongRound {
+        Refusal::WrongRound {
             claimed: 0,
             open: Some(1),
         },
@@ -218,7 +218,7 @@ fn nobody_is_refused_by_a_strangers_hand_or_an_old_claim() {
         };
         assert!(matches!(
             refused(chain.refusal(replayed)),
-            RefusalCode::WrongRound { .. }
+            Refusal::WrongRound { .. }
         ));
     }
     let mut of_another = claim(&chain.state, 0);
@@ -229,7 +229,7 @@ fn nobody_is_refused_by_a_strangers_hand_or_an_old_claim() {
     };
     assert_eq!(
         refused(chain.refusal(uncommitted)),
-        RefusalCode::NotCommitted(id(1))
+        Refusal::NotCommitted(id(1))
     );
     chain.apply(accepted(&chain.state, 0));
 }
