@@ -34,7 +34,7 @@ use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::pruning::Pruning;
 use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::rules::state::State;
-use zk0_protocol::Refusal;
+use zk0_protocol::RefusalCode;
 use zk0_verifier::{Evaluation, ProgramKey, VerifiedContribution};
 
 /// Verifies contributions and averages again during a replay: hand it to [`zk0_ledger::replay::replay`].
@@ -52,10 +52,10 @@ pub struct Auditor {
     /// What is not at hand of them.
     missing: Vec<Missing>,
     /// What the open round refused, and why, where the proof or the update is not at hand. Both are private until the round closes.
-    refused: Vec<(RecordedClaim, Refusal)>,
+    refused: Vec<(RecordedClaim, RefusalCode)>,
     /// Accepted contributions that may still be disputed, and of which this audit has not found that they verify: what verification
     /// says, or `None` where not all of it was checked.
-    doubtful: BTreeMap<u64, Option<Refusal>>,
+    doubtful: BTreeMap<u64, Option<RefusalCode>>,
     /// What the log's operator says about blobs that are no longer kept.
     pruning: Option<Pruning>,
     /// The rounds whose average nobody can compute again from these blobs, because some of them were pruned.
@@ -71,7 +71,7 @@ enum JobOutcome {
     /// The checks of an accepted contribution.
     Accepted(u64, Box<Examined>),
     /// The check of a refusal in the open round.
-    Refused(Box<(RecordedClaim, Refusal)>, Check),
+    Refused(Box<(RecordedClaim, RefusalCode)>, Check),
 }
 
 impl Default for Auditor {
@@ -359,7 +359,7 @@ impl Recheck for Auditor {
             }
             Body::ContributionAccepted(submission) => self.examine(recorded(submission), blobs),
             Body::ContributionRejected { submission, reason } => {
-                let refused = Box::new((recorded(submission), reason.clone()));
+                let refused = Box::new((recorded(submission), *reason));
                 let waiver = waiver(submission.statement.claim.terms.round);
                 let blobs = blobs.clone();
                 self.begin(move || {

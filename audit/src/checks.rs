@@ -21,7 +21,7 @@ use zk0_protocol::entries::signed::{DatasetRegistration, Signed, Submission};
 use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::rules::network_rules::Rules;
 use zk0_protocol::rules::state::State;
-use zk0_protocol::Refusal;
+use zk0_protocol::{Refusal, RefusalCode};
 use zk0_verifier::contribution_blobs::read_proof;
 use zk0_verifier::dataset::check_leaf_list;
 use zk0_verifier::decide::is_recorded;
@@ -62,7 +62,7 @@ pub struct Examined {
     /// The contribution, if all of it verifies.
     pub verified: Option<VerifiedContribution>,
     /// What verification says against it, if it does.
-    pub refused: Option<Refusal>,
+    pub refused: Option<RefusalCode>,
     /// What is not at hand of the proof and the update.
     pub missing: Option<Missing>,
 }
@@ -118,7 +118,7 @@ impl RecordedClaim {
         };
         let verified = match self.verify(proof, weights.as_ref().ok().and_then(Option::as_ref)) {
             Ok(verified) => verified,
-            Err(reason @ Refusal::NoVerifier { .. }) => {
+            Err(reason) if reason.code == RefusalCode::NoVerifier => {
                 let mut checks = vec![self.no_verifier(CheckKind::Proofs, &reason)];
                 if depth == Depth::Full {
                     let what = format!("node {node}'s update, because its proof is not checked");
@@ -138,7 +138,7 @@ impl RecordedClaim {
             }
             Err(reason) => {
                 return Examined {
-                    refused: Some(reason.clone()),
+                    refused: Some(reason.code),
                     ..failed(&reason)
                 }
             }
@@ -167,7 +167,7 @@ impl RecordedClaim {
     /// Checks that the recorded reason of a refusal is the one that verification gives.
     pub fn rejected(
         &self,
-        reason: &Refusal,
+        reason: &RefusalCode,
         depth: Depth,
         waiver: PruningWaiver,
         blobs: &Blobs,
@@ -180,7 +180,7 @@ impl RecordedClaim {
         let unread = |error: &Unreadable<BlobError>| unreadable(&error.error, but(error));
         match reason {
             // The ledger's own rules have checked these.
-            Refusal::Late { .. } | Refusal::Binding { .. } => {
+            RefusalCode::Late { .. } | RefusalCode::Binding(_) => {
                 return Check::Passed(CheckKind::Refusals)
             }
             reason if !is_recorded(reason) => {
@@ -223,8 +223,8 @@ impl RecordedClaim {
             },
         };
         match self.verify(proof, weights.as_ref()) {
-            Err(found) if found == *reason => Check::Passed(CheckKind::Refusals),
-            Err(found @ Refusal::NoVerifier { .. }) => {
+            Err(found) if found.code == *reason => Check::Passed(CheckKind::Refusals),
+            Err(found) if found.code == RefusalCode::NoVerifier => {
                 self.no_verifier(CheckKind::Refusals, &found)
             }
             Err(found) => failed(&format!("verification says: {found}")),
@@ -300,8 +300,8 @@ fn at_hand<T>(read: Result<T, Unreadable<BlobError>>) -> AtHand<T> {
 /// contribution was accepted: `None` if it verifies, `Some(None)` if not all of it was checked.
 pub fn disputed(
     contribution: u64,
-    found: Option<&Option<Refusal>>,
-    upheld: Option<&Refusal>,
+    found: Option<&Option<RefusalCode>>,
+    upheld: Option<&RefusalCode>,
 ) -> Check {
     let decided = match upheld {
         Some(reason) => format!("upheld because '{reason}'"),

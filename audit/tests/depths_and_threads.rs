@@ -16,7 +16,7 @@ use zk0_ledger::store::Store;
 use zk0_ledger::{folder, Ledger};
 use zk0_protocol::entries::entry::{Body, DisputeResolved, RoundClosed};
 use zk0_protocol::entries::signed::{Dispute, Evidence, Signed};
-use zk0_protocol::{Entry, Refusal};
+use zk0_protocol::{Entry, RefusalCode};
 use zk0_testkit::aggregator::operator::Operator;
 use zk0_testkit::aggregator::*;
 
@@ -287,9 +287,8 @@ fn a_proof_that_goes_missing_before_its_round_closes_is_missed() {
 #[test]
 fn a_refusal_whose_proof_was_private_is_checked_once_its_round_has_closed() {
     let proof = b"no proof";
-    let kind = u32::from_le_bytes(*b"no p");
-    let truth = Refusal::MalformedProof(format!("unknown kind of proof {kind}"));
-    let lie = Refusal::InvalidProof("because".into());
+    let truth = RefusalCode::MalformedProof;
+    let lie = RefusalCode::InvalidProof;
     for (reason, verdict) in [(truth, Verdict::Verified), (lie, Verdict::Failed)] {
         let (whole, scratch) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let file = scratch.path().join("state");
@@ -373,16 +372,10 @@ async fn a_dispute_is_decided_as_verification_says() -> Test {
     };
     network.service().with(put).await?;
     // An operator who holds the log's key accepts a contribution that does not verify, and decides as he likes when it is disputed.
-    let unknown = |first: &[u8; 4]| {
-        Refusal::MalformedProof(format!(
-            "unknown kind of proof {}",
-            u32::from_le_bytes(*first)
-        ))
-    };
     let cases = [
         (None, false),
-        (Some(Refusal::OtherProgram), false),
-        (Some(unknown(b"no p")), true),
+        (Some(RefusalCode::OtherProgram), false),
+        (Some(RefusalCode::MalformedProof), true),
     ];
     for (upheld, holds) in cases {
         let dir = copy_of(network.dir.path());
@@ -392,7 +385,7 @@ async fn a_dispute_is_decided_as_verification_says() -> Test {
             START_MS,
             Body::ContributionRejected {
                 submission: late.clone(),
-                reason: unknown(b"none"),
+                reason: RefusalCode::MalformedProof,
             },
         )?;
         let state = ledger.state();

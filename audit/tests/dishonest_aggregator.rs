@@ -7,7 +7,7 @@ use zk0_ledger::replay::{replay, Verdict};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::evaluation_set::{list_bytes, DrawnLeaf};
-use zk0_protocol::Refusal;
+use zk0_protocol::RefusalCode;
 use zk0_testkit::aggregator::*;
 use zk0_verifier::blob_digest;
 
@@ -66,14 +66,14 @@ async fn an_audit_finds_what_a_dishonest_aggregator_records() -> Test {
             "verification says: this is not an SP1 compressed proof",
             |submission| Body::ContributionRejected {
                 submission,
-                reason: Refusal::InvalidProof("because".into()),
+                reason: RefusalCode::InvalidProof,
             },
         ),
         (
             "verification says: this is not an SP1 compressed proof",
             |submission| Body::ContributionRejected {
                 submission,
-                reason: Refusal::MalformedUpdate("because".into()),
+                reason: RefusalCode::MalformedUpdate,
             },
         ),
     ];

@@ -10,7 +10,7 @@ use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::entries::signed::{Dispute, Evidence, Signed};
-use zk0_protocol::Refusal;
+use zk0_protocol::RefusalCode;
 use zk0_testkit::aggregator::operator::{proposed, voted, Operator};
 use zk0_testkit::aggregator::real_proof::real_proof;
 use zk0_testkit::aggregator::*;
@@ -191,7 +191,7 @@ fn proofs_that_this_release_cannot_verify_are_not_checked_and_the_audit_says_so(
     let submission = operator.submission(&first, 1, &proof);
     let accepted = operator.append(Body::ContributionAccepted(submission));
     let submission = operator.submission(&second, 2, b"none");
-    let reason = Refusal::InvalidProof("because".into());
+    let reason = RefusalCode::InvalidProof;
     let rejected = operator.append(Body::ContributionRejected { submission, reason });
     operator.close(1);
     let dispute = Dispute {
@@ -230,8 +230,7 @@ fn proofs_that_this_release_cannot_verify_are_not_checked_and_the_audit_says_so(
         lines[0]
     );
     assert!(
-        lines[0].contains("no verifier of SP1 9.9.9")
-            && lines[0].ends_with(&format!("(entry {accepted})")),
+        lines[0].contains("it is SP1 9.9.9") && lines[0].ends_with(&format!("(entry {accepted})")),
         "{}",
         lines[0]
     );

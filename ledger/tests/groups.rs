@@ -24,7 +24,7 @@ use zk0_protocol::entries::signed::{Dispute, Evidence, KeyRotation, KeyTakeover}
 use zk0_protocol::rules::network_rules::Participation;
 use zk0_protocol::tlog::bundle;
 use zk0_protocol::tlog::layout::{Tile, TileKind};
-use zk0_protocol::{Body, Refusal, RuleViolation, Signed};
+use zk0_protocol::{Body, Refusal, RefusalCode, RuleViolation, Signed};
 
 fn verified(dir: &Path) -> ReplayReport {
     let report = replay(dir, None, &mut ());
@@ -393,7 +393,10 @@ fn a_late_commitment_in_a_group_is_refused_for_its_own_reason() {
     let commit = committed(ledger.state(), 0, weights(0x10));
     let late = ledger.append_all(T0 + COMMIT_WINDOW + 1, vec![enrolled(9), commit]);
     match late {
-        Err(LedgerError::Rule(RuleViolation::Refused(Refusal::Late { .. }))) => {}
+        Err(LedgerError::Rule(RuleViolation::Refused(Refusal {
+            code: RefusalCode::Late { .. },
+            ..
+        }))) => {}
         other => panic!("{other:?}"),
     }
 }

@@ -12,7 +12,7 @@ use zk0_protocol::entries::entry::MAX_ENTRY_BYTES;
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::signed::DatasetRegistration;
 use zk0_protocol::tlog::tree::Frontier;
-use zk0_protocol::{Body, Checkpoint, Refusal, RuleViolation, Signed};
+use zk0_protocol::{Body, Checkpoint, Refusal, RefusalCode, RuleViolation, Signed};
 
 /// Makes an entry of exactly this many bytes: an enrolment with a long name.
 fn of_bytes(bytes: usize) -> Body {
@@ -160,7 +160,13 @@ fn only_the_submission_that_was_verified_is_not_verified_again() {
         let forged = Body::ContributionAccepted(other.clone());
         let refused = AuthenticBody::of(forged).unwrap_err();
         assert!(
-            matches!(refused, RuleViolation::Refused(Refusal::Signature(_))),
+            matches!(
+                refused,
+                RuleViolation::Refused(Refusal {
+                    code: RefusalCode::Signature,
+                    ..
+                })
+            ),
             "{refused:?}"
         );
     }

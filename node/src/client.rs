@@ -25,9 +25,11 @@ use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::signed::{
     DatasetRegistration, Enrolment, Proposal, SignatureError, Signed, Submission, UpdateCommitment,
 };
+use zk0_protocol::quote::short;
 use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation as rpc;
 use zk0_protocol::rpc::federation::federation_client::FederationClient;
+use zk0_protocol::rpc::federation::turned_down::Remedy;
 use zk0_protocol::rpc::head_metadata::with_head;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::receipt::Receipt;
@@ -42,6 +44,9 @@ const MAX_MESSAGE_BYTES: usize = 4 << 20;
 pub(crate) const ATTEMPTS: u32 = 150;
 /// Time between two of these attempts.
 pub(crate) const APART: Duration = Duration::from_secs(2);
+
+/// Longest wait that an aggregator can ask for, in milliseconds.
+const MOST_APART_MS: u64 = 60_000;
 
 /// Makes a request, and repeats it while the aggregator does not answer. That is safe, because a node that asks for the same thing twice
 /// gets the same receipt. `$request` makes the request anew for each attempt, because the head of a request counts once.
@@ -59,7 +64,7 @@ macro_rules! patiently {
                         );
                     }
                     attempt += 1;
-                    tokio::time::sleep(APART).await;
+                    tokio::time::sleep($crate::client::apart(&status)).await;
                     $self.learn_run().await;
                 }
                 other => break other,
@@ -308,7 +313,9 @@ impl NodeClient {
         let (receipt, _, entry) = self.opened(receipt)?;
         let (submission, refusal) = match entry.body {
             Body::ContributionAccepted(submission) => (submission, None),
-            Body::ContributionRejected { submission, reason } => (submission, Some(reason)),
+            Body::ContributionRejected { submission, reason } => {
+                (submission, Some(reason.because(short(&reply.detail))))
+            }
             _ => {
                 return Err(unexpected(
                     "the decision on the submission",
@@ -438,13 +445,24 @@ impl NodeClient {
     }
 }
 
-/// Whether the aggregator did not answer, or the connection to it was lost. What an aggregator answers has no source.
+/// Whether the aggregator did not answer, the connection to it was lost, or it cannot do it now. What an aggregator answers has no source.
 pub(crate) fn is_lost(status: &Status) -> bool {
+    if rpc::TurnedDown::of(status).remedy() == Remedy::AskAgain {
+        return true;
+    }
     let broken = matches!(
         status.code(),
         Code::Unknown | Code::Internal | Code::Cancelled
     );
     status.code() == Code::Unavailable || (broken && status.source().is_some())
+}
+
+/// How long to wait before a request is repeated: as long as the aggregator tells, within bounds.
+pub(crate) fn apart(status: &Status) -> Duration {
+    match rpc::TurnedDown::of(status).after_ms {
+        0 => APART,
+        told => Duration::from_millis(told.min(MOST_APART_MS)),
+    }
 }
 
 /// Why a request is repeated.

@@ -11,7 +11,6 @@ use crate::turn::{Entered, LocalTraining, Turn};
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::PathBuf;
-use tonic::Code;
 use zk0_argument::claim::most_samples;
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::spec::EvalSpec;
@@ -23,6 +22,7 @@ use zk0_protocol::entries::entry::RoundOpened;
 use zk0_protocol::entries::program::{Program, OUR_SP1};
 use zk0_protocol::entries::refusal::Refusal;
 use zk0_protocol::entries::round_result::ResultOutcome;
+use zk0_protocol::rpc::federation::{turned_down::Remedy, TurnedDown};
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_prover::service::ProvingClient;
 use zk0_smolvla::frames::image_transforms::Variants;
@@ -162,31 +162,12 @@ impl Participant {
                         "round {round}: the training gave no update, and the node goes on with the next round: {error}{rates}"
                     );
                 }
+                // The round is full or over for this node, or an answer was lost together with the node's files.
                 Err(ParticipantError::Node(NodeError::Refused(status)))
-                    if status.code() == Code::OutOfRange =>
+                    if TurnedDown::of(&status).remedy() == Remedy::NextRound =>
                 {
-                    tracing::warn!(
-                        "round {round}: the round is full, and the node goes on with the next round: {}",
-                        status.message()
-                    );
-                }
-                Err(ParticipantError::Node(NodeError::Refused(status)))
-                    if status.code() == Code::FailedPrecondition
-                        && node.commits_no_more(round).await? =>
-                {
-                    tracing::warn!(
-                        "round {round}: the node came too late, and goes on with the next round: {}",
-                        status.message()
-                    );
-                }
-                // An answer was lost together with the node's files, and what is on the ledger cannot be taken back.
-                Err(ParticipantError::Node(NodeError::Refused(status)))
-                    if status.code() == Code::AlreadyExists =>
-                {
-                    tracing::warn!(
-                        "round {round}: the node can contribute nothing more, and goes on with the next round: {}",
-                        status.message()
-                    );
+                    let why = status.message();
+                    tracing::warn!("round {round}: the node goes on with the next round: {why}");
                 }
                 Err(error) => return Err(error),
             }

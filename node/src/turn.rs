@@ -123,7 +123,7 @@ impl Turn<'_> {
         };
         if let Some(decided) = Decided::read(self.state, &part)? {
             tracing::info!("round {round}: the node's contribution is decided already; it waits until the round has closed");
-            return Ok(decided.refusal);
+            return Ok(decided.refusal.map(Refusal::from));
         }
         if let Strategy::Scaffold(_) = self.opened.rules.strategy {
             training.check_beside_scaffold(round)?;
@@ -192,9 +192,12 @@ impl Turn<'_> {
         let refusal = self.submit(node, claim, proof).await?;
         let outcome = refusal.as_ref().map(ToString::to_string);
         Span::current().record("zk0.outcome", outcome.as_deref().unwrap_or("accepted"));
-        let decided = Decided { of: part, refusal };
+        let decided = Decided {
+            of: part,
+            refusal: refusal.as_ref().map(|refusal| refusal.code),
+        };
         decided.keep(self.state)?;
-        Ok(decided.refusal)
+        Ok(refusal)
     }
 
     /// Has the claim about an update proven. In mode `succinct`, the node keeps the argument, and goes on with one that it has kept.

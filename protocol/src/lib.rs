@@ -6,7 +6,7 @@
 //! - [`entries`]: what the log holds ([`entries::entry`]) and its canonical encoding ([`entries::codec`]); how a network begins
 //!   ([`entries::genesis`]); what nodes and governors sign ([`entries::signed`]); entries whose signatures were verified
 //!   ([`entries::authentic`], which takes decompressed keys from [`entries::known_keys`]); why a contribution is refused
-//!   ([`entries::refusal`]); which guest program the proofs are of ([`entries::program`]).
+//!   ([`entries::refusal::code`], and with details for people [`entries::refusal`]); which guest program the proofs are of ([`entries::program`]).
 //! - [`rules`]: the rules of a network ([`rules::network_rules`]) and how they change ([`rules::governance`]); the state of a network
 //!   after its entries so far ([`rules::state`]); which entry may come next and what it changes ([`rules::apply`], a pure function);
 //!   which fields of a claim the ledger determines ([`rules::bindings`]).
@@ -37,6 +37,7 @@ pub mod tlog;
 pub use entries::authentic::AuthenticEntry;
 pub use entries::entry::{Body, Entry};
 pub use entries::genesis::Genesis;
+pub use entries::refusal::code::RefusalCode;
 pub use entries::refusal::Refusal;
 pub use entries::signed::Signed;
 pub use rules::bindings::ExpectedClaim;

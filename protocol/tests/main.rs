@@ -4,6 +4,7 @@ mod keys;
 mod model;
 mod proof_blobs;
 mod randomness;
+mod refusals;
 mod refused_bytes;
 mod rules;
 mod tlog;

@@ -16,7 +16,7 @@ use zk0_ledger::blobs::Blobs;
 use zk0_protocol::entries::entry::{Body, Entry, MomentsComputed, RoundClosed, ENTRY_VERSION};
 use zk0_protocol::rules::closing::server_moments::ServerMoments;
 use zk0_protocol::rules::network_rules::Strategy;
-use zk0_protocol::{Refusal, State};
+use zk0_protocol::{Refusal, RefusalCode, State};
 use zk0_verifier::close::{combined, CloseError};
 use zk0_verifier::combine::bases::BaseError;
 use zk0_verifier::combine::error::CombineError;
@@ -223,7 +223,10 @@ fn momentum_reads_the_base_of_the_round_before() {
         ..bases
     };
     match combined(&state, &contributions, &other, read_at, &mut sink()) {
-        Err(CloseError::Base(BaseError::Other(Refusal::UpdateDigest { expected, .. }))) => {
+        Err(CloseError::Base(BaseError::Other(Refusal {
+            code: RefusalCode::UpdateDigest { expected, .. },
+            ..
+        }))) => {
             assert_eq!(expected, earlier.blob);
         }
         found => panic!("{found:?}"),

@@ -6,7 +6,7 @@ use zk0_audit::checks::pruning_waiver::PruningWaiver;
 use zk0_audit::checks::{disputed, Check, RecordedClaim};
 use zk0_audit::Depth;
 use zk0_ledger::blobs::Blobs;
-use zk0_protocol::Refusal;
+use zk0_protocol::RefusalCode;
 
 #[test]
 fn a_good_contribution_that_was_refused_is_a_fault() {
@@ -19,19 +19,14 @@ fn a_good_contribution_that_was_refused_is_a_fault() {
         before: real.state,
     };
     let blobs = Blobs::at(dir.path());
-    for reason in [
-        Refusal::InvalidProof("because".into()),
-        Refusal::MalformedUpdate("because".into()),
-    ] {
+    for reason in [RefusalCode::InvalidProof, RefusalCode::MalformedUpdate] {
         match recorded.rejected(&reason, Depth::Full, PruningWaiver::default(), &blobs) {
             Check::Failed(why) => assert!(why.ends_with("nothing wrong with it"), "{why}"),
             found => panic!("not found: {found:?}"),
         }
     }
     // Nobody may refuse a contribution for what others can cause.
-    let others = Refusal::NoVerifier {
-        sp1: "9.9.9".into(),
-    };
+    let others = RefusalCode::NoVerifier;
     match recorded.rejected(&others, Depth::Full, PruningWaiver::default(), &blobs) {
         Check::Failed(why) => assert!(why.contains("not to blame"), "{why}"),
         found => panic!("not found: {found:?}"),
@@ -40,7 +35,7 @@ fn a_good_contribution_that_was_refused_is_a_fault() {
 
 #[test]
 fn a_dispute_of_a_good_contribution_that_was_upheld_is_a_fault() {
-    let upheld = Refusal::InvalidProof("because".into());
+    let upheld = RefusalCode::InvalidProof;
     match disputed(7, None, Some(&upheld)) {
         Check::Failed(why) => assert!(why.contains("the contribution verifies"), "{why}"),
         found => panic!("not found: {found:?}"),

@@ -9,9 +9,10 @@ use zk0_circuits::{Claim, NodeId};
 use zk0_protocol::blob::Blob;
 use zk0_protocol::entries::authentic::Authentic;
 use zk0_protocol::entries::proof_blob::ProofBlob;
+use zk0_protocol::entries::refusal::code::RoundFile;
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::rules::state::State;
-use zk0_protocol::Refusal;
+use zk0_protocol::{Refusal, RefusalCode};
 use zk0_weights::Unread;
 
 /// A submission that an enrolled node signed, with the proof that it signed. Only [`authenticate`] makes one:
@@ -46,7 +47,7 @@ impl AuthenticContribution {
 
     fn parts(&self) -> Result<ProofBlob<'_>, Refusal> {
         let parts = ProofBlob::split(self.claim(), self.proof.bytes());
-        parts.map_err(|error| Refusal::MalformedProof(error.to_string()))
+        parts.map_err(|error| RefusalCode::MalformedProof.because(error))
     }
 }
 
@@ -110,21 +111,22 @@ pub fn authenticate(
     proof: Vec<u8>,
     state: &State,
 ) -> Result<AuthenticContribution, Refusal> {
-    check_size("the proof", &proof, state.rules().max_proof_bytes)?;
+    check_size(RoundFile::Proof, &proof, state.rules().max_proof_bytes)?;
     let submission =
-        Authentic::of(submission).map_err(|error| Refusal::Signature(error.to_string()))?;
+        Authentic::of(submission).map_err(|error| RefusalCode::Signature.because(error))?;
     let statement = &submission.statement;
     let node = statement.claim.terms.node;
     if state.node(&node).is_none() {
-        return Err(Refusal::NotEnrolled(node));
+        return Err(RefusalCode::NotEnrolled(node).into());
     }
     let proof = Blob::of(proof);
     match proof.digest() == statement.proof {
         true => Ok(AuthenticContribution { submission, proof }),
-        false => Err(Refusal::ProofDigest {
+        false => Err(RefusalCode::ProofDigest {
             signed: statement.proof,
             actual: proof.digest(),
-        }),
+        }
+        .into()),
     }
 }
 
@@ -138,7 +140,7 @@ pub fn verify(
     time_ms: u64,
 ) -> Result<VerifiedContribution, Refusal> {
     let rules = state.rules();
-    check_size("the update", &weights.update, rules.max_update_bytes)?;
+    check_size(RoundFile::Update, &weights.update, rules.max_update_bytes)?;
     verify_claim(contribution, state, time_ms)?;
     let claim = contribution.claim();
     let evaluation = Evaluation::of(state)?;
@@ -162,13 +164,9 @@ pub fn verify_claim(
     check_proof_of(state.program(), contribution.parts()?.sp1, claim)
 }
 
-fn check_size(what: &str, bytes: &[u8], limit: u64) -> Result<(), Refusal> {
+fn check_size(file: RoundFile, bytes: &[u8], limit: u64) -> Result<(), Refusal> {
     match bytes.len() as u64 {
-        size if size > limit => Err(Refusal::TooLarge {
-            what: what.into(),
-            size,
-            limit,
-        }),
+        size if size > limit => Err(RefusalCode::TooLarge { file, size, limit }.into()),
         _ => Ok(()),
     }
 }

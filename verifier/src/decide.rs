@@ -5,7 +5,7 @@ use crate::{verify, AuthenticContribution, VerifiedContribution, WeightFiles};
 use zk0_protocol::entries::authentic::AuthenticBody;
 use zk0_protocol::rules::state::State;
 use zk0_protocol::rules::violation::RuleViolation;
-use zk0_protocol::Refusal;
+use zk0_protocol::{Refusal, RefusalCode};
 
 /// A decision that goes on the ledger.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,7 +21,7 @@ impl DecisionEntry {
     pub fn body(&self, contribution: &AuthenticContribution) -> AuthenticBody {
         let refused = match self {
             Self::Accepted(_) => None,
-            Self::Rejected(reason) => Some(reason.clone()),
+            Self::Rejected(reason) => Some(reason.code),
         };
         AuthenticBody::decided(contribution.submission(), refused)
     }
@@ -43,7 +43,7 @@ pub fn decide(
         Ok(verified) => return Ok(DecisionEntry::Accepted(Box::new(verified))),
         Err(reason) => reason,
     };
-    if !is_recorded(&reason) {
+    if !is_recorded(&reason.code) {
         return Err(reason);
     }
     let decision = DecisionEntry::Rejected(reason);
@@ -51,14 +51,14 @@ pub fn decide(
     match state.check_authentic(&body.entry()) {
         Ok(()) => Ok(decision),
         Err(RuleViolation::Refused(refusal)) => Err(refusal),
-        Err(violation) => Err(Refusal::InvalidProof(violation.to_string())),
+        Err(violation) => Err(RefusalCode::InvalidProof.because(violation)),
     }
 }
 
 /// Whether the node that signed for this round caused the refusal itself. Only then does the refusal go on the ledger.
-pub fn is_recorded(reason: &Refusal) -> bool {
+pub fn is_recorded(reason: &RefusalCode) -> bool {
     match reason {
-        Refusal::Late { .. } | Refusal::Binding { .. } => true,
+        RefusalCode::Late { .. } | RefusalCode::Binding(_) => true,
         reason => reason.follows_from_blobs(),
     }
 }

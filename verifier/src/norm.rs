@@ -3,7 +3,7 @@
 use ethnum::U256;
 use zk0_circuits::QuantisedWeights;
 use zk0_protocol::rules::basis_points::BPS;
-use zk0_protocol::Refusal;
+use zk0_protocol::{Refusal, RefusalCode};
 use zk0_tensors::ReadAt;
 use zk0_weights::scale::exact;
 use zk0_weights::{Format, WeightsFile};
@@ -22,7 +22,7 @@ pub fn check_norm<R: ReadAt>(
     for index in 0..format.tensors().len() {
         let before = base
             .tensor(index)
-            .map_err(|error| Refusal::MalformedUpdate(error.to_string()))?;
+            .map_err(|error| RefusalCode::MalformedUpdate.because(error))?;
         let (after, bits) = format.tensor(update, index);
         for (value, updated) in before.values.iter().zip(after) {
             let (value, updated) = (exact(*value, before.bits), exact(*updated, bits));
@@ -37,10 +37,8 @@ pub fn check_norm<R: ReadAt>(
     if difference <= norm * U256::from(limit * limit) {
         return Ok(());
     }
-    Err(Refusal::TooFar {
-        bps: ratio(difference, norm),
-        limit,
-    })
+    let bps = ratio(difference, norm);
+    Err(RefusalCode::TooFar { bps, limit }.into())
 }
 
 fn square(value: i64) -> u128 {

@@ -2,8 +2,7 @@
 //!
 //! The bytes of a proof are `bincode(SP1Proof::Compressed(…))`, and the public values are `borsh(Claim)`. Strangers send these
 //! bytes, so they are decoded under a limit and have to be the one canonical encoding. A panic inside SP1's verifier refuses the
-//! proof and does not end the process. The texts of refusals go on the ledger, and auditors compare them: to change one is to
-//! disagree with the ledgers that have it.
+//! proof and does not end the process.
 
 use bincode::Options;
 use sp1_verifier::compressed::{CompressedError, SP1CompressedVerifier};
@@ -14,7 +13,7 @@ use std::sync::LazyLock;
 use zk0_circuits::Claim;
 use zk0_protocol::entries::program::ProgramKey;
 use zk0_protocol::quote::short;
-use zk0_protocol::Refusal;
+use zk0_protocol::{Refusal, RefusalCode};
 
 /// Index of `SP1Proof::Compressed` in its encoding; 0 is core, 2 PLONK, 3 Groth16.
 const COMPRESSED: u32 = 1;
@@ -22,7 +21,7 @@ const COMPRESSED: u32 = 1;
 /// Checks that `proof` proves `claim` under the program `key`. About 50 ms.
 pub fn check_proof(proof: &[u8], claim: &Claim, key: &ProgramKey) -> Result<(), Refusal> {
     let public_values =
-        borsh::to_vec(claim).map_err(|error| Refusal::InvalidProof(error.to_string()))?;
+        borsh::to_vec(claim).map_err(|error| RefusalCode::InvalidProof.because(error))?;
     refuse_panics(|| {
         let decoded = decode(proof)?;
         verify(&decoded, &public_values, key)
@@ -33,12 +32,12 @@ pub fn check_proof(proof: &[u8], claim: &Claim, key: &ProgramKey) -> Result<(), 
 fn refuse_panics(check: impl FnOnce() -> Result<(), Refusal>) -> Result<(), Refusal> {
     catch_unwind(AssertUnwindSafe(check)).unwrap_or_else(|_| {
         tracing::error!("SP1's verifier panicked on a proof; the proof is refused");
-        Err(Refusal::InvalidProof("SP1's verifier gave up on it".into()))
+        Err(RefusalCode::InvalidProof.because("SP1's verifier gave up on it"))
     })
 }
 
 fn decode(bytes: &[u8]) -> Result<SP1Proof, Refusal> {
-    let malformed = |cause: String| Refusal::MalformedProof(short(&cause));
+    let malformed = |cause: String| RefusalCode::MalformedProof.because(short(&cause));
     let kind = bytes
         .first_chunk::<4>()
         .ok_or_else(|| malformed(format!("{} bytes are too few", bytes.len())))?;
@@ -84,18 +83,18 @@ fn verify(proof: &SP1Proof, public_values: &[u8], key: &ProgramKey) -> Result<()
     static VERIFIER: LazyLock<SP1CompressedVerifier> = LazyLock::new(SP1CompressedVerifier::new);
 
     let SP1Proof::Compressed(proof) = proof else {
-        return Err(Refusal::MalformedProof(format!("it is a {proof} proof")));
+        return Err(RefusalCode::MalformedProof.because(format_args!("it is a {proof} proof")));
     };
     let key = bincode::deserialize(key.as_bytes())
-        .map_err(|error| Refusal::InvalidProof(short(&error.to_string())))?;
+        .map_err(|error| RefusalCode::InvalidProof.because(short(&error.to_string())))?;
     VERIFIER
         .verify_compressed_with_public_values(proof, public_values, &key)
         .map_err(|error| match error {
-            CompressedError::PublicValuesMismatch => Refusal::OtherClaim,
+            CompressedError::PublicValuesMismatch => RefusalCode::OtherClaim.into(),
             other => match other.to_string() {
                 // This is the last check before the public values. Before it, the proof was found valid for some program.
-                text if text.ends_with("sp1 vk hash mismatch") => Refusal::OtherProgram,
-                text => Refusal::InvalidProof(short(&text)),
+                text if text.ends_with("sp1 vk hash mismatch") => RefusalCode::OtherProgram.into(),
+                text => RefusalCode::InvalidProof.because(short(&text)),
             },
         })
 }
@@ -107,6 +106,6 @@ mod tests {
     #[test]
     fn a_panic_is_a_refusal() {
         let refused = refuse_panics(|| panic!("index out of bounds"));
-        assert!(matches!(refused, Err(Refusal::InvalidProof(_))));
+        assert_eq!(refused, Err(RefusalCode::InvalidProof.into()));
     }
 }

@@ -130,10 +130,8 @@ impl<'a> PublicSampleFile<'a> {
             match evaluator.loss(&mut multiply, &sample, &draw) {
                 Ok(loss) => sum = sum.saturating_add(loss.squared_error),
                 Err(overflow @ EvalError::OutOfRange { .. }) => {
-                    return Ok(PublicLoss::Overflow {
-                        sample: number,
-                        what: overflow.to_string(),
-                    })
+                    tracing::warn!("public sample {number}: {overflow}");
+                    return Ok(PublicLoss::Overflow { sample: number });
                 }
                 Err(other) => return Err(failed(other)),
             }

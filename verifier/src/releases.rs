@@ -4,7 +4,8 @@
 use crate::proof::check_proof;
 use zk0_circuits::Claim;
 use zk0_protocol::entries::program::{Program, ProgramKey, OUR_SP1};
-use zk0_protocol::Refusal;
+use zk0_protocol::quote::short;
+use zk0_protocol::{Refusal, RefusalCode};
 
 /// Checks that a proof proves a claim under the program with this key.
 type CheckProof = fn(&[u8], &Claim, &ProgramKey) -> Result<(), Refusal>;
@@ -25,10 +26,10 @@ pub fn releases() -> String {
 /// Checks that `proof` proves `claim` under `program`, with the verifier of the program's release of SP1.
 ///
 /// # Errors
-/// The proof does not prove the claim, or this build does not have that verifier ([`Refusal::NoVerifier`]).
+/// The proof does not prove the claim, or this build does not have that verifier ([`RefusalCode::NoVerifier`]).
 pub fn check_proof_of(program: &Program, proof: &[u8], claim: &Claim) -> Result<(), Refusal> {
     let key = ProgramKey::from_bytes(&program.key)
-        .map_err(|error| Refusal::InvalidProof(error.to_string()))?;
+        .map_err(|error| RefusalCode::InvalidProof.because(error))?;
     verifier(program)?(proof, claim, &key)
 }
 
@@ -36,9 +37,7 @@ fn verifier(program: &Program) -> Result<CheckProof, Refusal> {
     let known = VERIFIERS
         .iter()
         .find(|(release, _)| *release == program.sp1);
-    known
-        .map(|(_, check)| *check)
-        .ok_or_else(|| Refusal::NoVerifier {
-            sp1: program.sp1.clone(),
-        })
+    known.map(|(_, check)| *check).ok_or_else(|| {
+        RefusalCode::NoVerifier.because(format_args!("it is SP1 {}", short(&program.sp1)))
+    })
 }

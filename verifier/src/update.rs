@@ -9,9 +9,10 @@ use zk0_circuits::model::weights::succinct_digest;
 use zk0_circuits::{Claim, Digest, Mode, QuantisedWeights, WeightsDigest};
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::entries::refusal::claim_field::ClaimField;
 use zk0_protocol::rules::network_rules::Rules;
 use zk0_protocol::rules::state::State;
-use zk0_protocol::Refusal;
+use zk0_protocol::{Refusal, RefusalCode};
 use zk0_weights::{BuiltFile, Changed, Format, Unread, WeightFileError};
 
 /// What a network evaluates. It determines how the network's weights look as a file.
@@ -40,7 +41,9 @@ impl Evaluation {
     pub fn of_genesis(genesis: &Genesis) -> Result<Self, Refusal> {
         EvalSpec::decode(&genesis.evaluation)
             .and_then(|spec| Self::new(&spec, genesis.mode))
-            .map_err(|error| Refusal::MalformedUpdate(format!("no rule to read it by: {error}")))
+            .map_err(|error| {
+                RefusalCode::MalformedUpdate.because(format_args!("no rule to read it by: {error}"))
+            })
     }
 
     /// An evaluation that is proven in `mode`.
@@ -116,10 +119,11 @@ impl Evaluation {
         let actual = weights.digest(self.mode);
         match actual == claimed.quantised {
             true => Ok(weights),
-            false => Err(Refusal::OtherWeights {
+            false => Err(RefusalCode::OtherWeights {
                 proven: claimed.quantised,
                 actual,
-            }),
+            }
+            .into()),
         }
     }
 
@@ -137,11 +141,11 @@ impl Evaluation {
             (Mode::Succinct, Some(claimed)) => {
                 check_weight_claims(format, &claimed, weight_check, base, update)
             }
-            (mode, check) => Err(Refusal::Binding {
-                field: "weight_check".into(),
-                claimed: if check.is_some() { "some" } else { "none" }.into(),
-                expected: format!("that of mode {mode}"),
-            }),
+            (mode, check) => {
+                let claimed = if check.is_some() { "some" } else { "none" };
+                let detail = format!("it is {claimed}, but the network's mode is {mode}");
+                Err(RefusalCode::Binding(ClaimField::WeightCheck).because(detail))
+            }
         }
     }
 }
@@ -151,30 +155,33 @@ fn check_blob(file: &[u8], expected: &Digest) -> Result<(), Refusal> {
     let actual = blob_digest(file);
     match actual == *expected {
         true => Ok(()),
-        false => Err(Refusal::UpdateDigest {
+        false => Err(RefusalCode::UpdateDigest {
             expected: *expected,
             actual,
-        }),
+        }
+        .into()),
     }
 }
 
 fn malformed(error: impl ToString) -> Refusal {
-    Refusal::MalformedUpdate(error.to_string())
+    RefusalCode::MalformedUpdate.because(error.to_string())
 }
 
 fn changed(changed: Changed) -> Refusal {
     let Changed {
-        tensor,
+        number,
+        name,
         index,
         found,
         expected,
         bits,
     } = changed;
-    Refusal::UnreadWeights {
-        tensor,
+    let code = RefusalCode::UnreadWeights {
+        tensor: number,
         index,
         found,
         expected,
         bits,
-    }
+    };
+    code.because(format_args!("tensor {number} is '{name}'"))
 }

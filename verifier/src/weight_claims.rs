@@ -10,7 +10,7 @@ use zk0_argument::expert::published::{digest, Published};
 use zk0_argument::expert::statement::Statement;
 use zk0_argument::transcript::Refused;
 use zk0_circuits::Digest;
-use zk0_protocol::Refusal;
+use zk0_protocol::{Refusal, RefusalCode};
 use zk0_tensors::ReadAt;
 use zk0_weights::{Format, WeightsFile};
 
@@ -19,7 +19,7 @@ struct Failed(Refusal);
 
 impl From<Refused> for Failed {
     fn from(refused: Refused) -> Self {
-        Self(Refusal::OtherModels(refused.to_string()))
+        Self(RefusalCode::OtherModels.because(refused))
     }
 }
 
@@ -32,7 +32,7 @@ pub fn check_weight_claims<R: ReadAt + Send>(
     base: R,
     update: R,
 ) -> Result<(), Refusal> {
-    let other = || Refusal::OtherWeightCheck { claimed: *claimed };
+    let other = || Refusal::from(RefusalCode::OtherWeightCheck { claimed: *claimed });
     let (words, rest) = claims.as_chunks::<8>();
     let words: Vec<u64> = words.iter().map(|word| u64::from_le_bytes(*word)).collect();
     let published = Published::from_words(&words).ok_or_else(other)?;
@@ -72,7 +72,7 @@ pub fn check_weight_claims<R: ReadAt + Send>(
 }
 
 fn malformed(error: impl ToString) -> Failed {
-    Failed(Refusal::MalformedUpdate(error.to_string()))
+    Failed(RefusalCode::MalformedUpdate.because(error.to_string()))
 }
 
 fn open<R: ReadAt>(format: &Format, file: R) -> Result<WeightsFile<'_, R>, Refusal> {

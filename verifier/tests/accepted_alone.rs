@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use zk0_circuits::{Digest, NodeId, WeightsDigest};
 use zk0_ledger::{replay, Blobs, Finding, Recheck};
 use zk0_protocol::rules::state::Commit;
-use zk0_protocol::{Body, Entry, Refusal, State};
+use zk0_protocol::{Body, Entry, RefusalCode, State};
 use zk0_verifier::close::{combined, CloseError};
 use zk0_verifier::combine::strategy::Global;
 use zk0_verifier::{authenticate, verify, BaseFiles, UnverifiedContribution, VerifiedContribution};
@@ -60,7 +60,7 @@ fn a_stranger_contributes_nothing() {
     assert!(authenticate(submission.clone(), proof.clone(), &real.before).is_ok());
     assert_eq!(
         authenticate(submission, proof, &founded),
-        Err(Refusal::NotEnrolled(node))
+        Err(RefusalCode::NotEnrolled(node).into())
     );
 }
 

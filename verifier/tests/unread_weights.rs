@@ -9,7 +9,7 @@ use zk0_circuits::model::eval::{evaluate, Overflow};
 use zk0_circuits::{
     Claim, DatasetCommitment, Digest, EvalSpec, Losses, Mode, NodeId, QuantisedWeights,
 };
-use zk0_protocol::{Refusal, Rules};
+use zk0_protocol::{Refusal, RefusalCode, Rules};
 use zk0_verifier::combine::bases::Bases;
 use zk0_verifier::combine::contributions::WeightedContribution;
 use zk0_verifier::combine::source::WeightsInMemory;
@@ -98,8 +98,12 @@ fn large_weights_where_nothing_is_evaluated_are_refused() {
         let moved = (loss(&poisoned) - loss(&update)).abs() / loss(&update);
         assert!(moved < 0.01, "the loss moves by {moved}");
         match checked(&base, &poisoned) {
-            Err(Refusal::UnreadWeights { tensor, index, .. }) => {
-                assert_eq!((&tensor[..], index), (name, from as u64))
+            Err(Refusal {
+                code: RefusalCode::UnreadWeights { tensor, index, .. },
+                detail,
+            }) => {
+                assert_eq!(index, from as u64);
+                assert_eq!(detail, format!("tensor {tensor} is '{name}'"));
             }
             other => panic!("{other:?}"),
         }
@@ -122,8 +126,12 @@ fn any_other_number_is_refused_at_any_scale() {
             changed.get_mut(name).unwrap()[last] += change;
             assert_ne!(quantise(&spec, &changed), quantise(&spec, &update));
             match checked(&base, &changed) {
-                Err(Refusal::UnreadWeights { tensor, index, .. }) => {
-                    assert_eq!((&tensor[..], index), (name, last as u64))
+                Err(Refusal {
+                    code: RefusalCode::UnreadWeights { tensor, index, .. },
+                    detail,
+                }) => {
+                    assert_eq!(index, last as u64);
+                    assert_eq!(detail, format!("tensor {tensor} is '{name}'"));
                 }
                 other => panic!("{other:?}"),
             }
@@ -149,7 +157,13 @@ fn another_base_than_the_claim_names_is_refused() {
     files.base = file(&spec, &tensors(&spec, 9, 4.0));
     let refused = evaluation.check_weights(&claim, &[], &files, &Rules::default());
     assert!(
-        matches!(refused, Err(Refusal::UpdateDigest { .. })),
+        matches!(
+            refused,
+            Err(Refusal {
+                code: RefusalCode::UpdateDigest { .. },
+                ..
+            })
+        ),
         "{refused:?}"
     );
 }

@@ -3,7 +3,7 @@
 use crate::made::{self, file, format, rounded, tensors, terms, unread_of, Tensors};
 use zk0_circuits::claim::public_values::CLAIM_VERSION;
 use zk0_circuits::{Claim, DatasetCommitment, Digest, EvalSpec, Losses, Mode};
-use zk0_protocol::{Refusal, Rules};
+use zk0_protocol::{Refusal, RefusalCode, Rules};
 use zk0_testkit::weight_claims;
 use zk0_verifier::{check_weight_claims, Evaluation, WeightFiles};
 
@@ -50,7 +50,13 @@ fn claims_about_other_weights_do_not_hold() {
         let [base, update] = files;
         let refused = told(&base, &update, &left, &digest);
         assert!(
-            matches!(refused, Err(Refusal::OtherModels(_))),
+            matches!(
+                refused,
+                Err(Refusal {
+                    code: RefusalCode::OtherModels,
+                    ..
+                })
+            ),
             "{refused:?}"
         );
     }
@@ -62,7 +68,7 @@ fn other_claims_than_the_proof_left_are_refused() {
     let (base, update) = honest();
     let (_, claimed) = left(&base, &update, 1);
     let (others, _) = left(&base, &update, 1000);
-    let refused = Err(Refusal::OtherWeightCheck { claimed });
+    let refused = Err(RefusalCode::OtherWeightCheck { claimed }.into());
     assert_eq!(told(&base, &update, &others, &claimed), refused);
 }
 
@@ -71,7 +77,7 @@ fn bytes_after_the_claims_are_refused() {
     let (base, update) = honest();
     let (mut left, claimed) = left(&base, &update, 1);
     left.push(0);
-    let refused = Err(Refusal::OtherWeightCheck { claimed });
+    let refused = Err(RefusalCode::OtherWeightCheck { claimed }.into());
     assert_eq!(told(&base, &update, &left, &claimed), refused);
 }
 
@@ -106,7 +112,7 @@ fn an_update_is_checked_with_what_its_proof_left() {
     let (own, claimed) = left(&base, &update, 1);
     assert_eq!(checked(Some(claimed), &own), Ok(()));
     let (others, _) = left(&base, &update, 1000);
-    let refused = Err(Refusal::OtherWeightCheck { claimed });
+    let refused = Err(RefusalCode::OtherWeightCheck { claimed }.into());
     assert_eq!(checked(Some(claimed), &others), refused);
 }
 
@@ -114,7 +120,13 @@ fn an_update_is_checked_with_what_its_proof_left() {
 fn a_claim_that_names_no_weight_check_is_refused() {
     let refused = checked(None, &[]);
     assert!(
-        matches!(refused, Err(Refusal::Binding { .. })),
+        matches!(
+            refused,
+            Err(Refusal {
+                code: RefusalCode::Binding(_),
+                ..
+            })
+        ),
         "{refused:?}"
     );
 }

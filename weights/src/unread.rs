@@ -32,8 +32,10 @@ struct UnreadValues {
 /// A weight that the evaluation does not read, and that differs from the base's.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Changed {
-    /// The tensor.
-    pub tensor: String,
+    /// The tensor, counted from 0 in the order of [`Format::tensors`].
+    pub number: u32,
+    /// Its name.
+    pub name: String,
     /// The element, in row-major order.
     pub index: u64,
     /// Its value.
@@ -77,7 +79,8 @@ impl Unread {
                 let expected = rescaled(base, kept.bits, bits);
                 if i64::from(found) != expected {
                     return Err(Changed {
-                        tensor: format.tensors()[tensor].name.clone(),
+                        number: tensor as u32,
+                        name: format.tensors()[tensor].name.clone(),
                         index: (from + index) as u64,
                         found,
                         expected,

@@ -11,9 +11,9 @@ use zk0_circuits::{Claim, Mode};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
-use zk0_protocol::Refusal;
+use zk0_protocol::RefusalCode;
 use zk0_testkit::aggregator::real_proof::real_proof;
-use zk0_testkit::aggregator::{genesis, weights, Network, SigningNode};
+use zk0_testkit::aggregator::{genesis, reason, weights, Network, SigningNode};
 use zk0_verifier::releases::check_proof_of;
 
 /// How many proofs are verified for the peer's figure.
@@ -87,7 +87,7 @@ pub async fn measure(count: u16) {
         (registered.all.into_iter())
             .chain(committed.all)
             .chain(submitted.all.into_iter().map(|reply| {
-                assert!(!reply.accepted && reply.reason == Refusal::OtherClaim.to_string());
+                assert_eq!(reason(&reply), RefusalCode::OtherClaim.to_string());
                 reply.receipt.expect("a decision has a receipt")
             }));
     let mut verified = 0;
@@ -133,7 +133,7 @@ fn verifying_alone(program: &Program, proof: &[u8], claim: &Claim) -> f64 {
             scope.spawn(|| {
                 for _ in 0..PROOFS / cores {
                     let refused = check_proof_of(program, proof, claim);
-                    assert_eq!(refused, Err(Refusal::OtherClaim));
+                    assert_eq!(refused, Err(RefusalCode::OtherClaim.into()));
                 }
             });
         }

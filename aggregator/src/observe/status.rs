@@ -6,9 +6,10 @@ use crate::round::aggregator::Aggregator;
 use crate::round::request_error::RequestError;
 use crate::serve::service::Service;
 use std::time::Duration;
+use zk0_protocol::entries::member::Standing;
 use zk0_protocol::rpc::federation::status_info::Phase;
 use zk0_protocol::rpc::federation::StatusInfo;
-use zk0_protocol::rules::state::{Decision, Round, Standing, State};
+use zk0_protocol::rules::state::{Decision, Round, State};
 
 impl Service {
     /// How the aggregator is doing.

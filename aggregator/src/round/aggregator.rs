@@ -27,12 +27,13 @@ use zk0_protocol::entries::authentic::AuthenticBody;
 use zk0_protocol::entries::entry::{Body, DisputeResolved, ProposalSettled};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::member::Standing;
 use zk0_protocol::pruning::rounds_before;
 use zk0_protocol::rules::closing::public_samples::PublicSamples;
 use zk0_protocol::rules::disclosed_blobs::BlobAccess;
-use zk0_protocol::rules::state::{Standing, State};
+use zk0_protocol::rules::state::State;
 use zk0_protocol::tlog::receipt::Receipt;
-use zk0_protocol::Refusal;
+use zk0_protocol::{Refusal, RefusalCode};
 use zk0_verifier::combine::bases;
 use zk0_verifier::combine::optimizers::moments;
 use zk0_verifier::releases::{can_verify, releases};
@@ -368,7 +369,7 @@ impl Aggregator {
         upheld: Option<Refusal>,
     ) -> Result<StepOutcome, RequestError> {
         match &upheld {
-            Some(unchecked @ Refusal::NoVerifier { .. }) => {
+            Some(unchecked) if unchecked.code == RefusalCode::NoVerifier => {
                 return Ok(StepOutcome::Blocked(format!(
                     "the dispute of entry {dispute} cannot be decided by this release of zk0: {unchecked}"
                 )))
@@ -376,6 +377,7 @@ impl Aggregator {
             Some(reason) => tracing::warn!(dispute, %reason, "dispute upheld"),
             None => tracing::info!(dispute, "dispute dismissed: the contribution verifies"),
         }
+        let upheld = upheld.map(|reason| reason.code);
         self.append(Body::DisputeResolved(DisputeResolved { dispute, upheld }))?;
         Ok(StepOutcome::Resolved(dispute))
     }

@@ -1,16 +1,21 @@
-//! Why the aggregator turns a request down, and the gRPC status that says so.
+//! Why the aggregator turns a request down, and the gRPC status for that. Its details have the code of the refusal and what the node does next.
 
 use crate::round::intake::staging::StagingError;
 use tonic::{Code, Status};
 use zk0_ledger::blobs::BlobError;
 use zk0_ledger::clock::ClockError;
 use zk0_ledger::error::LedgerError;
+use zk0_protocol::entries::refusal::code::RoundFile;
 use zk0_protocol::entries::signed::SignatureError;
 use zk0_protocol::request_head::HeadRefusal;
+use zk0_protocol::rpc::federation::{turned_down::Remedy, TurnedDown};
 use zk0_protocol::rules::violation::RuleViolation;
-use zk0_protocol::Refusal;
+use zk0_protocol::{Refusal, RefusalCode};
 use zk0_verifier::close::CloseError;
 use zk0_verifier::Unreadable;
+
+/// When to ask again what the aggregator cannot do at the moment, in milliseconds.
+const AFTER_MS: u64 = 2000;
 
 /// Why a request is turned down.
 #[derive(Debug, thiserror::Error)]
@@ -86,9 +91,15 @@ impl From<RuleViolation> for RequestError {
     }
 }
 
+impl From<RefusalCode> for RequestError {
+    fn from(code: RefusalCode) -> Self {
+        Self::Refused(code.into())
+    }
+}
+
 impl From<SignatureError> for RequestError {
     fn from(error: SignatureError) -> Self {
-        Self::Refused(Refusal::Signature(error.to_string()))
+        Self::Refused(RefusalCode::Signature.because(error))
     }
 }
 
@@ -144,16 +155,15 @@ impl RequestError {
     /// Why an uploaded blob is not stored. The sender caused that, and not the aggregator's disk.
     pub fn upload(error: BlobError) -> Self {
         match error {
-            BlobError::TooLarge { size, limit } => Self::Refused(Refusal::TooLarge {
-                what: "the upload".into(),
-                size,
-                limit,
-            }),
+            BlobError::TooLarge { size, limit } => {
+                let file = RoundFile::Update;
+                Self::Refused(RefusalCode::TooLarge { file, size, limit }.into())
+            }
             BlobError::Incomplete { held, size } => {
                 Self::Malformed(format!("the upload ended after {held} of {size} bytes"))
             }
             BlobError::WrongDigest { expected, actual } => {
-                Self::Refused(Refusal::UpdateDigest { expected, actual })
+                Self::Refused(RefusalCode::UpdateDigest { expected, actual }.into())
             }
             unsent @ (BlobError::NotSent | BlobError::OtherSize { .. }) => {
                 Self::Malformed(unsent.to_string())
@@ -190,25 +200,77 @@ impl RequestError {
             | Self::BlobStore(_)
             | Self::Clock(_) => Code::Unavailable,
             Self::Internal(_) => Code::Internal,
-            Self::Refused(refusal) => match refusal {
-                Refusal::TooLarge { .. } => Code::ResourceExhausted,
-                Refusal::Signature(_) => Code::Unauthenticated,
-                Refusal::NotEnrolled(_)
-                | Refusal::NotActive { .. }
-                | Refusal::NotInvited { .. }
-                | Refusal::Paused { .. } => Code::PermissionDenied,
-                // The node knows by this code that it has to wait for the next round.
-                Refusal::RoundFull { .. } => Code::OutOfRange,
-                Refusal::Duplicate { .. } | Refusal::CopiedUpdate { .. } => Code::AlreadyExists,
-                Refusal::WrongNetwork { .. }
-                | Refusal::WrongRound { .. }
-                | Refusal::Late { .. }
-                | Refusal::NotCommitted(_)
-                | Refusal::MissingUpdate(_)
-                | Refusal::CommitmentsClosed { .. }
-                | Refusal::NoRandomness { .. }
-                | Refusal::NoVerifier { .. } => Code::FailedPrecondition,
+            Self::Refused(refusal) => match refusal.code {
+                RefusalCode::TooLarge { .. } => Code::ResourceExhausted,
+                RefusalCode::Signature => Code::Unauthenticated,
+                RefusalCode::NotEnrolled(_)
+                | RefusalCode::NotActive { .. }
+                | RefusalCode::NotInvited { .. }
+                | RefusalCode::Paused { .. } => Code::PermissionDenied,
+                RefusalCode::RoundFull { .. } => Code::OutOfRange,
+                RefusalCode::Duplicate { .. } | RefusalCode::CopiedUpdate { .. } => {
+                    Code::AlreadyExists
+                }
+                RefusalCode::WrongNetwork { .. }
+                | RefusalCode::WrongRound { .. }
+                | RefusalCode::Late { .. }
+                | RefusalCode::NotCommitted(_)
+                | RefusalCode::MissingUpdate(_)
+                | RefusalCode::CommitmentsClosed { .. }
+                | RefusalCode::NoRandomness { .. }
+                | RefusalCode::NoVerifier => Code::FailedPrecondition,
                 _ => Code::InvalidArgument,
+            },
+        }
+    }
+
+    /// What the sender does next.
+    fn remedy(&self) -> Remedy {
+        match self {
+            // Another head, or the same after a while, counts. A clock may have jumped, and is set right soon.
+            Self::Head(
+                HeadRefusal::Run
+                | HeadRefusal::Time { .. }
+                | HeadRefusal::TooMany { .. }
+                | HeadRefusal::NoRoom { .. }
+                | HeadRefusal::Forgotten { .. },
+            )
+            | Self::OtherPlace(_)
+            | Self::TimedOut(_)
+            | Self::Crowded(_)
+            | Self::NotPublished(_)
+            | Self::NoRoom(_)
+            | Self::BlobStore(_)
+            | Self::Clock(_) => Remedy::AskAgain,
+            // The round goes on without the node, or has what the node can contribute to it.
+            Self::Head(HeadRefusal::Replayed) => Remedy::NextRound,
+            Self::Refused(refusal) => match refusal.code {
+                RefusalCode::RoundFull { .. }
+                | RefusalCode::Duplicate { .. }
+                | RefusalCode::CopiedUpdate { .. }
+                | RefusalCode::WrongRound { .. }
+                | RefusalCode::Late { .. }
+                | RefusalCode::NotCommitted(_)
+                | RefusalCode::CommitmentsClosed { .. }
+                | RefusalCode::NoRandomness { .. } => Remedy::NextRound,
+                _ => Remedy::Never,
+            },
+            _ => Remedy::Never,
+        }
+    }
+
+    /// The details of the gRPC status.
+    fn details(&self) -> TurnedDown {
+        let remedy = self.remedy();
+        TurnedDown {
+            code: match self {
+                Self::Refused(refusal) => refusal.code.number().into(),
+                _ => 0,
+            },
+            remedy: remedy.into(),
+            after_ms: match remedy {
+                Remedy::AskAgain => AFTER_MS,
+                _ => 0,
             },
         }
     }
@@ -216,29 +278,26 @@ impl RequestError {
 
 impl From<RequestError> for Status {
     fn from(error: RequestError) -> Self {
-        if let RequestError::NoRoom(_) = &error {
-            tracing::error!("{error}");
-            return Self::unavailable(
-                "the aggregator's disk is full, so it keeps nothing until there is room: ask again",
-            );
-        }
-        if let RequestError::BlobStore(_) = &error {
-            tracing::error!("{error}");
-            return Self::unavailable(
-                "the aggregator's blob store does not answer as it should, and nothing was recorded: ask again",
-            );
-        }
-        if let RequestError::Clock(_) = &error {
-            // The log says more, once.
-            return Self::unavailable(
-                "the aggregator's clock is wrong, so it records nothing until its operator has set it: ask again",
-            );
-        }
-        if let RequestError::Internal(cause) = &error {
-            tracing::error!(%cause, "request failed");
-            return Self::internal("the aggregator failed; its log says why");
-        }
-        Self::new(error.code(), error.to_string())
+        let told: String = match &error {
+            RequestError::NoRoom(_) => {
+                tracing::error!("{error}");
+                "the aggregator's disk is full, so it keeps nothing until there is room: ask again".into()
+            }
+            RequestError::BlobStore(_) => {
+                tracing::error!("{error}");
+                "the aggregator's blob store does not answer as it should, and nothing was recorded: ask again".into()
+            }
+            // The log knows more, and has it once.
+            RequestError::Clock(_) => {
+                "the aggregator's clock is wrong, so it records nothing until its operator has set it: ask again".into()
+            }
+            RequestError::Internal(cause) => {
+                tracing::error!(%cause, "request failed");
+                "the aggregator failed; its log has the reason".into()
+            }
+            other => other.to_string(),
+        };
+        error.details().status(error.code(), told)
     }
 }
 
@@ -247,20 +306,27 @@ mod tests {
     use super::*;
     use zk0_circuits::NodeId;
 
-    /// A node ends where it is refused, and not where it is told to ask again or to wait for the next round.
+    /// A node ends where it is refused for good, and not where it is told to ask again or to wait for the next round.
     #[test]
-    fn what_passes_has_a_code_of_its_own() {
-        let code = |error: RequestError| Status::from(error).code();
+    fn what_passes_has_a_remedy() {
+        let told = |error: RequestError| {
+            let status = Status::from(error);
+            let details = TurnedDown::of(&status);
+            (details.code, details.remedy(), details.after_ms)
+        };
         let (round, limit, sender) = (3, 1300, NodeId([1; 32]));
-        let full = RequestError::Refused(Refusal::RoundFull { round, limit });
-        assert_eq!(code(full), Code::OutOfRange);
+        let full = RefusalCode::RoundFull { round, limit };
+        let refused = |code: RefusalCode| told(RequestError::Refused(code.into()));
+        assert_eq!(refused(full), (27, Remedy::NextRound, 0));
+        assert_eq!(refused(RefusalCode::InvalidProof), (19, Remedy::Never, 0));
         let limit = 4;
         for passes in [
             HeadRefusal::TooMany { sender, limit },
             HeadRefusal::NoRoom { limit },
             HeadRefusal::Forgotten { sender_ms: 1 },
         ] {
-            assert_eq!(code(RequestError::Head(passes)), Code::Unavailable);
+            let again = (0, Remedy::AskAgain, AFTER_MS);
+            assert_eq!(told(RequestError::Head(passes)), again);
         }
     }
 }

@@ -313,7 +313,10 @@ impl Federation for Service {
         request::outcome(reason.as_deref().unwrap_or("accepted"));
         let reply = SubmitReply {
             accepted: reason.is_none(),
-            reason: reason.unwrap_or_default(),
+            detail: decided
+                .rejected
+                .map(|refusal| refusal.detail)
+                .unwrap_or_default(),
             receipt: Some(decided.receipt.into()),
         };
         Ok(sent_by(sender, reply))

@@ -14,7 +14,7 @@ use zk0_ledger::blobs::Blobs;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::rpc::federation as proto;
-use zk0_protocol::Refusal;
+use zk0_protocol::RefusalCode;
 use zk0_testkit::aggregator::*;
 use zk0_testkit::s3::failing_network::Fault;
 use zk0_testkit::s3::S3;
@@ -160,7 +160,7 @@ async fn an_aggregator_goes_on_when_its_folder_of_blobs_is_lost() {
     assert!(
         matches!(
             reason,
-            Refusal::MalformedProof(_) | Refusal::InvalidProof(_)
+            RefusalCode::MalformedProof | RefusalCode::InvalidProof
         ),
         "{reason}"
     );

@@ -10,14 +10,14 @@ use zk0_ledger::log::Ledger;
 use zk0_protocol::challenge::drawing::Drawing;
 use zk0_protocol::entries::entry::{Body, Contributor, RandomnessDrawn, RoundClosed};
 use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::member::Standing;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::entries::signed::{
     Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Signed, Vote,
 };
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rules::network_rules::Participation;
-use zk0_protocol::rules::state::Standing;
-use zk0_protocol::{Refusal, Rules};
+use zk0_protocol::{RefusalCode, Rules};
 use zk0_testkit::aggregator::*;
 
 async fn record(network: &Network, body: &Body) -> Result<u64, Status> {
@@ -291,7 +291,7 @@ fn a_disputed_contribution_is_verified_again() -> Test {
         panic!("{last:?}");
     };
     assert_eq!(resolved.dispute, entry);
-    assert!(matches!(resolved.upheld, Some(Refusal::MalformedProof(_))));
+    assert!(matches!(resolved.upheld, Some(RefusalCode::MalformedProof)));
     assert_eq!(earned(&aggregator), 0);
     let standing = aggregator.state().node(&node.id()).unwrap().standing;
     assert_eq!(standing, Standing::Suspended);

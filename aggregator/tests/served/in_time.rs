@@ -12,7 +12,7 @@ use tonic::{Code, Streaming};
 use zk0_circuits::Claim;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::rpc::federation as proto;
-use zk0_protocol::Refusal;
+use zk0_protocol::RefusalCode;
 use zk0_testkit::aggregator::*;
 use zk0_testkit::until_async;
 use zk0_verifier::blob_digest;
@@ -85,9 +85,9 @@ async fn the_service_answers_while_it_verifies_a_submission() -> Test {
     reader.let_go().await;
     let reply = timeout(SOON, submitting).await???;
     assert!(
-        reply.reason.contains("not an SP1 compressed proof"),
+        reason(&reply).contains("not an SP1 compressed proof"),
         "{}",
-        reply.reason
+        reason(&reply)
     );
     Ok(())
 }
@@ -109,9 +109,9 @@ async fn a_submission_that_arrived_in_time_is_not_late_however_long_it_takes() -
     reader.let_go().await;
     let reply = timeout(SOON, submitting).await???;
     assert!(
-        reply.reason.contains("not an SP1 compressed proof"),
+        reason(&reply).contains("not an SP1 compressed proof"),
         "{}",
-        reply.reason
+        reason(&reply)
     );
     network.settle().await;
     assert!(network.round(Some(0)).await.closed.is_some());
@@ -141,16 +141,16 @@ async fn what_arrives_late_waits_for_what_arrived_in_time() -> Test {
     let early = timeout(SOON, early).await???;
     let late = timeout(SOON, late).await???;
     assert!(
-        early.reason.contains("not an SP1 compressed proof"),
+        reason(&early).contains("not an SP1 compressed proof"),
         "{}",
-        early.reason
+        reason(&early)
     );
     let (_, _, entry) = network.opened(late.receipt.ok_or("no receipt")?);
     let Body::ContributionRejected { reason, .. } = entry.body else {
         panic!("{entry:?}");
     };
     assert!(
-        matches!(reason, Refusal::Late { late_ms: 5, .. }),
+        matches!(reason, RefusalCode::Late { late_ms: 5, .. }),
         "{reason}"
     );
     Ok(())
@@ -192,7 +192,7 @@ async fn a_late_request_does_not_hold_up_an_earlier_one_of_its_node() -> Test {
     let_go.send(())?;
     timeout(SOON, holding).await???;
     let early = timeout(SOON, early).await???;
-    let reason = early.reason;
+    let reason = reason(&early);
     assert!(reason.contains("not an SP1 compressed proof"), "{reason}");
     refused(timeout(SOON, late).await??, Code::AlreadyExists, "already");
     network.settle().await;

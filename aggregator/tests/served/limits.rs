@@ -96,7 +96,7 @@ async fn an_endless_upload_is_cut_at_its_announced_size() -> Test {
         sent
     });
     let result = network.client().await.upload(endless_request).await;
-    refused(result, Code::ResourceExhausted, "the upload has");
+    refused(result, Code::ResourceExhausted, "the update has");
     // The upload stops soon after. A few windows of HTTP/2 are on their way by then, not a gigabyte.
     let sent = tokio::time::timeout(Duration::from_secs(10), endless).await??;
     assert!(sent < 20 << 20, "{sent} bytes were taken");

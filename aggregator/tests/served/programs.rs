@@ -12,7 +12,7 @@ use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::rpc::federation as proto;
-use zk0_protocol::Refusal;
+use zk0_protocol::RefusalCode;
 use zk0_testkit::aggregator::operator::{proposed, voted, Operator};
 use zk0_testkit::aggregator::real_proof::real_proof;
 use zk0_testkit::aggregator::*;
@@ -111,12 +111,12 @@ fn a_proof_of_the_program_before_is_refused() -> Test {
         drop(operator);
         let mut aggregator = open(dir.path(), &clock);
         let decided = aggregator.submit(&borsh::to_vec(&submission)?, proof.clone())?;
-        Ok(decided.rejected)
+        Ok(decided.rejected.map(|refusal| refusal.code))
     };
     // The proof is of the first program, and another one is in force.
-    assert_eq!(submit(&own, &other)?, Some(Refusal::OtherProgram));
+    assert_eq!(submit(&own, &other)?, Some(RefusalCode::OtherProgram));
     // The proof is of the program in force, and only its claim is another.
-    assert_eq!(submit(&other, &own)?, Some(Refusal::OtherClaim));
+    assert_eq!(submit(&other, &own)?, Some(RefusalCode::OtherClaim));
     Ok(())
 }
 

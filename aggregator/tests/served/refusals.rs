@@ -8,7 +8,7 @@ use zk0_circuits::Digest;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::evaluation_set::{list_bytes, DrawnLeaf};
-use zk0_protocol::Refusal;
+use zk0_protocol::RefusalCode;
 use zk0_testkit::aggregator::*;
 use zk0_verifier::blob_digest;
 
@@ -311,14 +311,14 @@ async fn a_proof_that_is_none_is_recorded_and_kept() -> Test {
     let reply = first.submit(&network, claim, b"no proof at all").await?;
     assert!(!reply.accepted);
     assert!(
-        reply.reason.contains("not an SP1 compressed proof"),
+        reason(&reply).contains("not an SP1 compressed proof"),
         "{}",
-        reply.reason
+        reason(&reply)
     );
     let (_, _, entry) = network.opened(reply.receipt.ok_or("no receipt")?);
     let Body::ContributionRejected {
         submission,
-        reason: Refusal::MalformedProof(_),
+        reason: RefusalCode::MalformedProof,
     } = entry.body
     else {
         panic!("{entry:?}");
@@ -339,16 +339,15 @@ async fn a_claim_that_the_ledger_contradicts_is_recorded() -> Test {
     claim.terms.eval_samples = 1;
     let reply = first.submit(&network, claim, b"proof").await?;
     assert!(
-        reply
-            .reason
-            .contains("eval_samples is 1 in the claim, but 4"),
+        reason(&reply).contains("eval_samples of the claim")
+            && reply.detail.contains("it is 1, but 4"),
         "{}",
-        reply.reason
+        reason(&reply)
     );
     assert!(matches!(
         network.last().await,
         Body::ContributionRejected {
-            reason: Refusal::Binding { .. },
+            reason: RefusalCode::Binding(_),
             ..
         }
     ));

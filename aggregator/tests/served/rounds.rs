@@ -12,7 +12,7 @@ use zk0_ledger::replay::{replay, Verdict};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::rules::network_rules::{Participation, Scaffold, Strategy};
-use zk0_protocol::Refusal;
+use zk0_protocol::RefusalCode;
 use zk0_testkit::aggregator::operator::Operator;
 use zk0_testkit::aggregator::*;
 use zk0_verifier::blob_digest;
@@ -277,8 +277,8 @@ fn a_submission_after_the_deadline_of_an_open_round_is_recorded_as_late() -> Tes
     clock.advance(SUBMIT_MS + 5);
     let decided = aggregator.submit(&submission, b"no proof".to_vec())?;
     assert!(matches!(
-        decided.rejected,
-        Some(Refusal::Late {
+        decided.rejected.map(|refusal| refusal.code),
+        Some(RefusalCode::Late {
             late_ms: 5,
             round: 0,
             ..

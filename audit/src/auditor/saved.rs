@@ -7,7 +7,7 @@ use crate::depth::Depth;
 use crate::trusted_programs::TrustedPrograms;
 use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::Digest;
-use zk0_protocol::Refusal;
+use zk0_protocol::RefusalCode;
 
 /// What a state file keeps of an auditor: how they audit, what was checked, what the open round accepted, what may still be disputed, of which
 /// rounds nobody can repeat the combination, what the open round refused, and which blobs were missing or damaged.
@@ -16,9 +16,9 @@ pub type SavedAuditor = (
     TrustedPrograms,
     Account,
     Vec<RecordedClaim>,
-    BTreeMap<u64, Option<Refusal>>,
+    BTreeMap<u64, Option<RefusalCode>>,
     Rounds,
-    Vec<(RecordedClaim, Refusal)>,
+    Vec<(RecordedClaim, RefusalCode)>,
     BTreeSet<Digest>,
 );
 

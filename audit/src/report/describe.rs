@@ -7,7 +7,7 @@ use zk0_protocol::entries::entry::{Body, RoundClosed};
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::Evidence;
 use zk0_protocol::evaluation_set::total;
-use zk0_protocol::{Entry, Refusal};
+use zk0_protocol::{Entry, RefusalCode};
 
 /// What the entry says, in a sentence. Names come from strangers: whoever shows the sentence has to escape it.
 pub fn describe(entry: &Entry) -> String {
@@ -358,40 +358,43 @@ pub fn details(body: &Body) -> Vec<(&'static str, String)> {
 }
 
 /// The kind of a refusal, in a word or two.
-pub fn refusal(reason: &Refusal) -> &'static str {
+pub fn refusal(reason: &RefusalCode) -> &'static str {
     match reason {
-        Refusal::TooLarge { .. } => "too large",
-        Refusal::Signature(_) => "signature",
-        Refusal::NotEnrolled(_) => "not enrolled",
-        Refusal::WrongNetwork { .. } => "other network",
-        Refusal::WrongRound { .. } => "other round",
-        Refusal::Late { .. } => "late",
-        Refusal::Duplicate { .. } => "duplicate",
-        Refusal::CopiedUpdate { .. } => "copied update",
-        Refusal::NotCommitted(_) => "not committed",
-        Refusal::Binding { .. } => "claim differs from ledger",
-        Refusal::Dataset(_) => "dataset",
-        Refusal::ProofDigest { .. } => "other proof bytes",
-        Refusal::MalformedProof(_) => "malformed proof",
-        Refusal::OtherClaim => "proof of another claim",
-        Refusal::OtherProgram => "proof of another program",
-        Refusal::InvalidProof(_) => "invalid proof",
-        Refusal::UpdateDigest { .. } => "other update bytes",
-        Refusal::MalformedUpdate(_) => "malformed update",
-        Refusal::OtherWeights { .. } => "other weights than proven",
-        Refusal::OtherWeightCheck { .. } => "other weight check than proven",
-        Refusal::OtherModels(_) => "other weights than the argument is about",
-        Refusal::MissingUpdate(_) => "update missing",
-        Refusal::NotActive { .. } => "not active",
-        Refusal::NotInvited { .. } => "not invited",
-        Refusal::TooFar { .. } => "too far from the base",
-        Refusal::RoundFull { .. } => "round full",
-        Refusal::NoVerifier { .. } => "no verifier",
-        Refusal::EvalSamples { .. } => "too few or too many evaluation samples",
-        Refusal::CommitmentsClosed { .. } => "commitments closed",
-        Refusal::NoRandomness { .. } => "no randomness yet",
-        Refusal::Paused { .. } => "paused",
-        Refusal::UnreadWeights { .. } => "weights that are not evaluated",
+        RefusalCode::TooLarge { .. } => "too large",
+        RefusalCode::Signature => "signature",
+        RefusalCode::NotEnrolled(_) => "not enrolled",
+        RefusalCode::WrongNetwork { .. } => "other network",
+        RefusalCode::WrongRound { .. } => "other round",
+        RefusalCode::Late { .. } => "late",
+        RefusalCode::Duplicate { .. } => "duplicate",
+        RefusalCode::CopiedUpdate { .. } => "copied update",
+        RefusalCode::NotCommitted(_) => "not committed",
+        RefusalCode::Binding(_) => "claim differs from ledger",
+        RefusalCode::Dataset => "dataset",
+        RefusalCode::NoDataset(_) => "no dataset",
+        RefusalCode::SmallDataset { .. } => "small dataset",
+        RefusalCode::NewDataset { .. } => "new dataset",
+        RefusalCode::ProofDigest { .. } => "other proof bytes",
+        RefusalCode::MalformedProof => "malformed proof",
+        RefusalCode::OtherClaim => "proof of another claim",
+        RefusalCode::OtherProgram => "proof of another program",
+        RefusalCode::InvalidProof => "invalid proof",
+        RefusalCode::UpdateDigest { .. } => "other update bytes",
+        RefusalCode::MalformedUpdate => "malformed update",
+        RefusalCode::OtherWeights { .. } => "other weights than proven",
+        RefusalCode::OtherWeightCheck { .. } => "other weight check than proven",
+        RefusalCode::OtherModels => "other weights than the argument is about",
+        RefusalCode::MissingUpdate(_) => "update missing",
+        RefusalCode::NotActive { .. } => "not active",
+        RefusalCode::NotInvited { .. } => "not invited",
+        RefusalCode::TooFar { .. } => "too far from the base",
+        RefusalCode::RoundFull { .. } => "round full",
+        RefusalCode::NoVerifier => "no verifier",
+        RefusalCode::EvalSamples { .. } => "too few or too many evaluation samples",
+        RefusalCode::CommitmentsClosed { .. } => "commitments closed",
+        RefusalCode::NoRandomness { .. } => "no randomness yet",
+        RefusalCode::Paused { .. } => "paused",
+        RefusalCode::UnreadWeights { .. } => "weights that are not evaluated",
     }
 }
 

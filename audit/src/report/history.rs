@@ -17,7 +17,7 @@ use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::{Action, Outcome};
 use zk0_protocol::tlog::tree::Frontier;
-use zk0_protocol::{Entry, Refusal, Rules};
+use zk0_protocol::{Entry, RefusalCode, Rules};
 
 /// A network's history in numbers.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -423,7 +423,7 @@ impl History {
         }
     }
 
-    fn refused(&mut self, claim: &Claim, reason: &Refusal) {
+    fn refused(&mut self, claim: &Claim, reason: &RefusalCode) {
         if let Some(node) = self.node(&claim.terms.node) {
             node.refused += 1;
         }

@@ -23,7 +23,7 @@ use zk0_ledger::{Ledger, LedgerError};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::Action;
-use zk0_protocol::{Body, Refusal};
+use zk0_protocol::{Body, Refusal, RefusalCode};
 use zk0_testkit::aggregator::operator::Operator;
 use zk0_testkit::aggregator::*;
 use zk0_verifier::blob_digest;
@@ -103,13 +103,13 @@ fn four_rounds() -> (TempDir, u64) {
     let submission = operator.submission_of(&SigningNode::new(2), &update(1, 2), &proof(1, 2));
     operator.append(Body::ContributionRejected {
         submission,
-        reason: Refusal::MalformedUpdate("it has no header".into()),
+        reason: RefusalCode::MalformedUpdate,
     });
     operator.time_ms += SUBMIT_MS;
     operator.close(seed(1, 9));
     operator.time_ms += 2_000;
     round(&mut operator, None);
-    let refused = Refusal::MalformedProof("it is empty".into());
+    let refused = RefusalCode::MalformedProof;
     round(&mut operator, Some(refused));
     operator.open();
     operator.commit(&SigningNode::new(1), &update(4, 1));

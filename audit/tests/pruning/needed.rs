@@ -241,7 +241,7 @@ fn everything_of_the_open_round_is_kept() {
     let late = operator.submission_of(&SigningNode::new(2), &update(1, 2), &proof(1, 2));
     operator.append(Body::ContributionRejected {
         submission: late,
-        reason: Refusal::MalformedProof("it is empty".into()),
+        reason: RefusalCode::MalformedProof,
     });
     let now_ms = operator.time_ms;
     drop(operator);

@@ -5,6 +5,7 @@ use crate::harness::made_ledger::{Made, NAMES};
 use crate::harness::text;
 use std::fs;
 use zk0_ledger::folder;
+use zk0_protocol::RefusalCode;
 
 /// The elements of a report.
 const ELEMENTS: &[&str] = &[
@@ -103,13 +104,13 @@ fn a_report_for_browsers_holds_no_script_and_loads_nothing() {
     // The page shows the verdict of the audit and quotes what the audit found.
     let lies = scratch.path().join("lies");
     let mut made = Made::found(&lies, 0);
-    made.lie = Some("<script>because()</script>");
+    made.lie = Some(RefusalCode::InvalidProof);
     (0..12).for_each(|_| made.round());
     drop(made.ledger);
     ends(1, &["audit", "replay", text(&lies), "--html", text(&page)]);
     let html = fs::read_to_string(&page).unwrap();
     assert!(html.contains("FAILED") && html.contains("class=\"fault\""));
-    assert!(html.contains("&lt;script&gt;because") && !html.contains("<script"));
+    assert!(html.contains("refused because") && !html.contains("<script"));
     // The page has four charts: contributions, reasons, credits and losses.
     assert_eq!(html.matches("<svg").count(), 4);
     assert_eq!(html.matches("<polyline").count(), 4);

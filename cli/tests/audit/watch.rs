@@ -5,6 +5,7 @@ use crate::harness::made_ledger::Made;
 use crate::harness::text;
 use std::fs;
 use std::path::PathBuf;
+use zk0_protocol::RefusalCode;
 
 #[test]
 fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
@@ -115,7 +116,7 @@ fn an_alarm_has_a_line_for_each_fault() {
     let (dir, state) = (scratch.path().join("ledger"), scratch.path().join("state"));
     let mut made = Made::found(&dir, 0);
     // The proofs are none, but the aggregator says that two contributions are accepted.
-    made.lie = Some("no reason");
+    made.lie = Some(RefusalCode::InvalidProof);
     made.round();
     drop(made.ledger);
     let said = look(1, &dir, &state, &[]);

@@ -14,7 +14,7 @@ use zk0_protocol::entries::signed::{
     DatasetRegistration, RegisteredEpisode, Submission, UpdateCommitment,
 };
 use zk0_protocol::rules::closing::credits::CreditRule;
-use zk0_protocol::{Body, Genesis, Refusal, Rules, Signed};
+use zk0_protocol::{Body, Genesis, RefusalCode, Rules, Signed};
 
 /// A ledger whose entries follow the rules, and whose proofs are not real.
 pub struct Made {
@@ -26,7 +26,7 @@ pub struct Made {
     pub seed: u8,
     /// If this holds a text, all nodes but the last are accepted, and the refusal of the last gives the text as its reason.
     /// Otherwise all nodes are refused for the true reason.
-    pub lie: Option<&'static str>,
+    pub lie: Option<RefusalCode>,
 }
 
 /// What nodes submit instead of proofs begins with this.
@@ -173,13 +173,12 @@ impl Made {
                 .put(&[NO_PROOF, &[node][..]].concat())
                 .unwrap();
             let submission = Signed::new(Submission { claim, proof }, &Self::node(node));
-            let truth = format!("unknown kind of proof {}", u32::from_le_bytes(*NO_PROOF));
             let last = usize::from(node) + 1 == NAMES.len();
             self.append(match self.lie {
                 Some(_) if !last => Body::ContributionAccepted(submission),
                 lie => Body::ContributionRejected {
                     submission,
-                    reason: Refusal::MalformedProof(lie.map_or(truth, str::to_owned)),
+                    reason: lie.unwrap_or(RefusalCode::MalformedProof),
                 },
             });
         }

@@ -8,7 +8,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use zk0_circuits::{Claim, Digest, Terms};
 use zk0_files::bounded_file;
-use zk0_protocol::entries::refusal::Refusal;
+use zk0_protocol::RefusalCode;
 use zk0_prover::program::PreparedClaim;
 
 /// A [`RoundParticipation`] at the beginning of a file.
@@ -71,7 +71,7 @@ pub struct Decided {
     /// What the contribution belongs to.
     pub of: RoundParticipation,
     /// Why the contribution is refused; `None` if it is accepted.
-    pub refusal: Option<Refusal>,
+    pub refusal: Option<RefusalCode>,
 }
 
 impl Decided {

@@ -5,6 +5,7 @@
 use crate::entries::entry::{Body, Entry, ENTRY_VERSION};
 use crate::entries::identity::NOT_A_KEY;
 use crate::entries::known_keys::KnownKeys;
+use crate::entries::refusal::code::RefusalCode;
 use crate::entries::refusal::Refusal;
 use crate::entries::signed::{
     DatasetRegistration, SignableStatement, SignatureError, Signed, Submission, UpdateCommitment,
@@ -55,7 +56,7 @@ impl AuthenticBody {
     }
 
     /// The decision on a submission: it is refused for this reason, or else accepted.
-    pub fn decided(submission: &Authentic<Submission>, refused: Option<Refusal>) -> Self {
+    pub fn decided(submission: &Authentic<Submission>, refused: Option<RefusalCode>) -> Self {
         let submission = submission.0.clone();
         Self(match refused {
             None => Body::ContributionAccepted(submission),
@@ -162,6 +163,6 @@ fn check_body(body: &Body, keys: &KnownKeys) -> Result<(), RuleViolation> {
 fn verify<T: SignableStatement>(signed: &Signed<T>, keys: &KnownKeys) -> Result<(), Refusal> {
     match signed.verify_with(keys.key(&signed.statement.signer())) {
         Ok(_) => Ok(()),
-        Err(error) => Err(Refusal::Signature(error.to_string())),
+        Err(error) => Err(RefusalCode::Signature.because(error)),
     }
 }

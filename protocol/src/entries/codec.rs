@@ -1,6 +1,8 @@
 //! Entries as bytes: one canonical encoding, bounded before it is decoded.
 
 use crate::entries::entry::{Entry, ENTRY_VERSION, MAX_ENTRY_BYTES};
+use crate::entries::refusal::code::UnknownCode;
+use borsh::io;
 
 /// Why bytes cannot be decoded to an entry, or an entry cannot be encoded.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -14,6 +16,9 @@ pub enum EntryError {
     /// It is not the borsh encoding of an entry.
     #[error("this is not an entry: {0}")]
     Malformed(String),
+    /// It records a refusal that this release does not know.
+    #[error(transparent)]
+    UnknownRefusal(UnknownCode),
     /// It decodes to an entry that has another encoding.
     #[error("the entry is not in its canonical encoding")]
     NotCanonical,
@@ -43,13 +48,20 @@ impl Entry {
                 ])))
             }
             _ => {
-                let entry: Self = borsh::from_slice(bytes)
-                    .map_err(|error| EntryError::Malformed(error.to_string()))?;
+                let entry: Self = borsh::from_slice(bytes).map_err(undecodable)?;
                 match entry.encode()? == bytes {
                     true => Ok(entry),
                     false => Err(EntryError::NotCanonical),
                 }
             }
         }
+    }
+}
+
+fn undecodable(error: io::Error) -> EntryError {
+    let cause = error.get_ref().and_then(|cause| cause.downcast_ref());
+    match cause {
+        Some(unknown) => EntryError::UnknownRefusal(*unknown),
+        None => EntryError::Malformed(error.to_string()),
     }
 }

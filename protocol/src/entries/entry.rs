@@ -4,7 +4,7 @@ use crate::challenge::drawing::Drawing;
 use crate::entries::genesis::Genesis;
 use crate::entries::member::NodeEnrolled;
 use crate::entries::proposal::Outcome;
-use crate::entries::refusal::Refusal;
+use crate::entries::refusal::code::{self, RefusalCode};
 use crate::entries::round_result::{EvaluatedResult, ResultOutcome};
 use crate::entries::signed::{
     DatasetRegistration, Dispute, KeyRotation, KeyTakeover, Leaving, Proposal, Signed, Submission,
@@ -15,7 +15,7 @@ use borsh::{BorshDeserialize, BorshSerialize};
 use zk0_circuits::{Digest, NodeId, WeightsDigest};
 
 /// Version of the encoding and meaning of [`Entry`].
-pub const ENTRY_VERSION: u16 = 2;
+pub const ENTRY_VERSION: u16 = 3;
 
 /// Most bytes of an encoded entry. An entry has to fit in an entry bundle, which has 16-bit lengths (C2SP tlog-tiles). Proofs and
 /// weights are not in entries: they are blobs beside the log.
@@ -52,7 +52,8 @@ pub enum Body {
         /// What the node signed.
         submission: Signed<Submission>,
         /// Why it was refused.
-        reason: Refusal,
+        #[borsh(deserialize_with = "code::read")]
+        reason: RefusalCode,
     },
     /// A round closed with new global weights.
     RoundClosed(RoundClosed),
@@ -125,7 +126,8 @@ pub struct DisputeResolved {
     /// Index of the entry that raised it.
     pub dispute: u64,
     /// Why the contribution does not verify; `None` if it does.
-    pub upheld: Option<Refusal>,
+    #[borsh(deserialize_with = "code::read_option")]
+    pub upheld: Option<RefusalCode>,
 }
 
 /// A round opened.

@@ -11,3 +11,27 @@ pub struct NodeEnrolled {
     /// A readable name.
     pub name: String,
 }
+
+/// Whether a node may contribute.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub enum Standing {
+    /// The node may contribute.
+    Active,
+    /// The node may not contribute until a vote reinstates it. A vote or an upheld dispute suspended it.
+    Suspended,
+    /// The node may never contribute again.
+    Revoked,
+    /// The node has left. It may be enrolled again.
+    Left,
+}
+
+impl std::fmt::Display for Standing {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Active => "active",
+            Self::Suspended => "suspended",
+            Self::Revoked => "revoked",
+            Self::Left => "gone: it has left",
+        })
+    }
+}

@@ -2,9 +2,12 @@
 
 use crate::entries::member::NodeEnrolled;
 use crate::entries::program::Program;
+use crate::entries::proposal::impossible::Impossible;
 use crate::rules::network_rules::Rules;
 use borsh::{BorshDeserialize, BorshSerialize};
 use zk0_circuits::NodeId;
+
+pub mod impossible;
 
 /// What a proposal does once it is executed.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
@@ -66,9 +69,8 @@ pub enum Outcome {
     Rejected,
     /// It passed, and vetoes stopped it.
     Vetoed,
-    /// It passed, but its action was not possible any more. The text says why. It is data of the ledger: every replay computes it
-    /// again and compares, so the texts that [`crate::rules::state::State::outcome`] can put here must never change.
-    Impossible(String),
+    /// It passed, but its action was not possible any more. Every replay computes why, and compares.
+    Impossible(Impossible),
 }
 
 impl std::fmt::Display for Outcome {

@@ -29,8 +29,6 @@ pub enum PublicLoss {
     Overflow {
         /// The first sample where that happens, from 0.
         sample: u32,
-        /// The place in the evaluation, and the value. It is data of the ledger, and auditors compare it.
-        what: String,
     },
 }
 
@@ -62,7 +60,7 @@ impl fmt::Display for PublicLoss {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::SquaredError(sum) => write!(f, "a squared error of {sum}"),
-            Self::Overflow { sample, what } => write!(f, "an overflow on sample {sample} ({what})"),
+            Self::Overflow { sample } => write!(f, "an overflow on sample {sample}"),
         }
     }
 }

@@ -3,6 +3,7 @@
 
 pub mod conversions;
 pub mod head_metadata;
+mod turned_down;
 
 /// The generated messages, the client and the server.
 #[allow(missing_docs, clippy::all)]

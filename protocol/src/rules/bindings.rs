@@ -1,5 +1,7 @@
 //! The fields of a claim that the ledger determines, so that they can be checked before anybody looks at the proof.
 
+use crate::entries::refusal::claim_field::ClaimField;
+use crate::entries::refusal::code::{RefusalCode, RoundStatement};
 use crate::entries::refusal::Refusal;
 use crate::rules::state::{Commit, Randomness, Round, State};
 use std::fmt::Display;
@@ -59,7 +61,7 @@ impl State {
     /// Compares a claim with what the ledger determines: its network and round, the node's enrolment and commitment, that the node has
     /// submitted nothing in this round, and then each field.
     pub fn check_bindings(&self, claim: &Claim) -> Result<(), Refusal> {
-        same("version", claim.version, CLAIM_VERSION)?;
+        same(ClaimField::Version, claim.version, CLAIM_VERSION)?;
         self.check_addressed(&claim.terms.network, claim.terms.round, &claim.terms.node)?;
         let (_, commit) = self.commit(&claim.terms.node)?;
         if commit.decision.is_some() {
@@ -68,10 +70,9 @@ impl State {
         let expected = self.expected_claim(&claim.terms.node)?;
         claim
             .check(&expected.terms, expected.disclosure)
-            .map_err(|wrong| Refusal::Binding {
-                field: wrong.term.into(),
-                claimed: wrong.claimed,
-                expected: wrong.expected,
+            .map_err(|wrong| {
+                let field = ClaimField::named(wrong.term).unwrap_or(ClaimField::Version);
+                differs(field, wrong.claimed, wrong.expected)
             })
     }
 
@@ -81,7 +82,7 @@ impl State {
         match &self.round {
             Some(round) => {
                 let deadline_ms = drawn(round)?.submit_deadline_ms;
-                in_time("the claim", round, time_ms, deadline_ms)
+                in_time(RoundStatement::Claim, round, time_ms, deadline_ms)
             }
             None => Ok(()),
         }
@@ -95,18 +96,20 @@ impl State {
         node: &NodeId,
     ) -> Result<&Round, Refusal> {
         if *network != self.network {
-            return Err(Refusal::WrongNetwork {
+            return Err(RefusalCode::WrongNetwork {
                 claimed: *network,
                 ours: self.network,
-            });
+            }
+            .into());
         }
         let open = match &self.round {
             Some(open) if open.number() == round => open,
             other => {
-                return Err(Refusal::WrongRound {
+                return Err(RefusalCode::WrongRound {
                     claimed: round,
                     open: other.as_ref().map(Round::number),
-                })
+                }
+                .into())
             }
         };
         self.active(node)?;
@@ -117,54 +120,58 @@ impl State {
         self.round
             .as_ref()
             .and_then(|round| Some((round, round.commits.get(node)?)))
-            .ok_or(Refusal::NotCommitted(*node))
+            .ok_or(RefusalCode::NotCommitted(*node).into())
     }
 }
 
 /// The randomness of a round, without which nobody can make a claim.
 pub(crate) fn drawn(round: &Round) -> Result<&Randomness, Refusal> {
-    let missing = Refusal::NoRandomness {
-        round: round.number(),
+    let round_number = round.number();
+    let missing = RefusalCode::NoRandomness {
+        round: round_number,
     };
-    round.randomness.as_ref().ok_or(missing)
+    round.randomness.as_ref().ok_or(missing.into())
 }
 
 pub(crate) fn already_submitted(claim: &Claim) -> Refusal {
-    Refusal::Duplicate {
+    let code = RefusalCode::Duplicate {
         node: claim.terms.node,
         round: claim.terms.round,
-        done: "submitted a contribution".into(),
-    }
+        what: RoundStatement::Claim,
+    };
+    code.into()
 }
 
 /// Refuses something that is recorded after its deadline.
 pub(crate) fn in_time(
-    what: &str,
+    what: RoundStatement,
     round: &Round,
     time_ms: u64,
     deadline_ms: u64,
 ) -> Result<(), Refusal> {
     match time_ms.saturating_sub(deadline_ms) {
         0 => Ok(()),
-        late_ms => Err(Refusal::Late {
-            what: what.into(),
+        late_ms => Err(RefusalCode::Late {
+            what,
             round: round.number(),
             late_ms,
-        }),
+        }
+        .into()),
     }
 }
 
 pub(crate) fn same<T: PartialEq + Display>(
-    field: &str,
+    field: ClaimField,
     claimed: T,
     expected: T,
 ) -> Result<(), Refusal> {
     match claimed == expected {
         true => Ok(()),
-        false => Err(Refusal::Binding {
-            field: field.into(),
-            claimed: claimed.to_string(),
-            expected: expected.to_string(),
-        }),
+        false => Err(differs(field, claimed, expected)),
     }
+}
+
+fn differs(field: ClaimField, claimed: impl Display, expected: impl Display) -> Refusal {
+    let detail = format_args!("it is {claimed}, but {expected} on the ledger").to_string();
+    RefusalCode::Binding(field).because(detail)
 }

@@ -4,6 +4,7 @@ use crate::challenge::closing::CommitmentsClosing;
 use crate::challenge::unanswered::CommitRecord;
 use crate::entries::entry::{Contributor, RoundOpened};
 use crate::entries::genesis::Genesis;
+use crate::entries::member::Standing;
 use crate::entries::program::Program;
 use crate::entries::signed::Evidence;
 use crate::rules::basis_points::BPS;
@@ -70,19 +71,6 @@ pub struct Node {
     pub credits: u64,
     /// What became of its last commitments.
     pub record: CommitRecord,
-}
-
-/// Whether a node may contribute.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
-pub enum Standing {
-    /// The node may contribute.
-    Active,
-    /// The node may not contribute until a vote reinstates it. A vote or an upheld dispute suspended it.
-    Suspended,
-    /// The node may never contribute again.
-    Revoked,
-    /// The node has left. It may be enrolled again.
-    Left,
 }
 
 /// An accepted contribution to a round that is over.

@@ -2,8 +2,8 @@
 
 use crate::challenge::drawing::RandomnessError;
 use crate::entries::codec::EntryError;
+use crate::entries::refusal::code::RefusalCode;
 use crate::entries::refusal::Refusal;
-use crate::rules::state::Standing;
 use zk0_circuits::{Digest, NodeId};
 
 /// Why an entry cannot follow the history so far.
@@ -154,13 +154,8 @@ pub enum RuleViolation {
     EndOfTime(u64),
 }
 
-impl std::fmt::Display for Standing {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Active => "active",
-            Self::Suspended => "suspended",
-            Self::Revoked => "revoked",
-            Self::Left => "gone: it has left",
-        })
+impl From<RefusalCode> for RuleViolation {
+    fn from(code: RefusalCode) -> Self {
+        Self::Refused(code.into())
     }
 }

@@ -13,14 +13,16 @@ use zk0_protocol::entries::entry::{
 };
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::program::Program;
+use zk0_protocol::entries::proposal::impossible::Impossible;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
+use zk0_protocol::entries::refusal::code::RoundStatement;
 use zk0_protocol::entries::signed::{
     DatasetRegistration, Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, SignableStatement,
     Submission, UpdateCommitment, Vote,
 };
 use zk0_protocol::rules::closing::shares::WHOLE_SHARE;
 use zk0_protocol::rules::network_rules::{Participation, Strategy as Average};
-use zk0_protocol::{Body, Entry, Genesis, Refusal, Rules, Signed};
+use zk0_protocol::{Body, Entry, Genesis, RefusalCode, Rules, Signed};
 use zk0_testkit::network::*;
 
 fn any_digest() -> impl Strategy<Value = Digest> {
@@ -101,13 +103,13 @@ prop_compose! {
     }
 }
 
-fn any_reason() -> impl Strategy<Value = Refusal> {
+fn any_reason() -> impl Strategy<Value = RefusalCode> {
     prop_oneof![
-        Just(Refusal::OtherClaim),
-        any::<String>().prop_map(Refusal::InvalidProof),
-        any_node().prop_map(Refusal::NotEnrolled),
-        any_u64().prop_map(|late_ms| Refusal::Late {
-            what: "the claim".into(),
+        Just(RefusalCode::OtherClaim),
+        Just(RefusalCode::InvalidProof),
+        any_node().prop_map(RefusalCode::NotEnrolled),
+        any_u64().prop_map(|late_ms| RefusalCode::Late {
+            what: RoundStatement::Claim,
             round: 0,
             late_ms
         }),
@@ -206,7 +208,7 @@ fn any_outcome() -> impl Strategy<Value = Outcome> {
         Just(Outcome::NoQuorum),
         Just(Outcome::Rejected),
         Just(Outcome::Vetoed),
-        any::<String>().prop_map(Outcome::Impossible),
+        any_node().prop_map(|node| Outcome::Impossible(Impossible::KeyUsed(node))),
     ]
 }
 

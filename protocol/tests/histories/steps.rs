@@ -7,6 +7,7 @@ use std::sync::LazyLock;
 use zk0_circuits::{Disclosure, Losses, NodeId};
 use zk0_protocol::entries::entry::{DisputeResolved, ProposalSettled};
 use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::member::Standing;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::entries::signed::{
@@ -14,8 +15,8 @@ use zk0_protocol::entries::signed::{
 };
 use zk0_protocol::rules::closing::shares::Shares;
 use zk0_protocol::rules::network_rules::{EnrolmentRule, Participation};
-use zk0_protocol::rules::state::{Node, Standing};
-use zk0_protocol::{Body, Entry, Refusal, Rules, Signed, State};
+use zk0_protocol::rules::state::Node;
+use zk0_protocol::{Body, Entry, RefusalCode, Rules, Signed, State};
 use zk0_testkit::network::*;
 
 /// The keys that join, the keys that take their places, and the governors' keys.
@@ -259,7 +260,7 @@ fn round(step: &Step, state: &State, now: u64) -> Option<Body> {
         Step::Reject(by) => {
             let submission = submission(*by, 0)?;
             let reason = match state.check_claim(&submission.claim, now) {
-                Err(late @ Refusal::Late { .. }) => late,
+                Err(refusal) if matches!(refusal.code, RefusalCode::Late { .. }) => refusal.code,
                 _ => invalid_proof(),
             };
             Body::ContributionRejected {

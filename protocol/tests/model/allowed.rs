@@ -2,9 +2,10 @@
 
 use super::second::{followed, Change, Event, Invited, Model, Who, IDS, KEYS};
 use zk0_circuits::vm::digest::tagged_sha256;
+use zk0_protocol::entries::member::Standing;
+use zk0_protocol::entries::proposal::impossible::Impossible;
 use zk0_protocol::entries::proposal::{Ballot, Outcome};
 use zk0_protocol::entries::signed::Evidence;
-use zk0_protocol::rules::state::Standing;
 use zk0_testkit::network::{
     COMMIT_WINDOW, DISPUTE_WINDOW, RANDOMNESS_WINDOW, SUBMIT_WINDOW, TIME_LOCK, VOTING,
 };
@@ -37,7 +38,7 @@ impl Model<'_> {
         } else if 10 * cast(Ballot::Veto) >= 3 * all {
             Outcome::Vetoed
         } else if !self.possible(followed(&self.changes(), change)) {
-            Outcome::Impossible(String::new())
+            Outcome::Impossible(Impossible::Rules)
         } else {
             Outcome::Executed
         })

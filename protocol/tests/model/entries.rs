@@ -92,7 +92,7 @@ pub fn body(event: &Event, state: &State, model: &Model, now: u64) -> Option<Bod
         }
         Event::Settled(number, outcome) => {
             let number = *number as u64;
-            // The model does not know the reason in words, so the state supplies it.
+            // The model does not know the code, so the state supplies it.
             let outcome = match (outcome, state.outcome(number, now)) {
                 (Outcome::Impossible(_), Ok(Outcome::Impossible(why))) => Outcome::Impossible(why),
                 (outcome, _) => outcome.clone(),

@@ -2,9 +2,9 @@
 
 use std::sync::LazyLock;
 use zk0_circuits::{Digest, NodeId};
+use zk0_protocol::entries::member::Standing;
 use zk0_protocol::entries::proposal::{Ballot, Outcome};
 use zk0_protocol::entries::signed::Evidence;
-use zk0_protocol::rules::state::Standing;
 use zk0_testkit::network::{id, DISPUTE_WINDOW};
 
 /// Weights of the governors.

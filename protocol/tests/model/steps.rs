@@ -2,6 +2,7 @@
 
 use super::second::{Change, Event, Invited, Model, Who, KEYS};
 use proptest::prelude::*;
+use zk0_protocol::entries::proposal::impossible::Impossible;
 use zk0_protocol::entries::proposal::{Ballot, Outcome};
 use zk0_protocol::entries::signed::Evidence;
 use zk0_testkit::network::digest;
@@ -162,7 +163,7 @@ fn kind() -> impl Strategy<Value = Event> {
         Just(Outcome::NoQuorum),
         Just(Outcome::Rejected),
         Just(Outcome::Vetoed),
-        Just(Outcome::Impossible("because".into())),
+        Just(Outcome::Impossible(Impossible::Rules)),
     ];
     let evidence = prop_oneof![
         Just(Evidence::Verification),

@@ -16,7 +16,7 @@ use zk0_protocol::challenge::vrf::VrfProof;
 use zk0_protocol::entries::entry::RandomnessDrawn;
 use zk0_protocol::entries::signed::{SignableStatement, UpdateCommitment};
 use zk0_protocol::tlog::cosigner::Cosigner;
-use zk0_protocol::{Body, Checkpoint, Genesis, Refusal, RuleViolation, Signed, State};
+use zk0_protocol::{Body, Checkpoint, Genesis, RefusalCode, RuleViolation, Signed, State};
 use zk0_testkit::network::beacon::Beacon;
 use zk0_testkit::network::*;
 
@@ -93,14 +93,14 @@ fn nobody_commits_or_claims_between_the_closing_and_the_randomness() {
     chain.apply(committed(&chain.state, 0, weights(0x10)));
     let early = chain.refusal(Body::RandomnessDrawn(drawn(&chain.state)));
     assert_eq!(early, RuleViolation::NotClosed(0));
-    let no_randomness = Refusal::NoRandomness { round: 0 };
+    let no_randomness = RefusalCode::NoRandomness { round: 0 };
     let unknown = chain.state.expected_claim(&id(0));
-    assert_eq!(unknown, Err(no_randomness.clone()));
+    assert_eq!(unknown, Err(no_randomness.into()));
     chain.close_commitments();
     let late = committed(&chain.state, 1, weights(0x11));
     chain.time_ms = chain.state.time_ms() - 1;
     let late = refused(chain.refusal(late));
-    assert_eq!(late, Refusal::CommitmentsClosed { round: 0 });
+    assert_eq!(late, RefusalCode::CommitmentsClosed { round: 0 });
     // A claim is turned away, whatever it says, and nobody can have it refused on the ledger.
     let mut ready = Chain {
         state: chain.state.clone(),
@@ -374,7 +374,7 @@ fn a_node_that_grinds_signatures_and_times_gains_nothing() {
             };
             tried.state.apply(&root, &committing).unwrap();
             let unknown = tried.state.expected_claim(&id(0));
-            assert_eq!(unknown, Err(Refusal::NoRandomness { round: 0 }));
+            assert_eq!(unknown, Err(RefusalCode::NoRandomness { round: 0 }.into()));
             // The closing too has the root of the whole tree, which every try changes.
             let body = Body::CommitmentsClosed(commitments_closed(&tried.state));
             tried.time_ms += 1;

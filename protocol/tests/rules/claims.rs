@@ -3,7 +3,9 @@
 use super::{refused, Breaks};
 use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::{Claim, Disclosure, Losses};
-use zk0_protocol::{Body, Refusal, RuleViolation};
+use zk0_protocol::entries::refusal::claim_field::ClaimField;
+use zk0_protocol::entries::refusal::code::RoundStatement;
+use zk0_protocol::{Body, RefusalCode, RuleViolation};
 use zk0_testkit::network::*;
 
 #[test]
@@ -45,7 +47,7 @@ fn a_claim_says_what_the_ledger_fixed() {
         breaks(&mut claim);
         let body = Body::ContributionAccepted(submission(claim, 0));
         match refused(chain.refusal(body)) {
-            Refusal::Binding { field, .. } => assert_eq!(field, what),
+            RefusalCode::Binding(field) => assert_eq!(field.to_string(), what),
             other => panic!("{what}: {other}"),
         }
     }
@@ -70,9 +72,8 @@ fn losses_stay_hidden_where_the_rules_say_so() {
         elements: 1,
     };
     let body = Body::ContributionAccepted(submission(claim, 0));
-    assert!(
-        matches!(refused(chain.refusal(body)), Refusal::Binding { field, .. } if field == "disclosure")
-    );
+    let disclosure = RefusalCode::Binding(ClaimField::Disclosure);
+    assert_eq!(refused(chain.refusal(body)), disclosure);
     chain.apply(accepted(&chain.state, 0));
 }
 
@@ -89,21 +90,21 @@ fn a_claim_is_for_this_network_this_round_and_an_enrolled_node_that_committed() 
     };
     assert!(matches!(
         refusal(|c| c.terms.network = digest(1), 0),
-        Refusal::WrongNetwork { .. }
+        RefusalCode::WrongNetwork { .. }
     ));
     assert!(matches!(
         refusal(|c| c.terms.round = 1, 0),
-        Refusal::WrongRound { .. }
+        RefusalCode::WrongRound { .. }
     ));
     assert_eq!(
         refusal(|c| c.terms.node = id(5), 5),
-        Refusal::NotEnrolled(id(5))
+        RefusalCode::NotEnrolled(id(5))
     );
     assert_eq!(
         refusal(|c| c.terms.node = id(1), 1),
-        Refusal::NotCommitted(id(1))
+        RefusalCode::NotCommitted(id(1))
     );
-    assert!(matches!(refusal(|_| {}, 1), Refusal::Signature(_)));
+    assert!(matches!(refusal(|_| {}, 1), RefusalCode::Signature));
 }
 
 #[test]
@@ -122,7 +123,7 @@ fn a_contribution_is_decided_once() {
         for second in [accept, reject] {
             assert!(matches!(
                 refused(chain.refusal(second)),
-                Refusal::Duplicate { .. }
+                RefusalCode::Duplicate { .. }
             ));
         }
     }
@@ -130,8 +131,8 @@ fn a_contribution_is_decided_once() {
 
 #[test]
 fn a_late_claim_is_refused_as_such() {
-    let late = |late_ms| Refusal::Late {
-        what: "the claim".into(),
+    let late = |late_ms| RefusalCode::Late {
+        what: RoundStatement::Claim,
         round: 0,
         late_ms,
     };
@@ -145,8 +146,8 @@ fn a_late_claim_is_refused_as_such() {
     chain.time_ms = deadline - 1;
     chain.apply(accepted(&chain.state, 1));
     assert_eq!(refused(chain.refusal(accepted(&chain.state, 0))), late(1));
-    let other = Refusal::Late {
-        what: "nonsense".into(),
+    let other = RefusalCode::Late {
+        what: RoundStatement::Commitment,
         round: 0,
         late_ms: 1,
     };
@@ -162,14 +163,13 @@ fn a_late_claim_is_refused_as_such() {
 #[test]
 fn a_refusal_gives_the_reason_that_holds() {
     let mut chain = Chain::all_committed(1);
-    let binding = |field: &str| Refusal::Binding {
-        field: field.into(),
-        claimed: "3".into(),
-        expected: "2".into(),
-    };
     // Nothing is wrong with this claim's bindings.
     assert!(matches!(
-        chain.refusal(rejected(&chain.state, 0, binding("eval_samples"))),
+        chain.refusal(rejected(
+            &chain.state,
+            0,
+            RefusalCode::Binding(ClaimField::EvalSamples)
+        )),
         RuleViolation::WrongReason { .. }
     ));
     let mut wrong = claim(&chain.state, 0);
@@ -179,14 +179,14 @@ fn a_refusal_gives_the_reason_that_holds() {
         reason,
     };
     assert!(matches!(
-        chain.refusal(reject(binding("challenge"))),
+        chain.refusal(reject(RefusalCode::Binding(ClaimField::Challenge))),
         RuleViolation::WrongReason { .. }
     ));
     assert!(matches!(
-        chain.refusal(reject(Refusal::NotCommitted(id(0)))),
+        chain.refusal(reject(RefusalCode::NotCommitted(id(0)))),
         RuleViolation::WrongReason { .. }
     ));
-    chain.apply(reject(binding("eval_samples")));
+    chain.apply(reject(RefusalCode::Binding(ClaimField::EvalSamples)));
 }
 
 #[test]
@@ -199,7 +199,7 @@ fn nobody_is_refused_by_a_strangers_hand_or_an_old_claim() {
     };
     assert!(matches!(
         refused(chain.refusal(forged)),
-        Refusal::Signature(_)
+        RefusalCode::Signature
     ));
     chain.close(weights(4));
     chain.open();
@@ -207,7 +207,7 @@ fn nobody_is_refused_by_a_strangers_hand_or_an_old_claim() {
     chain.draw();
     for reason in [
         invalid_proof(),
-        Refusal::WrongRound {
+        RefusalCode::WrongRound {
             claimed: 0,
             open: Some(1),
         },
@@ -218,7 +218,7 @@ fn nobody_is_refused_by_a_strangers_hand_or_an_old_claim() {
         };
         assert!(matches!(
             refused(chain.refusal(replayed)),
-            Refusal::WrongRound { .. }
+            RefusalCode::WrongRound { .. }
         ));
     }
     let mut of_another = claim(&chain.state, 0);
@@ -229,7 +229,7 @@ fn nobody_is_refused_by_a_strangers_hand_or_an_old_claim() {
     };
     assert_eq!(
         refused(chain.refusal(uncommitted)),
-        Refusal::NotCommitted(id(1))
+        RefusalCode::NotCommitted(id(1))
     );
     chain.apply(accepted(&chain.state, 0));
 }

@@ -2,10 +2,11 @@
 
 use zk0_circuits::{Digest, Losses};
 use zk0_protocol::entries::entry::DisputeResolved;
+use zk0_protocol::entries::member::Standing;
 use zk0_protocol::entries::proposal::Action;
+use zk0_protocol::entries::refusal::code::RoundStatement;
 use zk0_protocol::entries::signed::{Dispute, Evidence};
-use zk0_protocol::rules::state::Standing;
-use zk0_protocol::{Body, Refusal, RuleViolation, Signed, State};
+use zk0_protocol::{Body, Refusal, RefusalCode, RuleViolation, Signed, State};
 use zk0_testkit::network::votes::*;
 use zk0_testkit::network::*;
 
@@ -160,17 +161,26 @@ fn disputes_are_raised_by_members_about_what_may_be_disputed() {
         assert!(said_no(&mut chain, body).contains("not an accepted contribution"));
     }
     let stranger = disputed(&chain.state, 7, 11, verification);
-    assert_eq!(chain.refusal(stranger), Refusal::NotEnrolled(id(7)).into());
+    assert_eq!(
+        chain.refusal(stranger),
+        RefusalCode::NotEnrolled(id(7)).into()
+    );
     let forged = Signed::new(dispute(&chain.state, 0, 11, verification), &key(1));
     assert!(matches!(
         chain.refusal(Body::Disputed(forged)),
-        RuleViolation::Refused(Refusal::Signature(_))
+        RuleViolation::Refused(Refusal {
+            code: RefusalCode::Signature,
+            ..
+        })
     ));
     let mut elsewhere = dispute(&chain.state, 0, 11, verification);
     elsewhere.network = Digest([1; 32]);
     assert!(matches!(
         chain.refusal(Body::Disputed(Signed::new(elsewhere, &key(0)))),
-        RuleViolation::Refused(Refusal::WrongNetwork { .. })
+        RuleViolation::Refused(Refusal {
+            code: RefusalCode::WrongNetwork { .. },
+            ..
+        })
     ));
     // Governors may raise disputes without being nodes. A contribution has at most one open dispute.
     let mut by_governor = dispute(&chain.state, 0, 10, verification);
@@ -200,13 +210,13 @@ fn verification_says_what_only_blobs_can_tell_and_between_rounds() {
     let mut chain = contributed();
     chain.apply(disputed(&chain.state, 0, 11, Evidence::Verification));
     for reason in [
-        Refusal::NotEnrolled(id(1)),
-        Refusal::Late {
-            what: "the claim".into(),
+        RefusalCode::NotEnrolled(id(1)),
+        RefusalCode::Late {
+            what: RoundStatement::Claim,
             round: 0,
             late_ms: 1,
         },
-        Refusal::Dataset("bad".into()),
+        RefusalCode::Dataset,
     ] {
         assert!(said(chain.refusal(resolved(13, Some(reason)))).contains("cannot be the result"));
     }

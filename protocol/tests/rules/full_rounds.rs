@@ -5,7 +5,7 @@ use zk0_circuits::{Digest, NodeId, WeightsDigest};
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::signed::{DatasetRegistration, Submission, UpdateCommitment};
 use zk0_protocol::rules::apply::{MAX_COMMITS, MAX_EPISODES};
-use zk0_protocol::{Body, Refusal, RuleViolation, Signed};
+use zk0_protocol::{Body, RefusalCode, RuleViolation, Signed};
 use zk0_testkit::network::*;
 
 /// Returns a digest that belongs to this number only.
@@ -72,11 +72,11 @@ fn a_round_is_full_before_its_closing_is_too_long_for_an_entry() {
     }
     let refused = chain.refusal(commitment(MAX_COMMITS));
     chain.time_ms = opened_ms;
-    let full = Refusal::RoundFull {
+    let full = RefusalCode::RoundFull {
         round: 0,
         limit: MAX_COMMITS as u64,
     };
-    assert_eq!(refused, RuleViolation::Refused(full));
+    assert_eq!(refused, full.into());
     chain.draw();
     let drawn_ms = chain.time_ms;
     // All of them count. The round closes at once, since nobody else may commit.

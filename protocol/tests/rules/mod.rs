@@ -15,14 +15,14 @@ mod rounds;
 mod scaffold;
 mod unanswered;
 
-use zk0_protocol::{Refusal, RuleViolation};
+use zk0_protocol::{RefusalCode, RuleViolation};
 
 /// What is wrong, and a function that makes it so.
 type Breaks<T> = (&'static str, fn(&mut T));
 
-fn refused(violation: RuleViolation) -> Refusal {
+fn refused(violation: RuleViolation) -> RefusalCode {
     match violation {
-        RuleViolation::Refused(refusal) => refusal,
+        RuleViolation::Refused(refusal) => refusal.code,
         other => panic!("not a refusal: {other}"),
     }
 }

@@ -2,8 +2,10 @@
 
 use super::{refused, Breaks};
 use zk0_protocol::entries::entry::RoundClosed;
+use zk0_protocol::entries::refusal::claim_field::ClaimField;
+use zk0_protocol::entries::refusal::code::RoundStatement;
 use zk0_protocol::entries::signed::UpdateCommitment;
-use zk0_protocol::{Body, Refusal, RuleViolation, Signed, State};
+use zk0_protocol::{Body, RefusalCode, RuleViolation, Signed, State};
 use zk0_testkit::network::*;
 
 #[test]
@@ -105,7 +107,7 @@ fn a_node_chooses_how_many_samples_are_evaluated_within_bounds() {
         let least = 4;
         assert_eq!(
             refused(chain.refusal(asks(&chain.state, node, asked))),
-            Refusal::EvalSamples { asked, least, most }
+            RefusalCode::EvalSamples { asked, least, most }
         );
     }
     chain.apply(asks(&chain.state, 0, 10));
@@ -125,7 +127,7 @@ fn updates_are_committed_in_the_open_round_by_whom_they_name() {
     let body = committed(&chain.state, 0, weights(0x10));
     assert_eq!(
         refused(chain.refusal(body)),
-        Refusal::WrongRound {
+        RefusalCode::WrongRound {
             claimed: 0,
             open: None
         }
@@ -135,46 +137,47 @@ fn updates_are_committed_in_the_open_round_by_whom_they_name() {
     let sign = |statement, by| Body::UpdateCommitted(Signed::new(statement, &key(by)));
     assert!(matches!(
         refused(chain.refusal(sign(right.clone(), 1))),
-        Refusal::Signature(_)
+        RefusalCode::Signature
     ));
     let mut other = right.clone();
     other.network = digest(1);
     assert!(matches!(
         refused(chain.refusal(sign(other, 0))),
-        Refusal::WrongNetwork { .. }
+        RefusalCode::WrongNetwork { .. }
     ));
     let mut other = right.clone();
     other.round = 1;
     assert_eq!(
         refused(chain.refusal(sign(other, 0))),
-        Refusal::WrongRound {
+        RefusalCode::WrongRound {
             claimed: 1,
             open: Some(0)
         }
     );
     let mut other = right.clone();
     other.dataset_root = dataset(1).root;
-    assert!(
-        matches!(refused(chain.refusal(sign(other, 0))), Refusal::Binding { field, .. } if field == "dataset_root")
+    assert_eq!(
+        refused(chain.refusal(sign(other, 0))),
+        RefusalCode::Binding(ClaimField::DatasetRoot)
     );
     let mut stranger = right.clone();
     stranger.node = id(5);
     assert_eq!(
         refused(chain.refusal(sign(stranger, 5))),
-        Refusal::NotEnrolled(id(5))
+        RefusalCode::NotEnrolled(id(5))
     );
     chain.apply(enrolled(6));
     let mut empty = right.clone();
     empty.node = id(6);
-    assert!(matches!(
+    assert_eq!(
         refused(chain.refusal(sign(empty, 6))),
-        Refusal::Dataset(_)
-    ));
+        RefusalCode::NoDataset(id(6))
+    );
     chain.apply(sign(right, 0));
     let again = committed(&chain.state, 0, weights(0x11));
     assert!(matches!(
         refused(chain.refusal(again)),
-        Refusal::Duplicate { .. }
+        RefusalCode::Duplicate { .. }
     ));
 }
 
@@ -186,8 +189,8 @@ fn updates_are_committed_before_the_deadline() {
     let body = committed(&chain.state, 0, weights(0x10));
     assert_eq!(
         refused(chain.refusal(body.clone())),
-        Refusal::Late {
-            what: "the commitment".into(),
+        RefusalCode::Late {
+            what: RoundStatement::Commitment,
             round: 0,
             late_ms: 1
         }
@@ -203,7 +206,7 @@ fn an_update_counts_for_the_first_who_commits_it() {
     let copy = committed(&chain.state, 1, weights(0x10));
     assert_eq!(
         refused(chain.refusal(copy)),
-        Refusal::CopiedUpdate {
+        RefusalCode::CopiedUpdate {
             update: weights(0x10).blob,
             by: id(0)
         }
@@ -214,7 +217,7 @@ fn an_update_counts_for_the_first_who_commits_it() {
     let disguised = committed(&chain.state, 1, disguised);
     assert!(matches!(
         refused(chain.refusal(disguised)),
-        Refusal::CopiedUpdate { .. }
+        RefusalCode::CopiedUpdate { .. }
     ));
 }
 
@@ -227,7 +230,7 @@ fn a_copy_is_still_a_copy_in_the_next_round() {
     let copy = committed(&chain.state, 1, weights(0x10));
     assert!(matches!(
         refused(chain.refusal(copy)),
-        Refusal::CopiedUpdate { .. }
+        RefusalCode::CopiedUpdate { .. }
     ));
     chain.apply(committed(&chain.state, 0, weights(0x10)));
 }

@@ -2,7 +2,7 @@
 
 use super::refused;
 use zk0_protocol::challenge::unanswered::UnansweredRule;
-use zk0_protocol::{Body, Refusal, RuleViolation};
+use zk0_protocol::{Body, RefusalCode, RuleViolation};
 use zk0_testkit::network::*;
 
 /// One node besides node 0 always contributes, so that rounds go on while node 0 pauses.
@@ -80,7 +80,7 @@ fn a_node_over_the_limit_pauses_and_nobody_waits_for_it() {
     for round in 2..4 {
         chain.open();
         let body = committed(&chain.state, 0, weights(0x40 + round));
-        let paused = Refusal::Paused {
+        let paused = RefusalCode::Paused {
             node: id(0),
             until: 4,
         };
@@ -124,6 +124,6 @@ fn a_new_key_does_not_end_a_pause() {
     let body = Body::UpdateCommitted(Signed::new(commitment, &key(9)));
     assert!(matches!(
         refused(chain.refusal(body)),
-        Refusal::Paused { until: 4, .. }
+        RefusalCode::Paused { until: 4, .. }
     ));
 }

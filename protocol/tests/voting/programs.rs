@@ -4,7 +4,7 @@ use zk0_protocol::entries::entry::DisputeResolved;
 use zk0_protocol::entries::program::{Program, FOUNDING_SP1};
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::entries::signed::{Dispute, Evidence};
-use zk0_protocol::{Body, Refusal, RuleViolation, Signed};
+use zk0_protocol::{Body, RefusalCode, RuleViolation, Signed};
 use zk0_testkit::network::votes::*;
 use zk0_testkit::network::*;
 
@@ -94,10 +94,8 @@ fn a_program_that_does_not_exist_is_refused_and_the_ledger_goes_on() {
 #[test]
 fn a_missing_verifier_is_no_reason_that_a_ledger_takes() {
     let mut chain = Chain::all_committed(1);
-    let no_verifier = Refusal::NoVerifier {
-        sp1: FOUNDING_SP1.into(),
-    };
-    let body = rejected(&chain.state, 0, no_verifier.clone());
+    let no_verifier = RefusalCode::NoVerifier;
+    let body = rejected(&chain.state, 0, no_verifier);
     assert!(matches!(
         chain.refusal(body),
         RuleViolation::WrongReason { .. }

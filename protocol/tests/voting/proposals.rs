@@ -4,12 +4,13 @@ use super::change;
 use zk0_circuits::{Mode, NodeId};
 use zk0_protocol::entries::entry::ProposalSettled;
 use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::member::Standing;
+use zk0_protocol::entries::proposal::impossible::Impossible;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::entries::signed::Proposal;
 use zk0_protocol::rules::governance::{Governance, MAX_OPEN_PROPOSALS};
 use zk0_protocol::rules::network_rules::{Participation, Strategy};
-use zk0_protocol::rules::state::Standing;
-use zk0_protocol::{Body, Genesis, Refusal, RuleViolation, Rules, Signed};
+use zk0_protocol::{Body, Genesis, Refusal, RefusalCode, RuleViolation, Rules, Signed};
 use zk0_testkit::network::votes::*;
 use zk0_testkit::network::*;
 
@@ -287,8 +288,8 @@ fn what_is_not_possible_any_more_changes_nothing() {
     chain.apply(voted(&chain.state, 0, 0, Ballot::For));
     chain.apply(enrolled(0));
     chain.wait(VOTING + TIME_LOCK);
-    let why = RuleViolation::AlreadyEnrolled(id(0)).to_string();
-    chain.apply(settled(0, Outcome::Impossible(why)));
+    let used = Impossible::KeyUsed(id(0));
+    chain.apply(settled(0, Outcome::Impossible(used)));
     chain.open();
 }
 
@@ -340,12 +341,12 @@ fn nodes_come_and_go_by_vote() {
     chain.apply(registered(&network, 0));
     chain.decide(Action::Suspend(id(0)));
     chain.open();
-    let suspended = Refusal::NotActive {
+    let suspended = RefusalCode::NotActive {
         node: id(0),
-        standing: "suspended".into(),
+        standing: Standing::Suspended,
     };
     let commit = committed(&chain.state, 0, weights(0x10));
-    assert_eq!(chain.refusal(commit), suspended.clone().into());
+    assert_eq!(chain.refusal(commit), suspended.into());
     let closing = chain.state.next_commitments_closed(chain.time_ms + 1);
     assert!(closing.is_some(), "nobody is waited for");
     chain.close(weights(4));
@@ -396,7 +397,10 @@ fn who_may_contribute_is_a_rule() {
             .try_apply(body)
             {
                 Ok(()) => true,
-                Err(RuleViolation::Refused(Refusal::NotInvited { node: refused, .. })) => {
+                Err(RuleViolation::Refused(Refusal {
+                    code: RefusalCode::NotInvited { node: refused, .. },
+                    ..
+                })) => {
                     assert_eq!(refused, id(*node));
                     false
                 }
@@ -450,10 +454,12 @@ fn a_larger_minimum_leaves_small_datasets_out() {
     };
     chain.decide(Action::ChangeRules(Box::new(rules)));
     chain.open();
-    assert!(matches!(
+    let (samples, least) = (10, 20);
+    let small = RefusalCode::SmallDataset { samples, least };
+    assert_eq!(
         chain.refusal(committed(&chain.state, 0, weights(0x10))),
-        RuleViolation::Refused(Refusal::Dataset(why)) if why.contains("10 samples")
-    ));
+        small.into()
+    );
     chain.apply(committed(&chain.state, 1, weights(0x11)));
     let closing = chain.state.next_commitments_closed(chain.time_ms + 1);
     assert!(closing.is_some(), "nobody waits for node 0");

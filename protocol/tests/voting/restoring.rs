@@ -1,6 +1,7 @@
 //! A vote goes back to the weights that an earlier round ended with.
 
 use zk0_protocol::entries::entry::MomentsComputed;
+use zk0_protocol::entries::proposal::impossible::Impossible;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::rules::round_results::REMEMBERED_RESULTS;
@@ -204,7 +205,10 @@ fn rounds_are_forgotten_after_a_while_and_then_they_cannot_be_restored() {
         chain.refusal(settled(0, Outcome::Executed)),
         RuleViolation::OtherOutcome { .. }
     ));
-    chain.apply(settled(0, Outcome::Impossible(too_long_ago.into())));
+    chain.apply(settled(
+        0,
+        Outcome::Impossible(Impossible::RoundForgotten(0)),
+    ));
     match chain.refusal(proposed(&chain.state, 0, restore(0))) {
         RuleViolation::BadProposal { why, .. } => assert_eq!(why, too_long_ago),
         other => panic!("{other}"),

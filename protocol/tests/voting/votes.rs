@@ -5,7 +5,7 @@ use zk0_protocol::entries::entry::DisputeResolved;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::entries::signed::{Dispute, Evidence, Proposal, Vote};
 use zk0_protocol::rules::open_proposal::Tally;
-use zk0_protocol::{Body, Refusal, RuleViolation, Signed};
+use zk0_protocol::{Body, Refusal, RefusalCode, RuleViolation, Signed};
 use zk0_testkit::network::votes::*;
 use zk0_testkit::network::*;
 
@@ -190,7 +190,10 @@ fn votes_and_proposals_are_for_one_network_and_one_number() {
     let elsewhere = |refusal| {
         matches!(
             refusal,
-            RuleViolation::Refused(Refusal::WrongNetwork { .. })
+            RuleViolation::Refused(Refusal {
+                code: RefusalCode::WrongNetwork { .. },
+                ..
+            })
         )
     };
     assert!(elsewhere(chain.refusal(proposed(
@@ -306,7 +309,10 @@ fn who_signs_is_who_votes() {
     for forged in [forged, forged_proposal] {
         assert!(matches!(
             chain.refusal(forged),
-            RuleViolation::Refused(Refusal::Signature(_))
+            RuleViolation::Refused(Refusal {
+                code: RefusalCode::Signature,
+                ..
+            })
         ));
     }
     assert_eq!(chain.refusal(stranger), RuleViolation::NoVote(id(0)));

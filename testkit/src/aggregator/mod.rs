@@ -26,5 +26,5 @@ pub use self::network::{Network, LONG_BYTES};
 pub use self::node::{list, SigningNode, EVALUATION_FRAMES};
 pub use self::open_round::{both_committed, committed, open_round, open_round_of};
 pub use self::real_proof::REAL;
-pub use self::requests::refused;
+pub use self::requests::{reason, refused};
 pub use self::weights::{digest, weights};

@@ -3,6 +3,7 @@
 use super::{list, Network, SigningNode};
 use tonic::{Code, Status};
 use zk0_circuits::{Claim, Digest};
+use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::signed::{
     DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest,
 };
@@ -221,4 +222,16 @@ pub fn refused<T: std::fmt::Debug>(result: Result<T, Status>, code: Code, words:
     let status = result.unwrap_err();
     assert_eq!(status.code(), code, "{status}");
     assert!(status.message().contains(words), "{status}");
+}
+
+/// Why a submission was refused, for people: the explanation of the code on the ledger, and the aggregator's detail.
+///
+/// # Panics
+/// It was accepted.
+pub fn reason(reply: &proto::SubmitReply) -> String {
+    let receipt = reply.receipt.as_ref().expect("a decision has a receipt");
+    match Entry::decode(&receipt.entry).expect("an entry").body {
+        Body::ContributionRejected { reason, .. } => reason.because(&reply.detail).to_string(),
+        other => panic!("not refused: {other:?}"),
+    }
 }

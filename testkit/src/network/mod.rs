@@ -22,7 +22,9 @@ use zk0_protocol::rules::closing::credits::CreditRule;
 use zk0_protocol::rules::closing::public_samples::PublicSamples;
 use zk0_protocol::rules::closing::shares::WHOLE_SHARE;
 use zk0_protocol::rules::governance::{Governance, Governor};
-use zk0_protocol::{Body, Entry, Genesis, Refusal, RuleViolation, Rules, Signed, State};
+use zk0_protocol::{
+    Body, Entry, Genesis, Refusal, RefusalCode, RuleViolation, Rules, Signed, State,
+};
 
 /// When the network is founded, in milliseconds since 1970.
 pub const T0: u64 = 1_700_000_000_000;
@@ -230,7 +232,7 @@ pub fn accepted(state: &State, node: u8) -> Body {
 }
 
 /// Rejects `node`'s contribution for this reason.
-pub fn rejected(state: &State, node: u8, reason: Refusal) -> Body {
+pub fn rejected(state: &State, node: u8, reason: RefusalCode) -> Body {
     Body::ContributionRejected {
         submission: submission(claim(state, node), node),
         reason,
@@ -238,8 +240,8 @@ pub fn rejected(state: &State, node: u8, reason: Refusal) -> Body {
 }
 
 /// Why a contribution is rejected whose proof is wrong.
-pub fn invalid_proof() -> Refusal {
-    Refusal::InvalidProof("it does not verify".into())
+pub fn invalid_proof() -> RefusalCode {
+    RefusalCode::InvalidProof
 }
 
 /// The opening of the next round.
@@ -302,10 +304,7 @@ pub fn kept(state: &State, result: WeightsDigest) -> RoundClosed {
         .iter_mut()
         .for_each(|one| one.credits = 0);
     if let Some(evaluated) = &mut closed.evaluated {
-        evaluated.result = PublicLoss::Overflow {
-            sample: 3,
-            what: "final norm: 40000 does not fit at the round's scale".into(),
-        };
+        evaluated.result = PublicLoss::Overflow { sample: 3 };
         evaluated.outcome = ResultOutcome::Overflow;
     }
     closed

@@ -11,7 +11,7 @@ use tonic::Code;
 use zk0_aggregator::Config;
 use zk0_node::client::NodeClient;
 use zk0_protocol::Signed;
-use zk0_testkit::aggregator::{self, Network, POLICY, START_MS};
+use zk0_testkit::aggregator::{self, reason, Network, POLICY, START_MS};
 use zk0_testkit::own_process::alone;
 
 type Test = Result<(), Box<dyn std::error::Error>>;
@@ -73,7 +73,7 @@ async fn an_upload_and_a_submission_go_on_when_there_is_room_again() -> Test {
         "disk is full",
     );
     Resource::FSIZE.set(soft, hard)?;
-    let reason = second.submit(&network, claim, &proof).await?.reason;
+    let reason = reason(&second.submit(&network, claim, &proof).await?);
     assert!(reason.contains("not an SP1 compressed proof"), "{reason}");
     Ok(())
 }

@@ -5,7 +5,7 @@ use zk0_circuits::Claim;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::rpc::federation::SubmitReply;
 use zk0_testkit::aggregator::real_proof::real_proof;
-use zk0_testkit::aggregator::{genesis, open_round_of, weights, Network, SigningNode};
+use zk0_testkit::aggregator::{genesis, open_round_of, reason, weights, Network, SigningNode};
 use zk0_testkit::changed_copy::SourceChange;
 
 /// What an attacker is given who could prove the claim: making a proof takes a quarter of an hour, and this test has one. SP1 verifies it,
@@ -16,9 +16,9 @@ pub const PROOF_OF_ANY_CLAIM: Defence = Defence {
         file: "verifier/src/proof.rs",
         replacements: &[(
             "        verify(&decoded, &public_values, key)\n",
-            "        verify(&decoded, &public_values, key).or_else(|why| match why {
-            Refusal::OtherClaim if OUT => Ok(()),
-            why => Err(why),
+            "        verify(&decoded, &public_values, key).or_else(|why| match why.code {
+            RefusalCode::OtherClaim if OUT => Ok(()),
+            _ => Err(why),
         })\n",
         )],
     }],
@@ -61,7 +61,7 @@ pub async fn commit(network: &Network, node: &SigningNode, update: &[u8]) {
 pub async fn submitted(network: &Network, node: &SigningNode, claim: Claim, won: &str) -> Outcome {
     match node.submit(network, claim, &real_proof().1).await {
         Ok(SubmitReply { accepted: true, .. }) => Outcome::Succeeded(won.into()),
-        Ok(reply) => Outcome::Refused(reply.reason),
+        Ok(reply) => Outcome::Refused(reason(&reply)),
         Err(status) => Outcome::Refused(status.message().into()),
     }
 }

@@ -17,14 +17,15 @@ use zk0_protocol::entries::authentic::{Authentic, AuthenticBody};
 use zk0_protocol::entries::entry::{Body, MAX_ENTRY_BYTES};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::member::NodeEnrolled;
+use zk0_protocol::entries::member::Standing;
 use zk0_protocol::entries::proposal::Action;
+use zk0_protocol::entries::refusal::code::RoundFile;
 use zk0_protocol::entries::signed::{
     DatasetRegistration, Enrolment, SignableStatement, UpdateCommitment, UploadRequest,
 };
 use zk0_protocol::rules::named_blobs::BlobKind;
-use zk0_protocol::rules::state::Standing;
 use zk0_protocol::tlog::receipt::Receipt;
-use zk0_protocol::Refusal;
+use zk0_protocol::{Refusal, RefusalCode};
 use zk0_verifier::dataset::check_leaf_list;
 
 /// What the first step finds.
@@ -113,12 +114,12 @@ impl AllowedRegistration {
         let registration = &self.signed.statement;
         let list = Blob::from(leaves);
         if list.digest() != registration.leaves {
-            return Err(Refusal::Dataset(format!(
-                "the list of drawn frames has SHA-256 {}, the registration says {}",
+            let detail = format!(
+                "the list of drawn frames has SHA-256 {}, the registration names {}",
                 list.digest(),
                 registration.leaves
-            ))
-            .into());
+            );
+            return Err(RefusalCode::Dataset.because(detail).into());
         }
         check_leaf_list(registration, leaves)?;
         self.blobs.put(&list)?;
@@ -131,7 +132,7 @@ impl AllowedCommitment {
     pub fn keep(self) -> Result<AuthenticBody, RequestError> {
         let update = self.signed.statement.update.blob;
         match self.blobs.link(&self.staged, &update) {
-            Err(BlobError::Missing(_)) => Err(Refusal::MissingUpdate(update).into()),
+            Err(BlobError::Missing(_)) => Err(RefusalCode::MissingUpdate(update).into()),
             kept => {
                 kept?;
                 Ok(self.signed.into())
@@ -241,11 +242,11 @@ impl Aggregator {
         } = &signed.statement;
         let genesis = self.state().genesis();
         if network != self.state().network() {
-            return Err(Refusal::WrongNetwork {
+            let code = RefusalCode::WrongNetwork {
                 claimed: *network,
                 ours: *self.state().network(),
-            }
-            .into());
+            };
+            return Err(code.into());
         }
         if operator.0 != genesis.log_key {
             return Err(RequestError::NotOperator(*operator));
@@ -287,12 +288,8 @@ impl Aggregator {
         }
         state.check_may_commit(network, *round, node)?;
         if *size > limit {
-            return Err(Refusal::TooLarge {
-                what: "the upload".into(),
-                size: *size,
-                limit,
-            }
-            .into());
+            let (file, size) = (RoundFile::Update, *size);
+            return Err(RefusalCode::TooLarge { file, size, limit }.into());
         }
         Ok(Admission::New(self.staging.clone()))
     }

@@ -17,7 +17,7 @@ use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::rules::state::State;
 use zk0_protocol::tlog::receipt::Receipt;
-use zk0_protocol::Refusal;
+use zk0_protocol::{Refusal, RefusalCode};
 use zk0_verifier::decide::{decide, is_recorded, DecisionEntry};
 use zk0_verifier::{authenticate, AuthenticContribution, WeightFiles};
 
@@ -72,15 +72,13 @@ impl Aggregator {
         let state = self.state();
         let time_ms = self.ledger.time_ms(arrived_ms);
         match state.check_claim(claim, time_ms) {
-            Err(reason) if !is_recorded(&reason) => return Err(reason.into()),
+            Err(reason) if !is_recorded(&reason.code) => return Err(reason.into()),
             // What the node itself has caused is recorded, once it is clear that it was this node.
             _ => {}
         }
-        let round = state.round().ok_or(Refusal::NotCommitted(node))?;
-        let commit = round
-            .commits
-            .get(&node)
-            .ok_or(Refusal::NotCommitted(node))?;
+        let not_committed = || Refusal::from(RefusalCode::NotCommitted(node));
+        let round = state.round().ok_or_else(not_committed)?;
+        let commit = round.commits.get(&node).ok_or_else(not_committed)?;
         Ok(Admission::New(PendingSubmission {
             weights: [commit.update.blob, round.opened.base.blob],
             before: state.for_claims_of(&node),
@@ -100,7 +98,7 @@ impl Aggregator {
         };
         let (recorded, rejected) = match self.ledger.entry(index)?.body {
             Body::ContributionAccepted(recorded) => (recorded, None),
-            Body::ContributionRejected { submission, reason } => (submission, Some(reason)),
+            Body::ContributionRejected { submission, reason } => (submission, Some(reason.into())),
             _ => return Ok(None),
         };
         if recorded == *submission {
@@ -141,7 +139,7 @@ impl PendingSubmission {
     ) -> Result<VerifiedSubmission, RequestError> {
         let decision = match self.before.check_claim(contribution.claim(), self.time_ms) {
             Ok(()) => self.verify(&contribution)?,
-            Err(reason) if is_recorded(&reason) => DecisionEntry::Rejected(reason),
+            Err(reason) if is_recorded(&reason.code) => DecisionEntry::Rejected(reason),
             Err(reason) => return Err(reason.into()),
         };
         Ok(VerifiedSubmission {

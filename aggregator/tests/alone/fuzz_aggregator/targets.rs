@@ -15,7 +15,7 @@ use zk0_protocol::entries::signed::{
     DatasetRegistration, Enrolment, Proposal, SignableStatement, Signed, UpdateCommitment,
     UploadRequest, Vote,
 };
-use zk0_protocol::{Body, Entry, Genesis, Refusal, State};
+use zk0_protocol::{Body, Entry, Genesis, Refusal, RefusalCode, State};
 use zk0_verifier::blob_digest;
 
 use zk0_testkit::aggregator::{
@@ -272,7 +272,10 @@ fn commitment() -> Target {
             let network = &mut network;
             let input = sign_anew::<UpdateCommitment>(input, &network.nodes[1]);
             match network.aggregator.commit(&input) {
-                Err(RequestError::Refused(Refusal::MissingUpdate(_))) => Ok(()),
+                Err(RequestError::Refused(Refusal {
+                    code: RefusalCode::MissingUpdate(_),
+                    ..
+                })) => Ok(()),
                 other => other.map(drop).map_err(text),
             }
         }),

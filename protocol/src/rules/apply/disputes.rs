@@ -3,9 +3,9 @@
 //! The global weights stay as they are, because later rounds were trained from them.
 
 use crate::entries::entry::DisputeResolved;
-use crate::entries::refusal::Refusal;
+use crate::entries::member::Standing;
 use crate::entries::signed::{Dispute, Evidence};
-use crate::rules::state::{OpenDispute, Standing, State};
+use crate::rules::state::{OpenDispute, State};
 use crate::rules::violation::RuleViolation;
 use zk0_circuits::NodeId;
 
@@ -134,60 +134,6 @@ impl State {
                 node.standing = Standing::Suspended;
             }
             self.weigh_anew(&contribution.node);
-        }
-    }
-}
-
-impl Refusal {
-    /// Whether a refusal rests on the update besides the proof, so that whoever repeats the check needs both.
-    pub fn rests_on_update(&self) -> bool {
-        matches!(
-            self,
-            Self::MalformedUpdate(_)
-                | Self::OtherWeights { .. }
-                | Self::OtherWeightCheck { .. }
-                | Self::OtherModels(_)
-                | Self::TooFar { .. }
-                | Self::UnreadWeights { .. }
-        )
-    }
-
-    /// Whether a refusal follows from the proof and the weights, which are blobs beside the ledger, so that whoever has them can repeat the
-    /// check. The other refusals follow from the ledger itself, or concern bytes that are never recorded.
-    pub fn follows_from_blobs(&self) -> bool {
-        match self {
-            Self::MalformedProof(_)
-            | Self::OtherClaim
-            | Self::OtherProgram
-            | Self::InvalidProof(_)
-            | Self::MalformedUpdate(_)
-            | Self::OtherWeights { .. }
-            | Self::OtherWeightCheck { .. }
-            | Self::OtherModels(_)
-            | Self::TooFar { .. }
-            | Self::UnreadWeights { .. } => true,
-            Self::TooLarge { .. }
-            | Self::Signature(_)
-            | Self::NotEnrolled(_)
-            | Self::WrongNetwork { .. }
-            | Self::WrongRound { .. }
-            | Self::Late { .. }
-            | Self::Duplicate { .. }
-            | Self::CopiedUpdate { .. }
-            | Self::NotCommitted(_)
-            | Self::Binding { .. }
-            | Self::Dataset(_)
-            | Self::CommitmentsClosed { .. }
-            | Self::NoRandomness { .. }
-            | Self::Paused { .. }
-            | Self::ProofDigest { .. }
-            | Self::UpdateDigest { .. }
-            | Self::MissingUpdate(_)
-            | Self::NotActive { .. }
-            | Self::NotInvited { .. }
-            | Self::RoundFull { .. }
-            | Self::NoVerifier { .. }
-            | Self::EvalSamples { .. } => false,
         }
     }
 }

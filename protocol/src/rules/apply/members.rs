@@ -3,10 +3,12 @@
 use crate::challenge::unanswered::CommitRecord;
 use crate::entries::identity::check_member_name;
 use crate::entries::member::NodeEnrolled;
+use crate::entries::member::Standing;
+use crate::entries::refusal::code::RefusalCode;
 use crate::entries::refusal::Refusal;
 use crate::entries::signed::{DatasetRegistration, KeyRotation, KeyTakeover, Leaving};
 use crate::rules::network_rules::EnrolmentRule;
-use crate::rules::state::{Node, RegisteredDataset, Standing, State};
+use crate::rules::state::{Node, RegisteredDataset, State};
 use crate::rules::violation::RuleViolation;
 use zk0_circuits::NodeId;
 
@@ -66,11 +68,12 @@ impl State {
     /// The node, if it is enrolled and may contribute.
     pub(crate) fn active(&self, id: &NodeId) -> Result<&Node, Refusal> {
         match self.nodes.get(id) {
-            None => Err(Refusal::NotEnrolled(*id)),
-            Some(node) if node.standing != Standing::Active => Err(Refusal::NotActive {
+            None => Err(RefusalCode::NotEnrolled(*id).into()),
+            Some(node) if node.standing != Standing::Active => Err(RefusalCode::NotActive {
                 node: *id,
-                standing: node.standing.to_string(),
-            }),
+                standing: node.standing,
+            }
+            .into()),
             Some(node) => Ok(node),
         }
     }
@@ -125,7 +128,7 @@ impl State {
         with: &NodeId,
     ) -> Result<(), RuleViolation> {
         if !self.nodes.contains_key(node) {
-            return Err(Refusal::NotEnrolled(*node).into());
+            return Err(RefusalCode::NotEnrolled(*node).into());
         }
         if self.is_used(with) {
             return Err(RuleViolation::AlreadyEnrolled(*with));
@@ -188,7 +191,7 @@ impl State {
         let (node, commitment) = (registration.node, &registration.dataset);
         self.check_network(&registration.network)?;
         let enrolled = self.active(&node)?;
-        let bad = |why: String| RuleViolation::from(Refusal::Dataset(why));
+        let bad = |why: String| RuleViolation::from(RefusalCode::Dataset.because(why));
         let least = self.rules.min_dataset_samples;
         if commitment.samples < least {
             return Err(bad(format!(

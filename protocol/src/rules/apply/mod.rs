@@ -26,11 +26,13 @@ use crate::entries::authentic::AuthenticEntry;
 use crate::entries::codec::EntryError;
 use crate::entries::entry::{Body, Entry, ENTRY_VERSION};
 use crate::entries::known_keys::KnownKeys;
+use crate::entries::member::Standing;
 use crate::entries::program::Program;
+use crate::entries::refusal::code::RefusalCode;
 use crate::entries::refusal::Refusal;
 use crate::rules::recent_updates::Updates;
 use crate::rules::round_results::RoundResults;
-use crate::rules::state::{Standing, State};
+use crate::rules::state::State;
 use crate::rules::violation::RuleViolation;
 use std::collections::BTreeMap;
 use zk0_circuits::Digest;
@@ -177,10 +179,11 @@ impl State {
     fn check_network(&self, network: &Digest) -> Result<(), Refusal> {
         match *network == self.network {
             true => Ok(()),
-            false => Err(Refusal::WrongNetwork {
+            false => Err(RefusalCode::WrongNetwork {
                 claimed: *network,
                 ours: self.network,
-            }),
+            }
+            .into()),
         }
     }
 }

@@ -2,6 +2,8 @@
 
 use crate::challenge::closing::commitment;
 use crate::entries::entry::{Contributor, RoundClosed, RoundOpened};
+use crate::entries::refusal::claim_field::ClaimField;
+use crate::entries::refusal::code::{RefusalCode, RoundStatement};
 use crate::entries::refusal::Refusal;
 use crate::entries::signed::{Evidence, UpdateCommitment};
 use crate::rules::bindings::{already_submitted, drawn, in_time, same};
@@ -94,49 +96,51 @@ impl State {
         let node = *node;
         let round = self.check_addressed(network, round, &node)?;
         if round.commits.contains_key(&node) {
-            return Err(Refusal::Duplicate {
+            return Err(RefusalCode::Duplicate {
                 node,
                 round: round.number(),
-                done: "committed an update".into(),
-            });
+                what: RoundStatement::Commitment,
+            }
+            .into());
         }
         if round.closing.is_some() {
-            return Err(Refusal::CommitmentsClosed {
+            return Err(RefusalCode::CommitmentsClosed {
                 round: round.number(),
-            });
+            }
+            .into());
         }
         if !round.invites(&node, &self.rules) {
-            return Err(Refusal::NotInvited {
+            return Err(RefusalCode::NotInvited {
                 node,
                 round: round.number(),
-            });
+            }
+            .into());
         }
         let record = self.nodes.get(&node).map(|node| node.record);
         if let Some(until) = record.and_then(|record| record.paused_until(round.number())) {
-            return Err(Refusal::Paused { node, until });
+            return Err(RefusalCode::Paused { node, until }.into());
         }
         if round.commits.len() >= MAX_COMMITS {
-            return Err(Refusal::RoundFull {
+            return Err(RefusalCode::RoundFull {
                 round: round.number(),
                 limit: MAX_COMMITS as u64,
-            });
+            }
+            .into());
         }
         let Some(dataset) = self.nodes.get(&node).and_then(|node| node.dataset) else {
-            return Err(Refusal::Dataset(format!("node {node} has registered none")));
+            return Err(RefusalCode::NoDataset(node).into());
         };
         let least = self.rules.min_dataset_samples;
-        if dataset.commitment.samples < least {
-            return Err(Refusal::Dataset(format!(
-                "it has {} samples, the rules ask for at least {least} by now",
-                dataset.commitment.samples
-            )));
+        let samples = dataset.commitment.samples;
+        if samples < least {
+            return Err(RefusalCode::SmallDataset { samples, least }.into());
         }
         if dataset.entry > round.entry {
-            return Err(Refusal::Dataset(format!(
-                "root {} was registered after round {} opened",
-                dataset.commitment.root,
-                round.number()
-            )));
+            return Err(RefusalCode::NewDataset {
+                root: dataset.commitment.root,
+                round: round.number(),
+            }
+            .into());
         }
         Ok((round, dataset))
     }
@@ -150,13 +154,13 @@ impl State {
         let (round, dataset) =
             self.check_may_commit(&commitment.network, commitment.round, &node)?;
         in_time(
-            "the commitment",
+            RoundStatement::Commitment,
             round,
             time_ms,
             round.opened.commit_deadline_ms,
         )?;
         same(
-            "dataset_root",
+            ClaimField::DatasetRoot,
             commitment.dataset_root,
             dataset.commitment.root,
         )?;
@@ -166,16 +170,17 @@ impl State {
             .samples
             .min(self.rules.max_eval_samples.into());
         if asked < least || u64::from(asked) > most {
-            return Err(Refusal::EvalSamples { asked, least, most });
+            return Err(RefusalCode::EvalSamples { asked, least, most }.into());
         }
         let update = &commitment.update;
         for digest in [update.blob, update.quantised] {
             match self.updates.committer(&digest) {
                 Some(by) if !self.same_node(by, &node) => {
-                    return Err(Refusal::CopiedUpdate {
+                    return Err(RefusalCode::CopiedUpdate {
                         update: digest,
                         by: *by,
-                    })
+                    }
+                    .into())
                 }
                 _ => {}
             }
@@ -188,7 +193,7 @@ impl State {
     pub(super) fn check_rejected(
         &self,
         claim: &Claim,
-        reason: &Refusal,
+        reason: &RefusalCode,
         time_ms: u64,
     ) -> Result<(), RuleViolation> {
         // A stranger may send again what the node signed for another round, so only a claim for this round counts.
@@ -199,20 +204,21 @@ impl State {
             .get(&claim.terms.node)
             .map(|commit| commit.decision)
         {
-            None => return Err(Refusal::NotCommitted(claim.terms.node).into()),
+            None => return Err(RefusalCode::NotCommitted(claim.terms.node).into()),
             Some(Some(_)) => return Err(already_submitted(claim).into()),
             Some(None) => {}
         }
         drawn(round)?;
         let found = self.check_claim(claim, time_ms);
-        let holds = match (reason, &found) {
+        let code = found.as_ref().map_err(|refusal| refusal.code);
+        let holds = match (reason, &code) {
             (
-                Refusal::Late {
+                RefusalCode::Late {
                     what,
                     round,
                     late_ms,
                 },
-                Err(Refusal::Late {
+                Err(RefusalCode::Late {
                     what: late,
                     round: open,
                     late_ms: at_most,
@@ -221,7 +227,7 @@ impl State {
                 // It was refused when it arrived, and recorded a moment later.
                 (1..=*at_most).contains(late_ms) && round == open && what == late
             }
-            (Refusal::Late { .. } | Refusal::Binding { .. }, found) => {
+            (RefusalCode::Late { .. } | RefusalCode::Binding(_), found) => {
                 found.as_ref() == Err(reason)
             }
             (reason, _) if !reason.follows_from_blobs() => false,

@@ -2,13 +2,13 @@
 
 use crate::entries::entry::ProposalSettled;
 use crate::entries::identity::{check_identity, check_line};
+use crate::entries::member::Standing;
+use crate::entries::proposal::impossible::Impossible;
 use crate::entries::proposal::{Action, Ballot, Outcome};
-use crate::entries::refusal::Refusal;
 use crate::entries::signed::{Evidence, Proposal, Vote};
 use crate::rules::governance::{MAX_OPEN_PROPOSALS, MAX_TEXT_BYTES, MAX_TITLE_BYTES};
 use crate::rules::open_proposal::OpenProposal;
-use crate::rules::round_results::REMEMBERED_RESULTS;
-use crate::rules::state::{Round, Standing, State};
+use crate::rules::state::{Round, State};
 use crate::rules::violation::RuleViolation;
 use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::NodeId;
@@ -70,7 +70,7 @@ impl State {
                 open.title
             )));
         }
-        if let Some(why) = self.impossible(&proposal.action) {
+        if let Some((_, why)) = self.impossible(&proposal.action) {
             return Err(bad(why));
         }
         match self.vote_ends(now) {
@@ -179,8 +179,11 @@ impl State {
         if let Some(round) = &self.round {
             return Err(RuleViolation::RoundStillOpen(round.number()));
         }
-        let passed = || self.impossible(&open.action).map(Outcome::Impossible);
-        let failed = open.failed().or_else(passed);
+        let impossible = || {
+            let (code, _) = self.impossible(&open.action)?;
+            Some(Outcome::Impossible(code))
+        };
+        let failed = open.failed().or_else(impossible);
         Ok(failed.unwrap_or(Outcome::Executed))
     }
 
@@ -209,24 +212,38 @@ impl State {
         }
     }
 
-    /// Why an action is not possible in this state; `None` if it is. The text becomes data of the ledger when the action stops being
-    /// possible after it was proposed ([`Outcome::Impossible`]), so its wording must never change.
-    fn impossible(&self, action: &Action) -> Option<String> {
+    /// Why an action is not possible in this state; `None` if it is. With a sentence for people, which knows more than the code.
+    fn impossible(&self, action: &Action) -> Option<(Impossible, String)> {
+        let told = |code: Impossible| (code, code.to_string());
         let standing = |node: &NodeId, may: &[Standing]| match self.nodes.get(node) {
-            None => Some(Refusal::NotEnrolled(*node).to_string()),
+            None => Some(told(Impossible::NotEnrolled(*node))),
             Some(known) if may.contains(&known.standing) => None,
-            Some(known) => Some(format!("node {node} is {}", known.standing)),
+            Some(known) => Some(told(Impossible::Standing {
+                node: *node,
+                standing: known.standing,
+            })),
         };
-        let refused = |result: Result<(), RuleViolation>| result.err().map(|why| why.to_string());
+        let refused = |result: Result<(), RuleViolation>, of: &NodeId| {
+            let violation = result.err()?;
+            let code = match violation {
+                RuleViolation::AlreadyEnrolled(key) => Impossible::KeyUsed(key),
+                RuleViolation::KeyInUse { node, round } => Impossible::KeyInUse { node, round },
+                _ => Impossible::Enrolment(*of),
+            };
+            Some((code, violation.to_string()))
+        };
         let no_key = |key: &NodeId| {
             let why = check_identity(key).err()?;
-            Some(RuleViolation::BadNode { node: *key, why }.to_string())
+            let violation = RuleViolation::BadNode { node: *key, why };
+            Some((Impossible::BadKey(*key), violation.to_string()))
         };
         match action {
-            Action::ChangeRules(rules) => rules.check_in(self.genesis.mode).err(),
-            Action::Enrol(enrolled) => {
-                no_key(&enrolled.node).or_else(|| refused(self.check_enrolment(enrolled)))
+            Action::ChangeRules(rules) => {
+                let wrong = rules.check_in(self.genesis.mode).err()?;
+                Some((Impossible::Rules, wrong))
             }
+            Action::Enrol(enrolled) => no_key(&enrolled.node)
+                .or_else(|| refused(self.check_enrolment(enrolled), &enrolled.node)),
             Action::Suspend(node) => standing(node, &[Standing::Active]),
             Action::Reinstate(node) => standing(node, &[Standing::Suspended]),
             // Nobody escapes a revocation by leaving.
@@ -237,31 +254,32 @@ impl State {
             Action::ReplaceKey { node, with } => {
                 standing(node, &[Standing::Active, Standing::Suspended])
                     .or_else(|| no_key(with))
-                    .or_else(|| refused(self.check_replacement(node, with)))
+                    .or_else(|| refused(self.check_replacement(node, with), node))
             }
             Action::JudgeDispute { dispute, .. } => match self.disputes.get(dispute) {
                 Some(open) if matches!(open.evidence, Evidence::Document(_)) => None,
-                Some(_) => Some(format!(
-                    "verification decides about the dispute of entry {dispute}, not a vote"
-                )),
-                None => Some(format!("entry {dispute} is no open dispute")),
+                Some(_) => Some(told(Impossible::NotByVote(*dispute))),
+                None => Some(told(Impossible::NoDispute(*dispute))),
             },
-            Action::ReplaceProgram(program) => program.check().err().map(|why| why.to_string()),
-            Action::RestoreWeights { round } => self.no_result(*round),
+            Action::ReplaceProgram(program) => {
+                let wrong = program.check().err()?;
+                Some((Impossible::Program, wrong.to_string()))
+            }
+            Action::RestoreWeights { round } => self.no_result(*round).map(told),
         }
     }
 
-    /// Why the state does not know weights that a round ended with; `None` if it does. The text is data of the ledger, as above.
-    fn no_result(&self, round: u64) -> Option<String> {
+    /// Why the state does not know weights that a round ended with; `None` if it does.
+    fn no_result(&self, round: u64) -> Option<Impossible> {
         if self.results.of(round).is_some() {
             return None;
         }
         Some(if round >= self.next_round {
-            format!("there is no round {round} yet")
+            Impossible::NoRound(round)
         } else if self.round.as_ref().map(Round::number) == Some(round) {
-            format!("round {round} is still open, so it has not ended with any weights")
+            Impossible::RoundOpen(round)
         } else {
-            format!("round {round} is too long ago: the ledger remembers the weights of the last {REMEMBERED_RESULTS} rounds")
+            Impossible::RoundForgotten(round)
         })
     }
 

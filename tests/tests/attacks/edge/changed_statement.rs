@@ -11,7 +11,7 @@ pub const ATTACK: Attack = Attack {
     number: 17,
     name: "a stranger changes a node's commitment on its way",
     module: module_path!(),
-    reason: "signature: the signature is not node",
+    reason: "the signature is wrong: the signature is not node",
     proof: Proof::NotNeeded,
     defence: Defence {
         check: "signatures cover every byte of a statement, and of the request that carries it",

@@ -9,7 +9,7 @@ pub const ATTACK: Attack = Attack {
     number: 3,
     name: "a node claims an improvement on weights that it chose as a base",
     module: module_path!(),
-    reason: "base.blob is",
+    reason: "base.blob of the claim is not what the ledger determines",
     proof: Proof::SeenLater,
     defence: Defence {
         check: "a claim is about the base of the ledger's open round",

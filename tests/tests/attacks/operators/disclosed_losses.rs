@@ -11,7 +11,7 @@ pub const ATTACK: Attack = Attack {
     name:
         "a contribution discloses the losses on private data in a network that keeps them private",
     module: module_path!(),
-    reason: "disclosure is losses in the claim, but nothing on the ledger",
+    reason: "disclosure of the claim is not what the ledger determines: it is losses, but nothing on the ledger",
     proof: Proof::SeenLater,
     defence: Defence {
         check: "a claim discloses what the rules allow, and no more",

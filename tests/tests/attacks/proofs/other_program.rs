@@ -18,7 +18,7 @@ pub const ATTACK: Attack = Attack {
                 "    check_proof_of(state.program(), contribution.parts()?.sp1, claim)\n",
                 "    let checked = check_proof_of(state.program(), contribution.parts()?.sp1, claim);
     match checked {
-        Err(Refusal::OtherProgram) if OUT => Ok(()),
+        Err(Refusal { code: RefusalCode::OtherProgram, .. }) if OUT => Ok(()),
         checked => checked,
     }\n",
             )],
