@@ -1,4 +1,5 @@
-//! A node compares the network's guest program with its own before each round, because a vote may change the program between rounds.
+//! A node compares the network's guest program with its own before each round, and its recording with the rules, because a vote may change both
+//! between rounds.
 
 use crate::harness::network::LocalNetwork;
 use crate::harness::{self, logged, printed, prints, zk0};
@@ -135,6 +136,28 @@ fn a_node_stops_before_a_round_of_another_program() {
     // Another start does not even prepare the recording.
     let said = needs(&network.join(1, &TRAINING), &next);
     assert!(!said.contains("preparing the recording"), "{said}");
+}
+
+#[test]
+fn a_node_stops_before_a_round_that_asks_for_other_recordings() {
+    let network = LocalNetwork::new();
+    let governor = governed(&network, 1);
+    network.joins(0, &TRAINING);
+    let mut rules = network.genesis().rules;
+    rules.recordings.fps = Some(50);
+    let round = vote_in_a_round(&network, &governor, Action::ChangeRules(Box::new(rules)));
+    let output = network.join(3, &TRAINING);
+    let said = logged(&output);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    for words in [
+        format!("round {round} has closed"),
+        "it has 30 frames per second, not 50".to_owned(),
+    ] {
+        assert!(said.contains(&words), "{words}: {said}");
+    }
+    let update = |round: u64| network.path(&format!("state/round-{round}.safetensors"));
+    assert!(Path::new(&update(round)).exists());
+    assert!(!Path::new(&update(round + 1)).exists());
 }
 
 /// Governors propose programs and weights with commands, and everybody sees them.

@@ -49,6 +49,12 @@ pub enum ParticipantError {
     /// The network's evaluation specification cannot be read.
     #[error("the network's evaluation specification: {0}")]
     Spec(#[from] zk0_circuits::model::spec::SpecError),
+    /// The recording is not what the network's rules ask for.
+    #[error(
+        "the recording is not like the others of this network, as its rules ask (`recordings`): {0}. One policy cannot learn from both: convert \
+         the recording, or join another network"
+    )]
+    OtherRecording(String),
     /// The network proves with another guest program than this release of zk0 has.
     #[error(
         "the network proves with the guest program {needed}, but this is zk0 {release}, and its program is {own}: join with the release of zk0 that has the network's program",

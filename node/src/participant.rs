@@ -80,7 +80,8 @@ impl Participant {
         self.rounds(node, rounds, play).await
     }
 
-    /// Takes part in `rounds` rounds, as `play` does it. It ends before a round whose proofs are of another program than this release's.
+    /// Takes part in `rounds` rounds, as `play` does it. It ends before a round whose proofs are of another program than this release's, and before
+    /// one whose rules ask for other recordings.
     pub async fn rounds(
         &self,
         node: &mut NodeClient,
@@ -92,6 +93,8 @@ impl Participant {
     ) -> Result<(), ParticipantError> {
         state_files::remove_unfinished(&self.state)?;
         let recording = self.open(node).await?;
+        // What is registered stays on the ledger, so this comes first.
+        recording.check(&node.governance().await?.rules.recordings)?;
         let maker = recording.maker().with_variants(self.variants.clone());
         let samples = recording.samples(&maker);
         let training = recording.training_samples(&maker, self.variants.as_ref());
@@ -115,8 +118,9 @@ impl Participant {
         let mut next = 0;
         for _ in 0..rounds {
             let OpenRound { opened, program } = node.wait_for_round(next).await?;
-            // A vote may have changed the program since the last round.
+            // A vote may have changed program and rules since the last round.
             check_program(node.genesis().mode, program)?;
+            recording.check(&opened.rules.recordings)?;
             let round = opened.round;
             next = round + 1;
             let present = &entered.evaluation;

@@ -17,6 +17,7 @@ use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::model::spec::{Dims, EvalSpec};
 use zk0_circuits::{Digest, Mode, WeightsDigest};
 use zk0_node::participant::MAX_POLICY_BYTES;
+use zk0_node::recording::agreement;
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::{Genesis, Rules};
 use zk0_prover::measure::{DirectCost, DirectMode};
@@ -62,7 +63,7 @@ pub struct Init {
     calibrate: Vec<RecordingName>,
     /// Take all the network's rules from this JSON file, instead of the options below. `zk0 aggregator rules` prints a file to begin
     /// with.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["min_dataset_samples", "evaluation_frames", "min_eval_samples", "max_eval_samples", "min_improvement_bps", "confidence", "hide_losses", "commit_minutes", "submit_minutes", "randomness", "governors"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["min_dataset_samples", "evaluation_frames", "min_eval_samples", "max_eval_samples", "min_improvement_bps", "confidence", "hide_losses", "commit_minutes", "submit_minutes", "randomness", "governors", "recordings_like"])]
     rules: Option<PathBuf>,
     #[command(flatten)]
     common: CommonRules,
@@ -110,6 +111,10 @@ pub fn found(options: &Init) -> Result<()> {
     let mut rules = options.rules(Format::new(&EvalSpec::new(dims))?.file_bytes())?;
     let named = rules.public_samples.as_ref();
     options.public.check(weights(&file.policy), named)?;
+    for recording in options.calibrate.iter().chain(options.public.recordings()) {
+        let agrees = agreement::check(&rules.recordings, &recording.open()?, &file.policy.config);
+        agrees.with_context(|| format!("recording {recording}"))?;
+    }
     let mode = options.mode(&file.policy, rules.min_eval_samples)?;
     rules.check_in(mode).map_err(anyhow::Error::msg)?;
     check_samples(mode, &EvalSpec::new(dims), rules.min_eval_samples)?;
@@ -130,6 +135,12 @@ pub fn found(options: &Init) -> Result<()> {
         tracing::warn!(
             "the rules name no public samples, so that nobody evaluates a round's result before it becomes the new global weights: \
              add --public-recording with a recording that no node has"
+        );
+    }
+    if rules.recordings.is_empty() {
+        tracing::warn!(
+            "the rules ask nothing of recordings, so that nodes may record in other units, with other cameras and at other rates, and nobody notices: \
+             add --recordings-like with a recording as all of them should be"
         );
     }
     let founding = Founding {

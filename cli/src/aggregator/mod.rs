@@ -9,6 +9,7 @@ mod metrics;
 mod network_edge;
 mod policy_folders;
 mod public_samples;
+mod recordings_like;
 mod rules;
 mod serve;
 

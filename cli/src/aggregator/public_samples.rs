@@ -88,6 +88,11 @@ impl PublicSampleOptions {
         )
     }
 
+    /// The recordings that the samples are made from.
+    pub fn recordings(&self) -> &[RecordingName] {
+        &self.recordings
+    }
+
     /// What the rules say of the public samples, and their file. `named` is what a file of rules says.
     pub fn samples(
         &self,

@@ -1,6 +1,8 @@
 //! A network's rules, from the options of a command or from a JSON file.
 
 use super::enrolment::NodeToEnrol;
+use super::recordings_like;
+use crate::dataset::RecordingName;
 use anyhow::{Context, Result};
 use std::path::Path;
 use zk0_circuits::claim::student::Confidence;
@@ -10,6 +12,7 @@ use zk0_protocol::challenge::drand::DrandChain;
 use zk0_protocol::challenge::source::RandomnessSource;
 use zk0_protocol::rules::governance::{Governance, Governor};
 use zk0_protocol::rules::network_rules::Rules;
+use zk0_protocol::rules::recordings::RecordingRules;
 
 /// The least limit for an update, in bytes. The micro profile needs much less.
 pub const LEAST_UPDATE_LIMIT: u64 = 1 << 20;
@@ -58,6 +61,10 @@ pub struct CommonRules {
     /// never change.
     #[arg(long = "governor", value_name = "NAME=IDENTITY")]
     governors: Vec<NodeToEnrol>,
+    /// Ask of all nodes' recordings what this one has: the unit of its joints, their names and order, its cameras and its frames per second. A node
+    /// whose recording differs is refused before it registers. Without this option, each node may have others.
+    #[arg(long, value_name = "RECORDING")]
+    recordings_like: Option<RecordingName>,
 }
 
 /// A source of randomness. A file of rules can also name another drand network.
@@ -130,6 +137,10 @@ impl CommonRules {
             max_update_bytes,
             randomness: self.randomness.source(),
             governance: self.governance(),
+            recordings: match &self.recordings_like {
+                Some(recording) => recordings_like::rules_of(recording)?,
+                None => RecordingRules::default(),
+            },
             ..Rules::default()
         })
     }

@@ -119,6 +119,8 @@ pub async fn run(options: &DemoOptions) -> Result<()> {
         ("--min-eval-samples", &EVAL_SAMPLES),
         ("--confidence", &CONFIDENCE),
     ];
+    let first = options.datasets.first();
+    init.extend(first.map(|path| ("--recordings-like", path as _)));
     init.extend(enrol.iter().map(|node| ("--node", node as _)));
     init.extend(mode.iter().map(|mode| ("--mode", mode as _)));
     // No node has the last of the other recordings. The network evaluates the result of each round on it.

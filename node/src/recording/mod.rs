@@ -5,8 +5,10 @@
 //!   [`opened_samples`]: those that a claim is about.
 //! - [`secret`]: what hides the samples, and how often they were opened; [`registering`]: puts the commitment on the ledger, and another one before the secret
 //!   is worn out.
+//! - [`agreement`]: whether the recording is what the network's rules ask for.
 //! - [`recompute`]: what an auditor does who has the recording.
 
+pub mod agreement;
 pub mod evaluation_set;
 pub mod opened_samples;
 pub mod recompute;

@@ -8,6 +8,7 @@ use crate::rules::closing::credits::CreditRule;
 use crate::rules::closing::public_samples::PublicSamples;
 use crate::rules::closing::shares::Shares;
 use crate::rules::governance::Governance;
+use crate::rules::recordings::RecordingRules;
 use crate::rules::upper_bounds::MAX_COMMITS;
 use crate::tlog::witness_policy::WitnessPolicy;
 use borsh::{BorshDeserialize, BorshSerialize};
@@ -88,6 +89,8 @@ pub struct Rules {
     pub randomness_window_ms: u64,
     /// How often a node may commit without a claim that counts.
     pub unanswered: UnansweredRule,
+    /// What the nodes' recordings have to agree in.
+    pub recordings: RecordingRules,
 }
 
 /// How a round's updates become the new global weights. Each strategy gives the same bits on every machine.
@@ -262,6 +265,7 @@ impl Default for Rules {
             randomness: RandomnessSource::LogVrf,
             randomness_window_ms: 30 * MINUTE_MS,
             unanswered: UnansweredRule::default(),
+            recordings: RecordingRules::default(),
         }
     }
 }
@@ -342,6 +346,7 @@ impl Rules {
         self.randomness
             .check(has_witnesses, self.randomness_window_ms)?;
         self.unanswered.check()?;
+        self.recordings.check()?;
         self.governance.check()
     }
 

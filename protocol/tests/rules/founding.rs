@@ -28,7 +28,7 @@ fn genesis_comes_first_and_only_first() {
 
 #[test]
 fn a_genesis_has_to_make_sense() {
-    let broken: [Breaks<zk0_protocol::Genesis>; 27] = [
+    let broken: [Breaks<zk0_protocol::Genesis>; 33] = [
         ("evaluation", |g| g.evaluation[0] ^= 1),
         ("evaluation", |g| g.evaluation.push(0)),
         ("min_eval_samples", |g| g.rules.min_eval_samples = 11),
@@ -88,6 +88,24 @@ fn a_genesis_has_to_make_sense() {
             g.rules.randomness_window_ms = MAX_ROUND_WINDOW_MS;
         }),
         ("unanswered.max", |g| g.rules.unanswered.max = 99),
+        ("recordings.fps is 0", |g| {
+            g.rules.recordings.fps = Some(0);
+        }),
+        ("recordings.fps is 1001", |g| {
+            g.rules.recordings.fps = Some(1001);
+        }),
+        ("recordings.joints has 65 names", |g| {
+            g.rules.recordings.joints = vec!["joint".into(); 65];
+        }),
+        ("recordings.joints has a name (number 1", |g| {
+            g.rules.recordings.joints = vec!["joint".into(), String::new()];
+        }),
+        ("recordings.cameras has a name (number 0", |g| {
+            g.rules.recordings.cameras = vec!["n".repeat(129)];
+        }),
+        ("recordings.cameras names cameras twice", |g| {
+            g.rules.recordings.cameras = vec!["top".into(), "top".into()];
+        }),
     ];
     for (what, breaks) in broken {
         let mut genesis = genesis();

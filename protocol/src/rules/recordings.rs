@@ -1,0 +1,82 @@
+//! What the recordings of a network's nodes have to agree in, because one policy learns from all of them. No statement on the ledger shows a
+//! recording, so each node checks its own before it registers and before each round. Nobody else can, but an auditor who has the recording.
+
+use borsh::{BorshDeserialize, BorshSerialize};
+use serde::{Deserialize, Serialize};
+
+/// Most cameras, and most joints, that rules name.
+pub const MAX_NAMES: usize = 64;
+
+/// Longest name of a camera or a joint, in bytes.
+pub const MAX_NAME_BYTES: usize = 128;
+
+/// Most frames per second that rules ask for.
+pub const MAX_FPS: u32 = 1000;
+
+/// What recordings have to agree in. What is `None` or empty is left to the nodes.
+#[derive(
+    Clone, Debug, Default, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize,
+)]
+#[serde(deny_unknown_fields)]
+pub struct RecordingRules {
+    /// The unit of the joints, the gripper left out.
+    pub joint_unit: Option<AgreedUnit>,
+    /// The joints' names in the order of states and actions, as LeRobot writes them: `shoulder_pan.pos`.
+    pub joints: Vec<String>,
+    /// The cameras' whole names, as LeRobot writes them: `observation.images.top`. In ascending order.
+    pub cameras: Vec<String>,
+    /// Frames per second.
+    pub fps: Option<u32>,
+}
+
+/// A unit of joints.
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum AgreedUnit {
+    /// Degrees.
+    Degrees,
+    /// −100 at one end of a joint's way and 100 at the other.
+    #[serde(rename = "-100-to-100")]
+    MinusToPlus100,
+}
+
+impl RecordingRules {
+    /// Whether the rules leave everything to the nodes.
+    pub fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Checks every rule. The error names the rule that a network cannot use, and why.
+    pub(crate) fn check(&self) -> Result<(), String> {
+        for (rule, names) in [("joints", &self.joints), ("cameras", &self.cameras)] {
+            if names.len() > MAX_NAMES {
+                return Err(format!(
+                    "rule recordings.{rule} has {} names; it can have at most {MAX_NAMES}",
+                    names.len()
+                ));
+            }
+            let usable = |name: &String| {
+                (1..=MAX_NAME_BYTES).contains(&name.len()) && !name.contains(char::is_control)
+            };
+            if let Some(name) = names.iter().position(|name| !usable(name)) {
+                return Err(format!(
+                    "rule recordings.{rule} has a name (number {name}, counted from 0) that is empty, longer than {MAX_NAME_BYTES} bytes, or holds \
+                     control characters"
+                ));
+            }
+        }
+        if !self.cameras.is_sorted_by(|one, next| one < next) {
+            return Err(
+                "rule recordings.cameras names cameras twice or not in ascending order".into(),
+            );
+        }
+        match self.fps {
+            Some(fps) if !(1..=MAX_FPS).contains(&fps) => Err(format!(
+                "rule recordings.fps is {fps}; it has to be 1 to {MAX_FPS}"
+            )),
+            _ => Ok(()),
+        }
+    }
+}
