@@ -6,7 +6,7 @@ use zk0_protocol::entries::member::Standing;
 use zk0_protocol::entries::proposal::Action;
 use zk0_protocol::entries::refusal::code::RoundStatement;
 use zk0_protocol::entries::signed::{Dispute, Evidence};
-use zk0_protocol::{Body, Refusal, RefusalCode, RuleViolation, Signed, State};
+use zk0_protocol::{Body, RefusalCode, RuleViolation, Signed, State};
 use zk0_testkit::network::votes::*;
 use zk0_testkit::network::*;
 
@@ -39,7 +39,7 @@ fn disputed(state: &State, by: u8, contribution: u64, evidence: Evidence) -> Bod
     ))
 }
 
-fn resolved(dispute: u64, upheld: Option<Refusal>) -> Body {
+fn resolved(dispute: u64, upheld: Option<RefusalCode>) -> Body {
     Body::DisputeResolved(DisputeResolved { dispute, upheld })
 }
 

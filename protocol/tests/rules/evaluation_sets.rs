@@ -1,6 +1,5 @@
 //! A node commits to the frames that the hash of its episodes draws, and to no others.
 
-use super::refused;
 use zk0_circuits::claim::challenge::DrawError;
 use zk0_circuits::Digest;
 use zk0_protocol::entries::proposal::Action;
@@ -8,7 +7,7 @@ use zk0_protocol::entries::signed::{DatasetRegistration, RegisteredEpisode};
 use zk0_protocol::evaluation_set::{
     distinct, draw, list_bytes, total, DrawnLeaf, EvaluationSetError,
 };
-use zk0_protocol::{Body, RefusalCode, Rules, Signed};
+use zk0_protocol::{Body, Rules, Signed};
 use zk0_testkit::network::*;
 
 /// Three episodes of a thousand frames together.

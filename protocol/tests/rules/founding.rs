@@ -8,6 +8,7 @@ use zk0_protocol::entries::codec::EntryError;
 use zk0_protocol::entries::entry::ENTRY_VERSION;
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::rules::closing::shares::Shares;
+use zk0_protocol::rules::network_rules::{Participation, Strategy};
 use zk0_protocol::rules::upper_bounds::{
     MAX_CREDITS, MAX_GOVERNANCE_WINDOW_MS, MAX_PROOF_BYTES, MAX_ROUND_WINDOW_MS, MAX_UPDATE_BYTES,
 };
@@ -262,4 +263,18 @@ fn nodes_enrol_once_under_a_real_key_and_a_plain_name() {
     ] {
         assert!(matches!(chain.refusal(body), RuleViolation::BadNode { .. }));
     }
+}
+
+#[test]
+fn rules_are_the_same_as_json() {
+    let mut rules = genesis().rules;
+    rules.participation = Participation::Listed(vec![id(0)]);
+    rules.strategy = Strategy::TrimmedMean { trim_bps: 1000 };
+    let json = serde_json::to_string_pretty(&rules).unwrap();
+    assert_eq!(serde_json::from_str::<Rules>(&json).unwrap(), rules);
+    let unknown = json.replace("min_dataset_samples", "min_dataset_sample");
+    let error = serde_json::from_str::<Rules>(&unknown)
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("min_dataset_sample"), "{error}");
 }

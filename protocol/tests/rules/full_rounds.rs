@@ -5,7 +5,7 @@ use zk0_circuits::{Digest, NodeId, WeightsDigest};
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::signed::{DatasetRegistration, Submission, UpdateCommitment};
 use zk0_protocol::rules::apply::{MAX_COMMITS, MAX_EPISODES};
-use zk0_protocol::{Body, RefusalCode, RuleViolation, Signed};
+use zk0_protocol::{Body, RefusalCode, Signed};
 use zk0_testkit::network::*;
 
 /// Returns a digest that belongs to this number only.

@@ -480,20 +480,6 @@ fn without_governance_nothing_is_ever_proposed() {
 }
 
 #[test]
-fn rules_are_the_same_as_json() {
-    let mut rules = genesis().rules;
-    rules.participation = Participation::Listed(vec![id(0)]);
-    rules.strategy = Strategy::TrimmedMean { trim_bps: 1000 };
-    let json = serde_json::to_string_pretty(&rules).unwrap();
-    assert_eq!(serde_json::from_str::<Rules>(&json).unwrap(), rules);
-    let unknown = json.replace("min_dataset_samples", "min_dataset_sample");
-    let error = serde_json::from_str::<Rules>(&unknown)
-        .unwrap_err()
-        .to_string();
-    assert!(error.contains("min_dataset_sample"), "{error}");
-}
-
-#[test]
 fn a_settlement_says_which_proposal() {
     let mut chain = Chain::new();
     let unknown = Body::ProposalSettled(ProposalSettled {

@@ -22,9 +22,7 @@ use zk0_protocol::rules::closing::credits::CreditRule;
 use zk0_protocol::rules::closing::public_samples::PublicSamples;
 use zk0_protocol::rules::closing::shares::WHOLE_SHARE;
 use zk0_protocol::rules::governance::{Governance, Governor};
-use zk0_protocol::{
-    Body, Entry, Genesis, Refusal, RefusalCode, RuleViolation, Rules, Signed, State,
-};
+use zk0_protocol::{Body, Entry, Genesis, RefusalCode, RuleViolation, Rules, Signed, State};
 
 /// When the network is founded, in milliseconds since 1970.
 pub const T0: u64 = 1_700_000_000_000;

@@ -25,7 +25,7 @@ use zk0_protocol::entries::signed::{
 };
 use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::tlog::receipt::Receipt;
-use zk0_protocol::{Refusal, RefusalCode};
+use zk0_protocol::RefusalCode;
 use zk0_verifier::dataset::check_leaf_list;
 
 /// What the first step finds.
