@@ -376,11 +376,12 @@ fn check_file(digest: &Digest, (path, mut file): (PathBuf, File)) -> Result<(), 
 }
 
 fn check(expected: &Digest, actual: [u8; 32]) -> Result<(), BlobError> {
-    match expected.0 == actual {
-        true => Ok(()),
-        false => Err(BlobError::WrongDigest {
+    if expected.0 == actual {
+        Ok(())
+    } else {
+        Err(BlobError::WrongDigest {
             expected: *expected,
             actual: Digest(actual),
-        }),
+        })
     }
 }

@@ -131,9 +131,10 @@ impl DatasetRegistration {
         if let Some(empty) = self.episodes.iter().find(|episode| episode.frames == 0) {
             return Err(EvaluationSetError::EmptyEpisode(empty.digest));
         }
-        match samples > drawn {
-            true => Err(EvaluationSetError::TooManySamples { samples, drawn }),
-            false => Ok(()),
+        if samples > drawn {
+            Err(EvaluationSetError::TooManySamples { samples, drawn })
+        } else {
+            Ok(())
         }
     }
 
@@ -164,9 +165,10 @@ impl DatasetRegistration {
             listed.push(record);
         }
         let (distinct, samples) = (distinct(&listed).len() as u64, self.dataset.samples);
-        match distinct == samples {
-            true => Ok(listed),
-            false => Err(EvaluationSetError::Count { distinct, samples }),
+        if distinct == samples {
+            Ok(listed)
+        } else {
+            Err(EvaluationSetError::Count { distinct, samples })
         }
     }
 }

@@ -120,13 +120,14 @@ pub fn authenticate(
         return Err(RefusalCode::NotEnrolled(node).into());
     }
     let proof = Blob::of(proof);
-    match proof.digest() == statement.proof {
-        true => Ok(AuthenticContribution { submission, proof }),
-        false => Err(RefusalCode::ProofDigest {
+    if proof.digest() == statement.proof {
+        Ok(AuthenticContribution { submission, proof })
+    } else {
+        Err(RefusalCode::ProofDigest {
             signed: statement.proof,
             actual: proof.digest(),
         }
-        .into()),
+        .into())
     }
 }
 

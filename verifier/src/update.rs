@@ -117,13 +117,14 @@ impl Evaluation {
         check_blob(file, &claimed.blob)?;
         let weights = self.read(file)?;
         let actual = weights.digest(self.mode);
-        match actual == claimed.quantised {
-            true => Ok(weights),
-            false => Err(RefusalCode::OtherWeights {
+        if actual == claimed.quantised {
+            Ok(weights)
+        } else {
+            Err(RefusalCode::OtherWeights {
                 proven: claimed.quantised,
                 actual,
             }
-            .into()),
+            .into())
         }
     }
 
@@ -153,13 +154,14 @@ impl Evaluation {
 /// Checks that a file is the one that the claim names.
 fn check_blob(file: &[u8], expected: &Digest) -> Result<(), Refusal> {
     let actual = blob_digest(file);
-    match actual == *expected {
-        true => Ok(()),
-        false => Err(RefusalCode::UpdateDigest {
+    if actual == *expected {
+        Ok(())
+    } else {
+        Err(RefusalCode::UpdateDigest {
             expected: *expected,
             actual,
         }
-        .into()),
+        .into())
     }
 }
 

@@ -55,14 +55,15 @@ pub fn check_weight_claims<R: ReadAt + Send>(
         };
         published.sums(&expert, model, format.tensors().len(), tensor)
     };
-    let (base, update) = match cfg!(target_family = "wasm") {
-        true => (sums(0, files.0), sums(1, files.1)),
-        false => thread::scope(|threads| {
+    let (base, update) = if cfg!(target_family = "wasm") {
+        (sums(0, files.0), sums(1, files.1))
+    } else {
+        thread::scope(|threads| {
             let base = threads.spawn(|| sums(0, files.0));
             let update = sums(1, files.1);
             let panicked = |_| Err(malformed("the thread that reads the base weights panicked"));
             (base.join().unwrap_or_else(panicked), update)
-        }),
+        })
     };
     let sums = [base, update].map(|sums| sums.map_err(|Failed(refusal)| refusal));
     let [base, update] = sums;

@@ -213,10 +213,7 @@ mod tests {
             let numbers: Vec<i32> = seeds.iter().map(|&(number, shift, tie)| {
                 let number = number.max(-i32::MAX) >> shift.min(31);
                 // Halves of the divisor are ties.
-                match tie {
-                    true => (i128::from(number) * rounding.divisor / 2).clamp(-(1 << 30), 1 << 30) as i32,
-                    false => number,
-                }
+                if tie { (i128::from(number) * rounding.divisor / 2).clamp(-(1 << 30), 1 << 30) as i32 } else { number }
             }).collect();
             let largest = numbers.iter().map(|one| u128::from(one.unsigned_abs())).max().unwrap();
             let wide: Vec<_> = numbers.iter().map(|one| i128::from(*one)).collect();

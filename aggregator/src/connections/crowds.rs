@@ -88,9 +88,10 @@ fn together(lengths: Lengths) -> impl Fn(&Stranger, &Stranger) -> bool {
 impl Stranger {
     /// The one with the greatest value makes room, among strangers of crowds that are equally large.
     fn gives_way(&self, now: Instant) -> (bool, bool, Reverse<Instant>) {
-        match now.saturating_duration_since(self.came) < GRACE {
-            true => (false, false, Reverse(self.came)),
-            false => (true, self.requests == 0, Reverse(self.active)),
+        if now.saturating_duration_since(self.came) < GRACE {
+            (false, false, Reverse(self.came))
+        } else {
+            (true, self.requests == 0, Reverse(self.active))
         }
     }
 }

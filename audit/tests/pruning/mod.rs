@@ -23,7 +23,7 @@ use zk0_ledger::{Ledger, LedgerError};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::Action;
-use zk0_protocol::{Body, Refusal, RefusalCode};
+use zk0_protocol::{Body, RefusalCode};
 use zk0_testkit::aggregator::operator::Operator;
 use zk0_testkit::aggregator::*;
 use zk0_verifier::blob_digest;
@@ -55,7 +55,7 @@ fn proof(round: u8, node: u8) -> Vec<u8> {
 }
 
 /// Node 1 and node 2 contribute to a round. `refused` says why the second one's contribution does not count, if it does not.
-fn round(operator: &mut Operator, refused: Option<Refusal>) {
+fn round(operator: &mut Operator, refused: Option<RefusalCode>) {
     let number = operator.state().next_round() as u8;
     operator.open();
     for node in [1, 2] {

@@ -79,9 +79,10 @@ pub fn of_recording(error: Error, recording: impl fmt::Display) -> Error {
         let (before, after) = (&said[..at], &said[at + folder.len()..]);
         (before.is_empty() || before.ends_with(' ')) && after.starts_with(['/', ':'])
     });
-    match is_there {
-        true => error,
-        false => error.context(format!("recording {name}")),
+    if is_there {
+        error
+    } else {
+        error.context(format!("recording {name}"))
     }
 }
 

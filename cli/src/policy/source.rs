@@ -132,20 +132,19 @@ fn file(folder: &Path, name: &str) -> Result<Vec<u8>> {
 
 fn folder_tokenizer(folder: &Path, config: &PolicyConfig) -> Result<PolicyTokenizer> {
     let own = folder.join("tokenizer.json");
-    let file = match is_reference(folder) {
-        true => own.exists().then_some(own),
-        false => {
-            // Without a home directory there is no cache.
-            let cache = HubOptions::from_env().ok().map(|options| options.cache);
-            let file = PolicyFolder::open(folder)?.tokenizer_file(cache.as_deref())?;
-            if file.is_none() {
-                tracing::warn!(
+    let file = if is_reference(folder) {
+        own.exists().then_some(own)
+    } else {
+        // Without a home directory there is no cache.
+        let cache = HubOptions::from_env().ok().map(|options| options.cache);
+        let file = PolicyFolder::open(folder)?.tokenizer_file(cache.as_deref())?;
+        if file.is_none() {
+            tracing::warn!(
                     "{} does not exist, so instructions are read as hashed words; a pretrained policy does not understand these",
                     own.display()
                 );
-            }
-            file
         }
+        file
     };
     match file {
         Some(file) => Ok(TrainedTokenizer::read(file, config)?.into()),

@@ -37,9 +37,10 @@ impl FromStr for RenameMap {
 
 /// A camera's name with the start that LeRobot gives it.
 pub fn whole_name(name: &str) -> String {
-    match name.starts_with("observation.") {
-        true => name.to_owned(),
-        false => format!("{IMAGES}{name}"),
+    if name.starts_with("observation.") {
+        name.to_owned()
+    } else {
+        format!("{IMAGES}{name}")
     }
 }
 

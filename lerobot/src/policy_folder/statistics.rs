@@ -152,10 +152,7 @@ impl PolicyFolder {
                  without a word, and a robot would take numbers around 1 for degrees",
                 STATE.name,
                 ACTION.name,
-                match found.is_empty() {
-                    true => String::new(),
-                    false => format!(" (only of `{}`)", found.join("`, `")),
-                }
+                if found.is_empty() { String::new() } else { format!(" (only of `{}`)", found.join("`, `")) }
             ),
         ))
     }

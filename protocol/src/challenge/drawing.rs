@@ -133,12 +133,13 @@ impl Drawing {
                         early_ms,
                     });
                 }
-                match chain.signed(expected, signature) {
-                    true => Ok(()),
-                    false => Err(RandomnessError::BeaconSignature {
+                if chain.signed(expected, signature) {
+                    Ok(())
+                } else {
+                    Err(RandomnessError::BeaconSignature {
                         round: expected,
                         chain: hex::encode(chain.hash),
-                    }),
+                    })
                 }
             }
             (Self::Witnesses(cosignatures), RandomnessSource::Witnesses) => {

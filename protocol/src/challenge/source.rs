@@ -33,12 +33,13 @@ impl RandomnessSource {
             Self::Drand(chain) => {
                 chain.check().map_err(bad)?;
                 let latest_ms = chain.latest_after_closing_ms();
-                match window_ms > latest_ms {
-                    true => Ok(()),
-                    false => Err(format!(
+                if window_ms > latest_ms {
+                    Ok(())
+                } else {
+                    Err(format!(
                         "rule randomness_window_ms is {window_ms}, but a beacon can come {latest_ms} ms after the closing (margin_ms of {} and a period of {} s), so that rounds would end without randomness: set randomness_window_ms to more than that, or margin_ms to less",
                         chain.margin_ms, chain.period_s
-                    )),
+                    ))
                 }
             }
         }

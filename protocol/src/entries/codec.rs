@@ -49,9 +49,10 @@ impl Entry {
             }
             _ => {
                 let entry: Self = borsh::from_slice(bytes).map_err(undecodable)?;
-                match entry.encode()? == bytes {
-                    true => Ok(entry),
-                    false => Err(EntryError::NotCanonical),
+                if entry.encode()? == bytes {
+                    Ok(entry)
+                } else {
+                    Err(EntryError::NotCanonical)
                 }
             }
         }

@@ -55,9 +55,10 @@ impl Genesis {
     pub fn evaluation_spec(&self) -> Result<EvalSpec, String> {
         let spec =
             EvalSpec::decode(&self.evaluation).map_err(|error| format!("evaluation: {error}"))?;
-        match spec.encode() == self.evaluation {
-            true => Ok(spec),
-            false => Err("evaluation: not in its canonical encoding".into()),
+        if spec.encode() == self.evaluation {
+            Ok(spec)
+        } else {
+            Err("evaluation: not in its canonical encoding".into())
         }
     }
 

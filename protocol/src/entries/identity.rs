@@ -23,11 +23,12 @@ pub fn check_member_name(name: &str) -> Result<(), String> {
 
 /// Checks that a text is one line of at most `most` bytes. The error begins with `what`.
 pub fn check_line(what: &str, text: &str, most: usize) -> Result<(), String> {
-    match text.is_empty() || text.len() > most || text.chars().any(char::is_control) {
-        true => Err(format!(
+    if text.is_empty() || text.len() > most || text.chars().any(char::is_control) {
+        Err(format!(
             "{what} has {} bytes; 1 to {most} without control characters are allowed",
             text.len()
-        )),
-        false => Ok(()),
+        ))
+    } else {
+        Ok(())
     }
 }

@@ -49,9 +49,10 @@ impl Program {
     pub fn check(&self) -> Result<(), ProgramError> {
         ProgramKey::from_bytes(&self.key)?;
         let of_a_name = |c: u8| matches!(c, b'a'..=b'z' | b'0'..=b'9' | b'.' | b'-');
-        match (1..=MAX_SP1_BYTES).contains(&self.sp1.len()) && self.sp1.bytes().all(of_a_name) {
-            true => Ok(()),
-            false => Err(ProgramError::Sp1(self.sp1.clone())),
+        if (1..=MAX_SP1_BYTES).contains(&self.sp1.len()) && self.sp1.bytes().all(of_a_name) {
+            Ok(())
+        } else {
+            Err(ProgramError::Sp1(self.sp1.clone()))
         }
     }
 }

@@ -36,12 +36,11 @@ impl<'a> ProofBlob<'a> {
 
     /// The blob.
     pub fn join(&self) -> Vec<u8> {
-        match self.weight_check.is_empty() {
-            true => self.sp1.to_vec(),
-            false => {
-                let length = (self.weight_check.len() as u32).to_le_bytes();
-                [&length, self.weight_check, self.sp1].concat()
-            }
+        if self.weight_check.is_empty() {
+            self.sp1.to_vec()
+        } else {
+            let length = (self.weight_check.len() as u32).to_le_bytes();
+            [&length, self.weight_check, self.sp1].concat()
         }
     }
 }

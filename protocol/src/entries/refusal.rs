@@ -29,9 +29,10 @@ impl From<RefusalCode> for Refusal {
 
 impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.detail.is_empty() {
-            true => self.code.fmt(f),
-            false => write!(f, "{}: {}", self.code, self.detail),
+        if self.detail.is_empty() {
+            self.code.fmt(f)
+        } else {
+            write!(f, "{}: {}", self.code, self.detail)
         }
     }
 }

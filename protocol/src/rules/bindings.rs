@@ -165,9 +165,10 @@ pub(crate) fn same<T: PartialEq + Display>(
     claimed: T,
     expected: T,
 ) -> Result<(), Refusal> {
-    match claimed == expected {
-        true => Ok(()),
-        false => Err(differs(field, claimed, expected)),
+    if claimed == expected {
+        Ok(())
+    } else {
+        Err(differs(field, claimed, expected))
     }
 }
 

@@ -31,9 +31,10 @@ impl DisclosedBlobs {
             self.public.append(&mut self.held_back);
         }
         for blob in named_blobs(body) {
-            match blob.kind.is_private_at_first() {
-                true => self.held_back.insert(blob.digest),
-                false => self.public.insert(blob.digest),
+            if blob.kind.is_private_at_first() {
+                self.held_back.insert(blob.digest)
+            } else {
+                self.public.insert(blob.digest)
             };
         }
     }

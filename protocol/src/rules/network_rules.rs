@@ -283,12 +283,13 @@ impl Rules {
     pub fn check_in(&self, mode: Mode) -> Result<(), String> {
         self.check()?;
         let most = max_eval_samples(mode);
-        match self.max_eval_samples > most {
-            true => Err(format!(
+        if self.max_eval_samples > most {
+            Err(format!(
                 "rule max_eval_samples is {}, but in mode {mode} no node can make a claim of more than {most} samples: set it to at most {most}",
                 self.max_eval_samples
-            )),
-            false => Ok(()),
+            ))
+        } else {
+            Ok(())
         }
     }
 
@@ -475,11 +476,12 @@ impl Participation {
                         "rule participation has min_nodes {min_nodes}; it has to be 1 to {most}"
                     ));
                 }
-                match *fraction_bps > BPS {
-                    true => Err(format!(
+                if *fraction_bps > BPS {
+                    Err(format!(
                         "rule participation has fraction_bps {fraction_bps}; it can be at most {BPS}"
-                    )),
-                    false => Ok(()),
+                    ))
+                } else {
+                    Ok(())
                 }
             }
             Self::Sampled { nodes: 0 } => {

@@ -90,9 +90,10 @@ impl Checkpoint {
         let signatures = parsed.signed_by(&self::log_key(origin, log_key)?)?;
         // Encoded again with only the log's signature, the checkpoint has to give the same text.
         let canonical = Note::new(parsed.note.text(), &signatures).map(|note| note.to_bytes());
-        match canonical.ok().as_deref() == Some(text) {
-            true => Ok(parsed.checkpoint),
-            false => Err(CheckpointError::NotCanonical),
+        if canonical.ok().as_deref() == Some(text) {
+            Ok(parsed.checkpoint)
+        } else {
+            Err(CheckpointError::NotCanonical)
         }
     }
 }
@@ -115,9 +116,10 @@ impl Parsed {
         }
         let note = Note::from_bytes(text).map_err(|error| {
             let claims_signature = text.windows(SIGNED.len()).any(|part| part == SIGNED);
-            match claims_signature {
-                true => CheckpointError::Malformed(error.to_string()),
-                false => CheckpointError::NoNote(error.to_string()),
+            if claims_signature {
+                CheckpointError::Malformed(error.to_string())
+            } else {
+                CheckpointError::NoNote(error.to_string())
             }
         })?;
         let body = Body::from_bytes(note.text())

@@ -132,9 +132,10 @@ impl fmt::Display for Tile {
             write!(f, "x{group:03}/")?;
         }
         write!(f, "{:03}", groups[0])?;
-        match self.is_full() {
-            true => Ok(()),
-            false => write!(f, ".p/{}", self.width),
+        if self.is_full() {
+            Ok(())
+        } else {
+            write!(f, ".p/{}", self.width)
         }
     }
 }

@@ -86,16 +86,17 @@ impl VerifierKey {
     /// Reads a key, which has to have this role.
     pub fn of_role(role: Role, text: &str) -> Result<Self, KeyError> {
         let key: Self = text.parse()?;
-        match key.role == role {
-            true => Ok(key),
-            false => Err(KeyError::Type {
+        if key.role == role {
+            Ok(key)
+        } else {
+            Err(KeyError::Type {
                 found: key.role.byte(),
                 name: key.name,
                 expected: match role {
                     Role::Log => "0x01, that of a log",
                     Role::Witness => "0x04, that of a witness",
                 },
-            }),
+            })
         }
     }
 
@@ -162,13 +163,14 @@ impl FromStr for VerifierKey {
         let key: &[u8; 32] = key.try_into().map_err(|_| form())?;
         let key = Self::new(role, name, key)?;
         let expected = format!("{:08x}", key.id());
-        match id == expected {
-            true => Ok(key),
-            false => Err(KeyError::Id {
+        if id == expected {
+            Ok(key)
+        } else {
+            Err(KeyError::Id {
                 name: short(name),
                 found: short(id),
                 expected,
-            }),
+            })
         }
     }
 }

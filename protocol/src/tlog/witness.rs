@@ -145,13 +145,12 @@ impl Witness {
 
     /// Starts to watch a log, from the last checkpoint that was cosigned. A witness cannot watch two keys for one origin.
     pub fn watch(&mut self, key: VerifierKey, last: Option<Checkpoint>) -> Result<(), String> {
-        match self.logs.contains_key(key.name()) {
-            true => Err(format!("the log '{}' is named twice", key.name())),
-            false => {
-                self.logs
-                    .insert(key.name().into(), WatchedLog { key, last });
-                Ok(())
-            }
+        if self.logs.contains_key(key.name()) {
+            Err(format!("the log '{}' is named twice", key.name()))
+        } else {
+            self.logs
+                .insert(key.name().into(), WatchedLog { key, last });
+            Ok(())
         }
     }
 
@@ -231,9 +230,10 @@ fn continues(
         }
         // Every tree continues the empty tree, and a tree continues itself. No proof is needed.
         _ if last.is_none_or(|last| last.size == 0 || last.size == new.size) => {
-            match proof.is_empty() {
-                true => Ok(()),
-                false => Err(inconsistent("there is a proof where none is needed")),
+            if proof.is_empty() {
+                Ok(())
+            } else {
+                Err(inconsistent("there is a proof where none is needed"))
             }
         }
         None => Ok(()),

@@ -190,22 +190,22 @@ impl WitnessPolicy {
             .zip(times)
             .filter_map(|(witness, time)| Some((witness.name.clone(), time?)))
             .collect();
-        match self.met_by(&cosigned) {
-            true => Ok(Witnessed {
+        if self.met_by(&cosigned) {
+            Ok(Witnessed {
                 checkpoint: parsed.checkpoint,
                 cosigners,
-            }),
-            false => Err(CheckpointError::NoQuorum {
+            })
+        } else {
+            Err(CheckpointError::NoQuorum {
                 size: parsed.checkpoint.size,
-                found: match cosigners.is_empty() {
-                    true => "no witness of the policy".into(),
-                    false => {
-                        let names: Vec<_> = cosigners.into_iter().map(|(name, _)| name).collect();
-                        names.join(", ")
-                    }
+                found: if cosigners.is_empty() {
+                    "no witness of the policy".into()
+                } else {
+                    let names: Vec<_> = cosigners.into_iter().map(|(name, _)| name).collect();
+                    names.join(", ")
                 },
                 wanted: self.to_string(),
-            }),
+            })
         }
     }
 }
@@ -380,22 +380,24 @@ impl PolicyParser {
             quorum,
             taken: false,
         };
-        match name != "none" && self.named.insert(name.into(), new).is_none() {
-            true => Ok(()),
-            false => Err(WitnessPolicyError::Name {
+        if name != "none" && self.named.insert(name.into(), new).is_none() {
+            Ok(())
+        } else {
+            Err(WitnessPolicyError::Name {
                 line,
                 why: format!("the name '{}' is already taken", short(name)),
-            }),
+            })
         }
     }
 }
 
 fn room(what: &str, count: usize) -> Result<(), WitnessPolicyError> {
-    match count < MAX_OF_A_KIND {
-        true => Ok(()),
-        false => Err(WitnessPolicyError::TooLarge(format!(
+    if count < MAX_OF_A_KIND {
+        Ok(())
+    } else {
+        Err(WitnessPolicyError::TooLarge(format!(
             "more than {MAX_OF_A_KIND} {what}"
-        ))),
+        )))
     }
 }
 

@@ -6,7 +6,7 @@ use zk0_protocol::entries::member::Standing;
 use zk0_protocol::entries::proposal::Action;
 use zk0_protocol::entries::refusal::code::RoundStatement;
 use zk0_protocol::entries::signed::{Dispute, Evidence};
-use zk0_protocol::{Body, RefusalCode, RuleViolation, Signed, State};
+use zk0_protocol::{Body, Refusal, RefusalCode, RuleViolation, Signed, State};
 use zk0_testkit::network::votes::*;
 use zk0_testkit::network::*;
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use zk0_lerobot::config::PolicyConfig;
 use zk0_lerobot::layout::{policy_layout, EXPERT, VLM};
-use zk0_smolvla::policy::model::kernels::linear::Linear;
+use zk0_smolvla::policy::model::kernels::linear::LinearLayer;
 
 use crate::report::{run, tensor, variable, Least, Report};
 use crate::Failure;
@@ -96,7 +96,7 @@ pub fn linear_maps(report: &mut Report, c: &PolicyConfig, batch: usize) -> Resul
             numbers: (rows * (out + inner) + out * inner) as f64,
         };
         if map.gradient == Gradient::Nothing {
-            let (x, map) = (tensor(x)?, Linear::new(tensor(w)?, None));
+            let (x, map) = (tensor(x)?, LinearLayer::new(tensor(w)?, None));
             report.kernel(&name, calls, least, || run(map.forward(&x)));
             continue;
         }
@@ -105,7 +105,7 @@ pub fn linear_maps(report: &mut Report, c: &PolicyConfig, batch: usize) -> Resul
             Gradient::InputAndWeight => (variable(w)?, least.times(2.0)),
             _ => (tensor(w)?, least),
         };
-        let (x, map) = (variable(x)?, Linear::new(w, None));
+        let (x, map) = (variable(x)?, LinearLayer::new(w, None));
         report.trained(&name, calls, (least, back), || Ok(map.forward(&x)?))?;
     }
     Ok(())

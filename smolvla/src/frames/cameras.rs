@@ -21,9 +21,10 @@ pub fn camera_slots(
     empty_cameras: usize,
     found: &[&str],
 ) -> Result<Vec<Option<usize>>> {
-    let order = match config.camera_names.is_empty() {
-        true => by_name(config.cameras, found)?,
-        false => by_policy(config, found)?,
+    let order = if config.camera_names.is_empty() {
+        by_name(config.cameras, found)?
+    } else {
+        by_policy(config, found)?
     };
     let blank = empty_cameras.min(config.cameras - order.len());
     let blank = std::iter::repeat_n(None, blank);
@@ -63,10 +64,7 @@ fn by_policy(config: &PolicyConfig, found: &[&str]) -> Result<Vec<usize>> {
              --rename_map: --rename-map '{{\"observation.images.RECORDING\": \"observation.images.POLICY\"}}'",
             config.camera_names.join(", "),
             found.join(", "),
-            match no_map {
-                true => "",
-                false => ", and the policy's rename_map does not lead from these to those",
-            }
+            if no_map { "" } else { ", and the policy's rename_map does not lead from these to those" }
         )));
     }
     Ok(order)

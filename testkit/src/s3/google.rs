@@ -24,12 +24,13 @@ fn request(head: &str) -> String {
 
 /// Google's answers have an `ETag`, which the server's do not always have.
 fn answer(head: &str) -> String {
-    match head
+    if head
         .lines()
         .any(|line| line.to_lowercase().starts_with("etag:"))
     {
-        true => head.to_owned(),
-        false => format!("{head}\r\netag: \"1\""),
+        head.to_owned()
+    } else {
+        format!("{head}\r\netag: \"1\"")
     }
 }
 

@@ -91,12 +91,13 @@ where
                 error: error.to_string(),
             }
         })?;
-        match digest(buffer) == self.sealed.digests[block.tensor][block.number] {
-            true => Ok(buffer),
-            false => Err(CombineError::Changed {
+        if digest(buffer) == self.sealed.digests[block.tensor][block.number] {
+            Ok(buffer)
+        } else {
+            Err(CombineError::Changed {
                 blob: self.blob,
                 tensor: self.format.tensors()[block.tensor].name.clone(),
-            }),
+            })
         }
     }
 }

@@ -208,9 +208,10 @@ pub(crate) fn read<R: Read>(reader: &mut R) -> Result<RefusalCode, Error> {
 
 /// Reads a code that may be absent. As [`read`].
 pub(crate) fn read_option<R: Read>(reader: &mut R) -> Result<Option<RefusalCode>, Error> {
-    match bool::deserialize_reader(reader)? {
-        true => read(reader).map(Some),
-        false => Ok(None),
+    if bool::deserialize_reader(reader)? {
+        read(reader).map(Some)
+    } else {
+        Ok(None)
     }
 }
 

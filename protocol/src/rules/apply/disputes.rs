@@ -46,11 +46,12 @@ impl State {
                 )));
             }
         }
-        match self.disputes.len() < MAX_OPEN_DISPUTES {
-            true => Ok(()),
-            false => Err(bad(format!(
+        if self.disputes.len() < MAX_OPEN_DISPUTES {
+            Ok(())
+        } else {
+            Err(bad(format!(
                 "{MAX_OPEN_DISPUTES} disputes are open already"
-            ))),
+            )))
         }
     }
 

@@ -34,9 +34,10 @@ impl State {
         };
         check_member_name(&enrolled.name).map_err(refuse)?;
         let left = self.nodes.get(&enrolled.node).map(|node| node.standing) == Some(Standing::Left);
-        match self.is_used(&enrolled.node) && !left {
-            true => Err(RuleViolation::AlreadyEnrolled(enrolled.node)),
-            false => Ok(()),
+        if self.is_used(&enrolled.node) && !left {
+            Err(RuleViolation::AlreadyEnrolled(enrolled.node))
+        } else {
+            Ok(())
         }
     }
 

@@ -96,12 +96,13 @@ impl State {
     }
 
     fn check_time(&self, entry: &Entry) -> Result<(), RuleViolation> {
-        match entry.time_ms < self.time_ms {
-            true => Err(RuleViolation::TimeBackwards {
+        if entry.time_ms < self.time_ms {
+            Err(RuleViolation::TimeBackwards {
                 time_ms: entry.time_ms,
                 last_ms: self.time_ms,
-            }),
-            false => Ok(()),
+            })
+        } else {
+            Ok(())
         }
     }
 
@@ -177,13 +178,14 @@ impl State {
 
     /// Refuses what was signed for another network.
     fn check_network(&self, network: &Digest) -> Result<(), Refusal> {
-        match *network == self.network {
-            true => Ok(()),
-            false => Err(RefusalCode::WrongNetwork {
+        if *network == self.network {
+            Ok(())
+        } else {
+            Err(RefusalCode::WrongNetwork {
                 claimed: *network,
                 ours: self.network,
             }
-            .into()),
+            .into())
         }
     }
 }

@@ -19,13 +19,14 @@ impl State {
             let done = format!("{before}, and the ledger names them already");
             return Err(wrong(round, &computed.moments.to_string(), &done));
         }
-        match self.by_fed_adam() && !self.contributors().is_empty() {
-            true => Ok(()),
-            false => Err(wrong(
+        if self.by_fed_adam() && !self.contributors().is_empty() {
+            Ok(())
+        } else {
+            Err(wrong(
                 round,
                 &computed.moments.to_string(),
                 "none, since nobody contributed, or the strategy is not fed-adam",
-            )),
+            ))
         }
     }
 

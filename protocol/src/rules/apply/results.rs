@@ -54,28 +54,30 @@ fn check_evaluated(
     if outcome != ResultOutcome::Taken {
         return kept(round, closed, "the result was not taken");
     }
-    match closed.global == evaluated.weights {
-        true => Ok(()),
-        false => Err(wrong(
+    if closed.global == evaluated.weights {
+        Ok(())
+    } else {
+        Err(wrong(
             closed,
             "global",
             &format!("{:?}", closed.global),
             &format!("the result, which was taken: {:?}", evaluated.weights),
-        )),
+        ))
     }
 }
 
 /// Checks that the round keeps its base.
 fn kept(round: &Round, closed: &RoundClosed, why: &str) -> Result<(), RuleViolation> {
     let base = round.opened.base;
-    match closed.global == base {
-        true => Ok(()),
-        false => Err(wrong(
+    if closed.global == base {
+        Ok(())
+    } else {
+        Err(wrong(
             closed,
             "global",
             &format!("{:?}", closed.global),
             &format!("the base, since {why}: {base:?}"),
-        )),
+        ))
     }
 }
 

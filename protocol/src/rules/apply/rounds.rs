@@ -58,13 +58,14 @@ impl State {
     /// Nodes that are not there cannot be present. This much of the rule about presence a replay can check.
     fn check_enough_nodes(&self) -> Result<(), RuleViolation> {
         let (nodes, least) = (self.expected().count(), self.least_present());
-        match nodes < least {
-            true => Err(RuleViolation::TooFewNodes {
+        if nodes < least {
+            Err(RuleViolation::TooFewNodes {
                 round: self.next_round,
                 nodes,
                 least,
-            }),
-            false => Ok(()),
+            })
+        } else {
+            Ok(())
         }
     }
 
@@ -234,15 +235,16 @@ impl State {
             // Whoever holds the proof and the blobs can check these reasons.
             _ => true,
         };
-        match holds {
-            true => Ok(()),
-            false => Err(RuleViolation::WrongReason {
+        if holds {
+            Ok(())
+        } else {
+            Err(RuleViolation::WrongReason {
                 given: reason.to_string(),
                 found: match found {
                     Ok(()) => "by the ledger nothing is wrong with the claim".into(),
                     Err(found) => format!("by the ledger the reason is: {found}"),
                 },
-            }),
+            })
         }
     }
 

@@ -193,13 +193,14 @@ impl State {
         now: u64,
     ) -> Result<(), RuleViolation> {
         let outcome = self.outcome(settled.proposal, now)?;
-        match outcome == settled.outcome {
-            true => Ok(()),
-            false => Err(RuleViolation::OtherOutcome {
+        if outcome == settled.outcome {
+            Ok(())
+        } else {
+            Err(RuleViolation::OtherOutcome {
                 number: settled.proposal,
                 found: settled.outcome.to_string(),
                 expected: outcome.to_string(),
-            }),
+            })
         }
     }
 

@@ -51,9 +51,10 @@ impl PublicSamples {
         };
         let allowed =
             u128::from(*base) * u128::from(BPS.saturating_add(self.max_loss_increase_bps));
-        match u128::from(*result) * u128::from(BPS) <= allowed {
-            true => ResultOutcome::Taken,
-            false => ResultOutcome::Worse,
+        if u128::from(*result) * u128::from(BPS) <= allowed {
+            ResultOutcome::Taken
+        } else {
+            ResultOutcome::Worse
         }
     }
 

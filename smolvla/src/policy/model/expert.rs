@@ -7,7 +7,7 @@ use zk0_lerobot::layout::EXPERT;
 use crate::error::Result;
 use crate::policy::memory::KeepFreed;
 use crate::policy::model::attention::{mix, products, Mask};
-use crate::policy::model::kernels::linear::Linear;
+use crate::policy::model::kernels::linear::LinearLayer;
 use crate::policy::model::kernels::swiglu::silu;
 use crate::policy::model::key_values::PrefixCache;
 use crate::policy::model::layers::{linear, DecoderLayer, RmsNorm};
@@ -21,10 +21,10 @@ use crate::policy::model::PolicyParameters;
 pub struct ExpertModel {
     layers: Vec<DecoderLayer>,
     norm: RmsNorm,
-    action_in: Linear,
-    action_out: Linear,
-    time_in: Linear,
-    time_out: Linear,
+    action_in: LinearLayer,
+    action_out: LinearLayer,
+    time_in: LinearLayer,
+    time_out: LinearLayer,
     config: PolicyConfig,
     _memory: KeepFreed,
 }

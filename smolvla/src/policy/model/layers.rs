@@ -3,24 +3,24 @@
 use candle_core::Tensor;
 
 use crate::error::Result;
-use crate::policy::model::kernels::linear::Linear;
+use crate::policy::model::kernels::linear::LinearLayer;
 use crate::policy::model::kernels::norm::rms_norm;
 use crate::policy::model::kernels::swiglu::swiglu;
 use crate::policy::model::observe::Site;
 use crate::policy::model::PolicyParameters;
 
 /// `name.weight` without a bias.
-pub fn linear_no_bias(parameters: &PolicyParameters, name: &str) -> Result<Linear> {
-    Ok(Linear::new(
+pub fn linear_no_bias(parameters: &PolicyParameters, name: &str) -> Result<LinearLayer> {
+    Ok(LinearLayer::new(
         parameters.operand(&format!("{name}.weight"))?,
         None,
     ))
 }
 
 /// `name.weight` and `name.bias`.
-pub fn linear(parameters: &PolicyParameters, name: &str) -> Result<Linear> {
+pub fn linear(parameters: &PolicyParameters, name: &str) -> Result<LinearLayer> {
     let weight = parameters.operand(&format!("{name}.weight"))?;
-    Ok(Linear::new(
+    Ok(LinearLayer::new(
         weight,
         Some(parameters.operand(&format!("{name}.bias"))?),
     ))
@@ -50,14 +50,14 @@ impl RmsNorm {
 #[derive(Clone)]
 pub struct DecoderLayer {
     input_norm: RmsNorm,
-    q: Linear,
-    k: Linear,
-    v: Linear,
-    o: Linear,
+    q: LinearLayer,
+    k: LinearLayer,
+    v: LinearLayer,
+    o: LinearLayer,
     post_norm: RmsNorm,
-    gate: Linear,
-    up: Linear,
-    down: Linear,
+    gate: LinearLayer,
+    up: LinearLayer,
+    down: LinearLayer,
 }
 
 impl DecoderLayer {

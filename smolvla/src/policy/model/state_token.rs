@@ -10,7 +10,7 @@ use zk0_lerobot::layout::VLM;
 
 use crate::error::Result;
 use crate::policy::model::attention::{attend, Mask};
-use crate::policy::model::kernels::linear::Linear;
+use crate::policy::model::kernels::linear::LinearLayer;
 use crate::policy::model::key_values::PrefixCache;
 use crate::policy::model::layers::DecoderLayer;
 use crate::policy::model::rope::Rope;
@@ -47,7 +47,7 @@ impl Projection {
             self.weight.to_dtype(self.operands)?,
             self.bias.to_dtype(self.operands)?,
         );
-        Ok(Linear::new(weight, Some(bias)).forward(x)?)
+        Ok(LinearLayer::new(weight, Some(bias)).forward(x)?)
     }
 }
 

@@ -8,18 +8,18 @@ use zk0_lerobot::layout::VLM;
 use crate::error::Result;
 use crate::policy::model::kernels::attention::attend_to_all;
 use crate::policy::model::kernels::gelu::gelu_tanh;
-use crate::policy::model::kernels::linear::Linear;
+use crate::policy::model::kernels::linear::LinearLayer;
 use crate::policy::model::kernels::norm::layer_norm;
 use crate::policy::model::layers::{linear, linear_no_bias};
 use crate::policy::model::PolicyParameters;
 
 /// Vision tower and connector.
 pub struct Vision {
-    patch: Linear,
+    patch: LinearLayer,
     positions: Tensor,
     layers: Vec<EncoderLayer>,
     post_norm: LayerNorm,
-    connector: Linear,
+    connector: LinearLayer,
     patch_size: usize,
     shuffle: usize,
 }
@@ -38,11 +38,11 @@ pub enum VisionSite {
 struct EncoderLayer {
     norm1: LayerNorm,
     /// Queries, keys and values in one product.
-    qkv: Linear,
-    out: Linear,
+    qkv: LinearLayer,
+    out: LinearLayer,
     norm2: LayerNorm,
-    fc1: Linear,
-    fc2: Linear,
+    fc1: LinearLayer,
+    fc2: LinearLayer,
     heads: usize,
 }
 
@@ -59,7 +59,7 @@ impl Vision {
         ))?;
         let patch_bias = parameters.operand(&format!("{tower}.embeddings.patch_embedding.bias"))?;
         Ok(Self {
-            patch: Linear::new(patch_weight, Some(patch_bias)),
+            patch: LinearLayer::new(patch_weight, Some(patch_bias)),
             positions: parameters.get(&format!("{tower}.embeddings.position_embedding.weight"))?,
             layers: (0..vision.layers)
                 .map(|i| {
@@ -135,7 +135,7 @@ impl EncoderLayer {
         };
         Ok(Self {
             norm1: LayerNorm::new(parameters, &format!("{name}.layer_norm1"))?,
-            qkv: Linear::new(joined("weight")?, Some(joined("bias")?)),
+            qkv: LinearLayer::new(joined("weight")?, Some(joined("bias")?)),
             out: linear(parameters, &format!("{name}.self_attn.out_proj"))?,
             norm2: LayerNorm::new(parameters, &format!("{name}.layer_norm2"))?,
             fc1: linear(parameters, &format!("{name}.mlp.fc1"))?,

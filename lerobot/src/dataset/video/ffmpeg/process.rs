@@ -249,12 +249,13 @@ fn every_picture() -> Result<&'static str, String> {
 fn option_of(version: &str) -> &'static str {
     let name = version.strip_prefix("ffmpeg version ").unwrap_or_default();
     let old = ["2.", "3.", "4.", "5.0"];
-    match old
+    if old
         .iter()
         .any(|old| name.trim_start_matches('n').starts_with(old))
     {
-        true => "-vsync",
-        false => "-fps_mode",
+        "-vsync"
+    } else {
+        "-fps_mode"
     }
 }
 

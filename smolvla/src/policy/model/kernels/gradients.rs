@@ -42,7 +42,7 @@ pub(super) fn collect(weight: &Tensor, gradient: Tensor) -> Option<Tensor> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::linear::Linear;
+    use super::super::linear::LinearLayer;
     use super::*;
     use candle_core::{Device, Var};
 
@@ -58,7 +58,7 @@ mod tests {
             variable((3, 3), 0.7),
             variable((3, 3), 1.1),
         );
-        let apply = |w: &Tensor, x: &Tensor| Linear::new(w.clone(), None).forward(x).unwrap();
+        let apply = |w: &Tensor, x: &Tensor| LinearLayer::new(w.clone(), None).forward(x).unwrap();
         // This weight is computed from a variable, so the gradient has to go on from it.
         let made = twice.sin().unwrap();
         let out = apply(&twice, &apply(&made, &apply(&twice, &apply(&once, &x))));

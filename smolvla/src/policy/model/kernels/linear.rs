@@ -17,12 +17,12 @@ use crate::policy::model::kernels::operation::{
 ///
 /// By the kernels, no gradient is computed for a weight or bias that is not a variable.
 #[derive(Clone, Debug)]
-pub struct Linear {
+pub struct LinearLayer {
     weight: Tensor,
     bias: Option<Tensor>,
 }
 
-impl Linear {
+impl LinearLayer {
     /// From a weight (out, in) and a bias (out).
     pub fn new(weight: Tensor, bias: Option<Tensor>) -> Self {
         Self { weight, bias }
@@ -195,7 +195,7 @@ mod tests {
         );
         let weights = tensor(&[2, 5, 3], 0.9);
         for bias in [None, Some(b.as_tensor().clone())] {
-            let ours = Linear::new(w.as_tensor().clone(), bias.clone());
+            let ours = LinearLayer::new(w.as_tensor().clone(), bias.clone());
             let theirs = candle_nn::Linear::new(w.as_tensor().clone(), bias.clone());
             let (ours, theirs) = (ours.forward(&x).unwrap(), theirs.forward(&x).unwrap());
             assert!(distance(&ours, &theirs) < 1e-6);
@@ -212,7 +212,7 @@ mod tests {
     fn a_residual_is_added() {
         let (x, residual) = (tensor(&[2, 5, 7], 0.3), tensor(&[2, 5, 3], 0.9));
         for bias in [None, Some(tensor(&[3], 1.1))] {
-            let linear = Linear::new(tensor(&[3, 7], 0.7), bias);
+            let linear = LinearLayer::new(tensor(&[3, 7], 0.7), bias);
             let ours = linear.forward_onto(&residual, &x).unwrap();
             let theirs = (linear.forward(&x).unwrap() + &residual).unwrap();
             assert!(distance(&ours, &theirs) < 1e-6);
@@ -224,7 +224,9 @@ mod tests {
     fn frozen_weights_get_no_gradient() {
         let x = Var::from_tensor(&tensor(&[4, 7], 0.3)).unwrap();
         let (w, b) = (tensor(&[3, 7], 0.7), tensor(&[3], 1.1));
-        let out = Linear::new(w.clone(), Some(b.clone())).forward(&x).unwrap();
+        let out = LinearLayer::new(w.clone(), Some(b.clone()))
+            .forward(&x)
+            .unwrap();
         let gradients = out.sum_all().unwrap().backward().unwrap();
         assert!(gradients.get(&x).is_some());
         assert!(gradients.get(&w).is_none() && gradients.get(&b).is_none());
@@ -233,9 +235,11 @@ mod tests {
     #[test]
     fn a_bias_or_input_of_another_length_is_an_error() {
         let (x, w) = (tensor(&[4, 7], 0.3), tensor(&[3, 7], 0.7));
-        assert!(Linear::new(w.clone(), Some(tensor(&[7], 1.0)))
+        assert!(LinearLayer::new(w.clone(), Some(tensor(&[7], 1.0)))
             .forward(&x)
             .is_err());
-        assert!(Linear::new(w, None).forward(&tensor(&[4, 6], 1.0)).is_err());
+        assert!(LinearLayer::new(w, None)
+            .forward(&tensor(&[4, 6], 1.0))
+            .is_err());
     }
 }
