@@ -4,6 +4,7 @@
 use crate::entries::entry::Body;
 use crate::rules::named_blobs::named_blobs;
 use std::collections::BTreeSet;
+use std::mem;
 use zk0_circuits::Digest;
 
 /// Who may read a blob.
@@ -28,7 +29,8 @@ impl DisclosedBlobs {
     /// Takes the next entry into account.
     pub fn observe(&mut self, body: &Body) {
         if let Body::RoundClosed(_) = body {
-            self.public.append(&mut self.held_back);
+            // One by one: `append` would build the whole set anew in each round.
+            self.public.extend(mem::take(&mut self.held_back));
         }
         for blob in named_blobs(body) {
             if blob.kind.is_private_at_first() {
