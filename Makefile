@@ -146,10 +146,10 @@ power: setup
 	$(RUST) cargo build --release --workspace --locked --example power
 	$(CARGO_TARGET_DIR)/release/examples/power $(CONFIDENCE) docs/samples.svg docs/samples.jsonl
 
-# Measures appends and replay of the ledger beside RocksDB, SHA-256 and ed25519 alone, and the SP1 proofs that are verified in a
-# second. Prints JSON lines. Six minutes, and 4 GB of disk where temporary files go.
+# Measures appends and replay of the ledger and an aggregator's start beside RocksDB, SHA-256 and ed25519 alone, and the SP1 proofs that are
+# verified in a second. Prints JSON lines. Nine minutes, and 4 GB of disk where temporary files go.
 bench-ledger: setup
-	$(RUST) cargo build --release --workspace --locked --example bench_ledger
+	$(RUST) cargo build --release --workspace --locked --example bench_ledger --example bench_start
 	$(CARGO_TARGET_DIR)/release/examples/bench_ledger
 
 # Measures the memory and the disk that a node needs for a recording of 50 episodes of 400 frames, at `micro` with all frames and at the

@@ -336,7 +336,7 @@ impl Recheck for Auditor {
             index,
             time_ms: entry.time_ms,
             submission: submission.clone(),
-            before: before.for_claims_of(&submission.statement.claim.terms.node),
+            context: before.claim_context(&submission.statement.claim.terms.node),
         };
         match &entry.body {
             Body::DatasetCommitted(signed) => {

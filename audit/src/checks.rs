@@ -18,9 +18,9 @@ use zk0_circuits::{Digest, EvalSpec, NodeId, WeightsDigest};
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::signed::{DatasetRegistration, Signed, Submission};
+use zk0_protocol::rules::claim_context::ClaimContext;
 use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::rules::network_rules::Rules;
-use zk0_protocol::rules::state::State;
 use zk0_protocol::{Refusal, RefusalCode};
 use zk0_verifier::contribution_blobs::read_proof;
 use zk0_verifier::dataset::check_leaf_list;
@@ -31,13 +31,13 @@ use zk0_verifier::{
 
 pub use crate::checks::check::Check;
 
-/// A recorded claim, and what its verification reads of the state that it was recorded on.
+/// A recorded claim, and what its verification reads of the state before it.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct RecordedClaim {
     pub index: u64,
     pub time_ms: u64,
     pub submission: Signed<Submission>,
-    pub before: State,
+    pub context: ClaimContext,
 }
 
 /// A blob of an accepted contribution that is not at hand. The aggregator holds it back while the round is open.
@@ -248,14 +248,14 @@ impl RecordedClaim {
 
     fn proof(&self, blobs: &Blobs) -> AtHand<Vec<u8>> {
         let get = |digest: &Digest, limit| get(blobs, digest, limit);
-        let proof = read_proof(&self.submission, self.before.rules(), get);
+        let proof = read_proof(&self.submission, self.context.rules(), get);
         at_hand(proof)
     }
 
     fn weights(&self, blobs: &Blobs) -> AtHand<WeightFiles> {
         let terms = &self.submission.statement.claim.terms;
         let get = |digest: &Digest, limit| get(blobs, digest, limit);
-        let rules = self.before.rules();
+        let rules = self.context.rules();
         let weights = WeightFiles::read(&terms.update.blob, &terms.base.blob, rules, get);
         at_hand(weights)
     }
@@ -266,11 +266,11 @@ impl RecordedClaim {
         proof: Vec<u8>,
         weights: Option<&WeightFiles>,
     ) -> Result<Option<VerifiedContribution>, Refusal> {
-        let (before, time_ms) = (&self.before, self.time_ms);
-        let contribution = authenticate(self.submission.clone(), proof, before)?;
+        let (context, time_ms) = (&self.context, self.time_ms);
+        let contribution = authenticate(self.submission.clone(), proof, context)?;
         match weights {
-            Some(weights) => verify(&contribution, weights, before, time_ms).map(Some),
-            None => verify_claim(&contribution, before, time_ms).map(|()| None),
+            Some(weights) => verify(&contribution, weights, context, time_ms).map(Some),
+            None => verify_claim(&contribution, context, time_ms).map(|()| None),
         }
     }
 }

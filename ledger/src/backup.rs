@@ -9,10 +9,10 @@
 
 use crate::blobs::damaged::DamagedBlob;
 use crate::error::{io_error, LedgerError};
-use crate::history::ContinuedHistory;
 use crate::published::mirror::{genesis, mirror_with, BlobSource, MirrorError, Mirrored};
 use crate::published::source::{LogSource, SourceError};
 use crate::published::tiles;
+use crate::replay::continuing;
 use crate::store::Store;
 use crate::{folder, Blobs};
 use std::ffi::OsString;
@@ -191,11 +191,12 @@ pub fn restore(
     }
     // The whole history is checked, rules included, so that the restored ledger can be opened.
     let text = folder::read_checkpoint(&unfinished)?;
-    ContinuedHistory::read(
+    continuing::verify(
         &Store::open_read_only(&folder::database(&unfinished))?,
         &unfinished,
         network,
         text.as_deref(),
+        &mut (),
     )?;
     fs::rename(&unfinished, dir).map_err(io_error(dir))?;
     folder::sync(folder_of(dir))?;

@@ -70,6 +70,12 @@ pub enum LedgerError {
     /// The statement about pruned blobs does not count.
     #[error("{from} does not hold a statement about pruned blobs that counts: {why}. Put it back from an export or a mirror, or remove it and prune again")]
     BadPruning { from: String, why: String },
+    /// The log's operator has signed a statement about blobs that later entries named.
+    #[error("ROLLED BACK: the log's operator has signed a statement about pruned blobs and {signed} entries, but there are {held}")]
+    PrunedMore { signed: u64, held: u64 },
+    /// The database has a key that a log of its size does not have.
+    #[error("the database holds {found}, which does not belong in a log of {size} entries")]
+    StrayKey { found: String, size: u64 },
     /// The checkpoint file does not hold the newest checkpoint of the database.
     #[error("{path} holds a checkpoint of {published} entries, but the database has {size} entries. {}", if_published(*published, *size))]
     OtherPublished {

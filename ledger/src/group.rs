@@ -19,7 +19,7 @@ use zk0_protocol::tlog::tree::Frontier;
 
 /// Stands for the root after an entry that has no checkpoint. Nothing follows from such a root, and to compute it for each entry takes as
 /// long as all the rest of the tree.
-const UNUSED_ROOT: Digest = Digest([0; 32]);
+pub(crate) const UNUSED_ROOT: Digest = Digest([0; 32]);
 
 /// An entry that somebody wants to be recorded.
 #[derive(Clone, Debug)]

@@ -3,7 +3,7 @@
 //! [`zk0_protocol`] defines the entries and which entry may come next. This crate stores and reads them. A short tour:
 //! - [`log`]: the log on disk, over [`store`] (RocksDB, or plain files) and [`folder`]; [`group`]: entries that are written together; [`blobs`]: files
 //!   beside the log, named by their SHA-256; [`clock`]: whether the writer's clock is right.
-//! - [`replay`]: an auditor reads and verifies everything again.
+//! - [`replay`]: a reader or the next writer reads and verifies everything again.
 //! - [`published`]: the log as others read it, and mirrors of it; [`backup`]: copies of a ledger's folder, and how one is restored.
 //! - [`prune`]: deletes blobs that no audit needs any more; [`pruned`]: the file that says so.
 //! - [`witness_store`]: the files of a witness.
@@ -14,7 +14,6 @@ pub mod clock;
 pub mod error;
 pub mod folder;
 pub mod group;
-mod history;
 pub mod log;
 pub mod prune;
 pub mod pruned;

@@ -19,7 +19,7 @@ use crate::clock::ClockWatch;
 use crate::error::{io_error, LedgerError};
 use crate::folder;
 use crate::group::{group, TrialState, WantedEntry};
-use crate::history::ContinuedHistory;
+use crate::replay::{continuing, HistoryFold};
 use crate::store::{Store, StoreBatch};
 use ed25519_dalek::SigningKey;
 use std::path::{Path, PathBuf};
@@ -114,15 +114,17 @@ impl Ledger {
         network: Option<&Digest>,
         key: SigningKey,
     ) -> Result<Self, LedgerError> {
-        Self::open_with(dir, network, key, Blobs::at(dir))
+        Self::open_with(dir, network, key, Blobs::at(dir), &mut ())
     }
 
     /// [`Ledger::open`], with the blobs of `dir` as they are kept: in a store perhaps. Whatever is only in the folder is put into the store.
+    /// `fold` takes each entry as it is verified, so that nobody has to read the history again.
     pub fn open_with(
         dir: &Path,
         network: Option<&Digest>,
         key: SigningKey,
         blobs: Blobs,
+        fold: &mut dyn HistoryFold,
     ) -> Result<Self, LedgerError> {
         let path = folder::database(dir);
         if !path.exists() {
@@ -130,26 +132,27 @@ impl Ledger {
         }
         // At first nothing is written, because RocksDB's own recovery would make a loss permanent.
         let mut published = folder::read_checkpoint(dir)?;
-        let mut history = ContinuedHistory::read(
+        let mut history = continuing::verify(
             &Store::open_read_only(&path)?,
             dir,
             network,
             published.as_deref(),
+            fold,
         )?;
         let store = Store::open(&path)?;
-        let held = history.tree.size();
-        if store.size()? != held || store.checkpoint(held)?.as_ref() != Some(&history.checkpoint) {
+        let newest = store.checkpoint(store.size()?)?;
+        if newest.as_deref() != Some(history.checkpoint()) {
             // Another process has written in the meantime. Now no other process can.
             published = folder::read_checkpoint(dir)?;
-            history = ContinuedHistory::read(&store, dir, network, published.as_deref())?;
+            continuing::verify_rest(&store, dir, published.as_deref(), &mut history, fold)?;
         }
-        let state = history.state;
+        let (state, tree, checkpoint) = history.into_parts();
         if state.genesis().log_key != key.verifying_key().to_bytes() {
             return Err(LedgerError::OtherKey(*state.network()));
         }
         // The writer was killed after it committed an entry and before it published the checkpoint.
-        if published.as_deref() != Some(&history.checkpoint) {
-            folder::write_checkpoint(dir, &history.checkpoint)?;
+        if published.as_deref() != Some(&checkpoint) {
+            folder::write_checkpoint(dir, &checkpoint)?;
         }
         blobs.remove_unfinished()?;
         let stored = blobs.store_all()?;
@@ -164,10 +167,10 @@ impl Ledger {
             store,
             blobs,
             key,
-            tree: history.tree,
+            tree,
             state,
             trial: None,
-            checkpoint: history.checkpoint,
+            checkpoint,
             clock: None,
             poisoned: false,
         })

@@ -12,10 +12,10 @@ mod needed;
 use crate::blobs::Blobs;
 use crate::error::LedgerError;
 use crate::folder;
-use crate::history::ContinuedHistory;
 use crate::log::Ledger;
 use crate::pruned;
 use crate::published::publication::{Publication, PublicationError};
+use crate::replay::continuing;
 use crate::store::Store;
 use needed::{Needed, Older};
 use std::path::Path;
@@ -121,12 +121,12 @@ impl PrunePlan {
         }
         let published = folder::read_checkpoint(dir)?;
         let store = Store::open_read_only(&database)?;
-        let history = ContinuedHistory::read(&store, dir, None, published.as_deref())?;
+        let history = continuing::verify(&store, dir, None, published.as_deref(), &mut ())?;
         let entry = |index| {
             let bytes = store.entry(index)?.ok_or(LedgerError::NoEntry(index))?;
             Ok(Entry::decode(&bytes)?)
         };
-        plan(dir, blobs, &history.state, entry, keep, now_ms)
+        plan(dir, blobs, history.state(), entry, keep, now_ms)
     }
 
     /// How many bytes are to be deleted.

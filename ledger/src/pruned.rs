@@ -15,6 +15,21 @@ pub fn read(dir: &Path, genesis: &Genesis) -> Result<Option<Pruning>, LedgerErro
     Ok(read_signed(dir, genesis)?.map(|signed| signed.statement))
 }
 
+/// [`read`] of a log of `entries` entries. The statement cannot be about more.
+pub(crate) fn read_within(
+    dir: &Path,
+    genesis: &Genesis,
+    entries: u64,
+) -> Result<Option<Pruning>, LedgerError> {
+    match read(dir, genesis)? {
+        Some(pruning) if pruning.entries > entries => Err(LedgerError::PrunedMore {
+            signed: pruning.entries,
+            held: entries,
+        }),
+        found => Ok(found),
+    }
+}
+
 /// [`read`], with the signature.
 pub(crate) fn read_signed(
     dir: &Path,

@@ -4,16 +4,16 @@ use crate::network::rounds::{copy, ledger_with_a_round};
 use crate::network::*;
 use std::fs;
 use std::io::{BufRead, BufReader};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::Duration;
 use zk0_circuits::NodeId;
-use zk0_ledger::replay::{replay, Verdict};
-use zk0_ledger::{Ledger, LedgerError};
+use zk0_ledger::replay::{replay, HistoryFold, Verdict};
+use zk0_ledger::{Blobs, Ledger, LedgerError};
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::tlog::tree::Frontier;
-use zk0_protocol::{Body, Checkpoint, Receipt};
+use zk0_protocol::{Body, Checkpoint, Entry, Genesis, Receipt, State};
 
 const CHILD: &str = "ZK0_TEST_APPEND_IN";
 
@@ -186,6 +186,53 @@ fn a_ledger_goes_on_where_it_stopped() {
         state.time_ms(),
         "the clock went back, the log did not"
     );
+}
+
+/// Notes what it is shown, and appends an entry in the name of another process before the ledger is open for writing.
+#[derive(Default)]
+struct Watcher {
+    genesis: u64,
+    seen: Vec<u64>,
+    writes_at: Option<(u64, PathBuf)>,
+}
+
+impl HistoryFold for Watcher {
+    fn genesis(&mut self, found: &Genesis) {
+        assert_eq!(*found, genesis());
+        self.genesis += 1;
+    }
+
+    fn entry(&mut self, before: &State, index: u64, _: &Entry) {
+        assert_eq!(before.entries(), index);
+        self.seen.push(index);
+        if let Some((_, dir)) = self.writes_at.take_if(|(at, _)| *at == index) {
+            let mut other = Ledger::open(&dir, None, log_key()).unwrap();
+            other.append(T0, enrolled(9)).unwrap();
+        }
+    }
+}
+
+#[test]
+fn a_fold_takes_each_entry_once_while_a_ledger_is_opened() {
+    let dir = tempfile::tempdir().unwrap();
+    let size = ledger_with_a_round(dir.path()).size();
+    for writes in [false, true] {
+        let mut watcher = Watcher {
+            writes_at: writes.then(|| (size - 1, dir.path().into())),
+            ..Watcher::default()
+        };
+        let blobs = Blobs::at(dir.path());
+        let ledger = Ledger::open_with(dir.path(), None, log_key(), blobs, &mut watcher).unwrap();
+        // What another process writes meanwhile is verified, too.
+        let entries = size + u64::from(writes);
+        assert_eq!(
+            (ledger.size(), ledger.state().entries()),
+            (entries, entries)
+        );
+        assert_eq!(watcher.genesis, 1);
+        assert_eq!(watcher.seen, (1..entries).collect::<Vec<_>>());
+    }
+    drop(Ledger::open(dir.path(), None, log_key()).unwrap());
 }
 
 #[test]

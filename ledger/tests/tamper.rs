@@ -115,6 +115,10 @@ fn any_changed_entry_hash_or_checkpoint_in_the_database_fails() {
     ] {
         db.put(key, b"something").unwrap();
         fails(dir.path(), "an unknown key");
+        let copied = tempfile::tempdir().unwrap();
+        db.flush_wal(true).unwrap();
+        copy(dir.path(), copied.path());
+        assert!(Ledger::open(copied.path(), None, log_key()).is_err());
         db.delete(key).unwrap();
     }
     verified(dir.path());

@@ -34,8 +34,10 @@ fn round() -> (TempDir, State, Vec<VerifiedContribution>, RoundClosed) {
             proof,
             weights,
         } = accepted.contribution;
-        let authentic = authenticate(submission, proof, &accepted.state).unwrap();
-        verify(&authentic, &weights, &accepted.state, accepted.time_ms).unwrap()
+        let node = submission.statement.claim.terms.node;
+        let context = accepted.state.claim_context(&node);
+        let authentic = authenticate(submission, proof, &context).unwrap();
+        verify(&authentic, &weights, &context, accepted.time_ms).unwrap()
     });
     let contributions = contributions.collect();
     let (entries, _) = verified_entries(dir.path()).unwrap();

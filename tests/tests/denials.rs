@@ -12,11 +12,12 @@ use zk0_protocol::RefusalCode;
 fn a_good_contribution_that_was_refused_is_a_fault() {
     let dir = ledger_copy();
     let real = accepted(dir.path());
+    let submission = real.contribution.submission;
     let recorded = RecordedClaim {
         index: real.index,
         time_ms: real.time_ms,
-        submission: real.contribution.submission,
-        before: real.state,
+        context: (real.state).claim_context(&submission.statement.claim.terms.node),
+        submission,
     };
     let blobs = Blobs::at(dir.path());
     for reason in [RefusalCode::InvalidProof, RefusalCode::MalformedUpdate] {

@@ -28,8 +28,9 @@ fn verify(
         proof,
         weights,
     } = contribution.clone();
-    let authentic = authenticate(submission, proof, state)?;
-    zk0_verifier::verify(&authentic, &weights, state, time_ms)
+    let context = state.claim_context(&submission.statement.claim.terms.node);
+    let authentic = authenticate(submission, proof, &context)?;
+    zk0_verifier::verify(&authentic, &weights, &context, time_ms)
 }
 
 fn refusal(real: &Accepted, contribution: &UnverifiedContribution) -> RefusalCode {
@@ -135,9 +136,10 @@ fn without_the_verifier_of_its_release_a_proof_is_neither_right_nor_wrong() {
         proof,
         weights,
     } = real.contribution.clone();
-    let authentic = authenticate(submission, proof, &state).unwrap();
+    let context = state.claim_context(&submission.statement.claim.terms.node);
+    let authentic = authenticate(submission, proof, &context).unwrap();
     assert_eq!(
-        decide(&state, &authentic, &weights, real.time_ms),
+        decide(&context, &authentic, &weights, real.time_ms),
         Err(expected.into())
     );
 }

@@ -2,16 +2,17 @@
 //! [`VerifiedContribution`] of it. Each step takes what the step before it made, so that none is left out and none is done twice.
 
 use crate::combine::sealed::Sealed;
-use crate::contribution_blobs::WeightFiles;
+use crate::contribution_blobs::{UnverifiedContribution, WeightFiles};
 use crate::releases::check_proof_of;
-use crate::update::Evaluation;
+use crate::update::{CheckedUpdate, Evaluation};
 use zk0_circuits::{Claim, NodeId};
 use zk0_protocol::blob::Blob;
 use zk0_protocol::entries::authentic::Authentic;
 use zk0_protocol::entries::proof_blob::ProofBlob;
 use zk0_protocol::entries::refusal::code::RoundFile;
 use zk0_protocol::entries::signed::{Signed, Submission};
-use zk0_protocol::rules::state::State;
+use zk0_protocol::rules::claim_context::{ClaimContext, VerificationTerms};
+use zk0_protocol::rules::network_rules::Rules;
 use zk0_protocol::{Refusal, RefusalCode};
 use zk0_weights::Unread;
 
@@ -43,6 +44,37 @@ impl AuthenticContribution {
     /// The blob with the proof. Nothing but its digest is checked.
     pub fn proof(&self) -> &Blob<'static> {
         &self.proof
+    }
+
+    /// Checks that the node signed this proof.
+    fn of(submission: Authentic<Submission>, proof: Vec<u8>) -> Result<Self, Refusal> {
+        let statement = &submission.statement;
+        let proof = Blob::of(proof);
+        if proof.digest() == statement.proof {
+            Ok(Self { submission, proof })
+        } else {
+            Err(RefusalCode::ProofDigest {
+                signed: statement.proof,
+                actual: proof.digest(),
+            }
+            .into())
+        }
+    }
+
+    /// Checks the SP1 proof of the claim.
+    fn check_proof(&self, terms: &VerificationTerms) -> Result<(), Refusal> {
+        check_proof_of(&terms.program, self.parts()?.sp1, self.claim())
+    }
+
+    /// Checks the weights that the claim is about.
+    fn check_weights(
+        &self,
+        weights: &WeightFiles,
+        evaluation: &Evaluation,
+        terms: &VerificationTerms,
+    ) -> Result<CheckedUpdate, Refusal> {
+        let weight_check = self.parts()?.weight_check;
+        evaluation.check_weights(self.claim(), weight_check, weights, &terms.rules)
     }
 
     fn parts(&self) -> Result<ProofBlob<'_>, Refusal> {
@@ -109,60 +141,77 @@ impl VerifiedContribution {
 pub fn authenticate(
     submission: Signed<Submission>,
     proof: Vec<u8>,
-    state: &State,
+    context: &ClaimContext,
 ) -> Result<AuthenticContribution, Refusal> {
-    check_size(RoundFile::Proof, &proof, state.rules().max_proof_bytes)?;
-    let submission =
-        Authentic::of(submission).map_err(|error| RefusalCode::Signature.because(error))?;
-    let statement = &submission.statement;
-    let node = statement.claim.terms.node;
-    if state.node(&node).is_none() {
+    let submission = signed(submission, &proof, context.rules())?;
+    let node = submission.statement.claim.terms.node;
+    if !context.is_of_enrolled(&node) {
         return Err(RefusalCode::NotEnrolled(node).into());
     }
-    let proof = Blob::of(proof);
-    if proof.digest() == statement.proof {
-        Ok(AuthenticContribution { submission, proof })
-    } else {
-        Err(RefusalCode::ProofDigest {
-            signed: statement.proof,
-            actual: proof.digest(),
-        }
-        .into())
-    }
+    AuthenticContribution::of(submission, proof)
 }
 
-/// Verifies a contribution recorded at `time_ms` on top of `state`, the cheapest check first: the size of the update, what the
+/// Checks the size of the proof, and the signature.
+fn signed(
+    submission: Signed<Submission>,
+    proof: &[u8],
+    rules: &Rules,
+) -> Result<Authentic<Submission>, Refusal> {
+    check_size(RoundFile::Proof, proof, rules.max_proof_bytes)?;
+    Authentic::of(submission).map_err(|error| RefusalCode::Signature.because(error))
+}
+
+/// Verifies a contribution recorded at `time_ms` in this context, the cheapest check first: the size of the update, what the
 /// ledger fixes (network, round, commitment, one submission a round, every field of the claim, the deadline), the SP1 proof, and
 /// last the weights ([`Evaluation::check_weights`]).
 pub fn verify(
     contribution: &AuthenticContribution,
     weights: &WeightFiles,
-    state: &State,
+    context: &ClaimContext,
     time_ms: u64,
 ) -> Result<VerifiedContribution, Refusal> {
-    let rules = state.rules();
-    check_size(RoundFile::Update, &weights.update, rules.max_update_bytes)?;
-    verify_claim(contribution, state, time_ms)?;
-    let claim = contribution.claim();
-    let evaluation = Evaluation::of(state)?;
-    let weight_check = contribution.parts()?.weight_check;
-    let update = evaluation.check_weights(claim, weight_check, weights, rules)?;
+    let limit = context.rules().max_update_bytes;
+    check_size(RoundFile::Update, &weights.update, limit)?;
+    verify_claim(contribution, context, time_ms)?;
+    let evaluation = Evaluation::of_terms(context.terms())?;
+    let update = contribution.check_weights(weights, &evaluation, context.terms())?;
     Ok(VerifiedContribution {
         sealed: Sealed::of(evaluation.format(), &update.weights),
         unread: update.unread,
-        claim: claim.clone(),
+        claim: contribution.claim().clone(),
     })
 }
 
 /// All of [`verify`] but the weights: what somebody who does not hold the update can check.
 pub fn verify_claim(
     contribution: &AuthenticContribution,
-    state: &State,
+    context: &ClaimContext,
     time_ms: u64,
 ) -> Result<(), Refusal> {
-    let claim = contribution.claim();
-    state.check_claim(claim, time_ms)?;
-    check_proof_of(state.program(), contribution.parts()?.sp1, claim)
+    context.check_claim(contribution.claim(), time_ms)?;
+    contribution.check_proof(context.terms())
+}
+
+/// Verifies again a contribution that the ledger holds as accepted: all of [`authenticate`] and [`verify`] that follows from the
+/// contribution and its blobs. What the ledger fixes, the rules have checked when the ledger took the entry.
+pub fn verify_accepted(
+    accepted: UnverifiedContribution,
+    terms: &VerificationTerms,
+) -> Result<(), Refusal> {
+    let UnverifiedContribution {
+        submission,
+        proof,
+        weights,
+    } = accepted;
+    let submission = signed(submission, &proof, &terms.rules)?;
+    let contribution = AuthenticContribution::of(submission, proof)?;
+    let limit = terms.rules.max_update_bytes;
+    check_size(RoundFile::Update, &weights.update, limit)?;
+    contribution.check_proof(terms)?;
+    let evaluation = Evaluation::of_terms(terms)?;
+    contribution
+        .check_weights(&weights, &evaluation, terms)
+        .map(drop)
 }
 
 fn check_size(file: RoundFile, bytes: &[u8], limit: u64) -> Result<(), Refusal> {

@@ -3,7 +3,7 @@
 
 use crate::{verify, AuthenticContribution, VerifiedContribution, WeightFiles};
 use zk0_protocol::entries::authentic::AuthenticBody;
-use zk0_protocol::rules::state::State;
+use zk0_protocol::rules::claim_context::ClaimContext;
 use zk0_protocol::rules::violation::RuleViolation;
 use zk0_protocol::{Refusal, RefusalCode};
 
@@ -27,29 +27,27 @@ impl DecisionEntry {
     }
 }
 
-/// Decides on a submission that arrived at `time_ms`, on top of `state`.
+/// Decides on a submission that arrived at `time_ms`, in this context.
 ///
 /// # Errors
 /// The submission is turned away, and the ledger records nothing. The node signed it, but for another round or network, or the
 /// node has submitted before: anybody may send such a submission again. If the ledger recorded that, anybody could use up a
 /// node's one submission. The ledger records only what the node itself has caused.
 pub fn decide(
-    state: &State,
+    context: &ClaimContext,
     contribution: &AuthenticContribution,
     weights: &WeightFiles,
     time_ms: u64,
 ) -> Result<DecisionEntry, Refusal> {
-    let reason = match verify(contribution, weights, state, time_ms) {
+    let reason = match verify(contribution, weights, context, time_ms) {
         Ok(verified) => return Ok(DecisionEntry::Accepted(Box::new(verified))),
         Err(reason) => reason,
     };
     if !is_recorded(&reason.code) {
         return Err(reason);
     }
-    let decision = DecisionEntry::Rejected(reason);
-    let body = decision.body(contribution).at(time_ms);
-    match state.check_authentic(&body.entry()) {
-        Ok(()) => Ok(decision),
+    match context.check_rejected(contribution.claim(), &reason.code, time_ms) {
+        Ok(()) => Ok(DecisionEntry::Rejected(reason)),
         Err(RuleViolation::Refused(refusal)) => Err(refusal),
         Err(violation) => Err(RefusalCode::InvalidProof.because(violation)),
     }

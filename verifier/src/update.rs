@@ -10,6 +10,7 @@ use zk0_circuits::{Claim, Digest, Mode, QuantisedWeights, WeightsDigest};
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::refusal::claim_field::ClaimField;
+use zk0_protocol::rules::claim_context::VerificationTerms;
 use zk0_protocol::rules::network_rules::Rules;
 use zk0_protocol::rules::state::State;
 use zk0_protocol::{Refusal, RefusalCode};
@@ -39,8 +40,17 @@ impl Evaluation {
 
     /// The evaluation that `genesis` fixes.
     pub fn of_genesis(genesis: &Genesis) -> Result<Self, Refusal> {
-        EvalSpec::decode(&genesis.evaluation)
-            .and_then(|spec| Self::new(&spec, genesis.mode))
+        Self::decode(&genesis.evaluation, genesis.mode)
+    }
+
+    /// The evaluation by which contributions are verified.
+    pub fn of_terms(terms: &VerificationTerms) -> Result<Self, Refusal> {
+        Self::decode(&terms.evaluation, terms.mode)
+    }
+
+    fn decode(evaluation: &[u8], mode: Mode) -> Result<Self, Refusal> {
+        EvalSpec::decode(evaluation)
+            .and_then(|spec| Self::new(&spec, mode))
             .map_err(|error| {
                 RefusalCode::MalformedUpdate.because(format_args!("no rule to read it by: {error}"))
             })

@@ -57,9 +57,10 @@ fn a_stranger_contributes_nothing() {
         submission, proof, ..
     } = real.contribution;
     let node = submission.statement.claim.terms.node;
-    assert!(authenticate(submission.clone(), proof.clone(), &real.before).is_ok());
+    let before = real.before.claim_context(&node);
+    assert!(authenticate(submission.clone(), proof.clone(), &before).is_ok());
     assert_eq!(
-        authenticate(submission, proof, &founded),
+        authenticate(submission, proof, &founded.claim_context(&node)),
         Err(RefusalCode::NotEnrolled(node).into())
     );
 }
@@ -73,8 +74,10 @@ fn another_update_than_the_accepted_one_is_not_averaged() {
         proof,
         weights,
     } = real.contribution;
-    let authentic = authenticate(submission, proof, &real.before).unwrap();
-    let verified = verify(&authentic, &weights, &real.before, real.entry.time_ms).unwrap();
+    let node = submission.statement.claim.terms.node;
+    let context = real.before.claim_context(&node);
+    let authentic = authenticate(submission, proof, &context).unwrap();
+    let verified = verify(&authentic, &weights, &context, real.entry.time_ms).unwrap();
     let (node, given) = (verified.node(), verified.claim().terms.update);
     let mut after = real.before;
     after.apply(&Digest::default(), &real.entry).unwrap();

@@ -7,6 +7,7 @@ use zk0_circuits::NodeId;
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::signed::{Signed, Submission};
+use zk0_protocol::rules::claim_context::ClaimContext;
 use zk0_protocol::rules::state::State;
 use zk0_protocol::Refusal;
 use zk0_verifier::{
@@ -20,7 +21,7 @@ pub type VerificationResult = Result<Result<VerifiedContribution, Refusal>, Unre
 #[derive(Clone)]
 pub struct Accepted {
     submission: Signed<Submission>,
-    before: State,
+    context: ClaimContext,
     time_ms: u64,
 }
 
@@ -29,7 +30,7 @@ impl Accepted {
     pub fn of(before: &State, entry: &Entry) -> Option<Self> {
         match &entry.body {
             Body::ContributionAccepted(submission) => Some(Self {
-                before: before.for_claims_of(&submission.statement.claim.terms.node),
+                context: before.claim_context(&submission.statement.claim.terms.node),
                 time_ms: entry.time_ms,
                 submission: submission.clone(),
             }),
@@ -49,14 +50,14 @@ impl Accepted {
     pub fn verify(&self, blobs: &Blobs) -> VerificationResult {
         let Self {
             submission,
-            before,
+            context,
             time_ms,
         } = self;
-        let read = UnverifiedContribution::read(submission, before.rules(), |digest, limit| {
+        let read = UnverifiedContribution::read(submission, context.rules(), |digest, limit| {
             blobs.get(digest, limit)
         })?;
-        let authentic = authenticate(read.submission, read.proof, before);
-        Ok(authentic.and_then(|authentic| verify(&authentic, &read.weights, before, *time_ms)))
+        let authentic = authenticate(read.submission, read.proof, context);
+        Ok(authentic.and_then(|authentic| verify(&authentic, &read.weights, context, *time_ms)))
     }
 }
 

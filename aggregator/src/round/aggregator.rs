@@ -11,7 +11,7 @@ use crate::round::clock::Clock;
 use crate::round::dispute::Disputed;
 use crate::round::intake::arrivals::Arrivals;
 use crate::round::intake::staging::Staging;
-use crate::round::ledger_index::{self, FromLedger, LedgerIndex, RoundEntries};
+use crate::round::ledger_index::{FromLedger, LedgerIndex, LedgerReader, RoundEntries};
 use crate::round::presence::Presence;
 use crate::round::public_samples::UncheckedSamples;
 use crate::round::request_error::RequestError;
@@ -78,7 +78,7 @@ pub enum StepOutcome {
     NeedsSamples(Box<UncheckedSamples>),
     /// Nothing: this dispute waits for a verdict, which somebody has to compute with [`Disputed::verify_again`], away from the aggregator, and
     /// give to [`Aggregator::resolve`].
-    NeedsVerdict(Disputed),
+    NeedsVerdict(Box<Disputed>),
     /// It decided the dispute that this entry raised.
     Resolved(u64),
     /// Nothing: the next round cannot open, or the open one cannot close, or a dispute cannot be decided, for this reason. What members send
@@ -145,7 +145,8 @@ impl Aggregator {
         config: Config,
         blobs: Blobs,
     ) -> Result<Self, RequestError> {
-        let mut ledger = Ledger::open_with(dir, network, key, blobs)?;
+        let mut reader = LedgerReader::default();
+        let mut ledger = Ledger::open_with(dir, network, key, blobs, &mut reader)?;
         check_genesis(ledger.state().genesis())?;
         check_open_round(ledger.state())?;
         if let Some(pruning) = pruned::read(dir, ledger.state().genesis())? {
@@ -160,7 +161,7 @@ impl Aggregator {
             index,
             contributions,
             lost,
-        } = ledger_index::read(&ledger)?;
+        } = reader.finish(&ledger)?;
         Ok(Self {
             staging: Staging::at(ledger.dir()),
             ledger,
@@ -256,13 +257,13 @@ impl Aggregator {
             return self.settle(number, now);
         }
         if let Some((entry, dispute)) = state.undecided() {
-            return Ok(StepOutcome::NeedsVerdict(Disputed {
-                dispute: entry,
-                contribution: dispute.contribution,
-                dir: self.ledger.dir().into(),
-                blobs: self.ledger.blobs().clone(),
-                network: *state.network(),
-            }));
+            let read = Disputed::read(&self.ledger, &self.index, entry, &dispute);
+            return Ok(match read {
+                Ok(disputed) => StepOutcome::NeedsVerdict(Box::new(disputed)),
+                Err(error) => StepOutcome::Blocked(format!(
+                    "the dispute of entry {entry} cannot be decided: {error}"
+                )),
+            });
         }
         if self
             .config
@@ -462,6 +463,7 @@ impl Aggregator {
     pub(super) fn append_at(&mut self, time_ms: u64, body: Body) -> Result<Receipt, RequestError> {
         let receipt = self.ledger.append(time_ms, body.clone())?;
         self.index.observe(receipt.index, &body);
+        self.index.observe_program(self.ledger.state());
         Ok(receipt)
     }
 }

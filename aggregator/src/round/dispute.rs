@@ -1,59 +1,83 @@
-//! Deciding a dispute: the contribution is verified again, as it was accepted, on what the ledger was before it.
+//! Deciding a dispute: what the accepted contribution says and names is verified again, by the rules and the program of its round.
 
-use crate::round::accepted::Accepted;
+use crate::round::ledger_index::LedgerIndex;
 use crate::round::request_error::RequestError;
-use std::path::PathBuf;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
-use zk0_ledger::replay::{replay, Finding, Recheck, Verdict};
-use zk0_protocol::entries::entry::Entry;
-use zk0_protocol::rules::state::State;
+use zk0_ledger::log::Ledger;
+use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::signed::{Signed, Submission};
+use zk0_protocol::rules::claim_context::VerificationTerms;
+use zk0_protocol::rules::state::OpenDispute;
 use zk0_protocol::Refusal;
+use zk0_verifier::{verify_accepted, UnverifiedContribution};
 
 /// A dispute about an accepted contribution.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Disputed {
     /// The entry that raised it.
     pub dispute: u64,
-    /// The entry that accepted the contribution.
-    pub contribution: u64,
-    /// The ledger's folder.
-    pub dir: PathBuf,
-    /// Its blobs.
-    pub blobs: Blobs,
-    /// The network.
-    pub network: Digest,
+    submission: Signed<Submission>,
+    terms: VerificationTerms,
+    blobs: Blobs,
 }
 
 impl Disputed {
-    /// What verification says against the contribution; `None` when the contribution verifies. Reads the ledger from its first entry, in a
-    /// second view of the database, so that its writer goes on meanwhile.
-    pub fn verify_again(&self) -> Result<Option<Refusal>, RequestError> {
-        let index = self.contribution;
-        let mut search = Search { index, found: None };
-        let report = replay(&self.dir, Some(&self.network), &mut search);
-        match search.found {
-            Some(accepted) if report.verdict == Verdict::Verified => {
-                Ok(accepted.verify(&self.blobs)?.err())
-            }
-            _ => Err(RequestError::Internal(format!(
-                "entry {index} is disputed, but it cannot be read again from the ledger"
-            ))),
+    /// Reads the contribution and the opening of its round. Nothing before is read: the rules have compared the claim with the ledger when
+    /// the ledger took it, and again when the ledger was opened.
+    ///
+    /// # Errors
+    /// One of the two entries is not the one that the log has signed.
+    pub fn read(
+        ledger: &Ledger,
+        index: &LedgerIndex,
+        dispute: u64,
+        open: &OpenDispute,
+    ) -> Result<Self, RequestError> {
+        let state = ledger.state();
+        let genesis = state.genesis();
+        let at = open.contribution;
+        let signed = |at: u64| {
+            let verified = ledger
+                .receipt(at)?
+                .verify(&genesis.log_key, genesis.origin());
+            verified.map(|(_, entry)| entry.body).map_err(|error| {
+                RequestError::Internal(format!("entry {at} cannot be read again: {error}"))
+            })
+        };
+        let known = || {
+            let round = state.contributions().get(&at)?.round;
+            let entries = index.round(Some(round), ledger.size())?;
+            Some((entries.opened, index.program(round)?))
+        };
+        let unknown = || {
+            let why = format!("entry {at} is disputed, but it accepted no contribution");
+            RequestError::Internal(why)
+        };
+        let (opened, program) = known().ok_or_else(unknown)?;
+        match (signed(at)?, signed(opened)?) {
+            (Body::ContributionAccepted(submission), Body::RoundOpened(opened)) => Ok(Self {
+                dispute,
+                submission,
+                terms: VerificationTerms {
+                    rules: opened.rules,
+                    program: program.clone(),
+                    evaluation: genesis.evaluation.clone(),
+                    mode: genesis.mode,
+                },
+                blobs: ledger.blobs().clone(),
+            }),
+            _ => Err(unknown()),
         }
     }
-}
 
-/// Looks for one acceptance during a replay.
-struct Search {
-    index: u64,
-    found: Option<Accepted>,
-}
-
-impl Recheck for Search {
-    fn entry(&mut self, before: &State, index: u64, entry: &Entry, _: &Blobs) -> Vec<Finding> {
-        if index == self.index {
-            self.found = Accepted::of(before, entry);
-        }
-        Vec::new()
+    /// What verification says against the contribution; `None` when the contribution verifies.
+    ///
+    /// # Errors
+    /// A blob of the contribution cannot be read.
+    pub fn verify_again(&self) -> Result<Option<Refusal>, RequestError> {
+        let get = |digest: &Digest, limit| self.blobs.get(digest, limit);
+        let read = UnverifiedContribution::read(&self.submission, &self.terms.rules, get)?;
+        Ok(verify_accepted(read, &self.terms).err())
     }
 }

@@ -7,10 +7,11 @@ use crate::round::request_error::RequestError;
 use std::collections::BTreeMap;
 use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::{Digest, NodeId};
-use zk0_ledger::blobs::Blobs;
 use zk0_ledger::log::Ledger;
-use zk0_ledger::replay::{replay, Finding, Recheck, Verdict};
+use zk0_ledger::replay::HistoryFold;
 use zk0_protocol::entries::entry::{Body, Entry, RoundOpened};
+use zk0_protocol::entries::genesis::Genesis;
+use zk0_protocol::entries::program::Program;
 use zk0_protocol::rules::disclosed_blobs::DisclosedBlobs;
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::rules::state::State;
@@ -26,6 +27,8 @@ pub struct LedgerIndex {
     pub registrations: Registrations,
     /// The entries about each round.
     rounds: Vec<RoundEntries>,
+    /// The guest programs, each with the first round whose proofs are of it.
+    programs: Vec<(u64, Program)>,
     /// The entries that recorded proposals, by number.
     proposals: Vec<u64>,
     /// The entries that recorded what members and the operator said about the network itself, by the hash of the body: whoever says the
@@ -105,6 +108,21 @@ impl LedgerIndex {
         }
     }
 
+    /// Notes the guest program that the next round opens with, or the open one did.
+    pub fn observe_program(&mut self, state: &State) {
+        let program = state.program();
+        if self.programs.last().map(|(_, last)| last) != Some(program) {
+            self.programs.push((state.next_round(), program.clone()));
+        }
+    }
+
+    /// The guest program that the proofs of a round are of.
+    pub fn program(&self, round: u64) -> Option<&Program> {
+        let later = self.programs.partition_point(|(first, _)| *first <= round);
+        let (_, program) = self.programs.get(later.checked_sub(1)?)?;
+        Some(program)
+    }
+
     /// The entry that recorded exactly this.
     pub fn said(&self, body: &Body) -> Option<u64> {
         self.said.get(&key(body)).copied()
@@ -161,46 +179,61 @@ pub struct FromLedger {
     pub lost: Vec<Accepted>,
 }
 
-/// Reads the whole ledger again, and verifies on all cores what the open round accepted.
-///
-/// # Errors
-/// The ledger does not replay, or an accepted contribution does not verify any more.
-pub fn read(ledger: &Ledger) -> Result<FromLedger, RequestError> {
-    let mut reader = IndexReader::default();
-    let report = replay(ledger.dir(), Some(ledger.state().network()), &mut reader);
-    if report.verdict != Verdict::Verified {
-        let findings: Vec<_> = report
-            .findings
-            .iter()
-            .map(|found| found.text.as_str())
-            .collect();
-        return Err(RequestError::Internal(format!(
-            "the ledger does not replay: {}",
-            findings.join("; ")
-        )));
+/// Reads what a restarted aggregator has to know, while its ledger is opened.
+#[derive(Default)]
+pub struct LedgerReader {
+    index: LedgerIndex,
+    /// What the open round has accepted.
+    accepted: Vec<Accepted>,
+}
+
+impl HistoryFold for LedgerReader {
+    fn genesis(&mut self, genesis: &Genesis) {
+        self.index.observe(0, &Body::Genesis(genesis.clone()));
     }
-    let verdicts = verify_all(&reader.accepted, ledger.blobs());
-    let (mut contributions, mut lost) = (Vec::new(), Vec::new());
-    for (accepted, verdict) in reader.accepted.into_iter().zip(verdicts) {
-        match verdict {
-            Ok(verified) => contributions.push(still_valid(&accepted, verified)?),
-            Err(unreadable) => {
-                tracing::error!(
-                    node = %accepted.node(),
-                    "the open round has accepted a contribution, and {unreadable}; the round cannot close before the file is back among the blobs in {}",
-                    ledger.dir().display()
-                );
-                lost.push(accepted);
-            }
+
+    fn entry(&mut self, before: &State, index: u64, entry: &Entry) {
+        self.index.observe_program(before);
+        self.index.observe(index, &entry.body);
+        self.accepted.extend(Accepted::of(before, entry));
+        if let Body::RoundClosed(_) = &entry.body {
+            self.accepted.clear();
         }
     }
-    let mut index = reader.index;
-    index.observe(0, &Body::Genesis(ledger.state().genesis().clone()));
-    Ok(FromLedger {
-        index,
-        contributions,
-        lost,
-    })
+}
+
+impl LedgerReader {
+    /// What was read of `ledger`, which is open now. Verifies on all cores what the open round accepted.
+    ///
+    /// # Errors
+    /// An accepted contribution does not verify any more.
+    pub fn finish(self, ledger: &Ledger) -> Result<FromLedger, RequestError> {
+        let Self {
+            mut index,
+            accepted,
+        } = self;
+        index.observe_program(ledger.state());
+        let verdicts = verify_all(&accepted, ledger.blobs());
+        let (mut contributions, mut lost) = (Vec::new(), Vec::new());
+        for (accepted, verdict) in accepted.into_iter().zip(verdicts) {
+            match verdict {
+                Ok(verified) => contributions.push(still_valid(&accepted, verified)?),
+                Err(unreadable) => {
+                    tracing::error!(
+                        node = %accepted.node(),
+                        "the open round has accepted a contribution, and {unreadable}; the round cannot close before the file is back among the blobs in {}",
+                        ledger.dir().display()
+                    );
+                    lost.push(accepted);
+                }
+            }
+        }
+        Ok(FromLedger {
+            index,
+            contributions,
+            lost,
+        })
+    }
 }
 
 /// A contribution that was accepted has to verify again.
@@ -214,21 +247,4 @@ pub(super) fn still_valid(
             accepted.node()
         ))
     })
-}
-
-#[derive(Default)]
-struct IndexReader {
-    index: LedgerIndex,
-    accepted: Vec<Accepted>,
-}
-
-impl Recheck for IndexReader {
-    fn entry(&mut self, before: &State, index: u64, entry: &Entry, _: &Blobs) -> Vec<Finding> {
-        self.index.observe(index, &entry.body);
-        self.accepted.extend(Accepted::of(before, entry));
-        if let Body::RoundClosed(_) = &entry.body {
-            self.accepted.clear();
-        }
-        Vec::new()
-    }
 }

@@ -10,7 +10,7 @@ use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::{Action, Ballot};
-use zk0_protocol::entries::signed::Signed;
+use zk0_protocol::entries::signed::{Dispute, Evidence, Signed};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::RefusalCode;
 use zk0_testkit::aggregator::operator::{proposed, voted, Operator};
@@ -117,6 +117,46 @@ fn a_proof_of_the_program_before_is_refused() -> Test {
     assert_eq!(submit(&own, &other)?, Some(RefusalCode::OtherProgram));
     // The proof is of the program in force, and only its claim is another.
     assert_eq!(submit(&other, &own)?, Some(RefusalCode::OtherClaim));
+    Ok(())
+}
+
+/// The aggregator knows the program of an earlier round whether or not it has been restarted since.
+#[test]
+fn a_dispute_is_decided_by_the_program_of_its_round() -> Test {
+    let ((own, proof), node) = (real_proof(), SigningNode::new(1));
+    let mut genesis = genesis();
+    genesis.rules.max_proof_bytes = 4 << 20;
+    genesis.rules.credits.dispute_window_ms = 10 * VOTING_MS;
+    genesis.program = own.key;
+    for restarted in [false, true] {
+        let dir = tempfile::tempdir()?;
+        let mut operator = Operator::founds(dir.path(), genesis.clone(), &[&node]);
+        let accepted = operator.round(&node, 1, &proof);
+        let clock = Arc::new(ManualClock::at(operator.time_ms));
+        drop(operator);
+        let mut aggregator = open(dir.path(), &clock);
+        let other = Program::founding(&[2; 32]);
+        decide(&mut aggregator, &clock, Action::ReplaceProgram(other))?;
+        if restarted {
+            drop(aggregator);
+            aggregator = open(dir.path(), &clock);
+        }
+        let governor = SigningNode::new(GOVERNOR);
+        let dispute = Dispute {
+            network: *aggregator.state().network(),
+            disputer: governor.id(),
+            contribution: accepted,
+            evidence: Evidence::Verification,
+        };
+        let body = Body::Disputed(Signed::new(dispute, &governor.key));
+        let entry = aggregator.say(&borsh::to_vec(&body)?)?.index;
+        assert_eq!(aggregator.go_on()?, StepOutcome::Resolved(entry));
+        let Body::DisputeResolved(resolved) = aggregator.ledger().entry(entry + 1)?.body else {
+            panic!("the dispute is not resolved");
+        };
+        // The proof is of the round's program, and only its claim is another.
+        assert_eq!(resolved.upheld, Some(RefusalCode::OtherClaim));
+    }
     Ok(())
 }
 

@@ -227,4 +227,7 @@ fn an_export_that_is_being_updated_is_not_called_rolled_back() {
     write(&mirror, beyond, &log_key());
     let (report, _) = audit(&mirror, Depth::Full);
     assert!(faults(&report)[0].contains("ROLLED BACK"));
+    // And so does whoever would go on writing there.
+    let refused = Ledger::open(&mirror, None, log_key()).map(drop);
+    assert!(matches!(refused, Err(LedgerError::PrunedMore { .. })));
 }

@@ -80,7 +80,7 @@ pub fn prune(options: &Prune) -> Result<()> {
         return Ok(());
     };
     // While the ledger is open here, no aggregator can open it.
-    let ledger = Ledger::open_with(&options.dir, None, keys::read(key)?, kept)?;
+    let ledger = Ledger::open_with(&options.dir, None, keys::read(key)?, kept, &mut ())?;
     let plan = PrunePlan::of(&ledger, &keep, now_ms)?;
     say(&plan);
     plan.carry_out(&ledger)?;

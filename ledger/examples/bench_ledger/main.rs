@@ -40,6 +40,7 @@ fn main() -> Result<()> {
         };
         match argument {
             "replay" => return replay_here(Path::new(value()?)),
+            "grow" => return grown(Path::new(value()?), value()?.parse()?),
             "--dir" => options.dir = value()?.into(),
             "--entries" => options.entries = value()?.parse()?,
             "--only" => options.only = value()?.into(),
@@ -58,7 +59,8 @@ fn main() -> Result<()> {
     })?;
     options.wanted("append_with_receipts", || receipts(&options.dir))?;
     options.wanted("sp1_proofs", proofs)?;
-    options.wanted("replay", || replays(&options.dir, options.entries))
+    options.wanted("replay", || replays(&options.dir, options.entries))?;
+    options.wanted("start", || start(&options.dir, options.entries))
 }
 
 struct Options {
@@ -184,19 +186,8 @@ fn replays(dir: &Path, entries: u64) -> Result<()> {
         let scratch = tempfile::tempdir_in(dir)?;
         grown(scratch.path(), entries)?;
         // The replay runs in a process of its own, so that the memory is the replay's alone.
-        let output = Command::new(std::env::current_exe()?)
-            .arg("replay")
-            .arg(scratch.path())
-            .output()?;
-        let said = String::from_utf8_lossy(&output.stdout).into_owned();
-        let numbers: Vec<f64> = said
-            .split_whitespace()
-            .map(str::parse)
-            .collect::<Result<_, _>>()
-            .with_context(|| format!("{said}{}", String::from_utf8_lossy(&output.stderr)))?;
-        let [count, seconds, peak] = numbers[..] else {
-            bail!("{said}{}", String::from_utf8_lossy(&output.stderr));
-        };
+        let mut replay = Command::new(std::env::current_exe()?);
+        let [count, seconds, peak] = measured(replay.arg("replay").arg(scratch.path()))?;
         peaks.push(peak);
         let peer = peers::bare_verification(scratch.path())?;
         let bench = format!("replay_{entries}");
@@ -213,6 +204,31 @@ fn replays(dir: &Path, entries: u64) -> Result<()> {
         figure("replay_peak_memory", ours, peer, true, &unit);
     }
     Ok(())
+}
+
+/// Measures how long an aggregator takes to start on a ledger of so many entries.
+fn start(dir: &Path, entries: u64) -> Result<()> {
+    eprintln!("start on {entries} entries …");
+    let scratch = tempfile::tempdir_in(dir)?;
+    grown(scratch.path(), entries)?;
+    let start = std::env::current_exe()?.with_file_name("bench_start");
+    let [_, seconds, _] = measured(Command::new(start).arg(scratch.path()))?;
+    let peer = peers::bare_verification(scratch.path())?;
+    let unit = "s; the peer verifies as many signatures and hashes the entries";
+    figure(&format!("start_{entries}"), seconds, peer, true, unit);
+    Ok(())
+}
+
+/// Runs a process that prints a number of entries, seconds and its most memory in KiB.
+fn measured(process: &mut Command) -> Result<[f64; 3]> {
+    let output = process.output().with_context(|| format!("{process:?}"))?;
+    let said = String::from_utf8_lossy(&output.stdout);
+    let numbers: Option<Vec<f64>> = said
+        .split_whitespace()
+        .map(|number| number.parse().ok())
+        .collect();
+    let numbers = numbers.and_then(|numbers| <[f64; 3]>::try_from(numbers).ok());
+    numbers.with_context(|| format!("{said}{}", String::from_utf8_lossy(&output.stderr)))
 }
 
 /// Replays the ledger, and prints the number of entries, the seconds and the most memory that this process had, in KiB.

@@ -1,8 +1,7 @@
 //! The part of a replay that needs only one entry: reading, decoding, verifying signatures. Several threads do it for many entries at
 //! once.
 
-use super::Finding;
-use crate::error::LedgerError;
+use super::stopped::Stopped;
 use crate::store::Store;
 use std::ops::Range;
 use tlog_tiles::tlog::{record_hash, stored_hash_index, Hash};
@@ -10,7 +9,7 @@ use zk0_protocol::entries::authentic::AuthenticEntry;
 use zk0_protocol::entries::known_keys::KnownKeys;
 use zk0_protocol::rules::violation::RuleViolation;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
-use zk0_protocol::{Entry, Genesis};
+use zk0_protocol::{Body, Entry, Genesis};
 
 /// Most entries in a chunk.
 pub const CHUNK: u64 = 256;
@@ -20,7 +19,7 @@ pub struct Chunk {
     /// The entries, up to the first that cannot be read.
     pub items: Vec<Item>,
     /// Why the next entry cannot be read.
-    pub broken: Option<Finding>,
+    pub broken: Option<Stopped>,
 }
 
 /// An entry, and what is stored beside it.
@@ -33,8 +32,16 @@ pub struct Item {
     pub leaf: Hash,
     /// The stored hashes that became final with it; `None` if one is missing.
     pub hashes: Option<Vec<Hash>>,
-    /// The checkpoint after it, if there is one and its signature is valid; otherwise why it is not.
-    pub checkpoint: Option<Result<Checkpoint, String>>,
+    /// The checkpoint after it, if there is one.
+    pub checkpoint: Option<StoredCheckpoint>,
+}
+
+/// A checkpoint in the database.
+pub struct StoredCheckpoint {
+    /// Its text.
+    pub text: Vec<u8>,
+    /// What it says, if its signature is valid; otherwise why it is not.
+    pub opened: Result<Checkpoint, String>,
 }
 
 impl Chunk {
@@ -66,31 +73,39 @@ impl Chunk {
 }
 
 impl Item {
-    fn read(store: &Store, index: u64, genesis: Option<&Genesis>) -> Result<Self, Finding> {
-        let stops = |error: LedgerError| Finding::of_error(index, &error);
+    fn read(store: &Store, index: u64, genesis: Option<&Genesis>) -> Result<Self, Stopped> {
+        let stops = |error| Stopped::at(index, error);
         let bytes = store.entry(index).map_err(stops)?;
-        let bytes = bytes.ok_or_else(|| Finding::fault(index, "the entry is missing"))?;
+        let bytes = bytes.ok_or_else(|| Stopped::bad(index, "the entry is missing"))?;
         let entry = Entry::decode(&bytes);
-        let entry = entry.map_err(|error| Finding::fault(index, error.to_string()))?;
+        let entry = entry.map_err(|error| Stopped::bad(index, error.to_string()))?;
         let completed = (index + 1).trailing_zeros() as usize + 1;
         let positions: Vec<u64> = (stored_hash_index(0, index)..).take(completed).collect();
         let hashes = store.hashes(&positions).map_err(stops)?;
         let text = store.checkpoint(index + 1).map_err(stops)?;
         let genesis = match &entry.body {
-            zk0_protocol::Body::Genesis(own) => genesis.or(Some(own)),
+            Body::Genesis(own) => genesis.or(Some(own)),
             _ => genesis,
         };
-        let open = |text: Vec<u8>| match genesis {
-            Some(genesis) => Checkpoint::open(&text, genesis.origin(), &genesis.log_key)
-                .map_err(|error| error.to_string()),
-            None => Err("no genesis names the key that signs checkpoints".into()),
-        };
+        let checkpoint = text.map(|text| StoredCheckpoint::open(text, genesis));
         Ok(Self {
             index,
             leaf: record_hash(&bytes),
             hashes,
-            checkpoint: text.map(open),
+            checkpoint,
             entry,
         })
+    }
+}
+
+impl StoredCheckpoint {
+    /// Verifies the signature of the log of `genesis`.
+    pub fn open(text: Vec<u8>, genesis: Option<&Genesis>) -> Self {
+        let opened = match genesis {
+            Some(genesis) => Checkpoint::open(&text, genesis.origin(), &genesis.log_key)
+                .map_err(|error| error.to_string()),
+            None => Err("no genesis names the key that signs checkpoints".into()),
+        };
+        Self { text, opened }
     }
 }

@@ -1,7 +1,6 @@
 //! The database that is replayed. Its newest checkpoint has to be the published one, and it has to hold exactly what a log of its size
 //! holds.
 
-use super::Finding;
 use crate::error::LedgerError;
 use crate::folder;
 use crate::store::{DatabaseKey, Store};
@@ -98,10 +97,10 @@ fn claimed_size(text: &[u8]) -> Option<u64> {
 }
 
 /// Checks that the database has every entry and hash of a log of this size, and no other keys. There is a checkpoint where a group ended.
-pub fn check_keys(store: &Store, size: u64) -> Result<(), Finding> {
+pub fn check_keys(store: &Store, size: u64) -> Result<(), LedgerError> {
     let (mut entries, mut hashes) = (0..size, 0..stored_hash_count(size));
     for key in store.keys() {
-        let key = key.map_err(|error| Finding::of_error(None, &error))?;
+        let key = key?;
         let expected = match key {
             Some(DatabaseKey::Entry(_)) => entries.next().map(DatabaseKey::Entry),
             Some(DatabaseKey::Hash(_)) => hashes.next().map(DatabaseKey::Hash),
@@ -112,20 +111,15 @@ pub fn check_keys(store: &Store, size: u64) -> Result<(), Finding> {
         };
         if expected.is_none() || key != expected {
             let found = key.map_or("an unknown key".into(), |key| format!("{key:?}"));
-            return Err(Finding::fault(
-                None,
-                format!(
-                    "the database holds {found}, which does not belong in a log of {size} entries"
-                ),
-            ));
+            return Err(LedgerError::StrayKey { found, size });
         }
     }
-    let missing = entries
-        .next()
-        .map(|index| (Some(index), "the entry is missing"))
-        .or(hashes.next().map(|_| (None, "a tree hash is missing")));
-    match missing {
-        Some((index, text)) => Err(Finding::fault(index, text)),
+    if let Some(index) = entries.next() {
+        let why = "the entry is missing".into();
+        return Err(LedgerError::BadEntry { index, why });
+    }
+    match hashes.next() {
+        Some(position) => Err(LedgerError::Tree(format!("hash {position} is missing"))),
         None => Ok(()),
     }
 }

@@ -1,33 +1,38 @@
-//! An auditor's replay: it reads a ledger's folder from the first byte, verifies everything, and reports.
+//! The replay: it reads a ledger's folder from the first byte and verifies everything. An auditor's replay reports, and a writer goes on from
+//! what its replay has verified.
 //!
 //! Several threads do the part that needs only one entry ([`chunk`]: reading, decoding, signatures). The part that needs the entries before
-//! it ([`serial`]: tree, rules, the caller's own checks) is done in order, by one thread at a time. Each thread holds one chunk, so
-//! only the network's state grows with the log. The findings do not depend on the number of threads.
+//! it ([`verified`]: tree, rules, and a fold over the entries) is done in order, by one thread at a time. Each thread holds one chunk, so
+//! only the network's state grows with the log. The result does not depend on the number of threads.
 //!
-//! - [`relay`]: the threads; [`database`]: how the database is opened and checked;
-//! - [`recheck`]: what the caller checks besides; [`report`]: the report at the end;
+//! - [`relay`]: the threads; [`database`]: how an auditor opens the database, and its keys; [`stopped`]: why a replay stops;
+//! - [`continuing`]: a writer's replay;
+//! - [`auditing`]: an auditor's replay; [`recheck`]: what an auditor checks besides; [`report`]: the report at the end;
 //! - [`options`]: how to replay; [`saved`]: a replay on disk, from which a later replay goes on.
 
+mod auditing;
 mod chunk;
+pub(crate) mod continuing;
 mod database;
 mod options;
 mod recheck;
 mod relay;
 mod report;
 mod saved;
-mod serial;
+mod stopped;
+mod verified;
 
+pub use auditing::replay_with;
 pub use database::OpenedDatabase;
 pub use options::{ReplayOptions, SaveOptions};
 pub use recheck::Recheck;
 pub use report::{Finding, ReplayReport, Severity, Verdict};
 pub use saved::{SavedError, SavedReplay};
+pub(crate) use verified::check_network;
+pub use verified::{HistoryFold, VerifiedHistory};
 
 use crate::error::LedgerError;
-use serial::Serial;
-use std::num::NonZeroUsize;
 use std::path::Path;
-use std::thread;
 use zk0_circuits::Digest;
 
 /// Replays the ledger in `dir`, which may be a read-only copy, or in use. If `network` is given, the ledger has to be of that network.
@@ -49,23 +54,4 @@ pub fn open(dir: &Path) -> Result<Option<OpenedDatabase>, LedgerError> {
         Err(error) if database::is_unread(dir, &error) => Err(error),
         Err(_) => Ok(None),
     }
-}
-
-/// Replays the ledger in `dir` with these options; see [`replay`].
-pub fn replay_with(
-    dir: &Path,
-    mut options: ReplayOptions<'_>,
-    recheck: &mut dyn Recheck,
-) -> ReplayReport {
-    let threads = options
-        .threads
-        .map_or_else(default_threads, NonZeroUsize::get);
-    let (opened, progress) = (options.opened.take(), options.progress);
-    let mut serial = Serial::new(dir, options, recheck);
-    let stopped = relay::run(dir, opened, threads, progress, &mut serial).err();
-    serial.report(stopped)
-}
-
-fn default_threads() -> usize {
-    thread::available_parallelism().map_or(2, |cores| cores.get() + 1)
 }

@@ -1,42 +1,35 @@
 //! A replay on several threads: each prepares chunks, and the serial part passes from thread to thread, in order.
 
 use super::chunk::{Chunk, CHUNK};
-use super::database::{self, OpenedDatabase};
-use super::report::Finding;
-use super::serial::Serial;
-use crate::error::LedgerError;
+use super::stopped::Stopped;
+use super::verified::{HistoryFold, VerifiedHistory};
 use crate::store::Store;
-use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use zk0_protocol::entries::known_keys::KnownKeys;
 use zk0_protocol::Genesis;
 
-/// Replays with so many threads, and stops at the first entry that it cannot verify.
+/// Goes on with `history` to the end of its log of `whole` entries, with so many threads. Stops at the first entry that it cannot verify.
 pub fn run(
-    dir: &Path,
-    opened: Option<OpenedDatabase>,
+    store: &Store,
+    whole: u64,
+    history: &mut VerifiedHistory,
+    fold: &mut dyn HistoryFold,
     threads: usize,
     progress: Option<&(dyn Fn(u64, u64) + Sync)>,
-    serial: &mut Serial<'_>,
-) -> Result<(), Finding> {
-    let stops = |error: LedgerError| Finding::of_error(None, &error);
-    let OpenedDatabase { store, size } = match opened {
-        Some(opened) => opened,
-        None => database::open_published(dir).map_err(stops)?,
-    };
-    database::check_keys(&store, size)?;
-    let first = serial.begin(&store, size)?;
-    let genesis = serial.genesis().cloned();
+) -> Result<(), Stopped> {
+    history.is_of(store, whole)?;
+    let genesis = history.genesis().clone();
     let relay = Relay {
-        store: &store,
-        entries: first..size,
-        genesis: genesis.as_ref(),
+        store,
+        entries: history.size()..whole,
+        genesis: &genesis,
         next: AtomicU64::new(0),
         progress,
         track: Mutex::new(Track {
-            serial,
+            history,
+            fold,
             turn: 0,
             stop: None,
         }),
@@ -49,31 +42,38 @@ pub fn run(
         relay.run();
     });
     let track = relay.track.into_inner();
-    match track.unwrap_or_else(PoisonError::into_inner).stop {
+    let Track { history, stop, .. } = track.unwrap_or_else(PoisonError::into_inner);
+    match stop {
         Some(Stop::At(why)) => Err(why),
-        Some(Stop::Panic) => Err(Finding::fault(
-            None,
+        Some(Stop::Panic) => Err(Stopped::bad(
+            history.size(),
             "a thread of the replay has failed: see the program's log",
         )),
         None => Ok(()),
     }
 }
 
+/// One thread more than there are cores, because one may be waiting for its turn.
+pub fn default_threads() -> usize {
+    thread::available_parallelism().map_or(2, |cores| cores.get() + 1)
+}
+
 /// Distributes chunks of entries to several threads, which do the serial part in the order of the chunks.
-struct Relay<'a, 'b> {
+struct Relay<'a> {
     store: &'a Store,
     entries: std::ops::Range<u64>,
-    genesis: Option<&'a Genesis>,
+    genesis: &'a Genesis,
     /// The next chunk that no thread has taken.
     next: AtomicU64,
     progress: Option<&'a (dyn Fn(u64, u64) + Sync)>,
-    track: Mutex<Track<'a, 'b>>,
+    track: Mutex<Track<'a>>,
     /// Wakes the waiting threads when the next chunk's turn has come, and when the replay stops.
     turned: Condvar,
 }
 
-struct Track<'a, 'b> {
-    serial: &'a mut Serial<'b>,
+struct Track<'a> {
+    history: &'a mut VerifiedHistory,
+    fold: &'a mut dyn HistoryFold,
     /// The chunk whose serial part is next.
     turn: u64,
     stop: Option<Stop>,
@@ -81,12 +81,12 @@ struct Track<'a, 'b> {
 
 enum Stop {
     /// An entry is not valid, or it cannot be read. So nothing can be said of those after it.
-    At(Finding),
+    At(Stopped),
     /// A thread has panicked, and the others must not wait for it.
     Panic,
 }
 
-impl<'a, 'b> Relay<'a, 'b> {
+impl<'a> Relay<'a> {
     fn run(&self) {
         let alarm = Alarm(self);
         loop {
@@ -99,7 +99,7 @@ impl<'a, 'b> Relay<'a, 'b> {
             let Some(keys) = self.keys().filter(|_| start < end) else {
                 break;
             };
-            let chunk = Chunk::read(self.store, start..end, self.genesis);
+            let chunk = Chunk::read(self.store, start..end, Some(self.genesis));
             let authentic = chunk.authenticate(&keys);
             drop(keys);
             let mut track = self.lock();
@@ -112,8 +112,11 @@ impl<'a, 'b> Relay<'a, 'b> {
             if track.stop.is_some() {
                 break;
             }
-            if let Err(why) = track.serial.take(&chunk, &authentic) {
-                track.stop = Some(Stop::At(why));
+            let Track { history, fold, .. } = &mut *track;
+            let taken = history.take(&chunk, &authentic, &mut **fold);
+            match taken.and(chunk.broken.map_or(Ok(()), Err)) {
+                Ok(()) => fold.pause(&**history),
+                Err(why) => track.stop = Some(Stop::At(why)),
             }
             track.turn += 1;
             drop(track);
@@ -128,18 +131,18 @@ impl<'a, 'b> Relay<'a, 'b> {
     /// The keys that are known now; `None` once the replay has stopped.
     fn keys(&self) -> Option<Arc<KnownKeys>> {
         let track = self.lock();
-        track.stop.is_none().then(|| track.serial.keys())
+        track.stop.is_none().then(|| track.history.keys())
     }
 
-    fn lock(&self) -> MutexGuard<'_, Track<'a, 'b>> {
+    fn lock(&self) -> MutexGuard<'_, Track<'a>> {
         self.track.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 /// Stops the other threads when this one panics.
-struct Alarm<'r, 'a, 'b>(&'r Relay<'a, 'b>);
+struct Alarm<'r, 'a>(&'r Relay<'a>);
 
-impl Drop for Alarm<'_, '_, '_> {
+impl Drop for Alarm<'_, '_> {
     fn drop(&mut self) {
         if thread::panicking() {
             self.0.lock().stop = Some(Stop::Panic);

@@ -1,5 +1,6 @@
 //! The report of a replay: findings, and a verdict on the history.
 
+use super::stopped::Stopped;
 use crate::error::LedgerError;
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::Serialize;
@@ -81,15 +82,6 @@ impl Finding {
         }
     }
 
-    /// What an error in reading the ledger says about it: a fault, unless it just cannot be read.
-    pub(crate) fn of_error(index: impl Into<Option<u64>>, error: &LedgerError) -> Self {
-        if error.is_of_reading() {
-            Self::not_checked(index, error.to_string())
-        } else {
-            Self::fault(index, error.to_string())
-        }
-    }
-
     /// A finding that makes the verdict [`Verdict::Incomplete`] at best.
     pub fn not_checked(index: impl Into<Option<u64>>, text: impl Into<String>) -> Self {
         Self {
@@ -104,5 +96,22 @@ impl Finding {
             severity: Severity::Note,
             ..Self::fault(index, text)
         }
+    }
+}
+
+/// That a ledger cannot be verified any further is a fault, unless it just cannot be read.
+impl From<Stopped> for Finding {
+    fn from(Stopped { index, error }: Stopped) -> Self {
+        match error {
+            LedgerError::BadEntry { index, why } => Self::fault(index, why),
+            error if error.is_of_reading() => Self::not_checked(index, error.to_string()),
+            error => Self::fault(index, error.to_string()),
+        }
+    }
+}
+
+impl From<LedgerError> for Finding {
+    fn from(error: LedgerError) -> Self {
+        Stopped::from(error).into()
     }
 }

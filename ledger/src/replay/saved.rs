@@ -3,7 +3,8 @@
 //! The file has a line that names the format, the SHA-256 of the rest, and the rest in borsh encoding. It belongs to the auditor, and a
 //! later replay trusts it. Whoever can write this file can make that replay accept anything.
 
-use super::Finding;
+use super::report::Finding;
+use super::verified::VerifiedHistory;
 use borsh::{BorshDeserialize, BorshSerialize};
 use sha2::{Digest as _, Sha256};
 use std::io;
@@ -14,7 +15,7 @@ use zk0_files::bounded_file;
 use zk0_protocol::entries::entry::ENTRY_VERSION;
 use zk0_protocol::rules::state::State;
 
-const FORMAT: &[u8] = b"zk0 audit state v4\n";
+const FORMAT: &[u8] = b"zk0 audit state v5\n";
 
 /// Largest file that is read, in bytes.
 const MAX_BYTES: u64 = 1 << 32;
@@ -100,9 +101,7 @@ impl SavedReplay {
 
 /// The values that are written. It has the fields of [`SavedReplay`], but borrows them.
 pub(super) struct Saving<'a> {
-    pub verified: (u64, Digest),
-    pub checkpoints: u64,
-    pub state: &'a State,
+    pub verified: &'a VerifiedHistory,
     pub findings: &'a Vec<Finding>,
     pub recheck: Vec<u8>,
 }
@@ -111,13 +110,12 @@ impl Saving<'_> {
     /// Replaces the file. It is on disk when this returns.
     pub fn write(&self, path: &Path) -> Result<(), SavedError> {
         let write = || {
-            let (size, root) = self.verified;
             let rest = borsh::to_vec(&(
                 ENTRY_VERSION,
-                size,
-                root,
-                self.checkpoints,
-                self.state,
+                self.verified.size(),
+                self.verified.root().map_err(io::Error::other)?,
+                self.verified.checkpoints(),
+                self.verified.state(),
                 self.findings,
                 &self.recheck,
             ))?;

@@ -1,20 +1,45 @@
 //! The fields of a claim that the ledger determines, so that they can be checked before anybody looks at the proof.
 
+use crate::entries::member::Standing;
 use crate::entries::refusal::claim_field::ClaimField;
 use crate::entries::refusal::code::{RefusalCode, RoundStatement};
 use crate::entries::refusal::Refusal;
 use crate::rules::state::{Commit, Randomness, Round, State};
+use crate::rules::violation::RuleViolation;
+use borsh::{BorshDeserialize, BorshSerialize};
 use std::fmt::Display;
 use zk0_circuits::claim::challenge::challenge;
 use zk0_circuits::{Claim, Digest, Disclosure, Losses, NodeId, Terms, CLAIM_VERSION};
 
 /// The part of a claim that the ledger determines.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct ExpectedClaim {
     /// The claim's terms.
     pub terms: Terms,
     /// How much the claim has to disclose of the losses.
     pub disclosure: Disclosure,
+}
+
+/// What the ledger determines of the claims that one node may make now, whatever they say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct ClaimBindings {
+    network: Digest,
+    node: NodeId,
+    /// The number of the open round.
+    open: Option<u64>,
+    /// The node's standing, if it is enrolled.
+    standing: Option<Standing>,
+    /// The node's commitment in the open round.
+    commit: Option<OpenCommit>,
+}
+
+/// What the ledger determines of the claim that answers a commitment.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+struct OpenCommit {
+    /// Whether a claim was accepted or rejected.
+    decided: bool,
+    /// The claim, and the last moment for it in Unix milliseconds; `None` before the randomness is drawn.
+    expected: Option<(ExpectedClaim, u64)>,
 }
 
 impl ExpectedClaim {
@@ -58,34 +83,26 @@ impl State {
         })
     }
 
-    /// Compares a claim with what the ledger determines: its network and round, the node's enrolment and commitment, that the node has
-    /// submitted nothing in this round, and then each field.
-    pub fn check_bindings(&self, claim: &Claim) -> Result<(), Refusal> {
-        same(ClaimField::Version, claim.version, CLAIM_VERSION)?;
-        self.check_addressed(&claim.terms.network, claim.terms.round, &claim.terms.node)?;
-        let (_, commit) = self.commit(&claim.terms.node)?;
-        if commit.decision.is_some() {
-            return Err(already_submitted(claim));
+    /// What the ledger determines of the claims of `node`.
+    pub(crate) fn claim_bindings(&self, node: &NodeId) -> ClaimBindings {
+        let deadline_ms = |round: &Round| Some(round.randomness?.submit_deadline_ms);
+        ClaimBindings {
+            network: self.network,
+            node: *node,
+            open: self.round.as_ref().map(Round::number),
+            standing: self.nodes.get(node).map(|node| node.standing),
+            commit: self.commit(node).ok().map(|(round, commit)| OpenCommit {
+                decided: commit.decision.is_some(),
+                expected: self.expected_claim(node).ok().zip(deadline_ms(round)),
+            }),
         }
-        let expected = self.expected_claim(&claim.terms.node)?;
-        claim
-            .check(&expected.terms, expected.disclosure)
-            .map_err(|wrong| {
-                let field = ClaimField::named(wrong.term).unwrap_or(ClaimField::Version);
-                differs(field, wrong.claimed, wrong.expected)
-            })
     }
 
-    /// Makes the checks of [`State::check_bindings`], and checks that a claim recorded at `time_ms` is in time.
+    /// Compares a claim that is recorded at `time_ms` with what the ledger determines: its network and round, the node's enrolment and
+    /// commitment, that the node has submitted nothing in this round, each field, and the deadline.
     pub fn check_claim(&self, claim: &Claim, time_ms: u64) -> Result<(), Refusal> {
-        self.check_bindings(claim)?;
-        match &self.round {
-            Some(round) => {
-                let deadline_ms = drawn(round)?.submit_deadline_ms;
-                in_time(RoundStatement::Claim, round, time_ms, deadline_ms)
-            }
-            None => Ok(()),
-        }
+        let bindings = self.claim_bindings(&claim.terms.node);
+        bindings.check_claim(claim, time_ms)
     }
 
     /// Checks that something is for this network, for the open round, and from an active node.
@@ -95,23 +112,8 @@ impl State {
         round: u64,
         node: &NodeId,
     ) -> Result<&Round, Refusal> {
-        if *network != self.network {
-            return Err(RefusalCode::WrongNetwork {
-                claimed: *network,
-                ours: self.network,
-            }
-            .into());
-        }
-        let open = match &self.round {
-            Some(open) if open.number() == round => open,
-            other => {
-                return Err(RefusalCode::WrongRound {
-                    claimed: round,
-                    open: other.as_ref().map(Round::number),
-                }
-                .into())
-            }
-        };
+        let open = self.round.as_ref().map(|open| (open.number(), open));
+        let open = in_open_round((network, round), &self.network, open)?;
         self.active(node)?;
         Ok(open)
     }
@@ -124,28 +126,158 @@ impl State {
     }
 }
 
+impl ClaimBindings {
+    /// The node's standing, if it is enrolled and these are its bindings.
+    pub fn standing(&self, node: &NodeId) -> Option<Standing> {
+        self.standing.filter(|_| *node == self.node)
+    }
+
+    /// The check of [`State::check_claim`].
+    pub fn check_claim(&self, claim: &Claim, time_ms: u64) -> Result<(), Refusal> {
+        self.check_bindings(claim)?;
+        match self.commit.and_then(|commit| commit.expected) {
+            Some((_, deadline_ms)) => {
+                let round = claim.terms.round;
+                in_time(RoundStatement::Claim, round, time_ms, deadline_ms)
+            }
+            None => Ok(()),
+        }
+    }
+
+    fn check_bindings(&self, claim: &Claim) -> Result<(), Refusal> {
+        same(ClaimField::Version, claim.version, CLAIM_VERSION)?;
+        let expected = self.answered(claim)?;
+        claim
+            .check(&expected.terms, expected.disclosure)
+            .map_err(|wrong| {
+                let field = ClaimField::named(wrong.term).unwrap_or(ClaimField::Version);
+                differs(field, wrong.claimed, wrong.expected)
+            })
+    }
+
+    /// What the ledger determines of a claim, if the node may make one now.
+    fn answered(&self, claim: &Claim) -> Result<ExpectedClaim, Refusal> {
+        let Terms {
+            network,
+            round,
+            node,
+            ..
+        } = &claim.terms;
+        let open = self.open.map(|number| (number, number));
+        let round = in_open_round((network, *round), &self.network, open)?;
+        active(node, self.standing(node).map(|standing| (standing, ())))?;
+        let commit = self.commit.ok_or(RefusalCode::NotCommitted(*node))?;
+        if commit.decided {
+            return Err(RefusalCode::Duplicate {
+                node: *node,
+                round,
+                what: RoundStatement::Claim,
+            }
+            .into());
+        }
+        match commit.expected {
+            Some((expected, _)) => Ok(expected),
+            None => Err(RefusalCode::NoRandomness { round }.into()),
+        }
+    }
+
+    /// Whether a refusal of a claim may be recorded at `time_ms` for this reason. It is recorded once, and only for a claim about the open
+    /// round by a node that committed. If the ledger itself shows why a claim is refused, the recorded reason has to be that one.
+    pub fn check_rejected(
+        &self,
+        claim: &Claim,
+        reason: &RefusalCode,
+        time_ms: u64,
+    ) -> Result<(), RuleViolation> {
+        // A stranger may send again what the node signed for another round, so only a claim for this round counts.
+        self.answered(claim).map(drop)?;
+        let found = self.check_claim(claim, time_ms);
+        let code = found.as_ref().map_err(|refusal| refusal.code);
+        let holds = match (reason, &code) {
+            (
+                RefusalCode::Late {
+                    what,
+                    round,
+                    late_ms,
+                },
+                Err(RefusalCode::Late {
+                    what: late,
+                    round: open,
+                    late_ms: at_most,
+                }),
+            ) => {
+                // It was refused when it arrived, and recorded a moment later.
+                (1..=*at_most).contains(late_ms) && round == open && what == late
+            }
+            (RefusalCode::Late { .. } | RefusalCode::Binding(_), found) => {
+                found.as_ref() == Err(reason)
+            }
+            (reason, _) if !reason.follows_from_blobs() => false,
+            // Whoever holds the proof and the blobs can check these reasons.
+            _ => true,
+        };
+        if holds {
+            Ok(())
+        } else {
+            Err(RuleViolation::WrongReason {
+                given: reason.to_string(),
+                found: match found {
+                    Ok(()) => "by the ledger nothing is wrong with the claim".into(),
+                    Err(found) => format!("by the ledger the reason is: {found}"),
+                },
+            })
+        }
+    }
+}
+
 /// The randomness of a round, without which nobody can make a claim.
-pub(crate) fn drawn(round: &Round) -> Result<&Randomness, Refusal> {
-    let round_number = round.number();
+fn drawn(round: &Round) -> Result<&Randomness, Refusal> {
     let missing = RefusalCode::NoRandomness {
-        round: round_number,
+        round: round.number(),
     };
     round.randomness.as_ref().ok_or(missing.into())
 }
 
-pub(crate) fn already_submitted(claim: &Claim) -> Refusal {
-    let code = RefusalCode::Duplicate {
-        node: claim.terms.node,
-        round: claim.terms.round,
-        what: RoundStatement::Claim,
-    };
-    code.into()
+/// What belongs to the open round, if something is for this network and that round. `open` has the round's number, too.
+fn in_open_round<R>(
+    (network, round): (&Digest, u64),
+    ours: &Digest,
+    open: Option<(u64, R)>,
+) -> Result<R, Refusal> {
+    if network != ours {
+        return Err(RefusalCode::WrongNetwork {
+            claimed: *network,
+            ours: *ours,
+        }
+        .into());
+    }
+    match open {
+        Some((number, open)) if number == round => Ok(open),
+        other => Err(RefusalCode::WrongRound {
+            claimed: round,
+            open: other.map(|(number, _)| number),
+        }
+        .into()),
+    }
+}
+
+/// What belongs to a node, if it is enrolled and may contribute.
+pub(crate) fn active<N>(id: &NodeId, found: Option<(Standing, N)>) -> Result<N, Refusal> {
+    match found {
+        None => Err(RefusalCode::NotEnrolled(*id).into()),
+        Some((Standing::Active, node)) => Ok(node),
+        Some((standing, _)) => Err(RefusalCode::NotActive {
+            node: *id,
+            standing,
+        }
+        .into()),
+    }
 }
 
 /// Refuses something that is recorded after its deadline.
 pub(crate) fn in_time(
     what: RoundStatement,
-    round: &Round,
+    round: u64,
     time_ms: u64,
     deadline_ms: u64,
 ) -> Result<(), Refusal> {
@@ -153,7 +285,7 @@ pub(crate) fn in_time(
         0 => Ok(()),
         late_ms => Err(RefusalCode::Late {
             what,
-            round: round.number(),
+            round,
             late_ms,
         }
         .into()),

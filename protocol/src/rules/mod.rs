@@ -3,7 +3,7 @@
 pub mod apply;
 pub mod basis_points;
 pub mod bindings;
-pub mod claim_state;
+pub mod claim_context;
 pub mod closing;
 pub mod disclosed_blobs;
 pub mod governance;

@@ -43,7 +43,7 @@ fn a_program_changes_between_rounds_and_not_in_one() {
     assert_eq!(chain.state.program(), &next());
     chain.open();
     assert_eq!(chain.state.program(), &next());
-    assert_eq!(chain.state.for_claims_of(&id(0)).program(), &next());
+    assert_eq!(chain.state.claim_context(&id(0)).terms().program, next());
     assert_eq!(chain.state.genesis().program, first.key);
 }
 

@@ -26,7 +26,7 @@ pub const REMOVALS: &[Removal] = &[
         "a_claim_says_what_the_ledger_fixed"),
     protocol("the number of evaluated samples is within its bounds", ROUNDS, never!("asked < least || u64::from(asked) > most"),
         "a_node_chooses_how_many_samples_are_evaluated_within_bounds"),
-    protocol("a contribution is decided once", BINDINGS, never!("commit.decision.is_some()"), "a_contribution_is_decided_once"),
+    protocol("a contribution is decided once", BINDINGS, never!("commit.decided"), "a_contribution_is_decided_once"),
     // The challenge.
     protocol("nobody commits after the commitments closed", ROUNDS, never!("round.closing.is_some()"),
         "nobody_commits_or_claims_between_the_closing_and_the_randomness"),
@@ -39,7 +39,7 @@ pub const REMOVALS: &[Removal] = &[
     protocol("randomness is drawn once", RANDOMNESS, never!("round.randomness.is_some()"),
         "nobody_commits_or_claims_between_the_closing_and_the_randomness"),
     protocol("randomness is drawn in time", RANDOMNESS, never!("late_ms > 0"), "a_round_without_randomness_closes_and_keeps_its_base"),
-    protocol("no claim is made without randomness", ROUNDS, skipped!("drawn(round)?;"),
+    protocol("no claim is made without randomness", BINDINGS, skipped!("self.answered(claim).map(drop)?;"),
         "nobody_commits_or_claims_between_the_closing_and_the_randomness"),
     protocol("the log's function is verified", DRAWING, &[(".ok_or(RandomnessError::Vrf(", ".or(OUT.then_some(())).ok_or(RandomnessError::Vrf(")],
         "the_logs_function_draws_one_value_for_the_commitments"),

@@ -15,7 +15,7 @@ use zk0_ledger::blobs::Blobs;
 use zk0_protocol::entries::authentic::{Authentic, AuthenticBody};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::{Signed, Submission};
-use zk0_protocol::rules::state::State;
+use zk0_protocol::rules::claim_context::ClaimContext;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::{Refusal, RefusalCode};
 use zk0_verifier::decide::{decide, is_recorded, DecisionEntry};
@@ -33,7 +33,7 @@ pub struct SubmissionAnswer {
 /// What a submission is judged by.
 pub struct PendingSubmission {
     /// The ledger, as far as it concerns the node's claims.
-    before: State,
+    context: ClaimContext,
     /// The update that the node has committed to, and the weights that the round starts from. The digests on the ledger count, because a
     /// claim may name other blobs.
     weights: [Digest; 2],
@@ -81,7 +81,7 @@ impl Aggregator {
         let commit = round.commits.get(&node).ok_or_else(not_committed)?;
         Ok(Admission::New(PendingSubmission {
             weights: [commit.update.blob, round.opened.base.blob],
-            before: state.for_claims_of(&node),
+            context: state.claim_context(&node),
             blobs: self.ledger.blobs().clone(),
             time_ms,
         }))
@@ -119,7 +119,7 @@ impl PendingSubmission {
         submission: Signed<Submission>,
         proof: Vec<u8>,
     ) -> Result<AuthenticContribution, RequestError> {
-        Ok(authenticate(submission, proof, &self.before)?)
+        Ok(authenticate(submission, proof, &self.context)?)
     }
 
     /// Reads the weights from the store of the blobs, if they are not in the ledger's folder.
@@ -137,7 +137,7 @@ impl PendingSubmission {
         self,
         contribution: AuthenticContribution,
     ) -> Result<VerifiedSubmission, RequestError> {
-        let decision = match self.before.check_claim(contribution.claim(), self.time_ms) {
+        let decision = match self.context.check_claim(contribution.claim(), self.time_ms) {
             Ok(()) => self.verify(&contribution)?,
             Err(reason) if is_recorded(&reason.code) => DecisionEntry::Rejected(reason),
             Err(reason) => return Err(reason.into()),
@@ -154,8 +154,8 @@ impl PendingSubmission {
     fn verify(&self, contribution: &AuthenticContribution) -> Result<DecisionEntry, RequestError> {
         let [update, base] = &self.weights;
         let get = |digest: &Digest, limit| self.blobs.get(digest, limit);
-        let weights = WeightFiles::read(update, base, self.before.rules(), get)?;
-        Ok(decide(&self.before, contribution, &weights, self.time_ms)?)
+        let weights = WeightFiles::read(update, base, self.context.rules(), get)?;
+        Ok(decide(&self.context, contribution, &weights, self.time_ms)?)
     }
 }
 

@@ -7,6 +7,7 @@ use crate::entries::member::Standing;
 use crate::entries::refusal::code::RefusalCode;
 use crate::entries::refusal::Refusal;
 use crate::entries::signed::{DatasetRegistration, KeyRotation, KeyTakeover, Leaving};
+use crate::rules::bindings::active;
 use crate::rules::network_rules::EnrolmentRule;
 use crate::rules::state::{Node, RegisteredDataset, State};
 use crate::rules::violation::RuleViolation;
@@ -68,15 +69,7 @@ impl State {
 
     /// The node, if it is enrolled and may contribute.
     pub(crate) fn active(&self, id: &NodeId) -> Result<&Node, Refusal> {
-        match self.nodes.get(id) {
-            None => Err(RefusalCode::NotEnrolled(*id).into()),
-            Some(node) if node.standing != Standing::Active => Err(RefusalCode::NotActive {
-                node: *id,
-                standing: node.standing,
-            }
-            .into()),
-            Some(node) => Ok(node),
-        }
+        active(id, self.nodes.get(id).map(|node| (node.standing, node)))
     }
 
     pub(super) fn check_rotation(

@@ -118,7 +118,9 @@ impl State {
                 Ok(self.check_claim(&signed.statement.claim, now)?)
             }
             Body::ContributionRejected { submission, reason } => {
-                self.check_rejected(&submission.statement.claim, reason, now)
+                let claim = &submission.statement.claim;
+                let bindings = self.claim_bindings(&claim.terms.node);
+                bindings.check_rejected(claim, reason, now)
             }
             Body::RoundClosed(closed) => self.check_closed(closed, now),
             Body::KeyRotated { rotation, takeover } => {

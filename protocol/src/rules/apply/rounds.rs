@@ -6,7 +6,7 @@ use crate::entries::refusal::claim_field::ClaimField;
 use crate::entries::refusal::code::{RefusalCode, RoundStatement};
 use crate::entries::refusal::Refusal;
 use crate::entries::signed::{Evidence, UpdateCommitment};
-use crate::rules::bindings::{already_submitted, drawn, in_time, same};
+use crate::rules::bindings::{in_time, same};
 use crate::rules::closing::credits::improvement_bps;
 use crate::rules::network_rules::Participation;
 use crate::rules::state::{
@@ -156,7 +156,7 @@ impl State {
             self.check_may_commit(&commitment.network, commitment.round, &node)?;
         in_time(
             RoundStatement::Commitment,
-            round,
+            round.number(),
             time_ms,
             round.opened.commit_deadline_ms,
         )?;
@@ -187,65 +187,6 @@ impl State {
             }
         }
         Ok(())
-    }
-
-    /// A refusal is recorded once, and only for a claim about the open round by a node that committed. If the ledger itself shows why a
-    /// claim is refused, the recorded reason has to be that one.
-    pub(super) fn check_rejected(
-        &self,
-        claim: &Claim,
-        reason: &RefusalCode,
-        time_ms: u64,
-    ) -> Result<(), RuleViolation> {
-        // A stranger may send again what the node signed for another round, so only a claim for this round counts.
-        let round =
-            self.check_addressed(&claim.terms.network, claim.terms.round, &claim.terms.node)?;
-        match round
-            .commits
-            .get(&claim.terms.node)
-            .map(|commit| commit.decision)
-        {
-            None => return Err(RefusalCode::NotCommitted(claim.terms.node).into()),
-            Some(Some(_)) => return Err(already_submitted(claim).into()),
-            Some(None) => {}
-        }
-        drawn(round)?;
-        let found = self.check_claim(claim, time_ms);
-        let code = found.as_ref().map_err(|refusal| refusal.code);
-        let holds = match (reason, &code) {
-            (
-                RefusalCode::Late {
-                    what,
-                    round,
-                    late_ms,
-                },
-                Err(RefusalCode::Late {
-                    what: late,
-                    round: open,
-                    late_ms: at_most,
-                }),
-            ) => {
-                // It was refused when it arrived, and recorded a moment later.
-                (1..=*at_most).contains(late_ms) && round == open && what == late
-            }
-            (RefusalCode::Late { .. } | RefusalCode::Binding(_), found) => {
-                found.as_ref() == Err(reason)
-            }
-            (reason, _) if !reason.follows_from_blobs() => false,
-            // Whoever holds the proof and the blobs can check these reasons.
-            _ => true,
-        };
-        if holds {
-            Ok(())
-        } else {
-            Err(RuleViolation::WrongReason {
-                given: reason.to_string(),
-                found: match found {
-                    Ok(()) => "by the ledger nothing is wrong with the claim".into(),
-                    Err(found) => format!("by the ledger the reason is: {found}"),
-                },
-            })
-        }
     }
 
     pub(super) fn check_closed(

@@ -29,8 +29,10 @@ fn carry_out() -> Outcome {
     let real = accepted(ledger_copy().path());
     let state = with_rules(&real.state, |rules| rules.max_update_norm_bps = 1);
     let contribution = real.contribution;
-    let verified = authenticate(contribution.submission, contribution.proof, &state)
-        .and_then(|authentic| verify(&authentic, &contribution.weights, &state, real.time_ms));
+    let node = contribution.submission.statement.claim.terms.node;
+    let context = state.claim_context(&node);
+    let verified = authenticate(contribution.submission, contribution.proof, &context)
+        .and_then(|authentic| verify(&authentic, &contribution.weights, &context, real.time_ms));
     match verified {
         Ok(verified) => Outcome::Succeeded(format!(
             "the contribution of node {} counts in full",

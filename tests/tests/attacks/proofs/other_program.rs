@@ -15,8 +15,8 @@ pub const ATTACK: Attack = Attack {
         out: &[SourceChange {
             file: "verifier/src/contribution.rs",
             replacements: &[(
-                "    check_proof_of(state.program(), contribution.parts()?.sp1, claim)\n",
-                "    let checked = check_proof_of(state.program(), contribution.parts()?.sp1, claim);
+                "        check_proof_of(&terms.program, self.parts()?.sp1, self.claim())\n",
+                "    let checked = check_proof_of(&terms.program, self.parts()?.sp1, self.claim());
     match checked {
         Err(Refusal { code: RefusalCode::OtherProgram, .. }) if OUT => Ok(()),
         checked => checked,

@@ -1,0 +1,73 @@
+//! The history that a writer goes on from. Before a log signs more, its writer verifies all entries, and compares the result with what the
+//! log has signed.
+
+use super::database;
+use super::relay;
+use super::verified::{known_tree, HistoryFold, VerifiedHistory};
+use crate::error::LedgerError;
+use crate::folder;
+use crate::pruned;
+use crate::store::Store;
+use std::path::Path;
+use zk0_circuits::Digest;
+use zk0_protocol::tlog::checkpoint::Checkpoint;
+
+/// Reads and verifies everything in `store`, which is the database in `dir`: each entry by the rules, each tree hash, each checkpoint, and the
+/// root at the size of `published`, which is the content of the checkpoint file. If `network` is given, the ledger has to be of that network.
+pub fn verify(
+    store: &Store,
+    dir: &Path,
+    network: Option<&Digest>,
+    published: Option<&[u8]>,
+    fold: &mut dyn HistoryFold,
+) -> Result<VerifiedHistory, LedgerError> {
+    if store.size()? == 0 {
+        return Err(LedgerError::NoLedger(dir.into()));
+    }
+    let found = VerifiedHistory::found(store, dir, network, fold);
+    let mut history = found.map_err(|stopped| stopped.error)?;
+    verify_rest(store, dir, published, &mut history, fold)?;
+    Ok(history)
+}
+
+/// Goes on to the end of `store`, which has to continue what is verified.
+pub fn verify_rest(
+    store: &Store,
+    dir: &Path,
+    published: Option<&[u8]>,
+    history: &mut VerifiedHistory,
+    fold: &mut dyn HistoryFold,
+) -> Result<(), LedgerError> {
+    let whole = store.size()?;
+    if let Some(signed) = open_published(dir, history, whole, published)? {
+        known_tree(store, whole, &signed)?;
+    }
+    let (size, root) = (history.size(), history.root()?);
+    known_tree(store, whole, &Checkpoint { size, root })?;
+    pruned::read_within(dir, history.genesis(), whole)?;
+    database::check_keys(store, whole)?;
+    let threads = relay::default_threads();
+    let verified = relay::run(store, whole, history, fold, threads, None);
+    verified.map_err(|stopped| stopped.error)
+}
+
+/// What the checkpoint file says.
+fn open_published(
+    dir: &Path,
+    history: &VerifiedHistory,
+    held: u64,
+    published: Option<&[u8]>,
+) -> Result<Option<Checkpoint>, LedgerError> {
+    let path = folder::checkpoint(dir);
+    let genesis = history.genesis();
+    match published {
+        // The writer was killed right after the founding.
+        None if held == 1 => Ok(None),
+        None => Err(LedgerError::NoCheckpoint(path)),
+        Some(text) => match Checkpoint::open(text, genesis.origin(), &genesis.log_key) {
+            Ok(signed) if signed.size == 0 => Err(LedgerError::RolledBack { held, signed: 0 }),
+            Ok(signed) => Ok(Some(signed)),
+            Err(error) => Err(LedgerError::CheckpointFile { path, error }),
+        },
+    }
+}

@@ -1,0 +1,261 @@
+//! The part of a replay that needs the entries before: the tree, the checkpoints, the rules. It takes one entry after the other, and hands
+//! each to a fold.
+
+use super::chunk::{Chunk, Item, StoredCheckpoint};
+use super::stopped::Stopped;
+use crate::error::LedgerError;
+use crate::group::UNUSED_ROOT;
+use crate::store::Store;
+use std::path::Path;
+use std::sync::Arc;
+use zk0_circuits::Digest;
+use zk0_protocol::entries::authentic::AuthenticEntry;
+use zk0_protocol::entries::entry::needs_checkpoint;
+use zk0_protocol::entries::known_keys::KnownKeys;
+use zk0_protocol::rules::state::State;
+use zk0_protocol::rules::violation::RuleViolation;
+use zk0_protocol::tlog::checkpoint::Checkpoint;
+use zk0_protocol::tlog::tree::Frontier;
+use zk0_protocol::{Entry, Genesis};
+
+/// What somebody computes of a history, entry by entry, while it is verified. The calls come one after the other, though not all from the
+/// same thread.
+pub trait HistoryFold: Send {
+    /// Takes the genesis.
+    fn genesis(&mut self, _genesis: &Genesis) {}
+
+    /// Takes entry `index`, which the rules allow in the state `before`. Its bytes, the tree and the checkpoint after it are verified.
+    fn entry(&mut self, _before: &State, _index: u64, _entry: &Entry) {}
+
+    /// Is called from time to time, with what is verified so far.
+    fn pause(&mut self, _verified: &VerifiedHistory) {}
+}
+
+/// Nothing but the history itself.
+impl HistoryFold for () {}
+
+/// The verified first entries of a log.
+pub struct VerifiedHistory {
+    /// How many entries the log has.
+    whole: u64,
+    state: State,
+    tree: Frontier,
+    /// The keys that the verified entries use. Threads that verify signatures hold older copies.
+    keys: Arc<KnownKeys>,
+    checkpoints: u64,
+    /// The text of the newest verified checkpoint. It is empty where the history goes on from an earlier replay.
+    checkpoint: Vec<u8>,
+}
+
+impl VerifiedHistory {
+    /// Verifies the first entry in `store`, which is the database in `dir`. If `network` is given, it has to found that network.
+    pub(super) fn found(
+        store: &Store,
+        dir: &Path,
+        network: Option<&Digest>,
+        fold: &mut dyn HistoryFold,
+    ) -> Result<Self, Stopped> {
+        let Chunk { items, broken } = Chunk::read(store, 0..1, None);
+        let Some(item) = items.first() else {
+            return Err(broken.unwrap_or_else(|| Stopped::bad(0, "the entry is missing")));
+        };
+        let state =
+            State::found(&item.entry).map_err(|error| Stopped::bad(0, error.to_string()))?;
+        check_network(dir, state.network(), network).map_err(|error| Stopped::at(0, error))?;
+        let mut history = Self::resume(state, Frontier::default(), 0);
+        let (tree, _) = history.with_leaf(item)?;
+        history.grow(tree, item.checkpoint.as_ref());
+        fold.genesis(history.genesis());
+        Ok(history)
+    }
+
+    /// What an earlier replay has verified, and `tree`, which is the one that it had.
+    pub(super) fn resume(state: State, tree: Frontier, checkpoints: u64) -> Self {
+        Self {
+            whole: tree.size(),
+            state,
+            tree,
+            keys: Arc::default(),
+            checkpoints,
+            checkpoint: Vec::new(),
+        }
+    }
+
+    /// Says how many entries the log has. If the verified ones are all of them, no later checkpoint vouches for the last one, so it needs
+    /// its own.
+    pub(super) fn is_of(&mut self, store: &Store, whole: u64) -> Result<(), Stopped> {
+        self.whole = whole;
+        if self.size() < whole {
+            return Ok(());
+        }
+        let index = whole.saturating_sub(1);
+        let text = store.checkpoint(whole)?;
+        let signed = text.map(|text| StoredCheckpoint::open(text, Some(self.genesis())));
+        let root = self.root()?;
+        check_checkpoint(signed.as_ref(), &Checkpoint { size: whole, root }, true)
+            .map_err(|why| Stopped::bad(index, why))?;
+        self.checkpoint = signed.map_or_else(Vec::new, |signed| signed.text);
+        Ok(())
+    }
+
+    /// How many entries are verified.
+    pub fn size(&self) -> u64 {
+        self.tree.size()
+    }
+
+    /// The genesis.
+    pub fn genesis(&self) -> &Genesis {
+        self.state.genesis()
+    }
+
+    /// The state after the verified entries.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// The root of their tree.
+    pub fn root(&self) -> Result<Digest, LedgerError> {
+        Ok(self.tree.root()?)
+    }
+
+    /// How many checkpoints are verified.
+    pub fn checkpoints(&self) -> u64 {
+        self.checkpoints
+    }
+
+    /// The text of the newest verified checkpoint.
+    pub fn checkpoint(&self) -> &[u8] {
+        &self.checkpoint
+    }
+
+    /// The keys that are known so far, for the threads that verify signatures.
+    pub(super) fn keys(&self) -> Arc<KnownKeys> {
+        Arc::clone(&self.keys)
+    }
+
+    /// The state, the tree, and the text of the newest checkpoint.
+    pub(crate) fn into_parts(self) -> (State, Frontier, Vec<u8>) {
+        (self.state, self.tree, self.checkpoint)
+    }
+
+    /// Verifies the next entries, in order. `authentic` says for each whether its signatures are valid.
+    pub(super) fn take(
+        &mut self,
+        chunk: &Chunk,
+        authentic: &[Result<AuthenticEntry<'_>, RuleViolation>],
+        fold: &mut dyn HistoryFold,
+    ) -> Result<(), Stopped> {
+        for (item, authentic) in chunk.items.iter().zip(authentic) {
+            let (tree, root) = self.with_leaf(item)?;
+            self.check_allowed(&item.entry, authentic)
+                .map_err(|violation| Stopped::bad(item.index, violation.to_string()))?;
+            fold.entry(&self.state, item.index, &item.entry);
+            self.state.enact(&root, &item.entry);
+            // The map is copied when other threads hold it, so it is left alone where nothing is new.
+            if self.keys.lacks(&item.entry) {
+                Arc::make_mut(&mut self.keys).learn(&item.entry);
+            }
+            self.grow(tree, item.checkpoint.as_ref());
+        }
+        Ok(())
+    }
+
+    fn grow(&mut self, tree: Frontier, signed: Option<&StoredCheckpoint>) {
+        self.tree = tree;
+        if let Some(signed) = signed {
+            self.checkpoints += 1;
+            self.checkpoint.clone_from(&signed.text);
+        }
+    }
+
+    /// The tree with one more entry, and its root, which is the true one where something follows from it. The stored hashes have to be those
+    /// that the entry completes, and the checkpoint after it has to be of this tree.
+    fn with_leaf(&self, item: &Item) -> Result<(Frontier, Digest), Stopped> {
+        let bad = |why: String| Stopped::bad(item.index, why);
+        let mut tree = self.tree.clone();
+        let hashes = tree.push_leaf(item.leaf);
+        let hashes = hashes.map_err(|error| bad(error.to_string()))?;
+        if item.hashes.as_ref() != Some(&hashes) {
+            return Err(bad(
+                "the stored tree hashes do not belong to the entries".into()
+            ));
+        }
+        let (size, signed) = (tree.size(), item.checkpoint.as_ref());
+        let needed = size == self.whole || needs_checkpoint(&item.entry.body);
+        if !needed && signed.is_none() {
+            return Ok((tree, UNUSED_ROOT));
+        }
+        let root = tree.root().map_err(|error| bad(error.to_string()))?;
+        check_checkpoint(signed, &Checkpoint { size, root }, needed).map_err(bad)?;
+        Ok((tree, root))
+    }
+
+    /// Whether the rules allow the entry. The thread that read the entry has verified its signatures.
+    fn check_allowed(
+        &self,
+        entry: &Entry,
+        authentic: &Result<AuthenticEntry<'_>, RuleViolation>,
+    ) -> Result<(), RuleViolation> {
+        match authentic {
+            Ok(authentic) => self.state.check_authentic(authentic),
+            // A wrong version or time is reported first, as when an entry is appended.
+            Err(violation) => self.state.check(entry).and(Err(violation.clone())),
+        }
+    }
+}
+
+/// Checks the checkpoint of `after`'s size. It may be missing within a group, but not where it is `needed`.
+fn check_checkpoint(
+    signed: Option<&StoredCheckpoint>,
+    after: &Checkpoint,
+    needed: bool,
+) -> Result<(), String> {
+    match signed.map(|signed| &signed.opened) {
+        None if needed => Err("the checkpoint after the entry is missing".into()),
+        None => Ok(()),
+        Some(Err(why)) => Err(why.clone()),
+        Some(Ok(signed)) if signed == after => Ok(()),
+        Some(Ok(signed)) => Err(format!(
+            "the checkpoint signs root {} of {} entries, but the first {} entries have root {}",
+            signed.root, signed.size, after.size, after.root
+        )),
+    }
+}
+
+/// The tree of which somebody knows the size and the root, from the hashes of a log of `whole` entries. The replay verifies that the hashes
+/// belong to the entries.
+pub fn known_tree(store: &Store, whole: u64, known: &Checkpoint) -> Result<Frontier, LedgerError> {
+    if known.size > whole {
+        return Err(LedgerError::RolledBack {
+            held: whole,
+            signed: known.size,
+        });
+    }
+    let tree = Frontier::read(known.size, store)?;
+    let found = tree.root()?;
+    if found == known.root {
+        Ok(tree)
+    } else {
+        Err(LedgerError::Forked {
+            size: known.size,
+            found,
+            signed: known.root,
+        })
+    }
+}
+
+/// Refuses a folder of another network than `expected`.
+pub fn check_network(
+    dir: &Path,
+    found: &Digest,
+    expected: Option<&Digest>,
+) -> Result<(), LedgerError> {
+    match expected {
+        Some(expected) if expected != found => Err(LedgerError::OtherNetwork {
+            dir: dir.into(),
+            found: *found,
+            expected: *expected,
+        }),
+        _ => Ok(()),
+    }
+}
