@@ -10,7 +10,7 @@ use zk0_protocol::{Genesis, Refusal, RefusalCode, State};
 use zk0_verifier::decide::decide;
 use zk0_verifier::releases::can_verify;
 use zk0_verifier::{
-    authenticate, blob_digest, check_proof, ProgramKey, UnverifiedContribution,
+    authenticate, blob_digest, check_proof, CheckedClaim, ProgramKey, UnverifiedContribution,
     VerifiedContribution,
 };
 
@@ -136,8 +136,9 @@ fn without_the_verifier_of_its_release_a_proof_is_neither_right_nor_wrong() {
         weights,
     } = real.contribution.clone();
     let authentic = authenticate(submission, proof, &state).unwrap();
+    let checked = CheckedClaim::of(authentic.claim(), &state, real.time_ms).unwrap();
     assert_eq!(
-        decide(&state, &authentic, &weights, real.time_ms),
+        decide(&checked, &authentic, &weights, &state),
         Err(expected.into())
     );
 }

@@ -1,5 +1,6 @@
-//! From what a node sent to what counts: [`authenticate`] makes an [`AuthenticContribution`], and [`verify`] makes a
-//! [`VerifiedContribution`] of it. Each step takes what the step before it made, so that none is left out and none is done twice.
+//! From what a node sent to what counts: [`authenticate`] makes an [`AuthenticContribution`], [`CheckedClaim::of`] compares its claim with the
+//! ledger, and [`verify`] makes a [`VerifiedContribution`] of both. Each step takes what the steps before it made, so that none is left out and
+//! none is done twice.
 
 use crate::combine::sealed::Sealed;
 use crate::contribution_blobs::WeightFiles;
@@ -9,6 +10,7 @@ use zk0_circuits::{Claim, NodeId};
 use zk0_protocol::blob::Blob;
 use zk0_protocol::entries::authentic::Authentic;
 use zk0_protocol::entries::proof_blob::ProofBlob;
+use zk0_protocol::entries::refusal::claim_field::ClaimField;
 use zk0_protocol::entries::refusal::code::RoundFile;
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::rules::state::State;
@@ -48,6 +50,19 @@ impl AuthenticContribution {
     fn parts(&self) -> Result<ProofBlob<'_>, Refusal> {
         let parts = ProofBlob::split(self.claim(), self.proof.bytes());
         parts.map_err(|error| RefusalCode::MalformedProof.because(error))
+    }
+}
+
+/// A claim that agrees with the ledger. Only [`CheckedClaim::of`] makes one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CheckedClaim(Claim);
+
+impl CheckedClaim {
+    /// Compares a claim recorded at `time_ms` with what the ledger fixes: network, round, commitment, one submission a round, every field of
+    /// the claim, the deadline.
+    pub fn of(claim: &Claim, state: &State, time_ms: u64) -> Result<Self, Refusal> {
+        state.check_claim(claim, time_ms)?;
+        Ok(Self(claim.clone()))
     }
 }
 
@@ -131,19 +146,33 @@ pub fn authenticate(
     }
 }
 
-/// Verifies a contribution recorded at `time_ms` on top of `state`, the cheapest check first: the size of the update, what the
-/// ledger fixes (network, round, commitment, one submission a round, every field of the claim, the deadline), the SP1 proof, and
-/// last the weights ([`Evaluation::check_weights`]).
+/// Verifies a contribution recorded at `time_ms` on top of `state`, the cheapest check first: what the ledger fixes
+/// ([`CheckedClaim::of`]), the size of the update, the SP1 proof, and last the weights ([`Evaluation::check_weights`]).
 pub fn verify(
     contribution: &AuthenticContribution,
     weights: &WeightFiles,
     state: &State,
     time_ms: u64,
 ) -> Result<VerifiedContribution, Refusal> {
+    let checked = CheckedClaim::of(contribution.claim(), state, time_ms)?;
+    verify_checked(contribution, &checked, weights, state)
+}
+
+/// [`verify`] of a contribution whose claim was compared with the ledger before.
+pub(crate) fn verify_checked(
+    contribution: &AuthenticContribution,
+    checked: &CheckedClaim,
+    weights: &WeightFiles,
+    state: &State,
+) -> Result<VerifiedContribution, Refusal> {
+    let CheckedClaim(claim) = checked;
+    if claim != contribution.claim() {
+        let why = "another claim was compared with the ledger";
+        return Err(RefusalCode::Binding(ClaimField::Version).because(why));
+    }
     let rules = state.rules();
     check_size(RoundFile::Update, &weights.update, rules.max_update_bytes)?;
-    verify_claim(contribution, state, time_ms)?;
-    let claim = contribution.claim();
+    check_proven(contribution, state)?;
     let evaluation = Evaluation::of(state)?;
     let weight_check = contribution.parts()?.weight_check;
     let update = evaluation.check_weights(claim, weight_check, weights, rules)?;
@@ -160,8 +189,12 @@ pub fn verify_claim(
     state: &State,
     time_ms: u64,
 ) -> Result<(), Refusal> {
+    CheckedClaim::of(contribution.claim(), state, time_ms)?;
+    check_proven(contribution, state)
+}
+
+fn check_proven(contribution: &AuthenticContribution, state: &State) -> Result<(), Refusal> {
     let claim = contribution.claim();
-    state.check_claim(claim, time_ms)?;
     check_proof_of(state.program(), contribution.parts()?.sp1, claim)
 }
 
