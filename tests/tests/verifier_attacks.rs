@@ -248,9 +248,8 @@ fn a_truncated_or_extended_proof_is_malformed() {
     ));
 }
 
-#[test]
-fn changed_public_values_are_another_claim() {
-    let real = real();
+/// The real claim with a lower loss after the training. The ledger does not know the losses.
+fn with_another_loss(real: &Accepted) -> Claim {
     let mut claim = real.contribution.submission.statement.claim.clone();
     let Losses::Disclosed {
         before,
@@ -265,6 +264,28 @@ fn changed_public_values_are_another_claim() {
         after: after - 1,
         elements,
     };
+    claim
+}
+
+#[test]
+fn only_the_claim_that_was_compared_with_the_ledger_counts() {
+    let real = real();
+    let UnverifiedContribution {
+        submission,
+        proof,
+        weights,
+    } = real.contribution.clone();
+    let other = with_another_loss(&real);
+    let checked = CheckedClaim::of(&other, &real.state, real.time_ms).unwrap();
+    let authentic = authenticate(submission, proof, &real.state).unwrap();
+    let refused = decide(&checked, &authentic, &weights, &real.state).unwrap_err();
+    assert!(refused.detail.contains("another claim"), "{refused}");
+}
+
+#[test]
+fn changed_public_values_are_another_claim() {
+    let real = real();
+    let claim = with_another_loss(&real);
     let key = ProgramKey::from_bytes(&real.state.genesis().program).unwrap();
     assert_eq!(
         check_proof(&real.contribution.proof, &claim, &key),
