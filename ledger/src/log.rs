@@ -20,12 +20,13 @@ use crate::error::{io_error, LedgerError};
 use crate::folder;
 use crate::group::{group, TrialState, WantedEntry};
 use crate::replay::{continuing, HistoryFold};
+use crate::store::reader::LedgerReader;
 use crate::store::{Store, StoreBatch};
 use ed25519_dalek::SigningKey;
+use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
-use tlog_tiles::tlog::{prove_record, prove_tree};
 use zk0_circuits::Digest;
 use zk0_files::atomic_file::{create_folder, folder_of};
 use zk0_protocol::challenge::vrf::VrfProof;
@@ -42,7 +43,7 @@ use zk0_protocol::tlog::tree::Frontier;
 /// A ledger that is open for writing. Only one process at a time can have it open.
 pub struct Ledger {
     dir: PathBuf,
-    store: Store,
+    reader: LedgerReader,
     blobs: Blobs,
     key: SigningKey,
     tree: Frontier,
@@ -82,7 +83,9 @@ impl Ledger {
         }
         let mut ledger = Self {
             dir: dir.into(),
-            store,
+            reader: LedgerReader {
+                store: Arc::new(store),
+            },
             blobs: Blobs::at(dir),
             key,
             tree: Frontier::default(),
@@ -164,7 +167,9 @@ impl Ledger {
         }
         Ok(Self {
             dir: dir.into(),
-            store,
+            reader: LedgerReader {
+                store: Arc::new(store),
+            },
             blobs,
             key,
             tree,
@@ -188,7 +193,7 @@ impl Ledger {
 
     /// Appends entries as one group, with one write to disk and one checkpoint at the end, and one more after each entry from whose tree
     /// something follows. An entry that the rules refuse, after those before it, is left out. When this returns, all others are on disk.
-    /// Returns for each entry its index, or why it is refused. [`Ledger::first_receipt`] gives the receipts.
+    /// Returns for each entry its index, or why it is refused. [`LedgerReader::first_receipt`] gives the receipts.
     ///
     /// The time that this takes is proportional to the size of the group. The first group of several entries also copies the state.
     ///
@@ -270,7 +275,7 @@ impl Ledger {
     /// Commits, and then publishes. After a failure it is unknown what is on disk, so nothing more is written.
     fn write(&mut self, batch: StoreBatch, checkpoint: Vec<u8>) -> Result<(), LedgerError> {
         self.poisoned = true;
-        self.store.commit(batch)?;
+        self.reader.store.commit(batch)?;
         folder::write_checkpoint(&self.dir, &checkpoint)?;
         self.checkpoint = checkpoint;
         self.poisoned = false;
@@ -290,6 +295,11 @@ impl Ledger {
     /// The log's verifiable random function for `input`, with its proof.
     pub fn vrf(&self, input: &Digest) -> VrfProof {
         VrfProof::of(&self.key, &input.0)
+    }
+
+    /// Reads entries and receipts, also while the ledger is written.
+    pub fn reader(&self) -> &LedgerReader {
+        &self.reader
     }
 
     /// The state after the last entry.
@@ -317,61 +327,16 @@ impl Ledger {
         &self.dir
     }
 
-    /// One entry.
-    pub fn entry(&self, index: u64) -> Result<Entry, LedgerError> {
-        let bytes = self
-            .store
-            .entry(index)?
-            .ok_or(LedgerError::NoEntry(index))?;
-        Ok(Entry::decode(&bytes)?)
-    }
-
     /// The proof that entry `index` is in the tree of the newest checkpoint.
     pub fn receipt(&self, index: u64) -> Result<Receipt, LedgerError> {
         self.receipt_at(self.tree.size(), index)
     }
+}
 
-    /// The receipt that [`Ledger::append`] gave for entry `index`. Its checkpoint is the first that covers the entry.
-    pub fn first_receipt(&self, index: u64) -> Result<Receipt, LedgerError> {
-        let missing = || LedgerError::NoEntry(index);
-        let after = index.checked_add(1).ok_or_else(missing)?;
-        let covering = self.store.checkpoint_from(after)?;
-        let (size, checkpoint) = covering.ok_or_else(missing)?;
-        self.receipt_with(size, checkpoint, index)
-    }
+impl Deref for Ledger {
+    type Target = LedgerReader;
 
-    /// The proof that entry `index` is in the tree of the first `size` entries, with the checkpoint of that size. A group has to have ended
-    /// there.
-    pub fn receipt_at(&self, size: u64, index: u64) -> Result<Receipt, LedgerError> {
-        self.receipt_with(size, self.checkpoint_at(size)?, index)
-    }
-
-    fn receipt_with(
-        &self,
-        size: u64,
-        checkpoint: Vec<u8>,
-        index: u64,
-    ) -> Result<Receipt, LedgerError> {
-        let missing = || LedgerError::NoEntry(index);
-        let entry = self.store.entry(index)?.ok_or_else(missing)?;
-        let proof = prove_record(size, index, &self.store)?;
-        Ok(Receipt {
-            index,
-            entry,
-            checkpoint,
-            proof: proof.into_iter().map(|hash| Digest(hash.0)).collect(),
-        })
-    }
-
-    /// The log's checkpoint of the first `size` entries, with only the log's signature. A group has to have ended there.
-    pub fn checkpoint_at(&self, size: u64) -> Result<Vec<u8>, LedgerError> {
-        let missing = LedgerError::NoCheckpointAt(size);
-        self.store.checkpoint(size)?.ok_or(missing)
-    }
-
-    /// RFC 6962 consistency proof from the tree of the first `old` entries to that of the first `new`.
-    pub fn consistency_between(&self, old: u64, new: u64) -> Result<Vec<Digest>, LedgerError> {
-        let proof = prove_tree(new, old, &self.store)?;
-        Ok(proof.into_iter().map(|hash| Digest(hash.0)).collect())
+    fn deref(&self) -> &LedgerReader {
+        &self.reader
     }
 }

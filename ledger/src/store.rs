@@ -5,6 +5,7 @@ mod engine;
 mod on_files;
 #[cfg(feature = "rocksdb")]
 mod on_rocksdb;
+pub mod reader;
 
 pub use engine::DatabaseKey;
 

@@ -23,12 +23,13 @@ use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::signed::{
-    DatasetRegistration, Enrolment, Proposal, SignatureError, Signed, Submission, UpdateCommitment,
+    DatasetRegistration, Proposal, SignatureError, Signed, Submission, UpdateCommitment,
 };
 use zk0_protocol::quote::short;
 use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation as rpc;
 use zk0_protocol::rpc::federation::federation_client::FederationClient;
+use zk0_protocol::rpc::federation::record_request::Statement;
 use zk0_protocol::rpc::federation::turned_down::Remedy;
 use zk0_protocol::rpc::head_metadata::with_head;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
@@ -194,17 +195,9 @@ impl NodeClient {
         registration: DatasetRegistration,
         leaves: Vec<u8>,
     ) -> Result<Receipt, NodeError> {
-        let signed = Signed::new(registration, &self.key);
-        let message = rpc::RegisterDatasetRequest {
-            registration: encode(&signed),
-            leaves,
-        };
-        let about = About::message(Method::RegisterDataset, &message.registration);
-        let receipt = patiently!(self
-            .client
-            .register_dataset(self.introduced(&about, message.clone()).await?))?;
-        let receipt = receipt.into_inner();
-        self.recorded(receipt, Body::DatasetCommitted(signed))
+        let body = Body::DatasetCommitted(Signed::new(registration, &self.key));
+        let statement = Statement::Body(encode(&body));
+        self.stated(statement, leaves, body).await
     }
 
     /// The guest program in force, as the aggregator says.
@@ -274,14 +267,9 @@ impl NodeClient {
             eval_samples,
         };
         let commitment = closing::commitment(&statement);
-        let signed = Signed::new(statement, &self.key);
-        let message = rpc::CommitRequest {
-            commitment: encode(&signed),
-        };
-        let about = About::message(Method::Commit, &message.commitment).in_round(round);
-        let receipt = patiently!(self.client.commit(self.headed(&about, message.clone())?))?;
-        let receipt = receipt.into_inner();
-        let receipt = self.recorded(receipt, Body::UpdateCommitted(signed))?;
+        let body = Body::UpdateCommitted(Signed::new(statement, &self.key));
+        let statement = Statement::Body(encode(&body));
+        let receipt = self.stated(statement, Vec::new(), body).await?;
         Ok((commitment, receipt))
     }
 
@@ -303,9 +291,10 @@ impl NodeClient {
         let submission = encode(&signed);
         let about = About::message(Method::Submit, &submission).in_round(round);
         let message = rpc::SubmitRequest { submission, proof };
-        let reply = patiently!(self
-            .client
-            .submit(self.introduced(&about, message.clone()).await?))?;
+        let reply = patiently!(self.client.submit({
+            self.introduce().await;
+            self.headed(&about, message.clone())?
+        }))?;
         let reply = reply.into_inner();
         let receipt = reply
             .receipt
@@ -334,28 +323,43 @@ impl NodeClient {
 
     /// Puts a signed statement on the ledger: a proposal, a vote, a dispute, or a change of key. Returns the entry's index.
     pub async fn record(&mut self, body: Body) -> Result<u64, NodeError> {
-        let message = rpc::RecordRequest {
-            body: encode(&body),
-        };
-        let about = About::message(Method::Record, &message.body);
-        let receipt = patiently!(self.client.record(self.headed(&about, message.clone())?))?;
-        let receipt = receipt.into_inner();
-        Ok(self.recorded(receipt, body)?.index)
+        let statement = Statement::Body(encode(&body));
+        Ok(self.stated(statement, Vec::new(), body).await?.index)
     }
 
-    /// Has the aggregator enrol a node, which `body` records. Returns the entry's index.
-    pub(crate) async fn record_enrolment(
+    /// Has the aggregator record what this key has signed. Returns the receipt of its entry, which has this body.
+    pub(crate) async fn stated(
         &mut self,
-        signed: &Signed<Enrolment>,
+        statement: Statement,
+        leaves: Vec<u8>,
         body: Body,
-    ) -> Result<u64, NodeError> {
-        let message = rpc::EnrolRequest {
-            enrolment: encode(signed),
+    ) -> Result<Receipt, NodeError> {
+        let (Statement::Body(bytes) | Statement::Enrolment(bytes)) = &statement;
+        let about = About::message(Method::Record, bytes);
+        let about = match &body {
+            Body::UpdateCommitted(signed) => about.in_round(signed.statement.round),
+            _ => about,
         };
-        let about = About::message(Method::Enrol, &message.enrolment);
-        let receipt = patiently!(self.client.enrol(self.headed(&about, message.clone())?))?;
-        let receipt = receipt.into_inner();
-        Ok(self.recorded(receipt, body)?.index)
+        let message = rpc::RecordRequest {
+            statement: Some(statement),
+            leaves,
+        };
+        let receipt = patiently!(self.client.record({
+            // The message is large.
+            if matches!(body, Body::DatasetCommitted(_)) {
+                self.introduce().await;
+            }
+            self.headed(&about, message.clone())?
+        }))?;
+        let (receipt, _, entry) = self.opened(receipt.into_inner())?;
+        if entry.body == body {
+            Ok(receipt)
+        } else {
+            Err(unexpected(
+                "a receipt of what this node signed",
+                "a receipt of another entry",
+            ))
+        }
     }
 
     /// The rules in force and the open proposals. The proposals come with receipts and with their proposers' signatures. The rest is only
@@ -396,35 +400,12 @@ impl NodeClient {
         Ok(with_head(message, &head))
     }
 
-    /// A request for a large `message` with a new head, after the node has shown who it is.
-    async fn introduced<T>(
-        &mut self,
-        about: &About,
-        message: T,
-    ) -> Result<tonic::Request<T>, NodeError> {
-        self.introduce().await;
-        self.headed(about, message)
-    }
-
     /// Asks the aggregator for its run, because it may have been started again. If it does not answer, the next request shows that.
     pub(crate) async fn learn_run(&mut self) {
         if let Ok(info) = self.client.get_network(rpc::GetNetworkRequest {}).await {
             if let Ok(run) = run(&info.into_inner().run) {
                 self.heads.run = run;
             }
-        }
-    }
-
-    /// Checks that the entry of the receipt is `body`.
-    fn recorded(&self, receipt: rpc::Receipt, body: Body) -> Result<Receipt, NodeError> {
-        let (receipt, _, entry) = self.opened(receipt)?;
-        if entry.body == body {
-            Ok(receipt)
-        } else {
-            Err(unexpected(
-                "a receipt of what this node signed",
-                "a receipt of another entry",
-            ))
         }
     }
 

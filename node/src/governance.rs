@@ -11,6 +11,7 @@ use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::{
     Dispute, Enrolment, Evidence, KeyRotation, KeyTakeover, Leaving, Proposal, Signed, Vote,
 };
+use zk0_protocol::rpc::federation::record_request::Statement;
 
 /// A proposal that is on the ledger.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,8 +32,10 @@ impl NodeClient {
             name: name.clone(),
         };
         let signed = Signed::new(enrolment, self.key());
+        let statement = borsh::to_vec(&signed).expect("writing to a Vec cannot fail");
         let body = Body::NodeEnrolled(NodeEnrolled { node, name });
-        self.record_enrolment(&signed, body).await
+        let receipt = self.stated(Statement::Enrolment(statement), Vec::new(), body);
+        Ok(receipt.await?.index)
     }
 
     /// Proposes a change, with a title and a text for people.

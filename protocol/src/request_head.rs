@@ -16,18 +16,12 @@ pub const MAX_HEAD_BYTES: usize = 512;
 /// The methods whose requests have heads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, BorshSerialize, BorshDeserialize)]
 pub enum Method {
-    /// `RegisterDataset`.
-    RegisterDataset,
-    /// `Upload`.
-    Upload,
-    /// `Commit`.
-    Commit,
     /// `Submit`.
     Submit,
+    /// `Upload`.
+    Upload,
     /// `Record`.
     Record,
-    /// `Enrol`.
-    Enrol,
     /// `WatchRound`, by a node that shows that it is present.
     WatchRound,
 }

@@ -156,7 +156,7 @@ fn statements() {
         RequestHead {
             network: *state.network(),
             run: [1; 16],
-            method: Method::Commit,
+            method: Method::Record,
             round: Some(0),
             body: digest(0x20),
             sender: id(0),

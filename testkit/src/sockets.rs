@@ -45,7 +45,7 @@ pub async fn begin_large_message(stream: &mut TcpStream) {
     for (name, value) in [
         (":method", "POST"),
         (":scheme", "http"),
-        (":path", "/zk0.v1.Federation/Commit"),
+        (":path", "/zk0.v1.Federation/Record"),
         (":authority", "x"),
         ("content-type", "application/grpc"),
         ("te", "trailers"),

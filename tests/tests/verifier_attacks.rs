@@ -10,7 +10,7 @@ use zk0_protocol::{Genesis, Refusal, RefusalCode, State};
 use zk0_verifier::decide::decide;
 use zk0_verifier::releases::can_verify;
 use zk0_verifier::{
-    authenticate, blob_digest, check_proof, ProgramKey, UnverifiedContribution,
+    authenticate, blob_digest, check_proof, CheckedClaim, ProgramKey, UnverifiedContribution,
     VerifiedContribution,
 };
 
@@ -138,8 +138,9 @@ fn without_the_verifier_of_its_release_a_proof_is_neither_right_nor_wrong() {
     } = real.contribution.clone();
     let context = state.claim_context(&submission.statement.claim.terms.node);
     let authentic = authenticate(submission, proof, &context).unwrap();
+    let checked = CheckedClaim::of(authentic.claim(), &context, real.time_ms).unwrap();
     assert_eq!(
-        decide(&context, &authentic, &weights, real.time_ms),
+        decide(&checked, &authentic, &weights, context.terms()),
         Err(expected.into())
     );
 }
@@ -249,9 +250,8 @@ fn a_truncated_or_extended_proof_is_malformed() {
     ));
 }
 
-#[test]
-fn changed_public_values_are_another_claim() {
-    let real = real();
+/// The real claim with a lower loss after the training. The ledger does not know the losses.
+fn with_another_loss(real: &Accepted) -> Claim {
     let mut claim = real.contribution.submission.statement.claim.clone();
     let Losses::Disclosed {
         before,
@@ -266,6 +266,28 @@ fn changed_public_values_are_another_claim() {
         after: after - 1,
         elements,
     };
+    claim
+}
+
+#[test]
+fn only_the_claim_that_was_compared_with_the_ledger_counts() {
+    let real = real();
+    let UnverifiedContribution {
+        submission,
+        proof,
+        weights,
+    } = real.contribution.clone();
+    let other = with_another_loss(&real);
+    let checked = CheckedClaim::of(&other, &real.state, real.time_ms).unwrap();
+    let authentic = authenticate(submission, proof, &real.state).unwrap();
+    let refused = decide(&checked, &authentic, &weights, &real.state).unwrap_err();
+    assert!(refused.detail.contains("another claim"), "{refused}");
+}
+
+#[test]
+fn changed_public_values_are_another_claim() {
+    let real = real();
+    let claim = with_another_loss(&real);
     let key = ProgramKey::from_bytes(&real.state.genesis().program).unwrap();
     assert_eq!(
         check_proof(&real.contribution.proof, &claim, &key),

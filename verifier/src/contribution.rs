@@ -1,5 +1,6 @@
-//! From what a node sent to what counts: [`authenticate`] makes an [`AuthenticContribution`], and [`verify`] makes a
-//! [`VerifiedContribution`] of it. Each step takes what the step before it made, so that none is left out and none is done twice.
+//! From what a node sent to what counts: [`authenticate`] makes an [`AuthenticContribution`], [`CheckedClaim::of`] compares its claim with the
+//! ledger, and [`verify`] makes a [`VerifiedContribution`] of both. Each step takes what the steps before it made, so that none is left out and
+//! none is done twice.
 
 use crate::combine::sealed::Sealed;
 use crate::contribution_blobs::{UnverifiedContribution, WeightFiles};
@@ -9,6 +10,7 @@ use zk0_circuits::{Claim, NodeId};
 use zk0_protocol::blob::Blob;
 use zk0_protocol::entries::authentic::Authentic;
 use zk0_protocol::entries::proof_blob::ProofBlob;
+use zk0_protocol::entries::refusal::claim_field::ClaimField;
 use zk0_protocol::entries::refusal::code::RoundFile;
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::rules::claim_context::{ClaimContext, VerificationTerms};
@@ -66,20 +68,37 @@ impl AuthenticContribution {
         check_proof_of(&terms.program, self.parts()?.sp1, self.claim())
     }
 
-    /// Checks the weights that the claim is about.
-    fn check_weights(
+    /// Checks what follows from the contribution and its blobs, the cheapest first: the size of the update, the SP1 proof, and the weights.
+    fn check_blobs(
         &self,
         weights: &WeightFiles,
-        evaluation: &Evaluation,
         terms: &VerificationTerms,
-    ) -> Result<CheckedUpdate, Refusal> {
+    ) -> Result<(Evaluation, CheckedUpdate), Refusal> {
+        let limit = terms.rules.max_update_bytes;
+        check_size(RoundFile::Update, &weights.update, limit)?;
+        self.check_proof(terms)?;
+        let evaluation = Evaluation::of_terms(terms)?;
         let weight_check = self.parts()?.weight_check;
-        evaluation.check_weights(self.claim(), weight_check, weights, &terms.rules)
+        let update = evaluation.check_weights(self.claim(), weight_check, weights, &terms.rules)?;
+        Ok((evaluation, update))
     }
 
     fn parts(&self) -> Result<ProofBlob<'_>, Refusal> {
         let parts = ProofBlob::split(self.claim(), self.proof.bytes());
         parts.map_err(|error| RefusalCode::MalformedProof.because(error))
+    }
+}
+
+/// A claim that agrees with the ledger. Only [`CheckedClaim::of`] makes one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CheckedClaim(Claim);
+
+impl CheckedClaim {
+    /// Compares a claim recorded at `time_ms` with what the ledger fixes: network, round, commitment, one submission a round, every field of
+    /// the claim, the deadline.
+    pub fn of(claim: &Claim, context: &ClaimContext, time_ms: u64) -> Result<Self, Refusal> {
+        context.check_claim(claim, time_ms)?;
+        Ok(Self(claim.clone()))
     }
 }
 
@@ -161,20 +180,30 @@ fn signed(
     Authentic::of(submission).map_err(|error| RefusalCode::Signature.because(error))
 }
 
-/// Verifies a contribution recorded at `time_ms` in this context, the cheapest check first: the size of the update, what the
-/// ledger fixes (network, round, commitment, one submission a round, every field of the claim, the deadline), the SP1 proof, and
-/// last the weights ([`Evaluation::check_weights`]).
+/// Verifies a contribution recorded at `time_ms` in this context, the cheapest check first: what the ledger fixes
+/// ([`CheckedClaim::of`]), the size of the update, the SP1 proof, and last the weights ([`Evaluation::check_weights`]).
 pub fn verify(
     contribution: &AuthenticContribution,
     weights: &WeightFiles,
     context: &ClaimContext,
     time_ms: u64,
 ) -> Result<VerifiedContribution, Refusal> {
-    let limit = context.rules().max_update_bytes;
-    check_size(RoundFile::Update, &weights.update, limit)?;
-    verify_claim(contribution, context, time_ms)?;
-    let evaluation = Evaluation::of_terms(context.terms())?;
-    let update = contribution.check_weights(weights, &evaluation, context.terms())?;
+    let checked = CheckedClaim::of(contribution.claim(), context, time_ms)?;
+    verify_checked(contribution, &checked, weights, context.terms())
+}
+
+/// [`verify`] of a contribution whose claim was compared with the ledger before.
+pub(crate) fn verify_checked(
+    contribution: &AuthenticContribution,
+    CheckedClaim(claim): &CheckedClaim,
+    weights: &WeightFiles,
+    terms: &VerificationTerms,
+) -> Result<VerifiedContribution, Refusal> {
+    if claim != contribution.claim() {
+        let why = "another claim was compared with the ledger";
+        return Err(RefusalCode::Binding(ClaimField::Version).because(why));
+    }
+    let (evaluation, update) = contribution.check_blobs(weights, terms)?;
     Ok(VerifiedContribution {
         sealed: Sealed::of(evaluation.format(), &update.weights),
         unread: update.unread,
@@ -188,7 +217,7 @@ pub fn verify_claim(
     context: &ClaimContext,
     time_ms: u64,
 ) -> Result<(), Refusal> {
-    context.check_claim(contribution.claim(), time_ms)?;
+    CheckedClaim::of(contribution.claim(), context, time_ms)?;
     contribution.check_proof(context.terms())
 }
 
@@ -205,13 +234,7 @@ pub fn verify_accepted(
     } = accepted;
     let submission = signed(submission, &proof, &terms.rules)?;
     let contribution = AuthenticContribution::of(submission, proof)?;
-    let limit = terms.rules.max_update_bytes;
-    check_size(RoundFile::Update, &weights.update, limit)?;
-    contribution.check_proof(terms)?;
-    let evaluation = Evaluation::of_terms(terms)?;
-    contribution
-        .check_weights(&weights, &evaluation, terms)
-        .map(drop)
+    contribution.check_blobs(&weights, terms).map(drop)
 }
 
 fn check_size(file: RoundFile, bytes: &[u8], limit: u64) -> Result<(), Refusal> {

@@ -1,10 +1,10 @@
 //! What becomes of a submission: it is accepted, it is rejected and the ledger records why, or it is turned away and the ledger
 //! records nothing.
 
-use crate::{verify, AuthenticContribution, VerifiedContribution, WeightFiles};
+use crate::contribution::verify_checked;
+use crate::{AuthenticContribution, CheckedClaim, VerifiedContribution, WeightFiles};
 use zk0_protocol::entries::authentic::AuthenticBody;
-use zk0_protocol::rules::claim_context::ClaimContext;
-use zk0_protocol::rules::violation::RuleViolation;
+use zk0_protocol::rules::claim_context::VerificationTerms;
 use zk0_protocol::{Refusal, RefusalCode};
 
 /// A decision that goes on the ledger.
@@ -27,33 +27,28 @@ impl DecisionEntry {
     }
 }
 
-/// Decides on a submission that arrived at `time_ms`, in this context.
+/// Decides on a submission whose claim agrees with the ledger, by these terms.
 ///
 /// # Errors
-/// The submission is turned away, and the ledger records nothing. The node signed it, but for another round or network, or the
-/// node has submitted before: anybody may send such a submission again. If the ledger recorded that, anybody could use up a
-/// node's one submission. The ledger records only what the node itself has caused.
+/// The submission is turned away, and the ledger records nothing. Nobody can say whether the contribution counts, or others can cause what is
+/// wrong with it. The ledger records only what the node itself has caused.
 pub fn decide(
-    context: &ClaimContext,
+    checked: &CheckedClaim,
     contribution: &AuthenticContribution,
     weights: &WeightFiles,
-    time_ms: u64,
+    terms: &VerificationTerms,
 ) -> Result<DecisionEntry, Refusal> {
-    let reason = match verify(contribution, weights, context, time_ms) {
-        Ok(verified) => return Ok(DecisionEntry::Accepted(Box::new(verified))),
-        Err(reason) => reason,
-    };
-    if !is_recorded(&reason.code) {
-        return Err(reason);
-    }
-    match context.check_rejected(contribution.claim(), &reason.code, time_ms) {
-        Ok(()) => Ok(DecisionEntry::Rejected(reason)),
-        Err(RuleViolation::Refused(refusal)) => Err(refusal),
-        Err(violation) => Err(RefusalCode::InvalidProof.because(violation)),
+    match verify_checked(contribution, checked, weights, terms) {
+        Ok(verified) => Ok(DecisionEntry::Accepted(Box::new(verified))),
+        Err(reason) if reason.code.follows_from_blobs() => Ok(DecisionEntry::Rejected(reason)),
+        // The ledger finds nothing wrong with the claim, so its rules do not let this reason be recorded.
+        Err(reason) if is_recorded(&reason.code) => Err(RefusalCode::InvalidProof.because(reason)),
+        Err(reason) => Err(reason),
     }
 }
 
-/// Whether the node that signed for this round caused the refusal itself. Only then does the refusal go on the ledger.
+/// Whether the node that signed for this round caused the refusal itself. Only then does the refusal go on the ledger: anybody may send again what
+/// a node signed for another round, and would use up its one submission.
 pub fn is_recorded(reason: &RefusalCode) -> bool {
     match reason {
         RefusalCode::Late { .. } | RefusalCode::Binding(_) => true,

@@ -33,7 +33,7 @@ pub mod weight_claims;
 
 pub use combine::bases::BaseFiles;
 pub use contribution::{
-    authenticate, verify, verify_accepted, verify_claim, AuthenticContribution,
+    authenticate, verify, verify_accepted, verify_claim, AuthenticContribution, CheckedClaim,
     VerifiedContribution,
 };
 pub use contribution_blobs::{Unreadable, UnverifiedContribution, WeightFiles};

@@ -90,21 +90,6 @@ pub enum StepOutcome {
     Finished,
 }
 
-/// The receipts of the entries about one round. Each is absent until it is recorded.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct RoundReceipts {
-    /// The round opened.
-    pub opened: Option<Receipt>,
-    /// Its commitments closed.
-    pub commitments_closed: Option<Receipt>,
-    /// Its randomness was drawn.
-    pub randomness: Option<Receipt>,
-    /// It closed.
-    pub closed: Option<Receipt>,
-    /// It accepted the contribution of the node that asks.
-    pub contribution: Option<Receipt>,
-}
-
 /// The owner of a ledger.
 pub struct Aggregator {
     pub(super) ledger: Ledger,
@@ -383,30 +368,24 @@ impl Aggregator {
         Ok(StepOutcome::Resolved(dispute))
     }
 
-    /// The receipt of an open proposal, if it is among the first `published` entries.
-    pub fn proposal(&self, number: u64, published: u64) -> Result<Option<Receipt>, RequestError> {
+    /// The entry that recorded a proposal, if it is among the first `published` entries.
+    pub fn proposal(&self, number: u64, published: u64) -> Option<u64> {
         let index = self.index.proposal(number);
-        let index = index.filter(|index| *index < published);
-        Ok(index
-            .map(|index| self.ledger.receipt_at(published, index))
-            .transpose()?)
+        index.filter(|index| *index < published)
     }
 
     /// Where a blob may be read, if it may be read.
     pub fn blob(&self, digest: &Digest) -> Result<Blobs, RequestError> {
         match self.index.disclosed.access(digest) {
-            BlobAccess::Public if !self.ledger.blobs().contains(digest) => {
-                Err(RequestError::NotKept(*digest))
-            }
             BlobAccess::Public => Ok(self.ledger.blobs().clone()),
             BlobAccess::HeldBack => Err(RequestError::HeldBack(*digest)),
             BlobAccess::Unknown => Err(RequestError::UnknownBlob(*digest)),
         }
     }
 
-    /// How far the last round has come within the first `published` entries.
-    pub fn stage(&self, published: u64) -> Option<RoundEntries> {
-        let mut round = self.index.round(None, published)?;
+    /// The entries about a round, or about the last one, as far as they are among the first `published` entries.
+    pub fn round(&self, round: Option<u64>, published: u64) -> Option<RoundEntries> {
+        let mut round = self.index.round(round, published)?;
         for entry in [
             &mut round.commitments_closed,
             &mut round.randomness,
@@ -417,37 +396,11 @@ impl Aggregator {
         Some(round)
     }
 
-    /// The receipts of the entries about a round, as far as they are among the first `published` entries. `None` asks for the last
-    /// round. `node` asks for its contribution, too.
-    pub fn round(
-        &self,
-        round: Option<u64>,
-        node: Option<NodeId>,
-        published: u64,
-    ) -> Result<RoundReceipts, RequestError> {
-        let receipt = |index: Option<u64>| {
-            let index = index.filter(|index| *index < published);
-            let receipt = index.map(|index| self.ledger.receipt_at(published, index));
-            receipt.transpose()
-        };
-        let Some(entries) = self.index.round(round, published) else {
-            return Ok(RoundReceipts::default());
-        };
-        Ok(RoundReceipts {
-            opened: receipt(Some(entries.opened))?,
-            // Its checkpoint ends with the entry, as a node needs it to verify cosignatures of the closing.
-            commitments_closed: (entries.commitments_closed)
-                .filter(|index| *index < published)
-                .map(|index| self.ledger.first_receipt(index))
-                .transpose()?,
-            randomness: receipt(entries.randomness)?,
-            closed: receipt(entries.closed)?,
-            contribution: receipt(
-                round
-                    .zip(node)
-                    .and_then(|(round, node)| self.index.by_scaffold(round, &node)),
-            )?,
-        })
+    /// The entry that accepted the contribution of `node` to `round`, if control variates of SCAFFOLD still rest on it and it is among the
+    /// first `published` entries.
+    pub fn contribution(&self, round: u64, node: &NodeId, published: u64) -> Option<u64> {
+        let index = self.index.by_scaffold(round, node);
+        index.filter(|index| *index < published)
     }
 
     /// Checks that the rules allow an entry that arrived at `arrived_ms`.

@@ -3,13 +3,9 @@
 use crate::connections::caller::{Awaited, Caller};
 use crate::file_parts::{file_parts, ReadingPace};
 use crate::round::intake::arrivals::Arrival;
-use crate::round::intake::group::ToRecord;
-use crate::round::intake::statements::{
-    decode, Admission, AllowedCommitment, AllowedRegistration, AllowedStatement, MemberStatement,
-};
+use crate::round::intake::statements::{decode, SentStatement};
 use crate::round::request_error::RequestError;
 use crate::serve::senders::heads::{sent_by, taken, RequestContent};
-use crate::serve::senders::sender::read_hashed;
 use crate::serve::service::{blocking, Service};
 use std::io::{ErrorKind, SeekFrom};
 use std::pin::Pin;
@@ -18,22 +14,17 @@ use tokio::io::AsyncSeekExt;
 use tokio_stream::wrappers::ReceiverStream;
 use tokio_stream::{Stream, StreamExt};
 use tonic::{Request, Response, Status, Streaming};
-use tracing::info_span;
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::blob::blob_digest;
-use zk0_protocol::entries::authentic::AuthenticBody;
-use zk0_protocol::entries::signed::{
-    DatasetRegistration, Enrolment, Signed, Submission, UpdateCommitment,
-};
+use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::request_head::{HeadRefusal, Method};
 use zk0_protocol::rpc::federation::federation_server::Federation;
 use zk0_protocol::rpc::federation::{
-    Chunk, CommitRequest, DownloadRequest, EnrolRequest, GetGovernanceRequest, GetNetworkRequest,
-    GetRoundRequest, GetStatusRequest, GetUploadRequest, GovernanceInfo, NetworkInfo, OpenProposal,
-    Receipt, RecordRequest, RegisterDatasetRequest, RoundInfo, StatusInfo, SubmitReply,
-    SubmitRequest, UploadChunk, UploadInfo, UploadReply,
+    Chunk, DownloadRequest, GetGovernanceRequest, GetNetworkRequest, GetRoundRequest,
+    GetStatusRequest, GetUploadRequest, GovernanceInfo, NetworkInfo, OpenProposal, Receipt,
+    RecordRequest, RoundInfo, StatusInfo, SubmitReply, SubmitRequest, UploadChunk, UploadInfo,
+    UploadReply,
 };
-use zk0_protocol::tlog::receipt;
 use zk0_protocol::Refusal;
 use zk0_traces::request;
 
@@ -43,14 +34,15 @@ impl Federation for Service {
         &self,
         _: Request<GetNetworkRequest>,
     ) -> Result<Response<NetworkInfo>, Status> {
-        let service = self.clone();
-        let info = self.with(move |aggregator| {
-            let ledger = aggregator.ledger();
-            let checkpoint = ledger.checkpoint_at(service.visible(aggregator)?)?;
+        let (service, ledger) = (self.clone(), self.ledger.clone());
+        let published = self.with(move |aggregator| service.visible(aggregator));
+        let (published, run) = (published.await?, self.heads.run.to_vec());
+        let info = blocking(move || {
+            let checkpoint = ledger.checkpoint_at(published)?;
             Ok(NetworkInfo {
-                genesis: ledger.receipt(0)?.entry,
+                genesis: ledger.receipt_at(published, 0)?.entry,
                 checkpoint: String::from_utf8_lossy(&checkpoint).into_owned(),
-                run: service.heads.run.to_vec(),
+                run,
             })
         });
         Ok(Response::new(info.await?))
@@ -61,9 +53,8 @@ impl Federation for Service {
         request: Request<GetRoundRequest>,
     ) -> Result<Response<RoundInfo>, Status> {
         let GetRoundRequest { round, node } = request.into_inner();
-        let (service, node) = (self.clone(), node_id(&node));
-        let info = self.with(move |aggregator| service.round_info(aggregator, round, node));
-        Ok(Response::new(info.await?))
+        let info = self.round_info(round, node_id(&node)).await?;
+        Ok(Response::new(info))
     }
 
     type WatchRoundStream = ReceiverStream<Result<RoundInfo, Status>>;
@@ -95,80 +86,52 @@ impl Federation for Service {
 
     async fn record(&self, request: Request<RecordRequest>) -> Result<Response<Receipt>, Status> {
         let arrival = self.arrivals.stamp()?;
-        let (head, RecordRequest { body }) = taken(request);
-        let (said, digest) =
-            blocking(move || Ok((MemberStatement::read(&body)?, blob_digest(&body)))).await?;
-        let said = Arc::new(said);
+        let (head, request) = taken(request);
+        let sent = Arc::new(blocking(move || SentStatement::read(request)).await?);
         let message = RequestContent {
             method: Method::Record,
-            round: None,
-            signer: said.signer(),
-            body: digest,
+            round: sent.round(),
+            signer: sent.signer(),
+            body: sent.digest(),
         };
         let sender = self.sender(head, message, arrival.at_ms()).await?;
-        let begin = || {
-            let (said, arrived_ms) = (said.clone(), arrival.at_ms());
-            self.with(move |aggregator| aggregator.begin_statement(&said, arrived_ms))
-        };
-        let begun = begin().await?;
-        let recorded = self
-            .recorded(&arrival, begun, AllowedStatement::check)
-            .await;
-        // If it came twice at once, the second one gets the receipt of the first one.
-        let receipt = match recorded {
-            Err(refused) => match begin().await {
-                Ok(Admission::Recorded(receipt)) => receipt,
-                _ => return Err(refused.into()),
-            },
-            recorded => recorded?,
-        };
-        Ok(self.answered(arrival, sender, receipt).await?)
-    }
-
-    async fn enrol(&self, request: Request<EnrolRequest>) -> Result<Response<Receipt>, Status> {
-        let arrival = self.arrivals.stamp()?;
-        let (head, EnrolRequest { enrolment }) = taken(request);
-        let (signed, body) = read_hashed::<Enrolment>("enrolment", enrolment).await?;
-        let Enrolment { node, operator, .. } = signed.statement;
-        let message = RequestContent {
-            method: Method::Enrol,
-            round: None,
-            signer: operator,
-            body,
-        };
-        let sender = self.sender(head, message, arrival.at_ms()).await?;
-        let name = signed.statement.name.clone();
-        let _turn = self.turn_of(operator, &arrival).await?;
-        let arrived_ms = arrival.at_ms();
-        let begun = self
-            .with(move |aggregator| aggregator.begin_enrolment(&signed, arrived_ms))
-            .await?;
-        let receipt = self.recorded(&arrival, begun, Ok).await?;
-        tracing::info!(%node, name, "node enrolled");
-        Ok(self.answered(arrival, sender, receipt).await?)
+        let receipt = self.stated(&arrival, sent).await?;
+        self.published_after(arrival, receipt.index).await?;
+        Ok(sent_by(sender, receipt.into()))
     }
 
     async fn get_governance(
         &self,
         _: Request<GetGovernanceRequest>,
     ) -> Result<Response<GovernanceInfo>, Status> {
-        let service = self.clone();
-        let info = self.with(move |aggregator| {
+        let (service, ledger) = (self.clone(), self.ledger.clone());
+        let seen = self.with(move |aggregator| {
             let published = service.visible(aggregator)?;
             let state = aggregator.state();
-            let mut proposals = Vec::new();
-            for (number, open) in state.proposals() {
-                if let Some(receipt) = aggregator.proposal(*number, published)? {
-                    proposals.push(OpenProposal::new(open, receipt));
+            let mut open = Vec::new();
+            for (number, proposal) in state.proposals() {
+                if let Some(index) = aggregator.proposal(*number, published) {
+                    open.push((index, OpenProposal::of(proposal)));
                 }
             }
-            Ok(GovernanceInfo {
+            let info = GovernanceInfo {
                 rules: encode(state.rules())?,
                 program: encode(state.program())?,
                 next_proposal: state.next_proposal(),
-                proposals,
+                proposals: Vec::new(),
                 now_ms: aggregator.now_ms(),
-            })
+            };
+            Ok((info, open, published))
+        });
+        let (mut info, open, published) = seen.await?;
+        let info = blocking(move || {
+            for (index, proposal) in open {
+                info.proposals.push(OpenProposal {
+                    receipt: Some(ledger.receipt_at(published, index)?.into()),
+                    ..proposal
+                });
+            }
+            Ok(info)
         });
         Ok(Response::new(info.await?))
     }
@@ -191,6 +154,9 @@ impl Federation for Service {
         let DownloadRequest { blob, begins } = request.into_inner();
         let blob = digest(&blob)?;
         let blobs = self.with(move |aggregator| aggregator.blob(&blob)).await?;
+        if !blobs.contains(&blob) {
+            return Err(RequestError::NotKept(blob).into());
+        }
         let name = blobs.path(&blob).display().to_string();
         let failed = move |error: std::io::Error| match error.kind() {
             ErrorKind::TimedOut => Status::from(RequestError::TimedOut(error.to_string())),
@@ -214,37 +180,6 @@ impl Federation for Service {
         Ok(Response::new(Box::pin(parts)))
     }
 
-    async fn register_dataset(
-        &self,
-        request: Request<RegisterDatasetRequest>,
-    ) -> Result<Response<Receipt>, Status> {
-        let arrival = self.arrivals.stamp()?;
-        let (head, request) = taken(request);
-        let RegisterDatasetRequest {
-            registration,
-            leaves,
-        } = request;
-        let (signed, body) =
-            read_hashed::<DatasetRegistration>("dataset registration", registration).await?;
-        let (node, samples) = (signed.statement.node, signed.statement.dataset.samples);
-        let message = RequestContent {
-            method: Method::RegisterDataset,
-            round: None,
-            signer: node,
-            body,
-        };
-        let sender = self.sender(head, message, arrival.at_ms()).await?;
-        let _turn = self.turn_of(node, &arrival).await?;
-        let arrived_ms = arrival.at_ms();
-        let begun = self
-            .with(move |aggregator| aggregator.begin_registration(signed, arrived_ms))
-            .await?;
-        let keep = move |allowed: AllowedRegistration| allowed.keep(&leaves);
-        let receipt = self.recorded(&arrival, begun, keep).await?;
-        tracing::info!(%node, samples, "dataset registered");
-        Ok(self.answered(arrival, sender, receipt).await?)
-    }
-
     async fn upload(
         &self,
         request: Request<Streaming<UploadChunk>>,
@@ -260,35 +195,6 @@ impl Federation for Service {
     ) -> Result<Response<UploadInfo>, Status> {
         let info = self.held(request.into_inner().request).await?;
         Ok(Response::new(info))
-    }
-
-    async fn commit(&self, request: Request<CommitRequest>) -> Result<Response<Receipt>, Status> {
-        let arrival = self.arrivals.stamp()?;
-        let (head, CommitRequest { commitment }) = taken(request);
-        let (signed, body) = read_hashed::<UpdateCommitment>("commitment", commitment).await?;
-        let UpdateCommitment {
-            node,
-            round,
-            update,
-            ..
-        } = signed.statement;
-        let message = RequestContent {
-            method: Method::Commit,
-            round: Some(round),
-            signer: node,
-            body,
-        };
-        let sender = self.sender(head, message, arrival.at_ms()).await?;
-        let _turn = self.turn_of(node, &arrival).await?;
-        let arrived_ms = arrival.at_ms();
-        let begun = self
-            .with(move |aggregator| aggregator.begin_commitment(signed, arrived_ms))
-            .await?;
-        let receipt = self
-            .recorded(&arrival, begun, AllowedCommitment::keep)
-            .await?;
-        tracing::info!(%node, round, update = %update.blob, "update committed");
-        Ok(self.answered(arrival, sender, receipt).await?)
     }
 
     async fn submit(
@@ -308,7 +214,8 @@ impl Federation for Service {
         let sender = self.sender(head, message, arrival.at_ms()).await?;
         let (node, round) = (terms.node, terms.round);
         tracing::info!(%node, round, "submission arrived");
-        let decided = self.submitted(arrival, signed, proof).await?;
+        let decided = self.submitted(&arrival, signed, proof).await?;
+        self.published_after(arrival, decided.receipt.index).await?;
         let reason = decided.rejected.as_ref().map(Refusal::to_string);
         request::outcome(reason.as_deref().unwrap_or("accepted"));
         let reply = SubmitReply {
@@ -324,35 +231,11 @@ impl Federation for Service {
 }
 
 impl Service {
-    /// Takes the second and the third step of recording a statement, if it is new.
-    async fn recorded<T: Send + 'static>(
-        &self,
-        arrival: &Arrival,
-        begun: Admission<T>,
-        keep: impl FnOnce(T) -> Result<AuthenticBody, RequestError> + Send + 'static,
-    ) -> Result<receipt::Receipt, RequestError> {
-        match begun {
-            Admission::Recorded(receipt) => Ok(receipt),
-            Admission::New(new) => {
-                let span = info_span!("keep blobs");
-                let body = self.storing(span, move || keep(new)).await?;
-                let statement = ToRecord::Statement(Box::new(body));
-                self.record_in_turn(arrival, statement).await
-            }
-        }
-    }
-
-    /// The answer to a request, once its receipt is published.
-    async fn answered(
-        &self,
-        arrival: Arrival,
-        sender: Option<NodeId>,
-        receipt: receipt::Receipt,
-    ) -> Result<Response<Receipt>, RequestError> {
+    /// Ends a request that is recorded as this entry, and waits until that is published.
+    async fn published_after(&self, arrival: Arrival, entry: u64) -> Result<(), RequestError> {
         // Others may wait for what arrived before them. They need not wait for witnesses.
         drop(arrival);
-        self.published(receipt.index + 1).await?;
-        Ok(sent_by(sender, receipt.into()))
+        self.published(entry + 1).await
     }
 }
 

@@ -1,28 +1,64 @@
-//! Recording a request when it is its turn: together with others that wait, and after those that arrived before a deadline.
+//! The way of a request that records something, from its node's turn to its receipt. Statements and submissions take it alike. Two of its steps have
+//! the aggregator: it is compared with the ledger, and recorded.
 
+use crate::round::aggregator::Aggregator;
+use crate::round::intake::admission::{Admission, Comparison};
 use crate::round::intake::arrivals::Arrival;
 use crate::round::intake::group::ToRecord;
+use crate::round::intake::statements::SentStatement;
 use crate::round::request_error::RequestError;
-use crate::serve::service::Service;
+use crate::serve::service::{blocking, Service};
+use std::sync::Arc;
 use std::time::Instant;
 use tokio::sync::oneshot::error::TryRecvError;
 use tokio::sync::OwnedMutexGuard;
-use tracing::instrument;
+use tracing::{info_span, instrument};
 use zk0_circuits::NodeId;
+use zk0_protocol::entries::entry::Body;
 use zk0_protocol::tlog::receipt::Receipt;
 
 impl Service {
-    /// Waits for the turn of the node that has signed a request.
-    pub(super) async fn turn_of(
+    /// Records a statement, if it is new.
+    pub(super) async fn stated(
         &self,
-        node: NodeId,
         arrival: &Arrival,
-    ) -> Result<OwnedMutexGuard<()>, RequestError> {
-        arrival.needs_turn_of(node);
+        sent: Arc<SentStatement>,
+    ) -> Result<Receipt, RequestError> {
+        let _turn = self.turn_of(sent.signer(), arrival).await;
+        let (compared, asked) = (sent.clone(), sent.clone());
         let arrived_ms = arrival.at_ms();
-        let passed = self.with(move |aggregator| Ok(aggregator.passed_deadline(arrived_ms)));
-        let turn = self.turns.take_in_time(node, &self.arrivals, passed.await?);
-        Ok(turn.await)
+        let begin = move |aggregator: &Aggregator| aggregator.begin_statement(compared, arrived_ms);
+        let answer = move |receipt, body| asked.answer(receipt, body);
+        let receipt = match self.admission(begin, answer).await? {
+            Admission::Recorded(receipt) => receipt,
+            Admission::New(allowed) => {
+                let (span, ledger) = (info_span!("keep blobs"), self.ledger.clone());
+                let body = self.storing(span, move || allowed.keep(&ledger)).await?;
+                let statement = ToRecord::Statement(Box::new(body));
+                self.record_in_turn(arrival, statement).await?
+            }
+        };
+        sent.log();
+        Ok(receipt)
+    }
+
+    /// Waits for the turn of the node that has signed a request.
+    pub(super) async fn turn_of(&self, node: NodeId, arrival: &Arrival) -> OwnedMutexGuard<()> {
+        arrival.needs_turn_of(node);
+        let missed = self.missed(arrival.at_ms());
+        let turn = self.turns.take_in_time(node, &self.arrivals, missed);
+        turn.await
+    }
+
+    /// Compares a request with the ledger. If the ledger has it, `answer` says what is answered with its receipt and its body.
+    pub(super) async fn admission<T: Send + 'static, R: Send + 'static>(
+        &self,
+        begin: impl FnOnce(&Aggregator) -> Comparison<T> + Send + 'static,
+        answer: impl FnOnce(Receipt, Body) -> Option<R> + Send + 'static,
+    ) -> Result<Admission<T, R>, RequestError> {
+        let compared = self.with(move |aggregator| Ok(begin(aggregator))).await?;
+        let ledger = self.ledger.clone();
+        blocking(move || compared.admission(&ledger, answer)).await
     }
 
     /// Records what a request wants, and returns its receipt. It waits for requests that arrived before a deadline, if this one arrived
@@ -33,29 +69,30 @@ impl Service {
         arrival: &Arrival,
         what: ToRecord,
     ) -> Result<Receipt, RequestError> {
-        let arrived_ms = arrival.at_ms();
-        let mut answered = self.recorder.push(arrived_ms, what);
+        let mut answered = self.recorder.push(arrival.at_ms(), what);
         loop {
             let (recorder, metrics) = (self.recorder.clone(), self.metrics().clone());
-            let passed = self
-                .with(move |aggregator| {
-                    let (size, begun) = (aggregator.ledger().size(), Instant::now());
-                    recorder.record(aggregator);
-                    if aggregator.ledger().size() > size {
-                        metrics.appended(begun);
-                    }
-                    Ok(aggregator.passed_deadline(arrived_ms))
-                })
-                .await?;
+            self.with(move |aggregator| {
+                let (size, begun) = (aggregator.ledger().size(), Instant::now());
+                recorder.record(aggregator);
+                if aggregator.ledger().size() > size {
+                    metrics.appended(begun);
+                }
+                Ok(())
+            })
+            .await?;
             match answered.try_recv() {
-                Ok(receipt) => return receipt,
+                Ok(recorded) => {
+                    let (index, ledger) = (recorded?, self.ledger.clone());
+                    return blocking(move || Ok(ledger.first_receipt(index)?)).await;
+                }
                 Err(TryRecvError::Empty) => {}
                 Err(TryRecvError::Closed) => {
                     let why = "a request was not recorded, because recording another one panicked";
                     return Err(RequestError::Internal(why.into()));
                 }
             }
-            if let Some(deadline_ms) = passed {
+            if let Some(deadline_ms) = self.missed(arrival.at_ms()) {
                 self.arrivals.done_by(deadline_ms).await;
             }
         }

@@ -5,7 +5,6 @@ use crate::round::intake::group::ToRecord;
 use crate::round::request_error::RequestError;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::oneshot::{self, Receiver};
-use zk0_protocol::tlog::receipt::Receipt;
 
 /// The most requests that are recorded at once. A request waits for those before it, and a group of this size takes milliseconds.
 const GROUP: usize = 1024;
@@ -14,8 +13,8 @@ const GROUP: usize = 1024;
 #[derive(Clone, Default)]
 pub(super) struct Recorder(Arc<Mutex<Vec<WaitingEntry>>>);
 
-/// The receipt, or why nothing is recorded.
-type Answer = Result<Receipt, RequestError>;
+/// The entry, or why nothing is recorded.
+type Answer = Result<u64, RequestError>;
 
 struct WaitingEntry {
     arrived_ms: u64,
@@ -29,7 +28,7 @@ impl Recorder {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Lets a request wait that arrived at `arrived_ms`. Its receipt comes when it is recorded.
+    /// Lets a request wait that arrived at `arrived_ms`. The index of its entry comes when it is recorded.
     pub fn push(&self, arrived_ms: u64, what: ToRecord) -> Receiver<Answer> {
         let (answer, answered) = oneshot::channel();
         self.waiting().push(WaitingEntry {
@@ -58,9 +57,9 @@ impl Recorder {
             wanted.push((one.arrived_ms, one.what));
             answers.push(one.answer);
         }
-        for (answer, receipt) in answers.into_iter().zip(aggregator.record(wanted)) {
-            // Whoever has gone away asks again, and gets the same receipt.
-            let _ = answer.send(receipt);
+        for (answer, recorded) in answers.into_iter().zip(aggregator.record(wanted)) {
+            // Whoever has gone away asks again, and gets the receipt then.
+            let _ = answer.send(recorded);
         }
     }
 }

@@ -39,7 +39,7 @@ use crate::serve::uploads::Uploads;
 use futures_core::future::BoxFuture;
 use std::future::Future;
 use std::num::NonZero;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::Arc;
 use std::thread::available_parallelism;
 use std::time::{Duration, Instant};
@@ -51,6 +51,7 @@ use tonic::service::Routes;
 use tracing::{info_span, Instrument, Span};
 use zk0_ledger::error::LedgerError;
 use zk0_ledger::folder;
+use zk0_ledger::store::reader::LedgerReader;
 use zk0_protocol::rpc::federation::federation_server::FederationServer;
 use zk0_tls::server_certificate::ServerCertificate;
 
@@ -69,8 +70,12 @@ const BEACON_PATIENCE: Duration = Duration::from_secs(10);
 /// An aggregator that the requests and the round timer share.
 #[derive(Clone)]
 pub struct Service {
-    /// Whoever has it does nothing long: proofs, weights and large files are read and verified without it.
+    /// Whoever has it compares with the state, or appends: signatures, proofs, weights, files and earlier entries are read and verified without it.
     aggregator: Arc<Mutex<Aggregator>>,
+    /// Reads what the ledger has recorded.
+    pub(super) ledger: LedgerReader,
+    /// The deadline of the open round that nothing on the ledger reflects yet; `u64::MAX` if there is none.
+    deadline_ms: Arc<AtomicU64>,
     /// Whether some work on the aggregator has panicked. Then nobody knows what it is like.
     panicked: Arc<AtomicBool>,
     /// Whoever takes a step of the rounds holds this, so that nothing is computed twice.
@@ -114,6 +119,8 @@ impl Service {
             heads: Heads::new(*aggregator.state().network(), limits.skew),
             arrivals: aggregator.arrivals().clone(),
             presence: aggregator.presence().clone(),
+            ledger: aggregator.ledger().reader().clone(),
+            deadline_ms: Arc::new(AtomicU64::new(deadline_ms(&aggregator))),
             aggregator: Arc::new(Mutex::new(aggregator)),
             panicked: Arc::default(),
             stepping: Arc::default(),
@@ -309,10 +316,9 @@ impl Service {
                 let _ = timeout(TICK, publishing.wanted.notified()).await;
                 continue;
             }
-            let (witnesses, aggregator) = (publishing.witnesses.clone(), self.aggregator.clone());
+            let (witnesses, ledger) = (publishing.witnesses.clone(), self.ledger.clone());
             let prove: ConsistencyProver = Arc::new(move |old, new| {
-                let aggregator = aggregator.blocking_lock();
-                let proof = aggregator.ledger().consistency_between(old, new);
+                let proof = ledger.consistency_between(old, new);
                 proof.map_err(|error| error.to_string())
             });
             let cosigned = spawn_blocking(move || {
@@ -381,6 +387,12 @@ impl Service {
         }
     }
 
+    /// The deadline that a request missed that arrived at `arrived_ms`, if nothing on the ledger reflects the deadline yet.
+    pub(super) fn missed(&self, arrived_ms: u64) -> Option<u64> {
+        let deadline_ms = self.deadline_ms.load(Ordering::Acquire);
+        (arrived_ms > deadline_ms).then_some(deadline_ms)
+    }
+
     /// How many entries of the ledger are published.
     pub(crate) fn visible(&self, aggregator: &Aggregator) -> Result<u64, RequestError> {
         let size = match &self.publishing {
@@ -408,18 +420,24 @@ impl Service {
         if self.panicked.load(Ordering::Acquire) {
             return Err(failed());
         }
-        let panicked = self.panicked.clone();
+        let (panicked, deadline) = (self.panicked.clone(), self.deadline_ms.clone());
         blocking(move || {
             // This is put back before anybody else has the aggregator.
             panicked.store(true, Ordering::Release);
             let begun = Instant::now();
             let done = work(&mut aggregator);
+            deadline.store(deadline_ms(&aggregator), Ordering::Release);
             metrics.turn_held(begun.elapsed());
             panicked.store(false, Ordering::Release);
             done
         })
         .await
     }
+}
+
+/// The deadline of the open round that nothing on the ledger reflects yet.
+fn deadline_ms(aggregator: &Aggregator) -> u64 {
+    aggregator.passed_deadline(u64::MAX).unwrap_or(u64::MAX)
 }
 
 /// Why a loop has ended.

@@ -2,7 +2,6 @@
 
 use crate::connections::transfers::Transfer;
 use crate::round::intake::staging::Staging;
-use crate::round::intake::statements::Admission;
 use crate::round::request_error::RequestError;
 use crate::serve::limits::Limits;
 use crate::serve::senders::heads::{Head, RequestContent};
@@ -75,7 +74,7 @@ impl Service {
         let now_ms = self.arrivals.now_ms().map_err(RequestError::from)?;
         let sender = self.sender(head, message, now_ms).await?;
         let _place = self.transfer(true)?;
-        let Admission::New(staging) = self.begun(upload.clone()).await? else {
+        let Some(staging) = self.begun(upload.clone()).await? else {
             return Ok(sender);
         };
         let newest = self.uploads.begin(upload.node);
@@ -108,7 +107,7 @@ impl Service {
     pub(super) async fn held(&self, request: Vec<u8>) -> Result<UploadInfo, RequestError> {
         let (signed, _) = read_hashed::<UploadRequest>("upload request", request).await?;
         let upload = signed.statement.clone();
-        let Admission::New(staging) = self.begun(upload.clone()).await? else {
+        let Some(staging) = self.begun(upload.clone()).await? else {
             return Ok(UploadInfo {
                 held: upload.size,
                 address: String::new(),
@@ -129,7 +128,7 @@ impl Service {
     }
 
     /// Begins an upload, if the ledger allows it.
-    async fn begun(&self, request: UploadRequest) -> Result<Admission<Staging, ()>, RequestError> {
+    async fn begun(&self, request: UploadRequest) -> Result<Option<Staging>, RequestError> {
         self.with(move |aggregator| aggregator.begin_upload(&request))
             .await
     }

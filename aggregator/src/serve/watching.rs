@@ -1,10 +1,9 @@
 //! Nodes that follow a round. A node is told when the round has come further, so that it need not ask again and again.
 
-use crate::round::aggregator::Aggregator;
 use crate::round::presence::Following;
 use crate::round::request_error::RequestError;
 use crate::serve::federation_service::encode;
-use crate::serve::service::Service;
+use crate::serve::service::{blocking, Service};
 use tokio::sync::mpsc;
 use tokio::time::{sleep, timeout};
 use tokio_stream::wrappers::ReceiverStream;
@@ -17,7 +16,7 @@ impl Service {
     pub(super) async fn note_stage(&self) -> Result<(), RequestError> {
         let service = self.clone();
         let stage = self.with(move |aggregator| match service.visible(aggregator) {
-            Ok(published) => Ok(aggregator.stage(published)),
+            Ok(published) => Ok(aggregator.round(None, published)),
             Err(_) => Ok(None),
         });
         let stage = stage.await?;
@@ -30,28 +29,53 @@ impl Service {
     }
 
     /// A round, or the last one, as far as it has come.
-    pub(super) fn round_info(
+    pub(super) async fn round_info(
         &self,
-        aggregator: &Aggregator,
         round: Option<u64>,
         node: Option<NodeId>,
     ) -> Result<RoundInfo, RequestError> {
-        let receipts = aggregator.round(round, node, self.visible(aggregator)?)?;
-        let state = aggregator.state();
-        let shown = state
-            .round()
-            .filter(|open| round.is_none_or(|round| round == open.number()));
-        let open = shown.zip(node);
-        Ok(RoundInfo {
-            invited: open.is_some_and(|(open, node)| state.may_contribute(open, &node)),
-            opened: receipts.opened.map(Into::into),
-            commitments_closed: receipts.commitments_closed.map(Into::into),
-            randomness: receipts.randomness.map(Into::into),
-            closed: receipts.closed.map(Into::into),
-            contribution: receipts.contribution.map(Into::into),
-            now_ms: aggregator.now_ms(),
-            program: encode(state.program())?,
+        let service = self.clone();
+        let seen = self.with(move |aggregator| {
+            let (state, published) = (aggregator.state(), service.visible(aggregator)?);
+            let contribution = round
+                .zip(node)
+                .and_then(|(round, node)| aggregator.contribution(round, &node, published));
+            let open = state
+                .round()
+                .filter(|open| round.is_none_or(|round| round == open.number()))
+                .zip(node);
+            let info = RoundInfo {
+                invited: open.is_some_and(|(open, node)| state.may_contribute(open, &node)),
+                now_ms: aggregator.now_ms(),
+                program: encode(state.program())?,
+                ..RoundInfo::default()
+            };
+            let entries = aggregator.round(round, published);
+            Ok((info, entries, contribution, published))
+        });
+        let (info, entries, contribution, published) = seen.await?;
+        let Some(entries) = entries else {
+            return Ok(info);
+        };
+        let ledger = self.ledger.clone();
+        blocking(move || {
+            let receipt = |index: Option<u64>| {
+                let receipt = index.map(|index| ledger.receipt_at(published, index));
+                Ok::<_, RequestError>(receipt.transpose()?.map(Into::into))
+            };
+            // Its checkpoint ends with the entry, as a node needs it to verify cosignatures of the closing.
+            let closing = entries.commitments_closed;
+            let closing = closing.map(|index| ledger.first_receipt(index));
+            Ok(RoundInfo {
+                opened: receipt(Some(entries.opened))?,
+                commitments_closed: closing.transpose()?.map(Into::into),
+                randomness: receipt(entries.randomness)?,
+                closed: receipt(entries.closed)?,
+                contribution: receipt(contribution)?,
+                ..info
+            })
         })
+        .await
     }
 
     /// A round, or the last one, now and whenever it has come further, until the service ends, and for [`Limits::watch`] at most. Whoever is
@@ -89,9 +113,7 @@ impl Service {
         let mut told = None;
         loop {
             stage.borrow_and_update();
-            let service = self.clone();
-            let info = self.with(move |aggregator| service.round_info(aggregator, round, node));
-            let info = match info.await {
+            let info = match self.round_info(round, node).await {
                 // There is nothing to show yet.
                 Err(RequestError::NotPublished(_)) => None,
                 info => Some(info),

@@ -55,7 +55,7 @@ async fn a_node_downloads_while_strangers_have_all_their_downloads() -> Test {
 
     let mut member = Counted::connect(&network.address).await;
     let registration = registration(&network, &node);
-    member.client.register_dataset(registration).await?;
+    member.client.record(registration).await?;
     let download = member.client.download(request.clone()).await?.into_inner();
     let (bytes, ended) = read(download, Duration::ZERO).await;
     ended?;

@@ -38,9 +38,7 @@ async fn a_peer_that_holds_a_stream_open_does_not_keep_the_server() -> Test {
     // Another peer sends nothing, and takes nothing.
     let _silent = speaking([1, 1], &network.address).await;
     let mut client = network.client().await;
-    let receipt = client
-        .register_dataset(registration(&network, &other))
-        .await?;
+    let receipt = client.record(registration(&network, &other)).await?;
     let index = receipt.into_inner().index;
     network.in_progress("Upload", 1).await;
 
@@ -109,9 +107,9 @@ async fn end_with_requests_behind_the_rounds(network: &mut Network, node: &Signi
     // The rounds look four times a second whether something is due.
     sleep(Duration::from_millis(300)).await;
     let request = registration(network, node);
-    let registering = tokio::spawn(async move { first.register_dataset(request).await });
+    let registering = tokio::spawn(async move { first.record(request).await });
     let asking = tokio::spawn(async move { second.get_network(proto::GetNetworkRequest {}).await });
-    network.in_progress("RegisterDataset", 1).await;
+    network.in_progress("Record", 1).await;
     network.in_progress("GetNetwork", 1).await;
     let address = network.address.replace("http://", "");
     let let_go = async move {

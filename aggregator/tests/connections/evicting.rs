@@ -39,7 +39,7 @@ async fn nodes_keep_their_places_and_the_idlest_strangers_go() -> Test {
     .await;
     let mut member = Counted::connect(&network.address).await;
     let request = registration(&network, &node);
-    member.client.register_dataset(request).await?;
+    member.client.record(request).await?;
     // The member is idle for longer than all strangers.
     let mut strangers = Vec::new();
     for host in 1..=10 {
@@ -71,10 +71,10 @@ async fn a_request_that_somebody_else_has_sent_gives_nobody_a_place() -> Test {
         *request.metadata_mut() = head.clone();
         request
     };
-    network.client().await.register_dataset(seen()).await?;
+    network.client().await.record(seen()).await?;
     // Somebody has read the request on its way, and sends it again.
     let mut thief = Counted::connect(&network.address).await;
-    let refused = thief.client.register_dataset(seen()).await.unwrap_err();
+    let refused = thief.client.record(seen()).await.unwrap_err();
     assert_eq!(refused.code(), Code::AlreadyExists, "{refused}");
     let mut streams = Vec::new();
     for host in 1..=4 {

@@ -54,7 +54,7 @@ async fn an_idle_node_keeps_its_connection() -> Test {
     let (network, [node, _]) = with(impatient()).await;
     let mut member = Counted::connect(&network.address).await;
     let request = registration(&network, &node);
-    member.client.register_dataset(request).await?;
+    member.client.record(request).await?;
     a_stranger_is_idle_for_too_long(&network).await;
     member
         .client
@@ -73,7 +73,7 @@ async fn a_node_is_closed_when_it_is_idle_for_too_long() -> Test {
     let (network, [node, _]) = with(limits).await;
     let mut member = Counted::connect(&network.address).await;
     let request = registration(&network, &node);
-    member.client.register_dataset(request).await?;
+    member.client.record(request).await?;
     member.ends(1).await;
     member.asks().await;
     assert_eq!(member.connections(), 2);
@@ -141,7 +141,7 @@ async fn a_message_that_trickles_is_cut() -> Test {
             sleep(Duration::from_millis(50)).await;
         }
     });
-    let uri: Uri = format!("{}/zk0.v1.Federation/Commit", network.address).parse()?;
+    let uri: Uri = format!("{}/zk0.v1.Federation/Record", network.address).parse()?;
     let request = Request::post(uri)
         .header("content-type", "application/grpc")
         .header("te", "trailers")

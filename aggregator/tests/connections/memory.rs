@@ -17,14 +17,16 @@ use zk0_aggregator::{Aggregator, Limits};
 use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::federation_client::FederationClient;
+use zk0_protocol::rpc::federation::record_request::Statement;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_testkit::aggregator::{weights, Network, SigningNode};
 use zk0_testkit::sockets::{begin_large_message, from};
 
 /// A large message that the aggregator refuses after it has read it.
-fn large() -> proto::CommitRequest {
-    proto::CommitRequest {
-        commitment: vec![0; 3 << 20],
+fn large() -> proto::RecordRequest {
+    proto::RecordRequest {
+        statement: Some(Statement::Body(vec![0; 3 << 20])),
+        leaves: Vec::new(),
     }
 }
 
@@ -40,7 +42,7 @@ async fn strangers_wait_for_memory_and_nodes_do_not() -> Test {
     .await;
     let mut member = Counted::connect(&network.address).await;
     let request = registration(&network, &node);
-    member.client.register_dataset(request).await?;
+    member.client.record(request).await?;
     let begun = Instant::now();
     let mut slow = from([1, 1], &network.address).await;
     begin_large_message(&mut slow).await;
@@ -48,11 +50,11 @@ async fn strangers_wait_for_memory_and_nodes_do_not() -> Test {
     // Small requests, and large ones of nodes, are answered meanwhile.
     let mut stranger = network.client().await;
     stranger.get_network(proto::GetNetworkRequest {}).await?;
-    let refused = member.client.commit(large()).await.unwrap_err();
+    let refused = member.client.record(large()).await.unwrap_err();
     assert_eq!(refused.code(), Code::InvalidArgument, "{refused}");
     assert!(begun.elapsed() < message / 2);
     // A stranger's large message waits until the slow one is cut.
-    let refused = stranger.commit(large()).await.unwrap_err();
+    let refused = stranger.record(large()).await.unwrap_err();
     assert_eq!(refused.code(), Code::InvalidArgument, "{refused}");
     assert!(begun.elapsed() > message * 3 / 4);
     Ok(())
@@ -84,9 +86,9 @@ async fn who_waits_for_memory_for_too_long_is_told_to_come_again() -> Test {
     holds.await?;
     let mut request = registration(&network, &node);
     request.get_mut().leaves = vec![0; 3 << 20];
-    let waiting = tokio::spawn(async move { first.register_dataset(request).await });
+    let waiting = tokio::spawn(async move { first.record(request).await });
     network.large_message().await;
-    let status = network.client().await.commit(large()).await.unwrap_err();
+    let status = network.client().await.record(large()).await.unwrap_err();
     assert_eq!(status.code(), Code::Unavailable, "{status}");
     assert!(status.message().contains("again later"), "{status}");
     drop(end);
@@ -114,7 +116,7 @@ async fn an_address_sends_one_large_message_at_a_time() -> Test {
         let local = IpAddr::from([127, 0, 1, host]);
         let channel = endpoint.local_address(Some(local)).connect().await?;
         let mut client = FederationClient::new(channel);
-        let refused = client.commit(large()).await.unwrap_err();
+        let refused = client.record(large()).await.unwrap_err();
         assert_eq!(refused.code(), Code::InvalidArgument, "{refused}");
         took.push(begun.elapsed());
     }
@@ -131,7 +133,7 @@ async fn introduced(network: &Network, node: &SigningNode) -> Channel {
     let channel = endpoint.connect().await.unwrap();
     let request = registration(network, node);
     let mut client = FederationClient::new(channel.clone());
-    client.register_dataset(request).await.unwrap();
+    client.record(request).await.unwrap();
     channel
 }
 
@@ -175,7 +177,7 @@ async fn a_node_takes_no_memory_of_other_nodes() -> Test {
         network.large_message().await;
     }
     let begun = Instant::now();
-    let refused = client.commit(large()).await.unwrap_err();
+    let refused = client.record(large()).await.unwrap_err();
     assert_eq!(refused.code(), Code::InvalidArgument, "{refused}");
     assert!(begun.elapsed() < message / 2);
     assert_eq!(slow.len(), 4);
@@ -213,7 +215,7 @@ async fn a_node_that_uploads_sends_a_large_message_meanwhile() -> Test {
     let uploading = tokio::spawn(async move { uploader.upload(uploaded).await });
     let mut client = FederationClient::new(introduced(&network, &node).await);
     let begun = Instant::now();
-    let refused = client.commit(large()).await.unwrap_err();
+    let refused = client.record(large()).await.unwrap_err();
     assert_eq!(refused.code(), Code::InvalidArgument, "{refused}");
     // The upload may be silent for thirty seconds.
     assert!(begun.elapsed() < Duration::from_secs(10));

@@ -38,10 +38,7 @@ async fn with(connections: ConnectionLimits) -> (Network, [SigningNode; 2]) {
     .await
 }
 
-fn registration(
-    network: &Network,
-    node: &SigningNode,
-) -> tonic::Request<proto::RegisterDatasetRequest> {
+fn registration(network: &Network, node: &SigningNode) -> tonic::Request<proto::RecordRequest> {
     let registration = node.registration(&network.genesis.network_id());
     node.registering(network, &registration, node.list())
 }

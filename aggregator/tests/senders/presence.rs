@@ -189,13 +189,10 @@ async fn a_node_that_has_left_is_not_waited_for_until_it_is_enrolled_again() -> 
         node: third.id(),
         name: "node-2".into(),
     };
-    let statement = borsh::to_vec(&Signed::new(enrolment, &log_key()))?;
+    let enrolment = Signed::new(enrolment, &log_key());
     let enrol = async || {
-        let message = proto::EnrolRequest {
-            enrolment: statement.clone(),
-        };
-        let request = network.request(&log_key(), Method::Enrol, None, &statement, message);
-        let receipt = network.client().await.enrol(request).await?;
+        let request = network.enrolling(&log_key(), &enrolment);
+        let receipt = network.client().await.record(request).await?;
         Ok::<_, Status>(receipt.into_inner().index)
     };
     let mut entries = Vec::new();

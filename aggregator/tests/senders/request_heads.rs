@@ -10,25 +10,29 @@ use zk0_protocol::entries::proposal::Action;
 use zk0_protocol::entries::signed::{Enrolment, Signed};
 use zk0_protocol::request_head::{Method, RequestHead};
 use zk0_protocol::rpc::federation as proto;
+use zk0_protocol::rpc::federation::record_request::Statement;
 use zk0_protocol::rpc::head_metadata::{with_head, HEAD};
 use zk0_testkit::aggregator::*;
 
 /// A network in round 0, a node that has uploaded an update, and its commitment to it.
-async fn uploaded() -> (Network, SigningNode, proto::CommitRequest) {
+async fn uploaded() -> (Network, SigningNode, proto::RecordRequest) {
     let (network, first, _) = open_round().await;
     let update = weights(1);
     first.upload(&network, 0, &update).await.unwrap();
     let commitment = first.commitment(&network.genesis.network_id(), 0, &update);
-    let commitment = borsh::to_vec(&Signed::new(commitment, &first.key)).unwrap();
-    (network, first, proto::CommitRequest { commitment })
+    let commitment = Body::UpdateCommitted(Signed::new(commitment, &first.key));
+    (network, first, with_leaves(&commitment, Vec::new()))
 }
 
-fn head_of(network: &Network, node: &SigningNode, message: &proto::CommitRequest) -> RequestHead {
-    network.head(&node.key, Method::Commit, Some(0), &message.commitment)
+fn head_of(network: &Network, node: &SigningNode, message: &proto::RecordRequest) -> RequestHead {
+    let Some(Statement::Body(body)) = &message.statement else {
+        panic!("{message:?}");
+    };
+    network.head(&node.key, Method::Record, Some(0), body)
 }
 
-async fn commit(network: &Network, request: Request<proto::CommitRequest>) -> Result<(), Status> {
-    network.client().await.commit(request).await.map(drop)
+async fn commit(network: &Network, request: Request<proto::RecordRequest>) -> Result<(), Status> {
+    network.client().await.record(request).await.map(drop)
 }
 
 /// A change of a head, and the words with which it is refused.
@@ -39,7 +43,7 @@ const CHANGES: [Change; 7] = [
     (|head| head.run[0] ^= 1, "was started again"),
     (
         |head| head.method = Method::Upload,
-        "is for Upload, not for Commit",
+        "is for Upload, not for Record",
     ),
     (
         |head| head.round = None,
@@ -151,7 +155,7 @@ async fn the_operator_chooses_how_much_clocks_may_differ() -> Test {
     let registration = node.registration(&network.genesis.network_id());
     let request = node.registering(&network, &registration, node.list());
     network.clock.advance(5001);
-    let late = network.client().await.register_dataset(request).await;
+    let late = network.client().await.record(request).await;
     refused(late, Code::Unavailable, "5.000 s are allowed");
     Ok(())
 }
@@ -209,13 +213,9 @@ async fn no_request_changes_anything_without_its_head() -> Test {
     let before = network.entries().await.len();
     let bare = "no signed head";
 
-    let registration = borsh::to_vec(&second.registration(&id))?;
-    let message = proto::RegisterDatasetRequest {
-        registration,
-        leaves: second.list(),
-    };
-    let result = client.register_dataset(message).await;
-    refused(result, Code::Unauthenticated, bare);
+    let registration = Body::DatasetCommitted(second.registration(&id));
+    let result = client.record(with_leaves(&registration, second.list()));
+    refused(result.await, Code::Unauthenticated, bare);
 
     let enrolment = Enrolment {
         network: id,
@@ -224,15 +224,17 @@ async fn no_request_changes_anything_without_its_head() -> Test {
         name: "third".into(),
     };
     let enrolment = borsh::to_vec(&Signed::new(enrolment, &log_key()))?;
-    let result = client.enrol(proto::EnrolRequest { enrolment }).await;
-    refused(result, Code::Unauthenticated, bare);
+    let message = proto::RecordRequest {
+        statement: Some(Statement::Enrolment(enrolment)),
+        leaves: Vec::new(),
+    };
+    refused(client.record(message).await, Code::Unauthenticated, bare);
 
     let state = |aggregator: &mut zk0_aggregator::Aggregator| Ok(aggregator.state().clone());
     let state = network.service().with(state).await.unwrap();
     let action = Action::RestoreWeights { round: 0 };
-    let body = borsh::to_vec(&operator::proposed(&state, action))?;
-    let result = client.record(proto::RecordRequest { body }).await;
-    refused(result, Code::Unauthenticated, bare);
+    let proposed = with_leaves(&operator::proposed(&state, action), Vec::new());
+    refused(client.record(proposed).await, Code::Unauthenticated, bare);
 
     let update = weights(1);
     let request = first.upload_request(&id, 0, &update);

@@ -7,7 +7,6 @@ use zk0_aggregator::{Config, Limits};
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::{Enrolment, Signed};
-use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rules::network_rules::EnrolmentRule;
 use zk0_testkit::aggregator::*;
@@ -26,12 +25,8 @@ async fn enrol(
     key: &SigningKey,
     signed: &Signed<Enrolment>,
 ) -> Result<proto::Receipt, tonic::Status> {
-    let enrolment = borsh::to_vec(signed).unwrap();
-    let message = proto::EnrolRequest {
-        enrolment: enrolment.clone(),
-    };
-    let request = network.request(key, Method::Enrol, None, &enrolment, message);
-    Ok(network.client().await.enrol(request).await?.into_inner())
+    let request = network.enrolling(key, signed);
+    Ok(network.client().await.record(request).await?.into_inner())
 }
 
 fn config() -> Config {

@@ -16,6 +16,7 @@ use zk0_protocol::entries::signed::{
     Dispute, Evidence, KeyRotation, KeyTakeover, Proposal, Signed, Vote,
 };
 use zk0_protocol::rpc::federation as proto;
+use zk0_protocol::rpc::federation::record_request::Statement;
 use zk0_protocol::rules::network_rules::Participation;
 use zk0_protocol::{RefusalCode, Rules};
 use zk0_testkit::aggregator::*;
@@ -166,7 +167,10 @@ async fn only_what_members_may_say_is_recorded() -> Test {
         "neither a proposal",
     );
     for bytes in [vec![], vec![255], vec![0; (64 << 10) + 1]] {
-        let request = proto::RecordRequest { body: bytes };
+        let request = proto::RecordRequest {
+            statement: Some(Statement::Body(bytes)),
+            leaves: Vec::new(),
+        };
         let result = network.client().await.record(request).await;
         refused(result, Code::InvalidArgument, "record");
     }

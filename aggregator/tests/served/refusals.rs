@@ -8,6 +8,8 @@ use zk0_circuits::Digest;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::evaluation_set::{list_bytes, DrawnLeaf};
+use zk0_protocol::rpc::federation::record_request::Statement;
+use zk0_protocol::rpc::federation::RecordRequest;
 use zk0_protocol::RefusalCode;
 use zk0_testkit::aggregator::*;
 use zk0_verifier::blob_digest;
@@ -411,7 +413,7 @@ async fn datasets_are_checked_before_they_are_recorded() -> Test {
     longer.leaves = blob_digest(&chosen);
     let longer = Signed::new(longer, &first.key);
     let request = first.registering(&network, &longer, chosen);
-    let result = network.client().await.register_dataset(request).await;
+    let result = network.client().await.record(request).await;
     refused(
         result.map(drop),
         Code::InvalidArgument,
@@ -468,25 +470,34 @@ async fn datasets_are_checked_before_they_are_recorded() -> Test {
 async fn bytes_that_are_no_statement_are_named() -> Test {
     let (network, first, _) = open_round().await;
     let mut client = network.client().await;
-    for commitment in [vec![], vec![1; 100], vec![0; 20_000]] {
-        let request = zk0_protocol::rpc::federation::CommitRequest { commitment };
-        refused(
-            client.commit(request).await,
-            Code::InvalidArgument,
-            "commitment",
-        );
-    }
+    let commitment = first.commitment(&network.genesis.network_id(), 0, &weights(1));
+    let commitment = Body::UpdateCommitted(Signed::new(commitment, &first.key));
     // A statement with one more byte is refused.
-    let mut commitment = borsh::to_vec(&Signed::new(
-        first.commitment(&network.genesis.network_id(), 0, &weights(1)),
-        &first.key,
-    ))?;
-    commitment.push(0);
-    let request = zk0_protocol::rpc::federation::CommitRequest { commitment };
+    let longer = [&borsh::to_vec(&commitment)?[..], &[0]].concat();
+    for bytes in [vec![], vec![4; 100], vec![0; 20_000], longer] {
+        for (statement, words) in [
+            (Statement::Body(bytes.clone()), "valid entry to record"),
+            (Statement::Enrolment(bytes), "valid enrolment"),
+        ] {
+            let request = RecordRequest {
+                statement: Some(statement),
+                leaves: Vec::new(),
+            };
+            refused(client.record(request).await, Code::InvalidArgument, words);
+        }
+    }
+    let nothing = RecordRequest::default();
     refused(
-        client.commit(request).await,
+        client.record(nothing).await,
         Code::InvalidArgument,
-        "commitment",
+        "no statement",
+    );
+    // Frames belong to a dataset.
+    let framed = with_leaves(&commitment, first.list());
+    refused(
+        client.record(framed).await,
+        Code::InvalidArgument,
+        "with nothing else",
     );
     Ok(())
 }

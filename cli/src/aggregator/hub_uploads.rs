@@ -12,11 +12,11 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tokio::task::spawn_blocking;
 use tokio::time::sleep;
-use zk0_aggregator::round::request_error::RequestError;
 use zk0_aggregator::{Aggregator, Service};
 use zk0_circuits::NodeId;
 use zk0_hub::target::RetryPolicy;
 use zk0_hub::{publish, PublishTarget, Repository};
+use zk0_ledger::error::LedgerError;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::Entry;
 
@@ -130,24 +130,27 @@ impl HubUploads {
     }
 }
 
-/// What the ledger says of a closed round. The lock is held only while its entries are read.
+/// What the ledger says of a closed round.
 async fn facts(service: &Service, round: u64) -> Result<RoundFacts> {
     let read = move |aggregator: &mut Aggregator| {
         let (state, ledger) = (aggregator.state(), aggregator.ledger());
-        let receipts = aggregator.round(Some(round), None, ledger.size())?;
-        let ends = receipts.opened.zip(receipts.closed);
-        let indices = ends.map_or(0..0, |(opened, closed)| opened.index..closed.index + 1);
-        let entry = |index| -> Result<_, RequestError> { Ok((index, ledger.entry(index)?)) };
-        let entries = indices.map(entry).collect::<Result<_, _>>()?;
-        Ok(OfRound {
+        let entries = aggregator.round(Some(round), ledger.size());
+        let ends = entries.and_then(|entries| Some(entries.opened..entries.closed? + 1));
+        let of_round = OfRound {
             genesis: state.genesis().clone(),
             names: (state.nodes().iter())
                 .map(|(id, node)| (*id, node.name.clone()))
                 .collect(),
-            entries,
-        })
+            entries: Vec::new(),
+        };
+        Ok((of_round, ends.unwrap_or(0..0), ledger.reader().clone()))
     };
-    let of_round = service.with(read).await?;
+    let (mut of_round, indices, ledger) = service.with(read).await?;
+    let entries = move || -> Result<_, LedgerError> {
+        let entry = |index| -> Result<_, LedgerError> { Ok((index, ledger.entry(index)?)) };
+        indices.map(entry).collect()
+    };
+    of_round.entries = spawn_blocking(entries).await??;
     let mut collector = Collector::new(&of_round.genesis, round)?;
     for (node, name) in &of_round.names {
         collector.named(*node, name);

@@ -123,7 +123,7 @@ fn a_submission_and_its_verification_are_one_trace() {
     for (step, method) in [("download", "Download"), ("upload", "GetUpload")] {
         of_node(step, method);
     }
-    for (step, method) in [("upload", "Upload"), ("commit", "Commit")] {
+    for (step, method) in [("upload", "Upload"), ("commit", "Record")] {
         let request = of_node(step, method);
         assert_eq!(text(&request.attributes, "zk0.node"), Some(node.clone()));
         assert_eq!(text(&request.attributes, "zk0.round"), Some("0".into()));

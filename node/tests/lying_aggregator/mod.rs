@@ -202,13 +202,6 @@ impl Federation for Lying {
         Ok(Response::new(Box::pin(chunks)))
     }
 
-    async fn register_dataset(
-        &self,
-        _: Request<rpc::RegisterDatasetRequest>,
-    ) -> Answer<rpc::Receipt> {
-        not_asked()
-    }
-
     async fn upload(&self, _: Request<Streaming<rpc::UploadChunk>>) -> Answer<rpc::UploadReply> {
         not_asked()
     }
@@ -217,19 +210,11 @@ impl Federation for Lying {
         not_asked()
     }
 
-    async fn commit(&self, _: Request<rpc::CommitRequest>) -> Answer<rpc::Receipt> {
-        not_asked()
-    }
-
     async fn submit(&self, _: Request<rpc::SubmitRequest>) -> Answer<rpc::SubmitReply> {
         not_asked()
     }
 
     async fn record(&self, _: Request<rpc::RecordRequest>) -> Answer<rpc::Receipt> {
-        not_asked()
-    }
-
-    async fn enrol(&self, _: Request<rpc::EnrolRequest>) -> Answer<rpc::Receipt> {
         not_asked()
     }
 

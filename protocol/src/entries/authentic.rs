@@ -7,9 +7,7 @@ use crate::entries::identity::NOT_A_KEY;
 use crate::entries::known_keys::KnownKeys;
 use crate::entries::refusal::code::RefusalCode;
 use crate::entries::refusal::Refusal;
-use crate::entries::signed::{
-    DatasetRegistration, SignableStatement, SignatureError, Signed, Submission, UpdateCommitment,
-};
+use crate::entries::signed::{SignableStatement, SignatureError, Signed, Submission};
 use crate::rules::violation::RuleViolation;
 use std::ops::Deref;
 
@@ -36,8 +34,8 @@ impl<T> Deref for Authentic<T> {
     }
 }
 
-/// A body of an entry whose signatures are all valid, and whose new keys are all usable. It is made of [`Authentic`] statements, or by
-/// [`AuthenticBody::of`], and nothing else makes one:
+/// A body of an entry whose signatures are all valid, and whose new keys are all usable. [`AuthenticBody::of`] makes one, or
+/// [`AuthenticBody::decided`] of an [`Authentic`] submission, and nothing else:
 ///
 /// ```compile_fail
 /// use zk0_protocol::entries::{authentic::AuthenticBody, entry::Body};
@@ -71,18 +69,6 @@ impl AuthenticBody {
             time_ms,
             body: self.0,
         })
-    }
-}
-
-impl From<Authentic<DatasetRegistration>> for AuthenticBody {
-    fn from(registration: Authentic<DatasetRegistration>) -> Self {
-        Self(Body::DatasetCommitted(registration.0))
-    }
-}
-
-impl From<Authentic<UpdateCommitment>> for AuthenticBody {
-    fn from(commitment: Authentic<UpdateCommitment>) -> Self {
-        Self(Body::UpdateCommitted(commitment.0))
     }
 }
 

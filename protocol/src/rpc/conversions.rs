@@ -44,12 +44,12 @@ impl TryFrom<wire::Receipt> for Receipt {
 }
 
 impl wire::OpenProposal {
-    /// An open proposal, the count of its votes so far, and the receipt of the entry that recorded it.
-    pub fn new(open: &OpenProposal, receipt: Receipt) -> Self {
+    /// An open proposal and the count of its votes so far, without the receipt of the entry that recorded it.
+    pub fn of(open: &OpenProposal) -> Self {
         let tally = open.tally();
         let weight = |sum: u128| u64::try_from(sum).unwrap_or(u64::MAX);
         Self {
-            receipt: Some(receipt.into()),
+            receipt: None,
             for_it: weight(tally.for_it),
             against: weight(tally.against),
             abstained: weight(tally.abstained),

@@ -1,13 +1,17 @@
 //! An aggregator without a service in front of it: each request takes all of its steps at once.
 
+use std::sync::Arc;
+use zk0_aggregator::round::intake::admission::Admission;
 use zk0_aggregator::round::intake::group::ToRecord;
-use zk0_aggregator::round::intake::statements::{decode, read_signed, Admission, MemberStatement};
+use zk0_aggregator::round::intake::statements::{decode, read_signed, SentStatement};
 use zk0_aggregator::round::intake::submission::SubmissionAnswer;
 use zk0_aggregator::round::request_error::RequestError;
 use zk0_aggregator::{Aggregator, StepOutcome};
 use zk0_ledger::blobs::partial::PartialBlob;
-use zk0_protocol::entries::authentic::{Authentic, AuthenticBody};
+use zk0_protocol::entries::authentic::Authentic;
 use zk0_protocol::entries::signed::{Signed, Submission, UploadRequest};
+use zk0_protocol::rpc::federation::record_request::Statement;
+use zk0_protocol::rpc::federation::RecordRequest;
 use zk0_protocol::Receipt;
 
 /// Requests as their bytes, one after the other.
@@ -34,43 +38,29 @@ pub trait AtOnce {
 
 impl AtOnce for Aggregator {
     fn say(&mut self, body: &[u8]) -> Result<Receipt, RequestError> {
-        let now = self.now_ms();
-        match self.begin_statement(&MemberStatement::read(body)?, now)? {
-            Admission::Recorded(receipt) => Ok(receipt),
-            Admission::New(allowed) => recorded(self, allowed.check()?),
-        }
+        stated(self, Statement::Body(body.into()), &[])
     }
 
     fn let_in(&mut self, enrolment: &[u8]) -> Result<Receipt, RequestError> {
-        let signed = read_signed("enrolment", enrolment)?;
-        match self.begin_enrolment(&signed, self.now_ms())? {
-            Admission::Recorded(receipt) => Ok(receipt),
-            Admission::New(body) => recorded(self, body),
-        }
+        stated(self, Statement::Enrolment(enrolment.into()), &[])
     }
 
     fn register(&mut self, registration: &[u8], leaves: &[u8]) -> Result<Receipt, RequestError> {
-        let signed = read_signed("dataset registration", registration)?;
-        match self.begin_registration(signed, self.now_ms())? {
-            Admission::Recorded(receipt) => Ok(receipt),
-            Admission::New(allowed) => recorded(self, allowed.keep(leaves)?),
-        }
+        let body = [&[DATASET_COMMITTED][..], registration].concat();
+        stated(self, Statement::Body(body), leaves)
     }
 
     fn upload(&self, request: &[u8]) -> Result<Option<PartialBlob>, RequestError> {
         let signed: Authentic<UploadRequest> = read_signed("upload request", request)?;
         match self.begin_upload(&signed.statement)? {
-            Admission::Recorded(()) => Ok(None),
-            Admission::New(staging) => Ok(staging.go_on(&signed.statement, 0)?),
+            None => Ok(None),
+            Some(staging) => Ok(staging.go_on(&signed.statement, 0)?),
         }
     }
 
     fn commit(&mut self, commitment: &[u8]) -> Result<Receipt, RequestError> {
-        let signed = read_signed("commitment", commitment)?;
-        match self.begin_commitment(signed, self.now_ms())? {
-            Admission::Recorded(receipt) => Ok(receipt),
-            Admission::New(allowed) => recorded(self, allowed.keep()?),
-        }
+        let body = [&[UPDATE_COMMITTED][..], commitment].concat();
+        stated(self, Statement::Body(body), &[])
     }
 
     fn submit(
@@ -79,12 +69,14 @@ impl AtOnce for Aggregator {
         proof: Vec<u8>,
     ) -> Result<SubmissionAnswer, RequestError> {
         let signed: Signed<Submission> = decode("submission", submission)?;
-        let undecided = match self.begin_submission(&signed, self.now_ms())? {
+        let compared = self.begin_submission(&signed, self.now_ms());
+        let answer = |receipt, body| SubmissionAnswer::of(&signed, receipt, body);
+        let pending = match compared.admission(self.ledger().reader(), answer)? {
             Admission::Recorded(decided) => return Ok(decided),
-            Admission::New(undecided) => undecided,
+            Admission::New(pending) => pending,
         };
-        let contribution = undecided.authenticate(signed, proof)?;
-        let judged = undecided.judge(contribution)?.keep()?;
+        let (pending, contribution) = pending.authenticate(signed, proof)?;
+        let judged = pending.judge(contribution)?.keep()?;
         let rejected = judged.rejected().cloned();
         let receipt = one(self, ToRecord::Decision(Box::new(judged)))?;
         Ok(SubmissionAnswer { rejected, receipt })
@@ -112,11 +104,32 @@ impl AtOnce for Aggregator {
     }
 }
 
-fn recorded(aggregator: &mut Aggregator, body: AuthenticBody) -> Result<Receipt, RequestError> {
-    one(aggregator, ToRecord::Statement(Box::new(body)))
+/// The bytes with which the bodies of entries begin that record a dataset and a commitment to an update. Their signed statements follow.
+const DATASET_COMMITTED: u8 = 2;
+const UPDATE_COMMITTED: u8 = 4;
+
+fn stated(
+    aggregator: &mut Aggregator,
+    statement: Statement,
+    leaves: &[u8],
+) -> Result<Receipt, RequestError> {
+    let sent = Arc::new(SentStatement::read(RecordRequest {
+        statement: Some(statement),
+        leaves: leaves.into(),
+    })?);
+    let compared = aggregator.begin_statement(sent.clone(), aggregator.now_ms());
+    let ledger = aggregator.ledger().reader().clone();
+    match compared.admission(&ledger, |receipt, body| sent.answer(receipt, body))? {
+        Admission::Recorded(receipt) => Ok(receipt),
+        Admission::New(allowed) => {
+            let body = allowed.keep(&ledger)?;
+            one(aggregator, ToRecord::Statement(Box::new(body)))
+        }
+    }
 }
 
 fn one(aggregator: &mut Aggregator, what: ToRecord) -> Result<Receipt, RequestError> {
     let now = aggregator.now_ms();
-    aggregator.record(vec![(now, what)]).pop().unwrap()
+    let recorded = aggregator.record(vec![(now, what)]).pop().unwrap()?;
+    Ok(aggregator.ledger().first_receipt(recorded)?)
 }

@@ -23,7 +23,7 @@ pub use self::genesis::{
 };
 pub use self::manual_clock::ManualClock;
 pub use self::network::{Network, LONG_BYTES};
-pub use self::node::{list, SigningNode, EVALUATION_FRAMES};
+pub use self::node::{list, with_leaves, SigningNode, EVALUATION_FRAMES};
 pub use self::open_round::{both_committed, committed, open_round, open_round_of};
 pub use self::real_proof::REAL;
 pub use self::requests::{reason, refused};

@@ -1,6 +1,8 @@
 //! An aggregator that serves on loopback, and can be killed and started again.
 
-use super::{files, found, genesis, log_key, ManualClock, SigningNode, COMMIT_MS, START_MS};
+use super::{
+    files, found, genesis, log_key, with_leaves, ManualClock, SigningNode, COMMIT_MS, START_MS,
+};
 use crate::until_async;
 use ed25519_dalek::SigningKey;
 use std::fs::File;
@@ -16,7 +18,7 @@ use tonic::Status;
 use zk0_aggregator::connections::listening::listen;
 use zk0_aggregator::publish::beacon::BeaconServers;
 use zk0_aggregator::publish::cosigning::Witnesses;
-use zk0_aggregator::round::intake::statements::MemberStatement;
+use zk0_aggregator::round::intake::statements::SentStatement;
 use zk0_aggregator::{Aggregator, Clock, Config, Limits, Service};
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::Blobs;
@@ -287,15 +289,13 @@ impl Network {
 
     /// The request that records `body`, sent by whoever has signed it.
     pub fn recording(&self, body: &Body) -> tonic::Request<proto::RecordRequest> {
-        let body = borsh::to_vec(body).unwrap();
-        let message = proto::RecordRequest { body: body.clone() };
-        let signer = MemberStatement::read(&body).map(|said| said.signer());
+        let signer = SentStatement::read(with_leaves(body, Vec::new())).map(|sent| sent.signer());
         let signers = signer.iter().flat_map(|signer| {
             let nodes = (0..=255).map(SigningNode::new);
             nodes.filter(|node| node.id() == *signer)
         });
         let key = signers.map(|node| node.key).next().unwrap_or_else(log_key);
-        self.request(&key, Method::Record, None, &body, message)
+        self.stating(&key, body, Vec::new())
     }
 
     /// What the aggregator says about this round, or about the newest one.

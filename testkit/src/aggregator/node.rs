@@ -4,10 +4,13 @@ use super::digest;
 use ed25519_dalek::SigningKey;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{Claim, DatasetCommitment, Digest, Losses, NodeId};
+use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::{
     DatasetRegistration, RegisteredEpisode, Signed, Submission, UpdateCommitment, UploadRequest,
 };
 use zk0_protocol::evaluation_set::{draw, list_bytes, DrawnLeaf};
+use zk0_protocol::rpc::federation::record_request::Statement;
+use zk0_protocol::rpc::federation::RecordRequest;
 use zk0_protocol::rules::bindings::ExpectedClaim;
 use zk0_verifier::blob_digest;
 
@@ -141,4 +144,13 @@ fn bytes_of(seed: u16, number: u8) -> [u8; 32] {
     let mut bytes = [low ^ number; 32];
     bytes[0] ^= high;
     bytes
+}
+
+/// The message that records `body`, with this list of drawn frames.
+pub fn with_leaves(body: &Body, leaves: Vec<u8>) -> RecordRequest {
+    let body = borsh::to_vec(body).unwrap();
+    RecordRequest {
+        statement: Some(Statement::Body(body)),
+        leaves,
+    }
 }

@@ -1,15 +1,54 @@
 //! What a node asks a network for. Each request says what the test tells it to say.
 
-use super::{list, Network, SigningNode};
+use super::{list, with_leaves, Network, SigningNode};
+use ed25519_dalek::SigningKey;
 use tonic::{Code, Status};
 use zk0_circuits::{Claim, Digest};
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::signed::{
-    DatasetRegistration, Signed, Submission, UpdateCommitment, UploadRequest,
+    DatasetRegistration, Enrolment, Signed, Submission, UpdateCommitment, UploadRequest,
 };
 use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation as proto;
+use zk0_protocol::rpc::federation::record_request::Statement;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
+
+impl Network {
+    /// The request of the holder of `key` that records `body`, with this list of drawn frames.
+    pub fn stating(
+        &self,
+        key: &SigningKey,
+        body: &Body,
+        leaves: Vec<u8>,
+    ) -> tonic::Request<proto::RecordRequest> {
+        let round = match body {
+            Body::UpdateCommitted(signed) => Some(signed.statement.round),
+            _ => None,
+        };
+        let statement = borsh::to_vec(body).unwrap();
+        self.request(
+            key,
+            Method::Record,
+            round,
+            &statement,
+            with_leaves(body, leaves),
+        )
+    }
+
+    /// The request of the holder of `key` that enrols a node.
+    pub fn enrolling(
+        &self,
+        key: &SigningKey,
+        enrolment: &Signed<Enrolment>,
+    ) -> tonic::Request<proto::RecordRequest> {
+        let statement = borsh::to_vec(enrolment).unwrap();
+        let message = proto::RecordRequest {
+            statement: Some(Statement::Enrolment(statement.clone())),
+            leaves: Vec::new(),
+        };
+        self.request(key, Method::Record, None, &statement, message)
+    }
+}
 
 impl SigningNode {
     /// Registers its dataset.
@@ -31,8 +70,7 @@ impl SigningNode {
     ) -> Result<proto::Receipt, Status> {
         let leaves = list(&registration.statement, leaves);
         let request = self.registering(network, registration, leaves);
-        let reply = network.client().await.register_dataset(request).await?;
-        Ok(reply.into_inner())
+        Ok(network.client().await.record(request).await?.into_inner())
     }
 
     /// A request with this registration, and this list of drawn frames.
@@ -41,19 +79,9 @@ impl SigningNode {
         network: &Network,
         registration: &Signed<DatasetRegistration>,
         leaves: Vec<u8>,
-    ) -> tonic::Request<proto::RegisterDatasetRequest> {
-        let statement = borsh::to_vec(registration).unwrap();
-        let message = proto::RegisterDatasetRequest {
-            registration: statement.clone(),
-            leaves,
-        };
-        network.request(
-            &self.key,
-            Method::RegisterDataset,
-            None,
-            &statement,
-            message,
-        )
+    ) -> tonic::Request<proto::RecordRequest> {
+        let body = Body::DatasetCommitted(registration.clone());
+        network.stating(&self.key, &body, leaves)
     }
 
     /// A request that uploads `stream`, which begins with `request`.
@@ -166,13 +194,9 @@ impl SigningNode {
         network: &Network,
         commitment: &Signed<UpdateCommitment>,
     ) -> Result<proto::Receipt, Status> {
-        let statement = borsh::to_vec(commitment).unwrap();
-        let message = proto::CommitRequest {
-            commitment: statement.clone(),
-        };
-        let round = Some(commitment.statement.round);
-        let request = network.request(&self.key, Method::Commit, round, &statement, message);
-        Ok(network.client().await.commit(request).await?.into_inner())
+        let body = Body::UpdateCommitted(commitment.clone());
+        let request = network.stating(&self.key, &body, Vec::new());
+        Ok(network.client().await.record(request).await?.into_inner())
     }
 
     /// Waits for the randomness, and returns the claim that the ledger expects, with losses that the claim would hold for.

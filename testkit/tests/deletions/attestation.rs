@@ -59,6 +59,8 @@ pub const REMOVALS: &[Removal] = &[
     verifier("only an enrolled node contributes", CONTRIBUTION, never!("!context.is_of_enrolled(&node)"), "a_stranger_contributes_nothing"),
     system("a claim is what the ledger fixed", CONTRIBUTION, skipped!("context.check_claim(contribution.claim(), time_ms)?;"),
         "a_second_submission_is_refused"),
+    system("the claim that is verified is the one that was compared", CONTRIBUTION, never!("claim != contribution.claim()"),
+        "only_the_claim_that_was_compared_with_the_ledger_counts"),
     system("a proof is the one that the node signed", CONTRIBUTION, always!("proof.digest() == statement.proof"),
         "a_flipped_byte_in_the_proof_is_refused"),
     verifier("public samples are those of the rules", PUBLIC_SAMPLES, never!("actual != rule.blob"),

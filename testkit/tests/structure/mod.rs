@@ -4,6 +4,7 @@ mod circles;
 mod files;
 mod links;
 mod map;
+mod once;
 mod paths;
 mod tokens;
 mod type_names;

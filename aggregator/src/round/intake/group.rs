@@ -8,7 +8,6 @@ use crate::round::request_error::RequestError;
 use zk0_ledger::error::LedgerError;
 use zk0_ledger::group::WantedEntry;
 use zk0_protocol::entries::authentic::AuthenticBody;
-use zk0_protocol::tlog::receipt::Receipt;
 use zk0_verifier::decide::DecisionEntry;
 
 /// What is to be recorded for a request.
@@ -20,8 +19,8 @@ pub enum ToRecord {
 }
 
 impl Aggregator {
-    /// Records all of this, each with the time at which it arrived. Returns the receipt of each, or why it is not recorded.
-    pub fn record(&mut self, all: Vec<(u64, ToRecord)>) -> Vec<Result<Receipt, RequestError>> {
+    /// Records all of this, each with the time at which it arrived. Returns the entry of each, or why it is not recorded.
+    pub fn record(&mut self, all: Vec<(u64, ToRecord)>) -> Vec<Result<u64, RequestError>> {
         let wanted = all.iter().map(|(time_ms, one)| WantedEntry {
             time_ms: *time_ms,
             body: one.body(),
@@ -43,7 +42,7 @@ impl Aggregator {
             if let ToRecord::Decision(judged) = one {
                 self.take(*judged);
             }
-            Ok(self.ledger.first_receipt(index)?)
+            Ok(index)
         };
         outcomes.into_iter().zip(all).map(recorded).collect()
     }

@@ -1,5 +1,6 @@
 //! Recording what nodes, members and the operator send.
 
+pub mod admission;
 pub mod arrivals;
 pub mod group;
 pub mod registrations;

@@ -1,18 +1,22 @@
-//! Recording what nodes and members send, in three steps. The first one compares a request with the ledger. The second one reads and writes
-//! files, and needs no aggregator, so that the rounds go on meanwhile. The third one records ([`crate::round::intake::group`]), and compares once more.
+//! Recording what nodes, members and the operator sign, in three steps. The first one compares a statement with the ledger's state. The second one
+//! reads and writes files, and needs no aggregator, so that the rounds go on meanwhile. The third one records ([`crate::round::intake::group`]), and
+//! compares once more. Signatures are verified before all of them ([`SentStatement::read`]).
 //!
 //! What is recorded already is not recorded again: whoever sends it again gets the same receipt. [`crate::round::intake::submission`] has the
 //! same steps for submissions.
 
 use crate::round::aggregator::Aggregator;
+use crate::round::intake::admission::Comparison;
 use crate::round::intake::registrations::{MAX_REGISTRATIONS, PERIOD_MS};
 use crate::round::intake::staging::Staging;
 use crate::round::public_samples::check_public_samples;
 use crate::round::request_error::RequestError;
 use borsh::BorshDeserialize;
-use zk0_circuits::NodeId;
+use std::sync::Arc;
+use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::{BlobError, Blobs};
-use zk0_protocol::blob::Blob;
+use zk0_ledger::store::reader::LedgerReader;
+use zk0_protocol::blob::{blob_digest, Blob};
 use zk0_protocol::entries::authentic::{Authentic, AuthenticBody};
 use zk0_protocol::entries::entry::{Body, MAX_ENTRY_BYTES};
 use zk0_protocol::entries::genesis::Genesis;
@@ -23,96 +27,188 @@ use zk0_protocol::entries::refusal::code::RoundFile;
 use zk0_protocol::entries::signed::{
     DatasetRegistration, Enrolment, SignableStatement, UpdateCommitment, UploadRequest,
 };
+use zk0_protocol::rpc::federation::record_request::Statement;
+use zk0_protocol::rpc::federation::RecordRequest;
 use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::RefusalCode;
 use zk0_verifier::dataset::check_leaf_list;
 
-/// What the first step finds.
-pub enum Admission<T, R = Receipt> {
-    /// It is recorded already: this is the answer.
-    Recorded(R),
-    /// It is new, and the rules allow it so far. This is what the second step needs.
-    New(T),
-}
-
-/// What a member says about the network itself: a proposal, a vote, a dispute, a change of key, or that it leaves, as it was signed.
-pub struct MemberStatement {
+/// A statement as somebody has signed and sent it. Its signatures are valid.
+pub struct SentStatement {
+    /// What the ledger records of it.
     body: AuthenticBody,
     signer: NodeId,
+    /// SHA-256 of the statement as it was sent.
+    digest: Digest,
+    /// The network that an enrolment is for. Its entry does not name one.
+    enrols_in: Option<Digest>,
+    /// The list of drawn frames that comes with a dataset registration.
+    leaves: Vec<u8>,
 }
 
-/// Something said that the rules allow, and the samples that it proposes.
+/// A statement that the rules allow, and where the files lie that belong to it.
 pub struct AllowedStatement {
-    body: AuthenticBody,
+    sent: Arc<SentStatement>,
     genesis: Genesis,
     blobs: Blobs,
+    staging: Staging,
+    /// The first of the datasets that its signer has registered lately, if these are as many as a node may register.
+    registered: Option<u64>,
+    /// The weights to which it proposes to go back.
+    restored: Option<Digest>,
+    time_ms: u64,
 }
 
-/// A dataset commitment that the rules allow.
-pub struct AllowedRegistration {
-    signed: Authentic<DatasetRegistration>,
-    blobs: Blobs,
-}
-
-/// A commitment that the rules allow, to an update that its node has uploaded.
-pub struct AllowedCommitment {
-    signed: Authentic<UpdateCommitment>,
-    staged: Blobs,
-    blobs: Blobs,
-}
-
-impl MemberStatement {
-    /// Reads the bytes of an entry's body, and verifies its signatures.
+impl SentStatement {
+    /// Reads the message of a request, and verifies the signatures in it.
     ///
     /// # Errors
-    /// It is not something that a member may state, or a signature is wrong.
-    pub fn read(bytes: &[u8]) -> Result<Self, RequestError> {
-        let body: Body = decode("entry to record", bytes)?;
-        let signer = match &body {
-            Body::Proposed(signed) => signed.statement.signer(),
-            Body::Voted(signed) => signed.statement.signer(),
-            Body::Disputed(signed) => signed.statement.signer(),
-            Body::KeyRotated { rotation, .. } => rotation.statement.signer(),
-            Body::NodeLeft(signed) => signed.statement.signer(),
-            _ => {
-                return Err(RequestError::Malformed(
-                    "the entry to record is neither a proposal nor a vote, a dispute, a change of key, or the leaving of a node".into(),
-                ))
+    /// It is not something that somebody may state, or a signature is wrong.
+    pub fn read(request: RecordRequest) -> Result<Self, RequestError> {
+        let (bytes, (body, signer, enrols_in)) = match request.statement {
+            Some(Statement::Body(bytes)) => {
+                let (body, signer) = read_body(&bytes)?;
+                (bytes, (body, signer, None))
+            }
+            Some(Statement::Enrolment(bytes)) => {
+                let enrolment = read_enrolment(&bytes)?;
+                (bytes, enrolment)
+            }
+            None => {
+                let why = "the request has no statement to record";
+                return Err(RequestError::Malformed(why.into()));
             }
         };
-        let body = AuthenticBody::of(body)?;
-        Ok(Self { body, signer })
+        let leaves = request.leaves;
+        if !leaves.is_empty() && !matches!(&*body, Body::DatasetCommitted(_)) {
+            let why =
+                "a list of drawn frames comes with a dataset registration, and with nothing else";
+            return Err(RequestError::Malformed(why.into()));
+        }
+        Ok(Self {
+            body,
+            signer,
+            digest: blob_digest(&bytes),
+            enrols_in,
+            leaves,
+        })
     }
 
     /// Who states it.
     pub fn signer(&self) -> NodeId {
         self.signer
     }
-}
 
-impl AllowedStatement {
-    /// Refuses a proposal of public samples that are not at hand or cannot be used, because no round could be closed with them.
-    pub fn check(self) -> Result<AuthenticBody, RequestError> {
-        if let Body::Proposed(signed) = &*self.body {
-            if let Action::ChangeRules(rules) = &signed.statement.action {
-                let checked = check_public_samples(&self.genesis, rules, &self.blobs);
-                checked.map_err(RequestError::PublicSamples)?;
-                // The operator puts the file into the ledger's folder.
-                if let Some(samples) = &rules.public_samples {
-                    self.blobs.keeps(&samples.blob)?;
-                }
-            }
+    /// SHA-256 of the statement as it was sent.
+    pub fn digest(&self) -> Digest {
+        self.digest
+    }
+
+    /// The round that it is about, if it names one.
+    pub fn round(&self) -> Option<u64> {
+        match &*self.body {
+            Body::UpdateCommitted(signed) => Some(signed.statement.round),
+            _ => None,
         }
-        Ok(self.body)
+    }
+
+    /// The receipt of an entry with this body, if it is this statement that it records.
+    pub fn answer(&self, receipt: Receipt, body: Body) -> Option<Receipt> {
+        (*self.body == body).then_some(receipt)
+    }
+
+    /// Tells the log that it is recorded.
+    pub fn log(&self) {
+        match &*self.body {
+            Body::DatasetCommitted(signed) => {
+                let DatasetRegistration { node, dataset, .. } = &signed.statement;
+                tracing::info!(%node, samples = dataset.samples, "dataset registered");
+            }
+            Body::UpdateCommitted(signed) => {
+                let UpdateCommitment {
+                    node,
+                    round,
+                    update,
+                    ..
+                } = &signed.statement;
+                tracing::info!(%node, round, update = %update.blob, "update committed");
+            }
+            Body::NodeEnrolled(NodeEnrolled { node, name }) => {
+                tracing::info!(%node, name, "node enrolled");
+            }
+            _ => {}
+        }
     }
 }
 
-impl AllowedRegistration {
+/// The body of an entry, with its signer.
+fn read_body(bytes: &[u8]) -> Result<(AuthenticBody, NodeId), RequestError> {
+    let body: Body = decode("entry to record", bytes)?;
+    let signer = match &body {
+        Body::DatasetCommitted(signed) => signed.statement.signer(),
+        Body::UpdateCommitted(signed) => signed.statement.signer(),
+        Body::Proposed(signed) => signed.statement.signer(),
+        Body::Voted(signed) => signed.statement.signer(),
+        Body::Disputed(signed) => signed.statement.signer(),
+        Body::KeyRotated { rotation, .. } => rotation.statement.signer(),
+        Body::NodeLeft(signed) => signed.statement.signer(),
+        _ => {
+            return Err(RequestError::Malformed(
+                "the entry to record is neither a proposal nor a vote, a dispute, a change of key, the leaving of a node, a dataset registration, or a commitment to an update".into(),
+            ))
+        }
+    };
+    Ok((AuthenticBody::of(body)?, signer))
+}
+
+/// What the ledger records of an enrolment, with its signer and its network.
+fn read_enrolment(bytes: &[u8]) -> Result<(AuthenticBody, NodeId, Option<Digest>), RequestError> {
+    let signed = read_signed::<Enrolment>("enrolment", bytes)?;
+    let Enrolment {
+        network,
+        operator,
+        node,
+        name,
+    } = signed.statement.clone();
+    let body = AuthenticBody::of(Body::NodeEnrolled(NodeEnrolled { node, name }))?;
+    Ok((body, operator, Some(network)))
+}
+
+impl AllowedStatement {
+    /// Checks and keeps the files that belong to it. `ledger` has the entries.
+    pub fn keep(self, ledger: &LedgerReader) -> Result<AuthenticBody, RequestError> {
+        match &*self.sent.body {
+            Body::DatasetCommitted(signed) => {
+                self.check_registrations(ledger)?;
+                self.keep_leaves(&signed.statement)?;
+            }
+            Body::UpdateCommitted(signed) => self.keep_update(&signed.statement)?,
+            Body::Proposed(signed) => self.check_proposed(&signed.statement.action)?,
+            _ => {}
+        }
+        Ok(self.sent.body.clone())
+    }
+
+    /// Refuses a node that has registered as often as it may.
+    fn check_registrations(&self, ledger: &LedgerReader) -> Result<(), RequestError> {
+        let Some(first) = self.registered else {
+            return Ok(());
+        };
+        let again_ms = ledger.entry(first)?.time_ms.saturating_add(PERIOD_MS);
+        match again_ms.saturating_sub(self.time_ms) {
+            0 => Ok(()),
+            left_ms => Err(RequestError::Busy(format!(
+                "node {} has registered {MAX_REGISTRATIONS} datasets within a day, and no round has closed since: it may register again when a round has closed, or in {} minutes",
+                self.sent.signer,
+                left_ms.div_ceil(60_000)
+            ))),
+        }
+    }
+
     /// Keeps the list of drawn frames as a blob, if it is the one that the registration names.
-    pub fn keep(self, leaves: &[u8]) -> Result<AuthenticBody, RequestError> {
-        let registration = &self.signed.statement;
-        let list = Blob::from(leaves);
+    fn keep_leaves(&self, registration: &DatasetRegistration) -> Result<(), RequestError> {
+        let list = Blob::from(&self.sent.leaves[..]);
         if list.digest() != registration.leaves {
             let detail = format!(
                 "the list of drawn frames has SHA-256 {}, the registration names {}",
@@ -121,45 +217,96 @@ impl AllowedRegistration {
             );
             return Err(RefusalCode::Dataset.because(detail).into());
         }
-        check_leaf_list(registration, leaves)?;
+        check_leaf_list(registration, &self.sent.leaves)?;
         self.blobs.put(&list)?;
-        Ok(self.signed.into())
+        Ok(())
     }
-}
 
-impl AllowedCommitment {
     /// Puts the uploaded update among the ledger's blobs.
-    pub fn keep(self) -> Result<AuthenticBody, RequestError> {
-        let update = self.signed.statement.update.blob;
-        match self.blobs.link(&self.staged, &update) {
+    fn keep_update(&self, commitment: &UpdateCommitment) -> Result<(), RequestError> {
+        let staged = self.staging.of(commitment.round, &commitment.node);
+        let update = commitment.update.blob;
+        match self.blobs.link(&staged, &update) {
             Err(BlobError::Missing(_)) => Err(RefusalCode::MissingUpdate(update).into()),
-            kept => {
-                kept?;
-                Ok(self.signed.into())
-            }
+            kept => Ok(kept?),
         }
+    }
+
+    /// Refuses public samples that are not at hand or cannot be used, because no round could be closed with them, and weights whose blob is
+    /// lost, because no round could start from them.
+    fn check_proposed(&self, action: &Action) -> Result<(), RequestError> {
+        match action {
+            Action::ChangeRules(rules) => {
+                let checked = check_public_samples(&self.genesis, rules, &self.blobs);
+                checked.map_err(RequestError::PublicSamples)?;
+                // The operator puts the file into the ledger's folder.
+                if let Some(samples) = &rules.public_samples {
+                    self.blobs.keeps(&samples.blob)?;
+                }
+            }
+            Action::RestoreWeights { round } => {
+                let lost = self.restored.filter(|blob| !self.blobs.contains(blob));
+                if let Some(blob) = lost {
+                    return Err(RequestError::LostWeights {
+                        round: *round,
+                        blob,
+                    });
+                }
+            }
+            _ => {}
+        }
+        Ok(())
     }
 }
 
 impl Aggregator {
-    /// Begins to record what a member says.
+    /// Begins to record a statement that arrived at `arrived_ms`: compares it with the ledger's state.
     pub fn begin_statement(
         &self,
-        said: &MemberStatement,
+        sent: Arc<SentStatement>,
         arrived_ms: u64,
-    ) -> Result<Admission<AllowedStatement>, RequestError> {
-        // A node may leave, be enrolled again, and leave once more.
-        let undone = matches!(*said.body, Body::NodeLeft(_)) && !self.has_left(&said.signer);
-        if let Some(index) = self.index.said(&said.body).filter(|_| !undone) {
-            return Ok(Admission::Recorded(self.ledger.first_receipt(index)?));
+    ) -> Comparison<AllowedStatement> {
+        match self.check_enrolment(&sent) {
+            Ok(()) => Comparison {
+                earlier: self.earlier(&sent),
+                allowed: self.allowed(sent, arrived_ms),
+            },
+            Err(refused) => Comparison {
+                earlier: None,
+                allowed: Err(refused),
+            },
         }
-        self.check(arrived_ms, &said.body)?;
-        self.check_at_hand(&said.body)?;
-        Ok(Admission::New(AllowedStatement {
-            body: said.body.clone(),
-            genesis: self.state().genesis().clone(),
-            blobs: self.ledger.blobs().clone(),
-        }))
+    }
+
+    /// Checks that it is this network's operator who enrols.
+    fn check_enrolment(&self, sent: &SentStatement) -> Result<(), RequestError> {
+        let (ours, genesis) = (*self.state().network(), self.state().genesis());
+        match sent.enrols_in {
+            Some(claimed) if claimed != ours => {
+                Err(RefusalCode::WrongNetwork { claimed, ours }.into())
+            }
+            Some(_) if sent.signer.0 != genesis.log_key => {
+                Err(RequestError::NotOperator(sent.signer))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The entry that may have recorded this statement.
+    fn earlier(&self, sent: &SentStatement) -> Option<u64> {
+        let state = self.state();
+        match &*sent.body {
+            Body::DatasetCommitted(_) => Some(state.node(&sent.signer)?.dataset?.entry),
+            Body::UpdateCommitted(signed) => {
+                let round = signed.statement.round;
+                let open = state.round().filter(|open| open.number() == round)?;
+                Some(open.commits.get(&sent.signer)?.entry)
+            }
+            // A node may leave, be enrolled again, and leave once more.
+            Body::NodeLeft(_) if !self.has_left(&sent.signer) => None,
+            Body::NodeEnrolled(enrolled) if self.has_left(&enrolled.node) => None,
+            body => self.index.said(body),
+        }
     }
 
     fn has_left(&self, node: &NodeId) -> bool {
@@ -167,108 +314,33 @@ impl Aggregator {
         known.is_some_and(|known| known.standing == Standing::Left)
     }
 
-    /// Refuses a proposal to go back to weights whose blob is lost, because no round could start from them.
-    fn check_at_hand(&self, body: &Body) -> Result<(), RequestError> {
-        let Body::Proposed(signed) = body else {
-            return Ok(());
-        };
-        let Action::RestoreWeights { round } = signed.statement.action else {
-            return Ok(());
-        };
-        match self.state().results().of(round) {
-            Some(result) if !self.ledger.blobs().contains(&result.blob) => {
-                Err(RequestError::LostWeights {
-                    round,
-                    blob: result.blob,
-                })
-            }
-            _ => Ok(()),
-        }
-    }
-
-    /// Begins to record a dataset commitment.
-    ///
-    /// # Errors
-    /// The rules do not allow it, or the node has registered too often ([`crate::round::intake::registrations`]).
-    pub fn begin_registration(
+    fn allowed(
         &self,
-        signed: Authentic<DatasetRegistration>,
+        sent: Arc<SentStatement>,
         arrived_ms: u64,
-    ) -> Result<Admission<AllowedRegistration>, RequestError> {
-        let known = self.state().node(&signed.statement.node);
-        let body = AuthenticBody::from(signed.clone());
-        if let Some(known) = known.and_then(|known| known.dataset) {
-            if self.ledger.entry(known.entry)?.body == *body {
-                return Ok(Admission::Recorded(self.ledger.first_receipt(known.entry)?));
-            }
-        }
-        self.check(arrived_ms, &body)?;
-        self.check_registrations(&signed.statement.node, arrived_ms)?;
-        Ok(Admission::New(AllowedRegistration {
-            signed,
+    ) -> Result<AllowedStatement, RequestError> {
+        self.check(arrived_ms, &sent.body)?;
+        let restored = match &*sent.body {
+            Body::Proposed(signed) => match signed.statement.action {
+                Action::RestoreWeights { round } => self.state().results().of(round),
+                _ => None,
+            },
+            _ => None,
+        };
+        Ok(AllowedStatement {
+            genesis: self.state().genesis().clone(),
             blobs: self.ledger.blobs().clone(),
-        }))
+            staging: self.staging.clone(),
+            registered: self.index.registrations.first(&sent.signer),
+            restored: restored.map(|result| result.blob),
+            time_ms: self.ledger.time_ms(arrived_ms),
+            sent,
+        })
     }
 
-    /// Refuses a node that has registered as often as it may.
-    fn check_registrations(&self, node: &NodeId, arrived_ms: u64) -> Result<(), RequestError> {
-        let Some(first) = self.index.registrations.first(node) else {
-            return Ok(());
-        };
-        let again_ms = (self.ledger.entry(first)?.time_ms).saturating_add(PERIOD_MS);
-        match again_ms.saturating_sub(self.ledger.time_ms(arrived_ms)) {
-            0 => Ok(()),
-            left_ms => Err(RequestError::Busy(format!(
-                "node {node} has registered {MAX_REGISTRATIONS} datasets within a day, and no round has closed since: it may register again when a round has closed, or in {} minutes",
-                left_ms.div_ceil(60_000)
-            ))),
-        }
-    }
-
-    /// Begins to enrol a node.
-    ///
-    /// # Errors
-    /// Somebody else than the network's operator has signed it, or the rules do not let the operator enrol this node.
-    pub fn begin_enrolment(
-        &self,
-        signed: &Authentic<Enrolment>,
-        arrived_ms: u64,
-    ) -> Result<Admission<AuthenticBody>, RequestError> {
-        let Enrolment {
-            network,
-            operator,
-            node,
-            name,
-        } = &signed.statement;
-        let genesis = self.state().genesis();
-        if network != self.state().network() {
-            let code = RefusalCode::WrongNetwork {
-                claimed: *network,
-                ours: *self.state().network(),
-            };
-            return Err(code.into());
-        }
-        if operator.0 != genesis.log_key {
-            return Err(RequestError::NotOperator(*operator));
-        }
-        let body = AuthenticBody::of(Body::NodeEnrolled(NodeEnrolled {
-            node: *node,
-            name: name.clone(),
-        }))?;
-        let left = self.has_left(node);
-        if let Some(index) = self.index.said(&body).filter(|_| !left) {
-            return Ok(Admission::Recorded(self.ledger.first_receipt(index)?));
-        }
-        self.check(arrived_ms, &body)?;
-        Ok(Admission::New(body))
-    }
-
-    /// Begins an upload. Whoever may not commit may not upload. If it is new, this says where it waits. The caller reads and writes there, away
-    /// from the aggregator. If the node has committed to this very update, all of it is here: a node that was started again asks for that.
-    pub fn begin_upload(
-        &self,
-        request: &UploadRequest,
-    ) -> Result<Admission<Staging, ()>, RequestError> {
+    /// Begins an upload. Whoever may not commit may not upload. This says where it waits: the caller reads and writes there, away from the
+    /// aggregator. `None` if the node has committed to this very update, so that all of it is here: a node that was started again asks for that.
+    pub fn begin_upload(&self, request: &UploadRequest) -> Result<Option<Staging>, RequestError> {
         let (state, limit) = (
             self.state(),
             BlobKind::Update.max_bytes(self.state().rules()),
@@ -284,38 +356,14 @@ impl Aggregator {
         let committed = open.and_then(|open| open.commits.get(node));
         let is_here = committed.is_some_and(|commit| commit.update.blob == *blob);
         if is_here && network == state.network() {
-            return Ok(Admission::Recorded(()));
+            return Ok(None);
         }
         state.check_may_commit(network, *round, node)?;
         if *size > limit {
             let (file, size) = (RoundFile::Update, *size);
             return Err(RefusalCode::TooLarge { file, size, limit }.into());
         }
-        Ok(Admission::New(self.staging.clone()))
-    }
-
-    /// Begins to record a commitment to an uploaded update.
-    pub fn begin_commitment(
-        &self,
-        signed: Authentic<UpdateCommitment>,
-        arrived_ms: u64,
-    ) -> Result<Admission<AllowedCommitment>, RequestError> {
-        let UpdateCommitment { node, round, .. } = signed.statement;
-        let body = AuthenticBody::from(signed.clone());
-        let open = self.state().round().filter(|open| open.number() == round);
-        if let Some(commit) = open.and_then(|open| open.commits.get(&node)) {
-            if self.ledger.entry(commit.entry)?.body == *body {
-                return Ok(Admission::Recorded(
-                    self.ledger.first_receipt(commit.entry)?,
-                ));
-            }
-        }
-        self.check(arrived_ms, &body)?;
-        Ok(Admission::New(AllowedCommitment {
-            staged: self.staging.of(round, &node),
-            signed,
-            blobs: self.ledger.blobs().clone(),
-        }))
+        Ok(Some(self.staging.clone()))
     }
 }
 

@@ -1,16 +1,16 @@
 //! Deciding on a submission, cheapest check first. Only the first and the last step need the aggregator:
 //!
 //! 1. [`Aggregator::begin_submission`] compares the claim with the ledger. Whoever sends again what an earlier round decided is turned away
-//!    here, before anybody hashes a proof or verifies a signature.
+//!    here, before anybody hashes a proof or verifies the signature of the claim.
 //! 2. [`PendingSubmission::authenticate`] checks that the node signed this claim and this proof.
 //! 3. [`PendingSubmission::judge`] reads the weights, and verifies the SP1 proof and the weights.
 //! 4. [`VerifiedSubmission::keep`] keeps the proof.
-//! 5. [`crate::round::intake::group`] records the decision.
+//! 5. [`crate::round::intake::group`] records the decision, for which the ledger's rules compare the claim once more.
 
 use crate::round::aggregator::Aggregator;
-use crate::round::intake::statements::Admission;
+use crate::round::intake::admission::Comparison;
 use crate::round::request_error::RequestError;
-use zk0_circuits::{Digest, NodeId};
+use zk0_circuits::{Claim, Digest};
 use zk0_ledger::blobs::Blobs;
 use zk0_protocol::entries::authentic::{Authentic, AuthenticBody};
 use zk0_protocol::entries::entry::Body;
@@ -19,7 +19,7 @@ use zk0_protocol::rules::claim_context::ClaimContext;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::{Refusal, RefusalCode};
 use zk0_verifier::decide::{decide, is_recorded, DecisionEntry};
-use zk0_verifier::{authenticate, AuthenticContribution, WeightFiles};
+use zk0_verifier::{authenticate, AuthenticContribution, CheckedClaim, WeightFiles};
 
 /// The answer to a submission.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -30,15 +30,28 @@ pub struct SubmissionAnswer {
     pub receipt: Receipt,
 }
 
+impl SubmissionAnswer {
+    /// What an entry with this receipt and this body answers, if it is `submission` on which it records a decision.
+    pub fn of(submission: &Signed<Submission>, receipt: Receipt, body: Body) -> Option<Self> {
+        let (recorded, rejected) = match body {
+            Body::ContributionAccepted(recorded) => (recorded, None),
+            Body::ContributionRejected { submission, reason } => (submission, Some(reason.into())),
+            _ => return None,
+        };
+        (recorded == *submission).then_some(Self { rejected, receipt })
+    }
+}
+
 /// What a submission is judged by.
 pub struct PendingSubmission {
+    /// The claim that agrees with the ledger, or what the ledger has against it and records.
+    claim: Result<CheckedClaim, Refusal>,
     /// The ledger, as far as it concerns the node's claims.
     context: ClaimContext,
     /// The update that the node has committed to, and the weights that the round starts from. The digests on the ledger count, because a
     /// claim may name other blobs.
     weights: [Digest; 2],
     blobs: Blobs,
-    time_ms: u64,
 }
 
 /// A decision whose proof is not among the ledger's blobs yet.
@@ -54,72 +67,52 @@ pub struct DecidedSubmission {
 }
 
 impl Aggregator {
-    /// Compares a submission that arrived at `arrived_ms` with the ledger.
-    ///
-    /// # Errors
-    /// The claim is for another network or round, or the node is not enrolled, has not committed or has submitted something else. The
-    /// ledger does not record that, because anybody may send what a node once signed.
+    /// Compares a submission that arrived at `arrived_ms` with the ledger's state.
     pub fn begin_submission(
         &self,
         submission: &Signed<Submission>,
         arrived_ms: u64,
-    ) -> Result<Admission<PendingSubmission, SubmissionAnswer>, RequestError> {
+    ) -> Comparison<PendingSubmission> {
         let claim = &submission.statement.claim;
-        let node = claim.terms.node;
-        if let Some(decided) = self.decided(&node, submission)? {
-            return Ok(Admission::Recorded(decided));
+        Comparison {
+            // A node that has lost the answer asks again, perhaps in a later round.
+            earlier: self.index.decision(&claim.terms.node),
+            allowed: self.pending(claim, arrived_ms),
         }
-        let state = self.state();
-        let time_ms = self.ledger.time_ms(arrived_ms);
-        match state.check_claim(claim, time_ms) {
+    }
+
+    /// # Errors
+    /// The claim is for another network or round, or the node is not enrolled, has not committed or has submitted something else. The
+    /// ledger does not record that, because anybody may send what a node once signed.
+    fn pending(&self, claim: &Claim, arrived_ms: u64) -> Result<PendingSubmission, RequestError> {
+        let (state, node) = (self.state(), claim.terms.node);
+        let context = state.claim_context(&node);
+        let claim = match CheckedClaim::of(claim, &context, self.ledger.time_ms(arrived_ms)) {
             Err(reason) if !is_recorded(&reason.code) => return Err(reason.into()),
             // What the node itself has caused is recorded, once it is clear that it was this node.
-            _ => {}
-        }
+            compared => compared,
+        };
         let not_committed = || Refusal::from(RefusalCode::NotCommitted(node));
         let round = state.round().ok_or_else(not_committed)?;
         let commit = round.commits.get(&node).ok_or_else(not_committed)?;
-        Ok(Admission::New(PendingSubmission {
+        Ok(PendingSubmission {
+            claim,
             weights: [commit.update.blob, round.opened.base.blob],
-            context: state.claim_context(&node),
+            context,
             blobs: self.ledger.blobs().clone(),
-            time_ms,
-        }))
-    }
-
-    /// The decision on exactly this submission, if it is the newest one about the node.
-    fn decided(
-        &self,
-        node: &NodeId,
-        submission: &Signed<Submission>,
-    ) -> Result<Option<SubmissionAnswer>, RequestError> {
-        let Some(index) = self.index.decision(node) else {
-            return Ok(None);
-        };
-        let (recorded, rejected) = match self.ledger.entry(index)?.body {
-            Body::ContributionAccepted(recorded) => (recorded, None),
-            Body::ContributionRejected { submission, reason } => (submission, Some(reason.into())),
-            _ => return Ok(None),
-        };
-        if recorded == *submission {
-            Ok(Some(SubmissionAnswer {
-                receipt: self.ledger.first_receipt(index)?,
-                rejected,
-            }))
-        } else {
-            Ok(None)
-        }
+        })
     }
 }
 
 impl PendingSubmission {
     /// Checks that an enrolled node signed this claim and this proof.
     pub fn authenticate(
-        &self,
+        self,
         submission: Signed<Submission>,
         proof: Vec<u8>,
-    ) -> Result<AuthenticContribution, RequestError> {
-        Ok(authenticate(submission, proof, &self.context)?)
+    ) -> Result<(Self, AuthenticContribution), RequestError> {
+        let contribution = authenticate(submission, proof, &self.context)?;
+        Ok((self, contribution))
     }
 
     /// Reads the weights from the store of the blobs, if they are not in the ledger's folder.
@@ -137,10 +130,9 @@ impl PendingSubmission {
         self,
         contribution: AuthenticContribution,
     ) -> Result<VerifiedSubmission, RequestError> {
-        let decision = match self.context.check_claim(contribution.claim(), self.time_ms) {
-            Ok(()) => self.verify(&contribution)?,
-            Err(reason) if is_recorded(&reason.code) => DecisionEntry::Rejected(reason),
-            Err(reason) => return Err(reason.into()),
+        let decision = match &self.claim {
+            Ok(claim) => self.verify(claim, &contribution)?,
+            Err(reason) => DecisionEntry::Rejected(reason.clone()),
         };
         Ok(VerifiedSubmission {
             judged: DecidedSubmission {
@@ -151,11 +143,15 @@ impl PendingSubmission {
         })
     }
 
-    fn verify(&self, contribution: &AuthenticContribution) -> Result<DecisionEntry, RequestError> {
+    fn verify(
+        &self,
+        claim: &CheckedClaim,
+        contribution: &AuthenticContribution,
+    ) -> Result<DecisionEntry, RequestError> {
         let [update, base] = &self.weights;
         let get = |digest: &Digest, limit| self.blobs.get(digest, limit);
         let weights = WeightFiles::read(update, base, self.context.rules(), get)?;
-        Ok(decide(&self.context, contribution, &weights, self.time_ms)?)
+        Ok(decide(claim, contribution, &weights, self.context.terms())?)
     }
 }
 

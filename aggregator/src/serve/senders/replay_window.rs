@@ -110,7 +110,7 @@ mod tests {
         RequestHead {
             network: Digest([0; 32]),
             run: [0; 16],
-            method: Method::Commit,
+            method: Method::Record,
             round: None,
             body: Digest([0; 32]),
             sender: NodeId([sender; 32]),

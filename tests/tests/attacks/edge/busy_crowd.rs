@@ -77,14 +77,14 @@ async fn carry_out() -> Outcome {
     let mut member = network.client().await;
     let registration = node.registration(&network.genesis.network_id());
     let request = node.registering(&network, &registration, node.list());
-    member.register_dataset(request).await.unwrap();
+    member.record(request).await.unwrap();
     let mut holding = Vec::new();
     for host in 1..PLACES as u8 {
         // From addresses of their own, so that no limit of an address stops them.
         let mut stream = from([1, host], &network.address).await;
         begin_large_message(&mut stream).await;
         holding.push(stream);
-        network.in_progress("Commit", host.into()).await;
+        network.in_progress("Record", host.into()).await;
     }
     let url = network.address.clone();
     let churning = tokio::spawn(async move {

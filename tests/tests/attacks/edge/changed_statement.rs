@@ -1,10 +1,10 @@
 //! Row 17. Somebody between a node and its aggregator changes what the node has signed: on how many samples its update is to be evaluated.
 
 use crate::attacks::attack::{answered, over_the_network, Attack, Defence, Outcome, Proof};
+use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::request_head::Method;
-use zk0_protocol::rpc::federation::CommitRequest;
-use zk0_testkit::aggregator::{open_round, weights};
+use zk0_testkit::aggregator::{open_round, weights, with_leaves};
 use zk0_testkit::changed_copy::SourceChange;
 
 pub const ATTACK: Attack = Attack {
@@ -42,14 +42,12 @@ async fn carry_out() -> Outcome {
     node.upload(&network, 0, &update).await.unwrap();
     let commitment = node.commitment(&network.genesis.network_id(), 0, &update);
     let mut signed = Signed::new(commitment, &node.key);
-    let said = borsh::to_vec(&signed).unwrap();
+    let said = borsh::to_vec(&Body::UpdateCommitted(signed.clone())).unwrap();
     signed.statement.eval_samples += 1;
-    let message = CommitRequest {
-        commitment: borsh::to_vec(&signed).unwrap(),
-    };
+    let message = with_leaves(&Body::UpdateCommitted(signed.clone()), Vec::new());
     // The head is the node's own, of what the node has said.
-    let request = network.request(&node.key, Method::Commit, Some(0), &said, message);
-    let receipt = network.client().await.commit(request).await;
+    let request = network.request(&node.key, Method::Record, Some(0), &said, message);
+    let receipt = network.client().await.record(request).await;
     answered(receipt, |_| {
         format!(
             "the ledger has a commitment of the node to {} samples, which it never made",

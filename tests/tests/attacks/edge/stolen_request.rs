@@ -58,13 +58,8 @@ async fn carry_out() -> Outcome {
     // The thief has no key. It has what went over the network.
     let (head, _, message) = request.into_parts();
     let stolen = || Request::from_parts(head.clone(), Extensions::default(), message.clone());
-    elsewhere
-        .client()
-        .await
-        .register_dataset(stolen())
-        .await
-        .unwrap();
-    let receipt = network.client().await.register_dataset(stolen()).await;
+    elsewhere.client().await.record(stolen()).await.unwrap();
+    let receipt = network.client().await.record(stolen()).await;
     answered(receipt, |_| {
         "the ledger has a dataset of a node that never registered one here".into()
     })
