@@ -3,13 +3,14 @@
 //! signed.
 
 use sha2::{Digest as _, Sha256};
+use std::collections::BTreeMap;
 use std::fs::{File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 use zk0_files::atomic_file::{self, create_folder};
 use zk0_files::bounded_file;
-use zk0_protocol::tlog::checkpoint::MAX_NOTE_BYTES;
-use zk0_protocol::tlog::cosigner::Cosigner;
+use zk0_protocol::tlog::checkpoint::{Checkpoint, Parsed, MAX_NOTE_BYTES};
+use zk0_protocol::tlog::cosigner::{self, Cosigner};
 use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
 use zk0_protocol::tlog::witness::{AcceptedCheckpoint, Witness, WitnessRefusal};
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;
@@ -18,8 +19,17 @@ use zk0_protocol::tlog::witness_policy::WitnessPolicy;
 pub struct WitnessStore {
     dir: PathBuf,
     witness: Witness,
+    /// What each log's file says, by the log's name. The witness answers from it when a checkpoint is sent again.
+    cosigned: BTreeMap<String, Cosigned>,
     /// The lock is held as long as the witness runs, because two processes in one folder could cosign two histories.
     _lock: File,
+}
+
+/// A checkpoint that is on disk with its cosignature.
+struct Cosigned {
+    checkpoint: Checkpoint,
+    /// The line of the note.
+    cosignature: Vec<u8>,
 }
 
 /// Why a witness cannot start or go on.
@@ -74,19 +84,21 @@ impl WitnessStore {
         let mut store = Self {
             dir: dir.into(),
             witness: Witness::new(cosigner),
+            cosigned: BTreeMap::new(),
             _lock: lock,
         };
         for key in logs {
-            let last = store.remembered(&key)?;
+            let remembered = store.remembered(&key)?;
+            let last = remembered.as_ref().map(|cosigned| cosigned.checkpoint);
+            if let Some(cosigned) = remembered {
+                store.cosigned.insert(key.name().into(), cosigned);
+            }
             store.witness.watch(key, last).map_err(WitnessError::Log)?;
         }
         Ok(store)
     }
 
-    fn remembered(
-        &self,
-        key: &VerifierKey,
-    ) -> Result<Option<zk0_protocol::Checkpoint>, WitnessError> {
+    fn remembered(&self, key: &VerifierKey) -> Result<Option<Cosigned>, WitnessError> {
         let path = self.file(key.name());
         let Some(text) = read(&path)? else {
             return Ok(None);
@@ -102,14 +114,32 @@ impl WitnessStore {
         let opened = own
             .open(&text, key)
             .map_err(|error| damaged(error.to_string()))?;
-        Ok(Some(opened.checkpoint))
+        let parsed = Parsed::read(&text).map_err(|error| damaged(error.to_string()))?;
+        let own = cosigner::find(&text, self.witness.key(), &parsed.note);
+        let own = own.ok_or_else(|| damaged("it has no cosignature of this witness".into()))?;
+        Ok(Some(Cosigned {
+            checkpoint: opened.checkpoint,
+            cosignature: own.to_bytes(),
+        }))
     }
 
-    /// Decides on a request at `time_s` and returns the cosignature line. The checkpoint is on disk when this returns.
+    /// Decides on a request at `time_s` and returns the cosignature line. The checkpoint is on disk when this returns. A checkpoint that is sent
+    /// again gets the cosignature that it has, and nothing is written: whoever knows a public checkpoint can send it as often as they like.
     pub fn add(&mut self, body: &[u8], time_s: u64) -> Result<Vec<u8>, AddError> {
         let accepted = self.witness.check(body, time_s)?;
+        match self.cosigned.get(&accepted.origin) {
+            Some(known) if known.checkpoint == accepted.checkpoint => {
+                return Ok(known.cosignature.clone());
+            }
+            _ => {}
+        }
         self.write(&accepted)?;
         self.witness.record(&accepted);
+        let cosigned = Cosigned {
+            checkpoint: accepted.checkpoint,
+            cosignature: accepted.cosignature.clone(),
+        };
+        self.cosigned.insert(accepted.origin, cosigned);
         Ok(accepted.cosignature)
     }
 

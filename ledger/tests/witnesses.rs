@@ -84,7 +84,7 @@ fn a_witness_answers_as_the_specification_says() {
     with_proof.old = 0;
     assert_eq!(status(&mut witness, &with_proof), 422);
     assert_eq!(ask(&mut witness, 0, 8), 200);
-    // The witness cosigns the same checkpoint again, and a later one.
+    // The same checkpoint is sent again, and a later one is sent.
     assert_eq!(ask(&mut witness, 8, 8), 200);
     assert_eq!(ask(&mut witness, 8, 13), 200);
     // The request names an old size that is not the witness's last one. The answer says which is.
@@ -289,6 +289,29 @@ fn two_clients_cannot_be_shown_two_histories() {
             .count();
         assert_eq!(accepted, 1, "order {order:03b}");
     }
+}
+
+/// Whoever knows a public checkpoint can send it again and again. The witness answers from its file, and writes nothing.
+#[test]
+fn a_checkpoint_that_is_sent_again_gets_the_cosignature_that_it_has() {
+    let dir = tempfile::tempdir().unwrap();
+    let shelf = Shelf::of(&leaves(20, 99));
+    let send = |witness: &mut WitnessStore, old, size, at| {
+        witness.add(&request(&shelf, old, size).encode(), NOW + at)
+    };
+    let mut first = witness(dir.path());
+    let cosignature = send(&mut first, 0, 8, 0).unwrap();
+    let file = dir.path().join(hash(ORIGIN));
+    let kept = fs::read(&file).unwrap();
+    assert!(kept.ends_with(&cosignature));
+    assert_eq!(send(&mut first, 8, 8, 1).unwrap(), cosignature);
+    drop(first);
+    let mut again = witness(dir.path());
+    assert_eq!(send(&mut again, 8, 8, 2).unwrap(), cosignature);
+    assert_eq!(fs::read(&file).unwrap(), kept);
+    // A later checkpoint is cosigned anew.
+    let later = send(&mut again, 8, 13, 3).unwrap();
+    assert!(fs::read(&file).unwrap().ends_with(&later));
 }
 
 #[test]

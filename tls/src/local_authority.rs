@@ -2,13 +2,15 @@
 
 use rcgen::{
     BasicConstraints, CertificateParams, CertifiedIssuer, DistinguishedName, DnType,
-    ExtendedKeyUsagePurpose, IsCa, KeyPair, KeyUsagePurpose,
+    ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair, KeyUsagePurpose, SigningKey,
 };
-use rustls::pki_types::ServerName;
+use rustls::pki_types::pem::PemObject;
+use rustls::pki_types::{CertificateDer, ServerName};
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
-use zk0_files::atomic_file;
+use x509_parser::parse_x509_certificate;
+use zk0_files::{atomic_file, bounded_file};
 
 /// The authority's certificate. Clients trust it.
 pub const CA: &str = "ca.pem";
@@ -19,12 +21,21 @@ pub const CERTIFICATE: &str = "server.pem";
 /// The server's key.
 pub const KEY: &str = "server.key";
 
+/// Largest file of an authority that is read.
+const MAX_FILE_BYTES: u64 = 1 << 20;
+
 /// Why there is no certificate.
 #[derive(Debug, thiserror::Error)]
 pub enum AuthorityError {
     /// A file is there already.
     #[error("{} exists, and nothing is overwritten: choose an empty folder", .0.display())]
     Exists(PathBuf),
+    /// A file of an authority that is there cannot be read.
+    #[error("reading {}: {error}; the authority in this folder signs with it", .path.display())]
+    Read { path: PathBuf, error: io::Error },
+    /// The files in the folder are no authority's.
+    #[error("the authority in {} cannot sign: {why}", .dir.display())]
+    NoAuthority { dir: PathBuf, why: String },
     /// A file cannot be written.
     #[error("writing {}: {error}", .path.display())]
     Write { path: PathBuf, error: io::Error },
@@ -61,13 +72,46 @@ impl LocalAuthority {
         names: &[String],
         change: impl FnOnce(&mut CertificateParams),
     ) -> Result<Self, AuthorityError> {
-        if let Some(unusable) = names.iter().find(|name| !is_server_name(name)) {
-            return Err(AuthorityError::Name(unusable.clone()));
-        }
+        check_names(names)?;
         Self::make(names, change).map_err(|error| AuthorityError::Names {
             names: names.to_vec(),
             error,
         })
+    }
+
+    /// Lets the authority whose certificate and key are in `dir` sign a new certificate for a server, and puts that there with its key, in place of
+    /// those that are there. Clients go on believing the authority.
+    ///
+    /// # Errors
+    /// `ca.pem` or `ca.key` is missing or damaged, or they do not belong together. Then nothing is written.
+    pub fn sign_again(dir: &Path, names: &[String]) -> Result<(), AuthorityError> {
+        check_names(names)?;
+        let read = |name: &str| {
+            let path = dir.join(name);
+            let bytes = bounded_file::read(&path, MAX_FILE_BYTES);
+            let text = bytes.and_then(|bytes| String::from_utf8(bytes).map_err(io::Error::other));
+            text.map_err(|error| AuthorityError::Read { path, error })
+        };
+        let (ca, ca_key) = (read(CA)?, read(CA_KEY)?);
+        let refused = |why: String| AuthorityError::NoAuthority {
+            dir: dir.into(),
+            why,
+        };
+        let ca_key = KeyPair::from_pem(&ca_key)
+            .map_err(|error| refused(format!("{CA_KEY} holds no private key ({error})")))?;
+        let authority = Issuer::from_ca_cert_pem(&ca, ca_key)
+            .map_err(|error| refused(format!("{CA} holds no certificate ({error})")))?;
+        let (certificate, key) = server_certificate(names, &authority, |_| {})
+            .map_err(|error| refused(error.to_string()))?;
+        if !is_signed_by(&certificate, &ca) {
+            return Err(refused(format!("{CA_KEY} is not the key of {CA}")));
+        }
+        let written = |name: &str, put: fn(&Path, &[u8]) -> io::Result<()>, text: &str| {
+            let path = dir.join(name);
+            put(&path, text.as_bytes()).map_err(|error| AuthorityError::Write { path, error })
+        };
+        written(KEY, atomic_file::replace_private, &key)?;
+        written(CERTIFICATE, atomic_file::replace, &certificate)
     }
 
     fn make(
@@ -79,20 +123,12 @@ impl LocalAuthority {
         params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
         params.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::CrlSign];
         let authority = CertifiedIssuer::self_signed(params, KeyPair::generate()?)?;
-
-        let key = KeyPair::generate()?;
-        let mut params = CertificateParams::new(names)?;
-        params.distinguished_name = named(names.first().map_or("zk0", String::as_str));
-        params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
-        params.extended_key_usages = vec![ExtendedKeyUsagePurpose::ServerAuth];
-        params.use_authority_key_identifier_extension = true;
-        change(&mut params);
-        let certificate = params.signed_by(&key, &authority)?;
+        let (certificate, key) = server_certificate(names, &authority, change)?;
         Ok(Self {
             ca: authority.pem(),
             ca_key: authority.key().serialize_pem(),
-            certificate: certificate.pem(),
-            key: key.serialize_pem(),
+            certificate,
+            key,
         })
     }
 
@@ -119,6 +155,47 @@ impl LocalAuthority {
             written(path, create(path, text, mode))?;
         }
         written(dir, atomic_file::sync_folder(dir))
+    }
+}
+
+/// A certificate for a server with these names, and its key, as PEM.
+fn server_certificate(
+    names: &[String],
+    authority: &Issuer<'_, impl SigningKey>,
+    change: impl FnOnce(&mut CertificateParams),
+) -> Result<(String, String), rcgen::Error> {
+    let key = KeyPair::generate()?;
+    let mut params = CertificateParams::new(names)?;
+    params.distinguished_name = named(names.first().map_or("zk0", String::as_str));
+    params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
+    params.extended_key_usages = vec![ExtendedKeyUsagePurpose::ServerAuth];
+    params.use_authority_key_identifier_extension = true;
+    change(&mut params);
+    let certificate = params.signed_by(&key, authority)?;
+    Ok((certificate.pem(), key.serialize_pem()))
+}
+
+/// Whether the key of the certificate `authority` signed the certificate `signed`. Both are PEM.
+fn is_signed_by(signed: &str, authority: &str) -> bool {
+    let der = |pem: &str| CertificateDer::from_pem_slice(pem.as_bytes()).ok();
+    let (Some(signed), Some(authority)) = (der(signed), der(authority)) else {
+        return false;
+    };
+    match (
+        parse_x509_certificate(&signed),
+        parse_x509_certificate(&authority),
+    ) {
+        (Ok((_, signed)), Ok((_, authority))) => signed
+            .verify_signature(Some(authority.public_key()))
+            .is_ok(),
+        _ => false,
+    }
+}
+
+fn check_names(names: &[String]) -> Result<(), AuthorityError> {
+    match names.iter().find(|name| !is_server_name(name)) {
+        Some(unusable) => Err(AuthorityError::Name(unusable.clone())),
+        None => Ok(()),
     }
 }
 
@@ -170,6 +247,34 @@ mod tests {
         assert!(matches!(error, AuthorityError::Exists(_)), "{error}");
         let kept = fs::read_to_string(dir.path().join(CA)).unwrap();
         assert_eq!(kept, authority.ca);
+    }
+
+    #[test]
+    fn an_authority_signs_again() {
+        let dir = tempfile::tempdir().unwrap();
+        let text = |name: &str| fs::read_to_string(dir.path().join(name)).unwrap();
+        LocalAuthority::new(&["localhost".into()])
+            .unwrap()
+            .write(dir.path())
+            .unwrap();
+        let before = [CA, CA_KEY, CERTIFICATE, KEY].map(text);
+        LocalAuthority::sign_again(dir.path(), &["192.0.2.7".into()]).unwrap();
+        let after = [CA, CA_KEY, CERTIFICATE, KEY].map(text);
+        assert_eq!(before[..2], after[..2]);
+        assert_ne!(before[2], after[2]);
+        assert!(is_signed_by(&after[2], &after[0]));
+        let mode = fs::metadata(dir.path().join(KEY)).unwrap().permissions();
+        assert_eq!(mode.mode() & 0o777, 0o600);
+        // The key of another authority signs nothing, and nothing is written.
+        let other = LocalAuthority::new(&["localhost".into()]).unwrap();
+        fs::write(dir.path().join(CA_KEY), other.ca_key).unwrap();
+        let error = LocalAuthority::sign_again(dir.path(), &["192.0.2.8".into()]);
+        let error = error.unwrap_err().to_string();
+        assert!(error.contains("ca.key is not the key of ca.pem"), "{error}");
+        assert_eq!(text(CERTIFICATE), after[2]);
+        fs::remove_file(dir.path().join(CA_KEY)).unwrap();
+        let error = LocalAuthority::sign_again(dir.path(), &["192.0.2.8".into()]);
+        assert!(matches!(error, Err(AuthorityError::Read { .. })));
     }
 
     #[test]

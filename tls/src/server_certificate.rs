@@ -10,17 +10,27 @@ use rustls::ServerConfig;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
-use std::time::Duration;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::task::spawn_blocking;
 use tokio::time::sleep;
 use tokio_rustls::server::TlsStream;
 use tokio_rustls::TlsAcceptor;
+use x509_parser::parse_x509_certificate;
 use zk0_files::bounded_file;
 
 /// Largest file with certificates or a key that is read.
 const MAX_FILE_BYTES: u64 = 1 << 20;
+
+/// A day, in seconds.
+const DAY_S: i64 = 86_400;
+
+/// How long before its end the log warns of a certificate. Public authorities sign for 90 days, and tools renew a month before the end.
+const WARN_BEFORE_S: i64 = 21 * DAY_S;
+
+/// How often it does.
+const WARN_AGAIN: Duration = Duration::from_secs(DAY_S as u64);
 
 /// The first byte of a TLS connection: a record of a handshake.
 const HANDSHAKE: u8 = 22;
@@ -63,6 +73,8 @@ struct Shown {
     /// What the files held when they were last read.
     read: [Vec<u8>; 2],
     certified: Arc<CertifiedKey>,
+    /// When the certificate ends, in Unix seconds.
+    ends_s: i64,
 }
 
 /// Encrypts the connections of a server.
@@ -73,12 +85,37 @@ impl ServerCertificate {
     /// Reads the certificate, followed by those that sign it, and its key.
     pub fn load(certificate: &Path, key: &Path) -> Result<Arc<Self>, CertificateError> {
         let read = read(certificate, key)?;
-        let certified = parse(certificate, key, &read)?;
+        let (certified, ends_s) = parse(certificate, key, &read)?;
         Ok(Arc::new(Self {
             certificate: certificate.into(),
             key: key.into(),
-            shown: RwLock::new(Shown { read, certified }),
+            shown: RwLock::new(Shown {
+                read,
+                certified,
+                ends_s,
+            }),
         }))
+    }
+
+    /// When the certificate ends that is shown now, in Unix seconds.
+    pub fn ends_s(&self) -> i64 {
+        let shown = self.shown.read().unwrap_or_else(PoisonError::into_inner);
+        shown.ends_s
+    }
+
+    /// Logs that the certificate has ended, or that it ends soon. Clients do not connect once it has.
+    fn warn_of_its_end(&self) {
+        let now = SystemTime::now().duration_since(UNIX_EPOCH);
+        let now_s = now.map_or(0, |now| now.as_secs() as i64);
+        let (path, left_s) = (self.certificate.display(), self.ends_s() - now_s);
+        if left_s <= 0 {
+            tracing::error!(
+                "the certificate in {path} has ended, so clients do not connect: renew it"
+            );
+        } else if left_s < WARN_BEFORE_S {
+            let days = left_s / DAY_S;
+            tracing::warn!("the certificate in {path} ends in {days} days: renew it");
+        }
     }
 
     /// Reads the files again. Returns whether there is a new certificate. A broken file is an error once, and the old certificate stays.
@@ -90,14 +127,19 @@ impl ServerCertificate {
         }
         let parsed = parse(&self.certificate, &self.key, &read);
         shown.read = read;
-        shown.certified = parsed?;
+        (shown.certified, shown.ends_s) = parsed?;
         Ok(true)
     }
 
-    /// Reads the files again and again. Connections from then on see a new certificate.
+    /// Reads the files again and again. Connections from then on see a new certificate. Before a certificate ends, the log says so each day.
     pub async fn watch(self: Arc<Self>, every: Duration) {
         let mut said = String::new();
+        let mut warned: Option<Instant> = None;
         loop {
+            if warned.is_none_or(|at| at.elapsed() >= WARN_AGAIN) {
+                self.warn_of_its_end();
+                warned = Some(Instant::now());
+            }
             sleep(every).await;
             let certificate = self.clone();
             let reloaded = match spawn_blocking(move || certificate.reload()).await {
@@ -110,6 +152,7 @@ impl ServerCertificate {
                     let path = self.certificate.display();
                     tracing::info!("new connections are shown the new certificate in {path}");
                     said.clear();
+                    warned = None;
                 }
                 Err(error) => {
                     let why = error.to_string();
@@ -174,13 +217,17 @@ fn parse(
     certificate: &Path,
     key: &Path,
     [chain, secret]: &[Vec<u8>; 2],
-) -> Result<Arc<CertifiedKey>, CertificateError> {
+) -> Result<(Arc<CertifiedKey>, i64), CertificateError> {
     let chain: Vec<_> = CertificateDer::pem_slice_iter(chain)
         .collect::<Result<_, _>>()
         .map_err(|_| CertificateError::NoCertificate(certificate.into()))?;
-    if chain.is_empty() {
+    let first = chain
+        .first()
+        .and_then(|first| parse_x509_certificate(first).ok());
+    let Some((_, first)) = first else {
         return Err(CertificateError::NoCertificate(certificate.into()));
-    }
+    };
+    let ends_s = first.validity().not_after.timestamp();
     let secret = PrivateKeyDer::from_pem_slice(secret);
     let secret = secret.map_err(|_| CertificateError::NoKey(key.into()))?;
     let certified = CertifiedKey::from_der(chain, secret, &ring::default_provider());
@@ -189,5 +236,5 @@ fn parse(
         key: key.into(),
         error,
     })?;
-    Ok(Arc::new(certified))
+    Ok((Arc::new(certified), ends_s))
 }

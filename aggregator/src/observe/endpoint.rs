@@ -29,6 +29,8 @@ async fn metrics(State(service): State<Service>) -> Response {
     let metrics = service.metrics();
     let connections = metrics.connections.counts();
     metrics.sampled.take(&status, connections, &dir);
+    let ends_s = service.certificate_ends_s();
+    metrics.certificate_ends.set(ends_s.unwrap_or(0));
     let sampled = metrics.blobs.clone();
     if let Err(error) = spawn_blocking(move || sampled.take(&blobs)).await {
         return text(500, format!("{error}\n"));

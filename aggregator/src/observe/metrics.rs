@@ -24,6 +24,8 @@ pub struct Metrics {
     appending: Histogram,
     turn_waiting: Histogram,
     turn_held: Histogram,
+    /// When the certificate ends, in Unix seconds.
+    pub(super) certificate_ends: Gauge,
     pub(super) sampled: Sampled,
     pub(super) blobs: BlobMetrics,
 }
@@ -61,6 +63,12 @@ impl Default for Metrics {
             "turn_held_seconds",
             "Time that a step of a request has the aggregator for itself",
         );
+        let certificate_ends = Gauge::default();
+        registry.register(
+            "certificate_ends_timestamp_seconds",
+            "When the certificate ends, in Unix seconds; 0 without one",
+            certificate_ends.clone(),
+        );
         let sampled = Sampled::registered(&mut registry);
         let blobs = BlobMetrics::registered(&mut registry);
         Self {
@@ -72,6 +80,7 @@ impl Default for Metrics {
             appending,
             turn_waiting,
             turn_held,
+            certificate_ends,
             sampled,
             blobs,
         }

@@ -4,17 +4,22 @@ use crate::publish::http::{answer, text, HttpLimits, Router, NO_CACHE, TEXT};
 use crate::round::clock::Clock;
 use axum::body::Bytes;
 use axum::extract::{Path, State};
-use axum::http::HeaderMap;
+use axum::http::header::RETRY_AFTER;
+use axum::http::{HeaderMap, HeaderValue};
 use axum::response::Response;
 use axum::routing::{get, post};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
+use tokio::sync::Semaphore;
 use tokio::task::spawn_blocking;
 use tracing::field::Empty;
 use tracing::{info_span, Span};
 use zk0_ledger::witness_store::{AddError, WitnessStore};
 use zk0_protocol::tlog::witness::{WitnessRefusal, MAX_REQUEST_BYTES};
 use zk0_traces::carried;
+
+/// Requests that wait for their turn at once. Each takes about as long as its write to the disk.
+const QUEUE: usize = 64;
 
 /// How often the log says that a request has no valid consistency proof.
 const SAY_AGAIN: Duration = Duration::from_secs(60);
@@ -23,6 +28,8 @@ const SAY_AGAIN: Duration = Duration::from_secs(60);
 pub struct WitnessServer {
     /// Locked for a whole request: nobody else may look at the last checkpoint of a log before this request has replaced it.
     witness: Mutex<WitnessStore>,
+    /// A place for each request that waits or is answered.
+    queue: Semaphore,
     clock: Arc<dyn Clock>,
     /// When the log said last that a request has no valid consistency proof.
     said: Mutex<Option<Duration>>,
@@ -33,6 +40,7 @@ impl WitnessServer {
     pub fn new(witness: WitnessStore, clock: Arc<dyn Clock>) -> Self {
         Self {
             witness: Mutex::new(witness),
+            queue: Semaphore::new(QUEUE),
             clock,
             said: Mutex::new(None),
         }
@@ -138,6 +146,16 @@ async fn add(
         http.response.status_code = Empty,
     );
     carried::follow(&span, &headers);
+    let Ok(_place) = server.queue.try_acquire() else {
+        let mut busy = text(
+            429,
+            "too many requests wait already: ask again in a second\n",
+        );
+        busy.headers_mut()
+            .insert(RETRY_AFTER, HeaderValue::from_static("1"));
+        return busy;
+    };
+    let server = server.clone();
     answered(move || {
         span.in_scope(|| {
             let response = server.add(&body);
@@ -157,4 +175,28 @@ async fn last(State(server): State<Arc<WitnessServer>>, Path(log): Path<String>)
 async fn answered(work: impl FnOnce() -> Response + Send + 'static) -> Response {
     let done = spawn_blocking(work).await;
     done.unwrap_or_else(|_| text(500, "the witness failed\n"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::round::clock::SystemClock;
+    use ed25519_dalek::SigningKey;
+    use zk0_protocol::tlog::cosigner::Cosigner;
+
+    #[tokio::test]
+    async fn a_request_beyond_the_queue_is_told_to_ask_again() {
+        let dir = tempfile::tempdir().unwrap();
+        let cosigner =
+            Cosigner::new("witness.example/w", SigningKey::from_bytes(&[1; 32])).unwrap();
+        let witness = WitnessStore::open(dir.path(), cosigner, vec![]).unwrap();
+        let server = Arc::new(WitnessServer::new(witness, Arc::new(SystemClock)));
+        let send = || add(State(server.clone()), HeaderMap::new(), Bytes::new());
+        let waiting = server.queue.acquire_many(QUEUE as u32).await.unwrap();
+        let refused = send().await;
+        assert_eq!(refused.status(), 429);
+        assert_eq!(refused.headers()[RETRY_AFTER], "1");
+        drop(waiting);
+        assert_eq!(send().await.status(), 400);
+    }
 }

@@ -154,6 +154,11 @@ impl Service {
         self
     }
 
+    /// When the certificate ends that connections are shown now, in Unix seconds. `None` without one.
+    pub(crate) fn certificate_ends_s(&self) -> Option<i64> {
+        self.certificate.as_ref().map(|shown| shown.ends_s())
+    }
+
     /// From now on, beacons are fetched from these servers.
     pub fn with_beacons(mut self, servers: BeaconServers) -> Self {
         self.beacons = Arc::new(servers);

@@ -49,7 +49,8 @@ pub enum AggregatorCommand {
     /// Make a certificate authority for tests and local networks, and a certificate that it signs for a server (`serve --tls-certificate`).
     /// Nodes name the authority with `--ca`. For a server on the internet, take a certificate from a public authority instead.
     Certificate {
-        /// Write ca.pem, ca.key, server.pem and server.key into this folder. Nothing there is overwritten.
+        /// Write ca.pem, ca.key, server.pem and server.key into this folder. If it holds an authority already (ca.pem and ca.key), that signs a new
+        /// certificate, which takes the place of server.pem and server.key.
         dir: PathBuf,
         /// The host name or IP address by which nodes reach the server. Repeat the option for more.
         #[arg(long = "name", value_name = "HOST", required = true)]
@@ -81,8 +82,17 @@ pub fn run(command: &AggregatorCommand) -> Result<()> {
         AggregatorCommand::Enrol(options) => enrolment::enrol(options)?,
         AggregatorCommand::Samples(options) => public_samples::make(options)?,
         AggregatorCommand::Certificate { dir, names } => {
-            LocalAuthority::new(names)?.write(dir)?;
             let path = |name: &str| dir.join(name).display().to_string();
+            if dir.join(CA).exists() {
+                LocalAuthority::sign_again(dir, names)?;
+                println!(
+                    "the authority in {} signed the new certificate in {}",
+                    path(CA),
+                    path(CERTIFICATE)
+                );
+            } else {
+                LocalAuthority::new(names)?.write(dir)?;
+            }
             println!(
                 "serve with --tls-certificate {} --tls-key {}",
                 path(CERTIFICATE),

@@ -3,10 +3,12 @@
 use crate::harness::network::LocalNetwork;
 use crate::harness::serving::Serving;
 use crate::harness::{ends, fails, logged, printed, prints, zk0};
+use rcgen::CertificateParams;
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
+use zk0_tls::local_authority::LocalAuthority;
 
 #[test]
 fn a_network_is_served_and_reached_over_tls() {
@@ -15,8 +17,9 @@ fn a_network_is_served_and_reached_over_tls() {
     let tls = network.path("tls");
     let made = prints(&["aggregator", "certificate", &tls, "--name", "127.0.0.1"]);
     assert!(made.contains("--tls-certificate"), "{made}");
-    let again = fails(&["aggregator", "certificate", &tls, "--name", "127.0.0.1"]);
-    assert!(again.contains("nothing is overwritten"), "{again}");
+    // The same authority signs again, for the same server or for another one.
+    let again = prints(&["aggregator", "certificate", &tls, "--name", "127.0.0.1"]);
+    assert!(again.contains("signed the new certificate"), "{again}");
     let other = network.path("other");
     let unusable = fails(&["aggregator", "certificate", &other, "--name", "bad name"]);
     assert!(unusable.contains("neither a host name"), "{unusable}");
@@ -67,6 +70,23 @@ fn a_network_is_served_and_reached_over_tls() {
     assert!(serving.terminate().success());
     // A handshake may take ten seconds.
     assert!(begun.elapsed() < Duration::from_secs(8));
+}
+
+#[test]
+fn the_log_warns_of_a_certificate_that_ends_soon() {
+    let network = LocalNetwork::new();
+    network.found(&[]);
+    let soon = SystemTime::now() + Duration::from_secs(20 * 86_400 + 3_600);
+    let ends = |params: &mut CertificateParams| params.not_after = soon.into();
+    let authority = LocalAuthority::with(&["127.0.0.1".into()], ends).unwrap();
+    authority.write(Path::new(&network.path("tls"))).unwrap();
+    let [ledger, key, certificate, secret] =
+        ["ledger", "log.key", "tls/server.pem", "tls/server.key"].map(|name| network.path(name));
+    let mut arguments = vec!["aggregator", "serve", &ledger, "--key", &key];
+    arguments.extend(["--listen", "127.0.0.1:0"]);
+    arguments.extend(["--tls-certificate", &certificate, "--tls-key", &secret]);
+    let serving = Serving::start(&arguments);
+    serving.logs("ends in 20 days: renew it");
 }
 
 #[test]
