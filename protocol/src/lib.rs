@@ -28,6 +28,7 @@ pub mod evaluation_set;
 pub mod pruning;
 pub mod public_key;
 pub mod quote;
+pub mod recording_rules;
 pub mod request_head;
 #[cfg(feature = "rpc")]
 pub mod rpc;

@@ -4,12 +4,15 @@ use rcgen::{
     BasicConstraints, CertificateParams, CertifiedIssuer, DistinguishedName, DnType,
     ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair, KeyUsagePurpose, SigningKey,
 };
+use rustls::client::verify_server_cert_signed_by_trust_anchor;
+use rustls::crypto::ring;
 use rustls::pki_types::pem::PemObject;
-use rustls::pki_types::{CertificateDer, ServerName};
+use rustls::pki_types::{CertificateDer, ServerName, UnixTime};
+use rustls::server::ParsedCertificate;
+use rustls::RootCertStore;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
-use x509_parser::parse_x509_certificate;
 use zk0_files::{atomic_file, bounded_file};
 
 /// The authority's certificate. Clients trust it.
@@ -99,12 +102,12 @@ impl LocalAuthority {
         };
         let ca_key = KeyPair::from_pem(&ca_key)
             .map_err(|error| refused(format!("{CA_KEY} holds no private key ({error})")))?;
-        let authority = Issuer::from_ca_cert_pem(&ca, ca_key)
-            .map_err(|error| refused(format!("{CA} holds no certificate ({error})")))?;
+        let authority = Issuer::new(authority_params(), ca_key);
         let (certificate, key) = server_certificate(names, &authority, |_| {})
             .map_err(|error| refused(error.to_string()))?;
         if !is_signed_by(&certificate, &ca) {
-            return Err(refused(format!("{CA_KEY} is not the key of {CA}")));
+            let why = format!("{CA_KEY} is not the key of {CA}, or another program made them");
+            return Err(refused(why));
         }
         let written = |name: &str, put: fn(&Path, &[u8]) -> io::Result<()>, text: &str| {
             let path = dir.join(name);
@@ -118,11 +121,7 @@ impl LocalAuthority {
         names: &[String],
         change: impl FnOnce(&mut CertificateParams),
     ) -> Result<Self, rcgen::Error> {
-        let mut params = CertificateParams::default();
-        params.distinguished_name = named("zk0 local authority");
-        params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
-        params.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::CrlSign];
-        let authority = CertifiedIssuer::self_signed(params, KeyPair::generate()?)?;
+        let authority = CertifiedIssuer::self_signed(authority_params(), KeyPair::generate()?)?;
         let (certificate, key) = server_certificate(names, &authority, change)?;
         Ok(Self {
             ca: authority.pem(),
@@ -158,6 +157,15 @@ impl LocalAuthority {
     }
 }
 
+/// What all authorities of this program have in common: all but the key.
+fn authority_params() -> CertificateParams {
+    let mut params = CertificateParams::default();
+    params.distinguished_name = named("zk0 local authority");
+    params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
+    params.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::CrlSign];
+    params
+}
+
 /// A certificate for a server with these names, and its key, as PEM.
 fn server_certificate(
     names: &[String],
@@ -175,21 +183,20 @@ fn server_certificate(
     Ok((certificate.pem(), key.serialize_pem()))
 }
 
-/// Whether the key of the certificate `authority` signed the certificate `signed`. Both are PEM.
+/// Whether a client that believes the certificate `authority` believes the certificate `signed` now. Both are PEM.
 fn is_signed_by(signed: &str, authority: &str) -> bool {
     let der = |pem: &str| CertificateDer::from_pem_slice(pem.as_bytes()).ok();
     let (Some(signed), Some(authority)) = (der(signed), der(authority)) else {
         return false;
     };
-    match (
-        parse_x509_certificate(&signed),
-        parse_x509_certificate(&authority),
-    ) {
-        (Ok((_, signed)), Ok((_, authority))) => signed
-            .verify_signature(Some(authority.public_key()))
-            .is_ok(),
-        _ => false,
-    }
+    let mut roots = RootCertStore::empty();
+    let parsed = ParsedCertificate::try_from(&signed);
+    let (Ok(()), Ok(parsed)) = (roots.add(authority), parsed) else {
+        return false;
+    };
+    let algorithms = ring::default_provider().signature_verification_algorithms;
+    verify_server_cert_signed_by_trust_anchor(&parsed, &roots, &[], UnixTime::now(), algorithms.all)
+        .is_ok()
 }
 
 fn check_names(names: &[String]) -> Result<(), AuthorityError> {

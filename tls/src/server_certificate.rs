@@ -1,12 +1,13 @@
 //! The certificate that a server shows, from PEM files. It is read again while the server runs, so that a renewed certificate needs no
 //! restart.
 
+use rustls::client::verify_server_cert_signed_by_trust_anchor;
 use rustls::crypto::{ring, CryptoProvider};
 use rustls::pki_types::pem::PemObject;
-use rustls::pki_types::{CertificateDer, PrivateKeyDer};
-use rustls::server::{ClientHello, ResolvesServerCert};
+use rustls::pki_types::{CertificateDer, PrivateKeyDer, UnixTime};
+use rustls::server::{ClientHello, ParsedCertificate, ResolvesServerCert};
 use rustls::sign::CertifiedKey;
-use rustls::ServerConfig;
+use rustls::{Error, RootCertStore, ServerConfig};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
@@ -17,7 +18,6 @@ use tokio::task::spawn_blocking;
 use tokio::time::sleep;
 use tokio_rustls::server::TlsStream;
 use tokio_rustls::TlsAcceptor;
-use x509_parser::parse_x509_certificate;
 use zk0_files::bounded_file;
 
 /// Largest file with certificates or a key that is read.
@@ -221,13 +221,10 @@ fn parse(
     let chain: Vec<_> = CertificateDer::pem_slice_iter(chain)
         .collect::<Result<_, _>>()
         .map_err(|_| CertificateError::NoCertificate(certificate.into()))?;
-    let first = chain
-        .first()
-        .and_then(|first| parse_x509_certificate(first).ok());
-    let Some((_, first)) = first else {
+    let ends_s = chain.first().and_then(end_of);
+    let Some(ends_s) = ends_s else {
         return Err(CertificateError::NoCertificate(certificate.into()));
     };
-    let ends_s = first.validity().not_after.timestamp();
     let secret = PrivateKeyDer::from_pem_slice(secret);
     let secret = secret.map_err(|_| CertificateError::NoKey(key.into()))?;
     let certified = CertifiedKey::from_der(chain, secret, &ring::default_provider());
@@ -237,4 +234,24 @@ fn parse(
         error,
     })?;
     Ok((Arc::new(certified), ends_s))
+}
+
+/// When a certificate ends, in Unix seconds. The verifier of rustls tells that if it is asked long after.
+fn end_of(certificate: &CertificateDer<'_>) -> Option<i64> {
+    let after_all = UnixTime::since_unix_epoch(Duration::from_secs(1 << 40));
+    let parsed = ParsedCertificate::try_from(certificate).ok()?;
+    let verified = verify_server_cert_signed_by_trust_anchor(
+        &parsed,
+        &RootCertStore::empty(),
+        &[],
+        after_all,
+        provider().signature_verification_algorithms.all,
+    );
+    match verified {
+        Err(Error::InvalidCertificate(rustls::CertificateError::ExpiredContext {
+            not_after,
+            ..
+        })) => i64::try_from(not_after.as_secs()).ok(),
+        _ => None,
+    }
 }

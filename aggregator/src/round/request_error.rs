@@ -293,7 +293,7 @@ impl From<RequestError> for Status {
             }
             RequestError::Internal(cause) => {
                 tracing::error!(%cause, "request failed");
-                "the aggregator failed; its log has the reason".into()
+                "the aggregator failed; its log says why".into()
             }
             other => other.to_string(),
         };

@@ -3,7 +3,7 @@
 use crate::dataset::RecordingName;
 use anyhow::Result;
 use zk0_lerobot::dataset::{Dataset, JointUnit};
-use zk0_protocol::rules::recordings::{AgreedUnit, RecordingRules};
+use zk0_protocol::recording_rules::{AgreedUnit, RecordingRules};
 
 /// The rules that this recording satisfies. What it does not show is left to the nodes, with a warning.
 pub fn rules_of(recording: &RecordingName) -> Result<RecordingRules> {

@@ -10,9 +10,9 @@ use zk0_circuits::Disclosure;
 use zk0_files::bounded_file;
 use zk0_protocol::challenge::drand::DrandChain;
 use zk0_protocol::challenge::source::RandomnessSource;
+use zk0_protocol::recording_rules::RecordingRules;
 use zk0_protocol::rules::governance::{Governance, Governor};
 use zk0_protocol::rules::network_rules::Rules;
-use zk0_protocol::rules::recordings::RecordingRules;
 
 /// The least limit for an update, in bytes. The micro profile needs much less.
 pub const LEAST_UPDATE_LIMIT: u64 = 1 << 20;

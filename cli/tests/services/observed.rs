@@ -142,7 +142,10 @@ fn metrics_move_with_what_the_aggregator_does() {
     assert_eq!(observed.metric(entries), before + 1.0);
     assert_eq!(observed.metric(r#"zk0_nodes{are="enrolled"}"#), 2.0);
     assert_eq!(observed.metric("zk0_append_seconds_count"), 1.0);
-    assert_eq!(observed.metric("zk0_certificate_ends_timestamp_seconds"), 0.0);
+    assert_eq!(
+        observed.metric("zk0_certificate_ends_timestamp_seconds"),
+        0.0
+    );
     let held = observed.metric("zk0_turn_held_seconds_count");
     assert!(held > 0.0 && observed.metric("zk0_turn_waiting_seconds_count") >= held);
 

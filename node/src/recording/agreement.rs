@@ -4,7 +4,7 @@ use crate::error::ParticipantError;
 use crate::recording::OpenRecording;
 use std::collections::BTreeSet;
 use zk0_lerobot::dataset::{Dataset, JointUnit};
-use zk0_protocol::rules::recordings::{AgreedUnit, RecordingRules};
+use zk0_protocol::recording_rules::{AgreedUnit, RecordingRules};
 use zk0_smolvla::PolicyConfig;
 
 impl OpenRecording<'_> {

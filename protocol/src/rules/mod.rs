@@ -11,7 +11,6 @@ pub mod named_blobs;
 pub mod network_rules;
 pub mod open_proposal;
 pub mod recent_updates;
-pub mod recordings;
 pub mod required_witnesses;
 pub mod round_results;
 pub mod state;

@@ -3,12 +3,12 @@
 use crate::challenge::source::RandomnessSource;
 use crate::challenge::unanswered::UnansweredRule;
 use crate::entries::identity_text;
+use crate::recording_rules::RecordingRules;
 use crate::rules::basis_points::BPS;
 use crate::rules::closing::credits::CreditRule;
 use crate::rules::closing::public_samples::PublicSamples;
 use crate::rules::closing::shares::Shares;
 use crate::rules::governance::Governance;
-use crate::rules::recordings::RecordingRules;
 use crate::rules::upper_bounds::MAX_COMMITS;
 use crate::tlog::witness_policy::WitnessPolicy;
 use borsh::{BorshDeserialize, BorshSerialize};
