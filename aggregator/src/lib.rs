@@ -1,8 +1,8 @@
 //! The aggregator: the one writer of a ledger, the gRPC service in front of it, and what it publishes.
 //!
 //! A short tour:
-//! - [`round`]: founding a network ([`round::founding`]), opening and closing rounds ([`round::aggregator`]), recording what nodes send ([`round::intake`]), uploads that
-//!   wait ([`round::intake::staging`]), the closing of commitments and the randomness ([`round::drawing`]), what a restarted aggregator reads from its ledger ([`round::ledger_index`]), disputes
+//! - [`round`]: founding a network ([`round::founding`]), opening and closing rounds ([`round::polling`], with [`round::phase`] and [`round::job`]), recording what nodes send ([`round::intake`]), uploads that
+//!   wait ([`round::intake::staging`]), what a restarted aggregator reads from its ledger ([`round::ledger_index`]), disputes
 //!   ([`round::dispute`]), the clock, and why a request is turned down ([`round::request_error`]).
 //! - [`serve`]: the gRPC service and its limits ([`serve::service`]), and the answers to its requests ([`serve::federation_service`]).
 //! - [`publish`]: HTTP under limits ([`publish::http`]) for the log's files ([`publish::log_server`]) and for a witness
@@ -22,7 +22,9 @@ pub mod round;
 pub mod serve;
 
 pub use crate::connections::limits::ConnectionLimits;
-pub use crate::round::aggregator::{Aggregator, Config, StepOutcome};
+pub use crate::round::aggregator::{Aggregator, Config};
 pub use crate::round::clock::{Clock, SystemClock};
+pub use crate::round::job::{JobResult, Polled, RoundJob};
+pub use crate::round::phase::RoundStep;
 pub use crate::serve::limits::Limits;
 pub use crate::serve::service::Service;

@@ -144,7 +144,7 @@ impl StatusView {
             now_ms: now.now_ms,
             uptime_ms: now.uptime_ms,
             round: now.round,
-            phase: phase(now),
+            phase: now.phase().name(),
             deadline_ms: known(now.deadline_ms),
             ends_by_ms: known(now.ends_by_ms),
             committed: now.committed,
@@ -179,9 +179,14 @@ impl StatusView {
                 self.name.escape_debug()
             ),
             format!("aggregator   up for {}", duration(now.uptime_ms)),
-            format!("round {:<6} {}", now.round, phase_text(now)),
+            format!(
+                "round {:<6} {}: {}",
+                now.round,
+                now.phase().name(),
+                phase_text(now)
+            ),
         ];
-        if now.phase() != Phase::BetweenRounds {
+        if now.phase() != Phase::Waiting {
             lines.push(format!(
                 "             {} committed, {} accepted, {} refused",
                 now.committed, now.accepted, now.refused
@@ -236,37 +241,19 @@ impl StatusView {
     }
 }
 
-fn phase(now: &StatusInfo) -> &'static str {
-    match now.phase() {
-        Phase::Unspecified => "unknown",
-        Phase::BetweenRounds => "between-rounds",
-        Phase::Commitments => "commitments",
-        Phase::Randomness => "randomness",
-        Phase::Submissions => "submissions",
-    }
-}
-
 fn phase_text(now: &StatusInfo) -> String {
-    let open = now.deadline_ms > now.now_ms;
+    let left = until(now, now.deadline_ms);
     match now.phase() {
-        Phase::Unspecified => "is in a phase that this release of zk0 does not know".into(),
-        Phase::BetweenRounds if now.ready < now.needed => "waits for nodes".into(),
-        Phase::BetweenRounds => "is not open yet".into(),
-        Phase::Randomness => "waits for its randomness".into(),
-        Phase::Commitments if open => {
-            format!(
-                "takes commitments for another {}",
-                until(now, now.deadline_ms)
-            )
+        Phase::Unspecified => "this release of zk0 does not know the phase".into(),
+        Phase::Waiting if now.ready < now.needed => "it waits for nodes".into(),
+        Phase::Waiting => "it is not open yet".into(),
+        Phase::Committing if now.deadline_ms > now.now_ms => {
+            format!("it takes commitments for another {left}")
         }
-        Phase::Submissions if open => {
-            format!(
-                "takes submissions for another {}",
-                until(now, now.deadline_ms)
-            )
-        }
-        Phase::Commitments => "closes its commitments".into(),
-        Phase::Submissions => "is closing: what arrived in time is decided".into(),
+        Phase::Committing => "it closes its commitments".into(),
+        Phase::Drawing => "it waits for its randomness".into(),
+        Phase::Submitting => format!("it takes submissions for another {left}"),
+        Phase::Closing => "what arrived in time is decided, and its end is recorded".into(),
     }
 }
 

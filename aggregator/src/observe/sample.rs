@@ -11,14 +11,6 @@ use zk0_protocol::rpc::federation::StatusInfo;
 
 type By = Family<[(&'static str, &'static str); 1], Gauge>;
 
-/// The phases of a round, as labels name them.
-const PHASES: [(Phase, &str); 4] = [
-    (Phase::BetweenRounds, "between-rounds"),
-    (Phase::Commitments, "commitments"),
-    (Phase::Randomness, "randomness"),
-    (Phase::Submissions, "submissions"),
-];
-
 #[derive(Clone, Default)]
 pub(super) struct Sampled {
     connections: By,
@@ -101,12 +93,9 @@ impl Sampled {
         set(&self.contributions, ("are", "committed"), status.committed);
         set(&self.contributions, ("are", "accepted"), status.accepted);
         set(&self.contributions, ("are", "refused"), status.refused);
-        for (phase, name) in PHASES {
-            set(
-                &self.phase,
-                ("phase", name),
-                u64::from(status.phase() == phase),
-            );
+        for phase in Phase::ALL {
+            let is_now = u64::from(status.phase() == phase);
+            set(&self.phase, ("phase", phase.name()), is_now);
         }
         set(&self.entries, ("are", "recorded"), status.entries);
         set(&self.entries, ("are", "published"), status.published);

@@ -3,11 +3,11 @@
 
 use crate::observe::machine::Disk;
 use crate::round::aggregator::Aggregator;
+use crate::round::phase::{deadline_ms, phase, ready};
 use crate::round::request_error::RequestError;
 use crate::serve::service::Service;
 use std::time::Duration;
 use zk0_protocol::entries::member::Standing;
-use zk0_protocol::rpc::federation::status_info::Phase;
 use zk0_protocol::rpc::federation::StatusInfo;
 use zk0_protocol::rules::state::{Decision, Round, State};
 
@@ -41,30 +41,27 @@ fn of(aggregator: &Aggregator) -> StatusInfo {
     let (state, config) = (aggregator.state(), aggregator.config());
     let nodes = state.nodes().values();
     let nodes = nodes.filter(|node| !matches!(node.standing, Standing::Left | Standing::Revoked));
-    let ready = nodes
-        .clone()
-        .filter(|node| node.dataset.is_some() && node.standing == Standing::Active);
     let open = state.round();
     let decided = |wanted: fn(&Decision) -> bool| {
         let commits = open.into_iter().flat_map(|round| round.commits.values());
         let decisions = commits.filter_map(|commit| commit.decision.as_ref());
         decisions.filter(|decision| wanted(decision)).count() as u64
     };
-    let phase = open.map_or(Phase::BetweenRounds, phase);
+    let now_ms = aggregator.now_ms();
     let disk = Disk::of(aggregator.ledger().dir());
     let store = aggregator.ledger().blobs().usage();
     let failing_ms = store.map(|usage| usage.failing().map_or(0, |since| millis(since).max(1)));
     StatusInfo {
-        now_ms: aggregator.now_ms(),
+        now_ms,
         round: open.map_or(state.next_round(), Round::number),
-        phase: phase.into(),
-        deadline_ms: open.map_or(0, deadline_ms),
-        ends_by_ms: open.map_or(0, |round| ends_by_ms(state, round)),
+        phase: phase(state, now_ms).into(),
+        deadline_ms: deadline_ms(state).unwrap_or(0),
+        ends_by_ms: ends_by_ms(state),
         committed: open.map_or(0, |round| round.commits.len() as u64),
         accepted: decided(|decision| matches!(decision, Decision::Accepted { .. })),
         refused: decided(|decision| matches!(decision, Decision::Rejected)),
         enrolled: nodes.count() as u64,
-        ready: ready.count() as u64,
+        ready: ready(state) as u64,
         needed: config.min_nodes as u64,
         rounds: config.rounds,
         last_round_ms: aggregator.last_round_ms(),
@@ -76,28 +73,11 @@ fn of(aggregator: &Aggregator) -> StatusInfo {
     }
 }
 
-fn phase(round: &Round) -> Phase {
-    match (&round.closing, &round.randomness) {
-        (None, _) => Phase::Commitments,
-        (Some(_), None) => Phase::Randomness,
-        (Some(_), Some(_)) => Phase::Submissions,
-    }
-}
-
-/// When the phase of the round ends; 0 if nobody knows.
-fn deadline_ms(round: &Round) -> u64 {
-    match (&round.closing, &round.randomness) {
-        (None, _) => round.opened.commit_deadline_ms,
-        (Some(_), None) => 0,
-        (Some(_), Some(randomness)) => randomness.submit_deadline_ms,
-    }
-}
-
 /// When the round ends if every phase takes as long as it may, and the randomness comes at once; 0 if nobody knows.
-fn ends_by_ms(state: &State, round: &Round) -> u64 {
-    let deadline_ms = deadline_ms(round);
-    match phase(round) {
-        Phase::Commitments => deadline_ms.saturating_add(state.rules().submit_window_ms),
-        _ => deadline_ms,
-    }
+fn ends_by_ms(state: &State) -> u64 {
+    let more_ms = match state.round() {
+        Some(round) if round.closing.is_none() => state.rules().submit_window_ms,
+        _ => 0,
+    };
+    deadline_ms(state).map_or(0, |deadline_ms| deadline_ms.saturating_add(more_ms))
 }

@@ -18,7 +18,7 @@ use zk0_verifier::{
 pub type VerificationResult = Result<Result<VerifiedContribution, Refusal>, Unreadable<BlobError>>;
 
 /// An acceptance, and what its verification reads of the state that it was made on.
-#[derive(Clone)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Accepted {
     submission: Signed<Submission>,
     context: ClaimContext,

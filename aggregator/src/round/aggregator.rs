@@ -1,4 +1,4 @@
-//! The one writer of a ledger: it opens and closes rounds. [`crate::round::founding`] founds the network, and
+//! The one writer of a ledger. [`crate::round::founding`] founds the network, [`crate::round::polling`] opens and closes rounds, and
 //! [`crate::round::intake`] records what nodes send.
 //!
 //! Everything here is synchronous, and it is on disk before a function returns; [`crate::serve::service`] puts a network in front
@@ -6,36 +6,28 @@
 //! an aggregator that was killed goes on where it was.
 
 use crate::round::accepted::Accepted;
-use crate::round::awaited_beacon::AwaitedBeacon;
 use crate::round::clock::Clock;
-use crate::round::dispute::Disputed;
 use crate::round::intake::arrivals::Arrivals;
 use crate::round::intake::staging::Staging;
 use crate::round::ledger_index::{FromLedger, LedgerIndex, LedgerReader, RoundEntries};
 use crate::round::presence::Presence;
-use crate::round::public_samples::UncheckedSamples;
 use crate::round::request_error::RequestError;
 use ed25519_dalek::SigningKey;
 use std::path::Path;
 use std::sync::Arc;
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::Blobs;
-use zk0_ledger::clock::ClockError;
 use zk0_ledger::log::Ledger;
 use zk0_ledger::pruned;
 use zk0_protocol::entries::authentic::AuthenticBody;
-use zk0_protocol::entries::entry::{Body, DisputeResolved, ProposalSettled};
+use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::member::NodeEnrolled;
-use zk0_protocol::entries::member::Standing;
 use zk0_protocol::pruning::rounds_before;
 use zk0_protocol::rules::closing::public_samples::PublicSamples;
 use zk0_protocol::rules::disclosed_blobs::BlobAccess;
 use zk0_protocol::rules::state::State;
 use zk0_protocol::tlog::receipt::Receipt;
-use zk0_protocol::{Refusal, RefusalCode};
-use zk0_verifier::combine::bases;
-use zk0_verifier::combine::optimizers::moments;
 use zk0_verifier::releases::{can_verify, releases};
 use zk0_verifier::{Evaluation, ProgramKey, VerifiedContribution};
 
@@ -48,46 +40,6 @@ pub struct Config {
     pub min_nodes: usize,
 }
 
-/// What [`Aggregator::step`] has done.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum StepOutcome {
-    /// Nothing: the aggregator waits for nodes.
-    Waiting,
-    /// It opened this round.
-    Opened(u64),
-    /// It closed the commitments of this round.
-    CommitmentsClosed(u64),
-    /// It drew the randomness of this round.
-    Drawn(u64),
-    /// Nothing: the open round waits for this beacon, which somebody has to fetch and give to [`Aggregator::draw`].
-    NeedsBeacon(AwaitedBeacon),
-    /// Nothing: this round may close, and somebody has to compute its end with [`ToClose::compute`], away from the aggregator, and give it to
-    /// [`Aggregator::close`].
-    ///
-    /// [`ToClose::compute`]: crate::round::closing::ToClose::compute
-    NeedsClosing(u64),
-    /// It closed this round.
-    Closed(u64),
-    /// It settled this proposal.
-    Settled(u64),
-    /// Nothing: the next round needs these blobs, and they are only in the store. Somebody has to fetch them ([`Blobs::fetch`]), away from
-    /// the aggregator.
-    NeedsBlobs(Vec<Digest>),
-    /// Nothing: somebody has to check these public samples of the next round with [`UncheckedSamples::check`], away from the aggregator, and then call
-    /// [`Aggregator::samples_checked`].
-    NeedsSamples(Box<UncheckedSamples>),
-    /// Nothing: this dispute waits for a verdict, which somebody has to compute with [`Disputed::verify_again`], away from the aggregator, and
-    /// give to [`Aggregator::resolve`].
-    NeedsVerdict(Box<Disputed>),
-    /// It decided the dispute that this entry raised.
-    Resolved(u64),
-    /// Nothing: the next round cannot open, or the open one cannot close, or a dispute cannot be decided, for this reason. What members send
-    /// is still recorded.
-    Blocked(String),
-    /// Nothing: the clock is wrong. It may be set right, and then the rounds go on.
-    WrongClock(ClockError),
-    /// Nothing: all rounds are done.
-    Finished,
 }
 
 /// The owner of a ledger.
@@ -95,11 +47,11 @@ pub struct Aggregator {
     pub(super) ledger: Ledger,
     pub(super) staging: Staging,
     clock: Arc<dyn Clock>,
-    arrivals: Arc<Arrivals>,
-    presence: Arc<Presence>,
+    pub(super) arrivals: Arc<Arrivals>,
+    pub(super) presence: Arc<Presence>,
     /// How many nodes were present when a round last had to wait for more, so that the log says it once.
-    absence: Option<(usize, usize)>,
-    config: Config,
+    pub(super) absence: Option<(usize, usize)>,
+    pub(super) config: Config,
     pub(super) index: LedgerIndex,
     /// What the open round accepted. Their weights are in the blobs.
     pub(super) contributions: Vec<VerifiedContribution>,
@@ -192,18 +144,6 @@ impl Aggregator {
         &self.presence
     }
 
-    /// The deadline of the open round that has passed by `now_ms`, and that nothing on the ledger reflects yet. What arrived after it waits
-    /// for what arrived before it.
-    pub fn passed_deadline(&self, now_ms: u64) -> Option<u64> {
-        let round = self.state().round()?;
-        let deadline_ms = match (&round.closing, &round.randomness) {
-            (None, _) => round.opened.commit_deadline_ms,
-            (Some(_), Some(randomness)) => randomness.submit_deadline_ms,
-            (Some(_), None) => return None,
-        };
-        (now_ms > deadline_ms).then_some(deadline_ms)
-    }
-
     /// The time that an entry recorded now gets.
     pub fn now_ms(&self) -> u64 {
         self.ledger.time_ms(self.clock.now_ms())
@@ -221,151 +161,6 @@ impl Aggregator {
     /// Enrols a node.
     pub fn enrol(&mut self, node: NodeId, name: String) -> Result<Receipt, RequestError> {
         self.append(Body::NodeEnrolled(NodeEnrolled { node, name }))
-    }
-
-    /// Opens the next round, or takes the open one a step further, if it is time to.
-    pub fn step(&mut self) -> Result<StepOutcome, RequestError> {
-        if let Err(error) = self.arrivals.now_ms() {
-            return Ok(StepOutcome::WrongClock(error));
-        }
-        let now = self.now_ms();
-        let state = self.state();
-        if let Some(deadline_ms) = self.passed_deadline(now) {
-            if self.arrivals.any_by(deadline_ms) {
-                return Ok(StepOutcome::Waiting);
-            }
-        }
-        if state.round().is_some() {
-            return self.step_in_round(now);
-        }
-        if let Some(number) = state.due(now) {
-            return self.settle(number, now);
-        }
-        if let Some((entry, dispute)) = state.undecided() {
-            let read = Disputed::read(&self.ledger, &self.index, entry, &dispute);
-            return Ok(match read {
-                Ok(disputed) => StepOutcome::NeedsVerdict(Box::new(disputed)),
-                Err(error) => StepOutcome::Blocked(format!(
-                    "the dispute of entry {entry} cannot be decided: {error}"
-                )),
-            });
-        }
-        if self
-            .config
-            .rounds
-            .is_some_and(|rounds| state.next_round() >= rounds)
-        {
-            return Ok(StepOutcome::Finished);
-        }
-        let (all, least) = (state.nodes().values(), self.config.min_nodes);
-        let ready = all.filter(|node| node.dataset.is_some() && node.standing == Standing::Active);
-        // A pause is counted in rounds, so that a network whose nodes all pause goes on.
-        let some = state.expected().chain(state.pausing()).next().is_some();
-        if ready.count() < least || (least > 0 && !some) {
-            return Ok(StepOutcome::Waiting);
-        }
-        if self.waits_for_more() {
-            return Ok(StepOutcome::Waiting);
-        }
-        let away = self.only_in_store();
-        if !away.is_empty() {
-            return Ok(StepOutcome::NeedsBlobs(away));
-        }
-        if let Some(why) = self.blocked() {
-            return Ok(StepOutcome::Blocked(why));
-        }
-        if let Some(samples) = self.unchecked_samples() {
-            return Ok(StepOutcome::NeedsSamples(Box::new(samples)));
-        }
-        let opening = self.state().next_opening(now)?;
-        let round = opening.round;
-        self.append_at(now, Body::RoundOpened(opening))?;
-        tracing::info!(round, "round opened");
-        Ok(StepOutcome::Opened(round))
-    }
-
-    /// Whether fewer nodes are present than the rules ask for.
-    fn waits_for_more(&mut self) -> bool {
-        let state = self.ledger.state();
-        let (round, least) = (state.next_round(), state.least_present());
-        let present = self.presence.among(state.expected());
-        if present >= least {
-            self.absence = None;
-            return false;
-        }
-        if self.absence.replace((present, least)) != Some((present, least)) {
-            tracing::info!(
-                round,
-                present,
-                least,
-                "the round waits: {present} nodes are present that may contribute, and the rules ask for {least}"
-            );
-        }
-        true
-    }
-
-    /// Why the next round cannot open here: nobody could verify its proofs, or nobody could train from its base weights.
-    fn blocked(&self) -> Option<String> {
-        let state = self.state();
-        let (round, base) = (state.next_round(), state.global().blob);
-        if !can_verify(state.program()) {
-            return Some(format!("round {round} cannot open: {}", no_verifier(state)));
-        }
-        let blobs = self.ledger.blobs();
-        if !blobs.contains(&base) {
-            return Some(format!(
-                "round {round} cannot open: it starts from the weights {base}, and that blob is not in the ledger's folder; put the file back as {}",
-                blobs.path(&base).display()
-            ));
-        }
-        if let Some(lost) = bases::earlier(state).filter(|earlier| !blobs.contains(&earlier.blob)) {
-            return Some(format!(
-                "round {round} cannot open: its strategy reads the weights {} that the round before started from, and that blob is not in the ledger's folder; put the file back as {}",
-                lost.blob,
-                blobs.path(&lost.blob).display()
-            ));
-        }
-        if let Some(lost) = moments::needed(state).filter(|moments| !blobs.contains(&moments.blob))
-        {
-            return Some(format!(
-                "round {round} cannot open: its strategy goes on from the moments {}, and that blob is not in the ledger's folder; put the file back as {}",
-                lost.blob,
-                blobs.path(&lost.blob).display()
-            ));
-        }
-        None
-    }
-
-    fn settle(&mut self, number: u64, now: u64) -> Result<StepOutcome, RequestError> {
-        let outcome = self.state().outcome(number, now)?;
-        tracing::info!(proposal = number, %outcome, "proposal settled");
-        let settled = ProposalSettled {
-            proposal: number,
-            outcome,
-        };
-        self.append_at(now, Body::ProposalSettled(settled))?;
-        Ok(StepOutcome::Settled(number))
-    }
-
-    /// Records the verdict on a dispute: what [`Disputed::verify_again`] says against the contribution.
-    ///
-    pub fn resolve(
-        &mut self,
-        dispute: u64,
-        upheld: Option<Refusal>,
-    ) -> Result<StepOutcome, RequestError> {
-        match &upheld {
-            Some(unchecked) if unchecked.code == RefusalCode::NoVerifier => {
-                return Ok(StepOutcome::Blocked(format!(
-                    "the dispute of entry {dispute} cannot be decided by this release of zk0: {unchecked}"
-                )))
-            }
-            Some(reason) => tracing::warn!(dispute, %reason, "dispute upheld"),
-            None => tracing::info!(dispute, "dispute dismissed: the contribution verifies"),
-        }
-        let upheld = upheld.map(|reason| reason.code);
-        self.append(Body::DisputeResolved(DisputeResolved { dispute, upheld }))?;
-        Ok(StepOutcome::Resolved(dispute))
     }
 
     /// The entry that recorded a proposal, if it is among the first `published` entries.
@@ -401,6 +196,16 @@ impl Aggregator {
     pub fn contribution(&self, round: u64, node: &NodeId, published: u64) -> Option<u64> {
         let index = self.index.by_scaffold(round, node);
         index.filter(|index| *index < published)
+    }
+
+    /// From the opening of the last closed round to its end, in milliseconds.
+    pub fn last_round_ms(&self) -> Option<u64> {
+        let open = u64::from(self.state().round().is_some());
+        let last = self.state().next_round().checked_sub(1 + open)?;
+        let entries = self.index.round(Some(last), self.ledger.size())?;
+        let time_ms = |index| self.ledger.entry(index).ok().map(|entry| entry.time_ms);
+        let closed = time_ms(entries.closed?)?;
+        Some(closed.saturating_sub(time_ms(entries.opened)?))
     }
 
     /// Checks that the rules allow an entry that arrived at `arrived_ms`.
@@ -443,7 +248,7 @@ fn check_open_round(state: &State) -> Result<(), RequestError> {
 }
 
 /// What to do about a program whose proofs this build cannot verify.
-fn no_verifier(state: &State) -> String {
+pub(super) fn no_verifier(state: &State) -> String {
     format!(
         "its proofs are of the program {}, while this release of zk0 verifies proofs of SP1 {}: start the aggregator with a release of zk0 that verifies SP1 {}, or propose another program",
         state.program(),

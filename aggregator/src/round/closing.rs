@@ -2,7 +2,6 @@
 //! aggregator then records the end, if the round is still the same.
 
 use crate::round::accepted::{verify_all, Accepted};
-use crate::round::aggregator::{Aggregator, StepOutcome};
 use crate::round::ledger_index::still_valid;
 use crate::round::request_error::RequestError;
 use std::fmt::Display;
@@ -10,8 +9,7 @@ use std::io::{sink, Write};
 use std::path::PathBuf;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::{BlobError, Blobs};
-use zk0_protocol::entries::entry::{Body, Contributor, MomentsComputed};
-use zk0_protocol::entries::round_result::ResultOutcome;
+use zk0_protocol::entries::entry::Contributor;
 use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::rules::state::State;
 use zk0_verifier::close::{close, CloseError, RoundOutcome};
@@ -20,6 +18,7 @@ use zk0_verifier::combine::optimizers::moments::has_moments;
 use zk0_verifier::{BaseFiles, ResultFiles, VerifiedContribution};
 
 /// A round that may close: what its end follows from.
+#[derive(Clone, Debug, PartialEq)]
 pub struct ToClose {
     /// The state of the ledger.
     pub state: State,
@@ -34,6 +33,7 @@ pub struct ToClose {
 }
 
 /// The end of a round, to be recorded.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ComputedClosing {
     /// The end.
     pub closing: RoundOutcome,
@@ -136,59 +136,5 @@ impl ToClose {
             closing,
             contributors: state.contributors(),
         }))
-    }
-}
-
-impl Aggregator {
-    /// What the end of the open round follows from.
-    pub fn to_close(&self) -> ToClose {
-        ToClose {
-            state: self.state().clone(),
-            contributions: self.contributions.clone(),
-            lost: self.lost.clone(),
-            blobs: self.ledger.blobs().clone(),
-            dir: self.ledger.dir().into(),
-        }
-    }
-
-    /// Records the end of the open round. If its contributors are not those that the end was computed from, because a node has changed its
-    /// key, nothing is recorded, and the end has to be computed again. If the clock was set back meanwhile, to before the deadline of a
-    /// submission, the round waits: what still comes in time counts, so that the end is computed again, too.
-    pub fn close(&mut self, computed: ComputedClosing) -> Result<StepOutcome, RequestError> {
-        let ComputedClosing {
-            closing,
-            contributors,
-        } = computed;
-        let mut closed = closing.closed;
-        let round = closed.round;
-        let open = self.state().round();
-        let named = open.and_then(|open| open.moments);
-        if open.map(|open| open.number()) != Some(round)
-            || self.state().contributors() != contributors
-        {
-            return Ok(StepOutcome::NeedsClosing(round));
-        }
-        // All of the end has one time, by which it is judged.
-        let now = self.now_ms();
-        if !self.state().may_close(now) {
-            return Ok(StepOutcome::Waiting);
-        }
-        // What came too late was answered, too.
-        closed.unanswered = self.state().unanswered();
-        let outcome = closed.evaluated.as_ref().map(|one| one.outcome);
-        // An aggregator that was killed between the two entries has recorded the first one.
-        if let Some(moments) = closing.moments.filter(|moments| named != Some(*moments)) {
-            let computed = MomentsComputed { round, moments };
-            self.append_at(now, Body::MomentsComputed(computed))?;
-        }
-        self.append_at(now, Body::RoundClosed(closed))?;
-        self.contributions.clear();
-        self.lost.clear();
-        tracing::info!(round, contributors = contributors.len(), "round closed");
-        match outcome {
-            Some(ResultOutcome::Taken) | None => {}
-            Some(outcome) => tracing::warn!(round, "{outcome}"),
-        }
-        Ok(StepOutcome::Closed(round))
     }
 }

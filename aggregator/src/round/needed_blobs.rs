@@ -43,9 +43,4 @@ impl Aggregator {
         let samples = UncheckedSamples::of(self.state(), self.ledger.blobs());
         samples.filter(|samples| checked != Some(samples.rule()))
     }
-
-    /// These samples hold what the next round needs.
-    pub fn samples_checked(&mut self, samples: &UncheckedSamples) {
-        self.checked_samples = Some(samples.rule());
-    }
 }

@@ -1,7 +1,7 @@
 //! The gRPC service in front of the rounds.
 
-pub mod beacon_fetching;
 mod blob_store;
+mod driver;
 pub mod federation_service;
 mod grpc;
 mod health;
@@ -11,7 +11,6 @@ mod node_turns;
 mod recorder;
 mod senders;
 pub mod service;
-mod stepping;
 mod submitting;
 mod uploading;
 mod uploads;

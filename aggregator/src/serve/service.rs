@@ -24,9 +24,10 @@ use crate::observe::metrics::Metrics;
 use crate::publish::beacon::BeaconServers;
 use crate::publish::cosigning::{ConsistencyProver, Cosigned, Witnesses};
 use crate::round::aggregator::Aggregator;
-use crate::round::drawing::ToCosign;
 use crate::round::intake::arrivals::Arrivals;
+use crate::round::job::JobResult;
 use crate::round::ledger_index::RoundEntries;
+use crate::round::polling::ToCosign;
 use crate::round::presence::Presence;
 use crate::round::request_error::RequestError;
 use crate::serve::blob_store::places::BlobPlaces;
@@ -52,6 +53,7 @@ use tracing::{info_span, Instrument, Span};
 use zk0_ledger::error::LedgerError;
 use zk0_ledger::folder;
 use zk0_ledger::store::reader::LedgerReader;
+use zk0_protocol::challenge::drawing::Drawing;
 use zk0_protocol::rpc::federation::federation_server::FederationServer;
 use zk0_tls::server_certificate::ServerCertificate;
 
@@ -303,66 +305,62 @@ impl Service {
             return std::future::pending().await;
         };
         loop {
-            let next = self.with(|aggregator| aggregator.to_cosign());
-            let ToCosign {
-                size,
-                checkpoint,
-                draws,
-            } = match next.await {
-                Ok(next) => next,
-                Err(error) => return error,
-            };
-            if size <= *publishing.published.borrow() && !draws {
-                let _ = timeout(TICK, publishing.wanted.notified()).await;
-                continue;
-            }
-            let (witnesses, ledger) = (publishing.witnesses.clone(), self.ledger.clone());
-            let prove: ConsistencyProver = Arc::new(move |old, new| {
-                let proof = ledger.consistency_between(old, new);
-                proof.map_err(|error| error.to_string())
-            });
-            let cosigned = spawn_blocking(move || {
-                if draws {
-                    witnesses.cosign_all(&checkpoint, &prove)
-                } else {
-                    witnesses.cosign(&checkpoint, &prove)
-                }
-            });
-            let Cosigned { note, cosignatures } = match cosigned.await {
-                Ok(Ok(cosigned)) => cosigned,
-                Ok(Err(error)) => {
-                    tracing::warn!(size, "the checkpoint is not published: {error}");
-                    sleep(TICK).await;
-                    continue;
-                }
-                Err(error) => return RequestError::Internal(error.to_string()),
-            };
-            let published = *publishing.published.borrow();
-            let written = self.with(move |aggregator| {
-                if size > published {
-                    folder::write_cosigned(aggregator.ledger().dir(), &note)?;
-                }
-                if draws {
-                    aggregator.draw_cosigned(cosignatures)
-                } else {
-                    Ok(())
-                }
-            });
-            match written.await {
-                Ok(()) => {}
+            match self.publish_next(publishing).await {
+                Ok(true) => {}
+                Ok(false) => drop(timeout(TICK, publishing.wanted.notified()).await),
                 // The rounds wait until the clock is right, and so does this.
-                Err(RequestError::Clock(_)) => {
-                    sleep(TICK).await;
-                    continue;
-                }
+                Err(RequestError::Clock(_)) => sleep(TICK).await,
                 Err(error) => return error,
-            }
-            tracing::info!(size, "checkpoint cosigned and published");
-            publishing.published.send_replace(size.max(published));
-            if let Err(error) = self.note_stage().await {
-                return error;
             }
         }
+    }
+
+    /// Has the next checkpoint cosigned, and publishes it. Returns `false` if there is none.
+    async fn publish_next(&self, publishing: &Publishing) -> Result<bool, RequestError> {
+        let next = self.with(|aggregator| aggregator.to_cosign());
+        let ToCosign {
+            size,
+            checkpoint,
+            draws,
+        } = next.await?;
+        let published = *publishing.published.borrow();
+        if size <= published && draws.is_none() {
+            return Ok(false);
+        }
+        let (witnesses, ledger) = (publishing.witnesses.clone(), self.ledger.clone());
+        let prove: ConsistencyProver = Arc::new(move |old, new| {
+            let proof = ledger.consistency_between(old, new);
+            proof.map_err(|error| error.to_string())
+        });
+        let cosigned = blocking(move || {
+            Ok(match draws {
+                Some(_) => witnesses.cosign_all(&checkpoint, &prove),
+                None => witnesses.cosign(&checkpoint, &prove),
+            })
+        });
+        let Cosigned { note, cosignatures } = match cosigned.await? {
+            Ok(cosigned) => cosigned,
+            Err(error) => {
+                tracing::warn!(size, "the checkpoint is not published: {error}");
+                sleep(TICK).await;
+                return Ok(true);
+            }
+        };
+        let written = self.with(move |aggregator| {
+            if size > published {
+                folder::write_cosigned(aggregator.ledger().dir(), &note)?;
+            }
+            if let Some(round) = draws {
+                let drawing = Drawing::Witnesses(cosignatures);
+                aggregator.finish(JobResult::Randomness(round, drawing))?;
+            }
+            Ok(())
+        });
+        written.await?;
+        tracing::info!(size, "checkpoint cosigned and published");
+        publishing.published.send_replace(size.max(published));
+        self.note_stage().await?;
+        Ok(true)
     }
 
     /// Tells that entries were recorded, and waits until the first `size` entries are published. If that takes too long, whoever asks again later gets the receipt then:

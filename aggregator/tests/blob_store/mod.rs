@@ -7,7 +7,7 @@ use std::fs;
 use std::time::{Duration, Instant};
 use tokio::task::JoinSet;
 use tonic::Code;
-use zk0_aggregator::{Config, Limits, StepOutcome};
+use zk0_aggregator::{Config, Limits, Polled};
 use zk0_bucket::waiting::RetryPeriod;
 use zk0_bucket::Bucket;
 use zk0_ledger::blobs::Blobs;
@@ -183,7 +183,7 @@ async fn no_round_opens_from_weights_that_the_store_has_altered() {
     network.restart().await;
     node.register(&network).await.unwrap();
     let blocked = network.service().step().await.unwrap();
-    let StepOutcome::Blocked(why) = blocked else {
+    let Polled::Blocked(why) = blocked else {
         panic!("{blocked:?}");
     };
     assert!(why.contains("the next round cannot open"), "{why}");

@@ -13,7 +13,7 @@ use tokio::task::spawn_blocking;
 use tonic::Code;
 use zk0_aggregator::publish::beacon::{BeaconServers, NoBeacon, ServerError};
 use zk0_aggregator::publish::http::{self, HttpLimits};
-use zk0_aggregator::{Aggregator, Config, Limits, StepOutcome};
+use zk0_aggregator::{Aggregator, Config, Limits, Polled, RoundJob};
 use zk0_audit::Auditor;
 use zk0_ledger::replay::{replay, Verdict};
 use zk0_protocol::challenge::drand::{BeaconSignature, DrandChain};
@@ -233,19 +233,20 @@ async fn waiting(does: Does) -> (Network, SigningNode, Doing) {
     (network, first, doing)
 }
 
-async fn step(network: &Network) -> StepOutcome {
-    network.service().with(Aggregator::step).await.unwrap()
+async fn step(network: &Network) -> Polled {
+    let step = |aggregator: &mut Aggregator| aggregator.step();
+    network.service().with(step).await.unwrap()
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_round_waits_for_its_beacon_and_goes_on_with_it() -> Test {
     let (network, first, doing) = waiting(Does::Fails).await;
     // The beacon's time has not come, so nobody is asked.
-    assert_eq!(step(&network).await, StepOutcome::Waiting);
+    assert!(matches!(step(&network).await, Polled::Idle(Some(_))));
     network.clock.advance(MARGIN_MS + 3_000);
     let awaited = step(&network).await;
     assert!(
-        matches!(awaited, StepOutcome::NeedsBeacon(_)),
+        matches!(awaited, Polled::Run(RoundJob::FetchBeacon(..))),
         "{awaited:?}"
     );
     for does in [Does::Late, Does::WrongSignature, Does::OtherChain] {
@@ -273,7 +274,10 @@ async fn a_round_waits_for_its_beacon_and_goes_on_with_it() -> Test {
 async fn a_round_whose_beacon_never_comes_closes_and_the_next_one_may_open() -> Test {
     let (network, first, _) = waiting(Does::Fails).await;
     network.clock.advance(60_000);
-    assert!(matches!(step(&network).await, StepOutcome::NeedsBeacon(_)));
+    assert!(matches!(
+        step(&network).await,
+        Polled::Run(RoundJob::FetchBeacon(..))
+    ));
     network.clock.advance(1);
     let closed = async || network.round(Some(0)).await.closed;
     let closed = until_async("the round closes", closed).await;

@@ -3,7 +3,7 @@
 use std::fmt::{Debug, Display};
 use std::sync::Arc;
 use zk0_aggregator::round::request_error::RequestError;
-use zk0_aggregator::{Aggregator, Config, StepOutcome};
+use zk0_aggregator::{Aggregator, Config, Polled};
 use zk0_circuits::NodeId;
 use zk0_testkit::aggregator::*;
 
@@ -33,11 +33,7 @@ fn a_clock_set_forward_opens_no_round_and_ends_none() {
     aggregator.enrol(id(1), "one".into()).unwrap();
     let entries = aggregator.state().entries();
     clock.set_forward(365 * 24 * 3_600_000);
-    let progress = aggregator.step().unwrap();
-    assert!(
-        matches!(progress, StepOutcome::WrongClock(_)),
-        "{progress:?}"
-    );
+    leapt(aggregator.step());
     leapt(aggregator.enrol(id(2), "two".into()));
     assert_eq!(aggregator.state().entries(), entries);
     drop(aggregator);
@@ -65,11 +61,14 @@ async fn a_round_waits_when_the_clock_steps_back_while_its_end_is_computed() {
         let round = aggregator.state().round().unwrap();
         let deadline_ms = round.randomness.as_ref().unwrap().submit_deadline_ms;
         clock.advance(deadline_ms + 1 - aggregator.now_ms());
-        assert_eq!(aggregator.step()?, StepOutcome::NeedsClosing(0));
-        let computed = aggregator.to_close().compute()?.unwrap();
+        let Polled::Run(job) = aggregator.step()? else {
+            panic!("the round may close");
+        };
+        let computed = run_job(job)?.unwrap();
         clock.jump(-1_000);
         let entries = aggregator.state().entries();
-        assert_eq!(aggregator.close(computed)?, StepOutcome::Waiting);
+        let until_ms = Some(deadline_ms + 1);
+        assert_eq!(aggregator.finish(computed)?, Polled::Idle(until_ms));
         assert_eq!(aggregator.state().entries(), entries);
         Ok::<_, RequestError>(())
     };

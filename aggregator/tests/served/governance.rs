@@ -4,7 +4,7 @@ use crate::Test;
 use std::sync::Arc;
 use tonic::{Code, Status};
 use zk0_aggregator::serve::service::ServeError;
-use zk0_aggregator::{Aggregator, Config, Service, StepOutcome};
+use zk0_aggregator::{Aggregator, Config, Polled, RoundStep, Service};
 use zk0_circuits::Digest;
 use zk0_ledger::log::Ledger;
 use zk0_protocol::challenge::drawing::Drawing;
@@ -228,7 +228,7 @@ fn with_a_false_contribution(
     let network = genesis().network_id();
     aggregator.enrol(node.id(), "the only one".into())?;
     aggregator.register(&borsh::to_vec(&node.registration(&network))?, &node.list())?;
-    assert_eq!(aggregator.step()?, StepOutcome::Opened(0));
+    assert_eq!(aggregator.step()?, Polled::Did(RoundStep::Open(0)));
     drop(aggregator);
     let mut ledger = Ledger::open(dir.path(), None, log_key())?;
     let update = weights(1);
@@ -289,7 +289,7 @@ fn a_disputed_contribution_is_verified_again() -> Test {
     };
     let body = Body::Disputed(Signed::new(dispute, &governor.key));
     let entry = aggregator.say(&borsh::to_vec(&body)?)?.index;
-    assert_eq!(aggregator.go_on()?, StepOutcome::Resolved(entry));
+    assert_eq!(aggregator.go_on()?, Polled::Did(RoundStep::Resolve(entry)));
     let last = aggregator.ledger().entry(aggregator.ledger().size() - 1)?;
     let Body::DisputeResolved(resolved) = last.body else {
         panic!("{last:?}");
@@ -300,7 +300,7 @@ fn a_disputed_contribution_is_verified_again() -> Test {
     let standing = aggregator.state().node(&node.id()).unwrap().standing;
     assert_eq!(standing, Standing::Suspended);
     // No node is ready for another round.
-    assert_eq!(aggregator.step()?, StepOutcome::Waiting);
+    assert_eq!(aggregator.step()?, Polled::Idle(None));
     Ok(())
 }
 

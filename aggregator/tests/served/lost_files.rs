@@ -8,7 +8,7 @@ use std::sync::{mpsc, Arc};
 use std::thread;
 use std::time::Duration;
 use zk0_aggregator::round::closing::ComputedClosing;
-use zk0_aggregator::{Aggregator, Config, StepOutcome};
+use zk0_aggregator::{Aggregator, Config, JobResult, Polled, RoundStep};
 use zk0_circuits::Digest;
 use zk0_protocol::entries::entry::{MomentsComputed, RoundClosed};
 use zk0_protocol::rules::network_rules::Strategy;
@@ -43,14 +43,14 @@ fn no_round_opens_without_the_weights_that_its_momentum_starts_from() {
         let file = fs::read(&lost).unwrap();
         fs::remove_file(&lost).unwrap();
         if needs_it {
-            let StepOutcome::Blocked(why) = aggregator.step().unwrap() else {
+            let Polled::Blocked(why) = aggregator.step().unwrap() else {
                 panic!("it opened a round");
             };
             let expected = format!("its strategy reads the weights {initial}");
             assert!(why.contains(&expected), "{why}");
             fs::write(&lost, file).unwrap();
         }
-        assert_eq!(aggregator.step().unwrap(), StepOutcome::Opened(1));
+        assert_eq!(aggregator.step().unwrap(), Polled::Did(RoundStep::Open(1)));
     }
 }
 
@@ -87,13 +87,13 @@ fn no_round_opens_without_the_moments_that_it_goes_on_from() {
     drop(operator);
     fs::remove_file(&lost).unwrap();
     let mut aggregator = Aggregator::open(dir.path(), None, log_key(), clock, CONFIG).unwrap();
-    let StepOutcome::Blocked(why) = aggregator.step().unwrap() else {
+    let Polled::Blocked(why) = aggregator.step().unwrap() else {
         panic!("it opened a round");
     };
     let expected = format!("goes on from the moments {moments}");
     assert!(why.contains(&expected), "{why}");
     fs::write(&lost, b"moments").unwrap();
-    assert_eq!(aggregator.step().unwrap(), StepOutcome::Opened(1));
+    assert_eq!(aggregator.step().unwrap(), Polled::Did(RoundStep::Open(1)));
 }
 
 /// The moments of a round and its closing are two entries. An aggregator that is killed between them records the second one after its start.
@@ -135,7 +135,9 @@ fn an_aggregator_that_was_killed_after_the_moments_closes_the_round() {
             closing,
             contributors,
         };
-        assert_eq!(aggregator.close(computed).unwrap(), StepOutcome::Closed(0));
+        let result = JobResult::Closing(Box::new(computed));
+        let closed = Polled::Did(RoundStep::Close(0));
+        assert_eq!(aggregator.finish(result).unwrap(), closed);
         let recorded = aggregator.ledger().size() - entries;
         assert_eq!(recorded, if killed { 1 } else { 2 });
         let kept = aggregator.state().moments().unwrap();
@@ -175,7 +177,7 @@ fn an_aggregator_starts_without_a_file_of_its_open_round_and_names_it() {
         let mut aggregator = Aggregator::open(dir.path(), None, log_key(), clock, CONFIG).unwrap();
         // The ledger goes on: members can register and vote.
         assert_eq!(aggregator.state().round().unwrap().number(), 0);
-        let StepOutcome::Blocked(why) = aggregator.go_on().unwrap() else {
+        let Polled::Blocked(why) = aggregator.go_on().unwrap() else {
             panic!("the round closed");
         };
         let name = blob_digest(&lost).to_string();

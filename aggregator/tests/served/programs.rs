@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 use tonic::{Code, Status};
-use zk0_aggregator::{Aggregator, Config, StepOutcome};
+use zk0_aggregator::{Aggregator, Config, Polled, RoundStep};
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
@@ -44,7 +44,7 @@ fn decide(aggregator: &mut Aggregator, clock: &ManualClock, action: Action) -> T
     let vote = voted(aggregator.state(), Ballot::For);
     aggregator.say(&borsh::to_vec(&vote)?)?;
     clock.advance(VOTING_MS + 1);
-    assert_eq!(aggregator.step()?, StepOutcome::Settled(number));
+    assert_eq!(aggregator.step()?, Polled::Did(RoundStep::Settle(number)));
     Ok(())
 }
 
@@ -60,7 +60,7 @@ fn no_round_opens_with_a_program_that_nobody_here_can_verify() -> Test {
         &clock,
         Action::ReplaceProgram(of_another_release()),
     )?;
-    let StepOutcome::Blocked(why) = aggregator.step()? else {
+    let Polled::Blocked(why) = aggregator.step()? else {
         panic!("the aggregator runs a round that it cannot verify");
     };
     assert!(
@@ -70,7 +70,7 @@ fn no_round_opens_with_a_program_that_nobody_here_can_verify() -> Test {
     // The network is not lost: members can still put a program in force that can be verified.
     let founding = Program::founding(&genesis().program);
     decide(&mut aggregator, &clock, Action::ReplaceProgram(founding))?;
-    assert_eq!(aggregator.step()?, StepOutcome::Opened(0));
+    assert_eq!(aggregator.step()?, Polled::Did(RoundStep::Open(0)));
     Ok(())
 }
 
@@ -242,7 +242,7 @@ fn a_round_starts_from_restored_weights_once_their_blob_is_at_hand() -> Test {
     fs::write(&place, weights(1))?;
     decide(&mut aggregator, &clock, restore())?;
     fs::remove_file(&place)?;
-    let StepOutcome::Blocked(why) = aggregator.step()? else {
+    let Polled::Blocked(why) = aggregator.step()? else {
         panic!("a round starts from weights that nobody has");
     };
     assert!(
@@ -250,7 +250,7 @@ fn a_round_starts_from_restored_weights_once_their_blob_is_at_hand() -> Test {
         "{why}"
     );
     fs::write(&place, weights(1))?;
-    assert_eq!(aggregator.step()?, StepOutcome::Opened(2));
+    assert_eq!(aggregator.step()?, Polled::Did(RoundStep::Open(2)));
     let round = aggregator.state().round().ok_or("no round")?;
     assert_eq!(round.opened.base, digest(&weights(1)));
     // A node can train from the weights, and the round ends.
@@ -262,10 +262,13 @@ fn a_round_starts_from_restored_weights_once_their_blob_is_at_hand() -> Test {
     writer.write(&weights(3))?;
     writer.finish()?;
     aggregator.commit(&borsh::to_vec(&Signed::new(commitment, &node.key))?)?;
-    assert_eq!(aggregator.step()?, StepOutcome::CommitmentsClosed(2));
-    assert_eq!(aggregator.step()?, StepOutcome::Drawn(2));
+    assert_eq!(
+        aggregator.step()?,
+        Polled::Did(RoundStep::CloseCommitments(2))
+    );
+    assert_eq!(aggregator.step()?, Polled::Did(RoundStep::Draw(2)));
     clock.advance(SUBMIT_MS + 1);
-    assert_eq!(aggregator.go_on()?, StepOutcome::Closed(2));
+    assert_eq!(aggregator.go_on()?, Polled::Did(RoundStep::Close(2)));
     assert_eq!(aggregator.state().global(), &digest(&weights(1)));
     Ok(())
 }

@@ -5,7 +5,7 @@ use crate::Test;
 use std::sync::Arc;
 use zk0_aggregator::round::founding::{Founding, FoundingError};
 use zk0_aggregator::round::request_error::RequestError;
-use zk0_aggregator::{Aggregator, Config, StepOutcome};
+use zk0_aggregator::{Aggregator, Config, Polled, RoundStep};
 use zk0_ledger::Ledger;
 use zk0_protocol::entries::proposal::Action;
 use zk0_protocol::rules::closing::public_samples::PublicSamples;
@@ -87,7 +87,7 @@ fn no_round_opens_until_the_samples_are_there() -> Test {
     let (_dir, mut aggregator) = ready(with_samples(rule), &samples);
     let path = aggregator.ledger().blobs().path(&rule.blob);
     std::fs::remove_file(&path)?;
-    let StepOutcome::Blocked(why) = aggregator.go_on()? else {
+    let Polled::Blocked(why) = aggregator.go_on()? else {
         panic!("a round opened");
     };
     assert!(
@@ -95,9 +95,9 @@ fn no_round_opens_until_the_samples_are_there() -> Test {
         "{why}"
     );
     std::fs::write(&path, &samples[..samples.len() - 1])?;
-    assert!(matches!(aggregator.go_on()?, StepOutcome::Blocked(_)));
+    assert!(matches!(aggregator.go_on()?, Polled::Blocked(_)));
     std::fs::write(&path, &samples)?;
-    assert_eq!(aggregator.go_on()?, StepOutcome::Opened(0));
+    assert_eq!(aggregator.go_on()?, Polled::Did(RoundStep::Open(0)));
     Ok(())
 }
 

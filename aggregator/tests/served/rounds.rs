@@ -5,7 +5,7 @@ use ed25519_dalek::SigningKey;
 use std::io::Write;
 use std::sync::Arc;
 use tonic::Code;
-use zk0_aggregator::{Aggregator, Config, StepOutcome};
+use zk0_aggregator::{Aggregator, Config, Polled, RoundStep};
 use zk0_audit::Auditor;
 use zk0_circuits::Digest;
 use zk0_ledger::replay::{replay, Verdict};
@@ -26,14 +26,17 @@ fn a_round_in_which_nobody_may_commit_takes_its_time() -> Test {
         min_nodes: 0,
     };
     let mut aggregator = found(dir.path(), genesis(), clock.clone(), config)?;
-    assert!(matches!(aggregator.go_on()?, StepOutcome::Opened(0)));
+    assert!(matches!(
+        aggregator.go_on()?,
+        Polled::Did(RoundStep::Open(0))
+    ));
     for _ in 0..3 {
-        assert!(matches!(aggregator.go_on()?, StepOutcome::Waiting));
+        assert!(matches!(aggregator.go_on()?, Polled::Idle(_)));
     }
     clock.advance(COMMIT_MS + 1);
     assert!(matches!(
         aggregator.go_on()?,
-        StepOutcome::CommitmentsClosed(0)
+        Polled::Did(RoundStep::CloseCommitments(0))
     ));
     Ok(())
 }
@@ -57,7 +60,7 @@ fn no_round_opens_where_no_node_with_a_dataset_may_contribute() -> Test {
     for (node, opens) in [(&there, false), (&listed, true)] {
         let registration = borsh::to_vec(&node.registration(&network))?;
         aggregator.register(&registration, &node.list())?;
-        let opened = matches!(aggregator.go_on()?, StepOutcome::Opened(0));
+        let opened = matches!(aggregator.go_on()?, Polled::Did(RoundStep::Open(0)));
         assert_eq!(opened, opens);
     }
     Ok(())
@@ -261,7 +264,7 @@ fn a_submission_after_the_deadline_of_an_open_round_is_recorded_as_late() -> Tes
     let network = genesis().network_id();
     let registration = borsh::to_vec(&node.registration(&network))?;
     aggregator.register(&registration, &node.list())?;
-    assert_eq!(aggregator.step()?, StepOutcome::Opened(0));
+    assert_eq!(aggregator.step()?, Polled::Did(RoundStep::Open(0)));
     let update = weights(1);
     let request = Signed::new(node.upload_request(&network, 0, &update), &node.key);
     let writer = aggregator.upload(&borsh::to_vec(&request)?)?;
@@ -270,8 +273,11 @@ fn a_submission_after_the_deadline_of_an_open_round_is_recorded_as_late() -> Tes
     writer.finish()?;
     let commitment = Signed::new(node.commitment(&network, 0, &update), &node.key);
     aggregator.commit(&borsh::to_vec(&commitment)?)?;
-    assert_eq!(aggregator.step()?, StepOutcome::CommitmentsClosed(0));
-    assert_eq!(aggregator.step()?, StepOutcome::Drawn(0));
+    assert_eq!(
+        aggregator.step()?,
+        Polled::Did(RoundStep::CloseCommitments(0))
+    );
+    assert_eq!(aggregator.step()?, Polled::Did(RoundStep::Draw(0)));
     let claim = node.claim_of(aggregator.state().expected_claim(&node.id())?);
     let submission = borsh::to_vec(&node.submission(claim, b"no proof"))?;
     clock.advance(SUBMIT_MS + 5);
@@ -284,8 +290,8 @@ fn a_submission_after_the_deadline_of_an_open_round_is_recorded_as_late() -> Tes
             ..
         })
     ));
-    assert_eq!(aggregator.go_on()?, StepOutcome::Closed(0));
-    assert_eq!(aggregator.step()?, StepOutcome::Finished);
+    assert_eq!(aggregator.go_on()?, Polled::Did(RoundStep::Close(0)));
+    assert_eq!(aggregator.step()?, Polled::Idle(None));
     let report = replay(dir.path(), None, &mut Auditor::default());
     assert_eq!(report.verdict, Verdict::Verified, "{:?}", report.findings);
     Ok(())
@@ -391,7 +397,7 @@ fn a_node_is_shown_its_contributions_as_long_as_scaffold_reads_them() {
         assert_eq!(shown(&aggregator, round, None), None);
     }
     // The control variates begin again.
-    assert_eq!(aggregator.step().unwrap(), StepOutcome::Opened(3));
+    assert_eq!(aggregator.step().unwrap(), Polled::Did(RoundStep::Open(3)));
     for round in 0..4 {
         assert_eq!(
             shown(&aggregator, round, Some(&node)),

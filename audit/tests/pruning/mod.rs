@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 use tempfile::TempDir;
-use zk0_aggregator::{Aggregator, Config, StepOutcome};
+use zk0_aggregator::{Aggregator, Config, Polled, RoundStep};
 use zk0_audit::account::{CheckKind, SkipReason};
 use zk0_audit::fsck::fsck;
 use zk0_audit::{Auditor, Depth};
@@ -312,7 +312,7 @@ fn an_aggregator_goes_on_with_a_pruned_ledger() {
     assert_eq!(plan.first_kept, 3);
     assert!(!doomed(&plan, Reason::Weights).is_empty());
     let mut aggregator = Aggregator::open(dir.path(), None, log_key(), clock, config).unwrap();
-    assert_eq!(aggregator.step().unwrap(), StepOutcome::Opened(3));
+    assert_eq!(aggregator.step().unwrap(), Polled::Did(RoundStep::Open(3)));
     let error = aggregator.blob(&blob_digest(&update(0, 1))).unwrap_err();
     assert!(error.to_string().contains("it was pruned"), "{error}");
     // While it runs, nobody prunes.

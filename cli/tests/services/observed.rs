@@ -190,10 +190,7 @@ fn metrics_move_with_what_the_aggregator_does() {
     ] {
         assert!(observed.metric(some) > 1.0, "{some}");
     }
-    assert_eq!(
-        observed.metric(r#"zk0_round_phase{phase="between-rounds"}"#),
-        1.0
-    );
+    assert_eq!(observed.metric(r#"zk0_round_phase{phase="waiting"}"#), 1.0);
 }
 
 #[test]
@@ -212,7 +209,7 @@ fn the_status_shows_rounds_nodes_the_ledger_and_the_disk() {
     let status = json(&observed.asking(&["status", "--json"], &of));
     let entries = observed.network.entries().len();
     for (key, value) in [
-        ("phase", Value::from("between-rounds")),
+        ("phase", Value::from("waiting")),
         ("round", 0.into()),
         ("rounds", 3.into()),
         ("enrolled", 1.into()),

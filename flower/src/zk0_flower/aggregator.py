@@ -27,7 +27,7 @@ class Status:
     round: int
     """The open round, or the next one."""
     phase: str
-    """``between-rounds``, ``commitments``, ``randomness`` or ``submissions``."""
+    """``waiting``, ``committing``, ``drawing``, ``submitting`` or ``closing``."""
     seconds_left: float | None
     """Until the phase ends at the latest; `None` where that is not known."""
     committed: int
@@ -38,11 +38,11 @@ class Status:
     @property
     def has_commitments(self) -> bool:
         """Whether the commitments of the open round are closed, and there are some."""
-        return self.phase in ("randomness", "submissions") and self.committed > 0
+        return self.phase in ("drawing", "submitting", "closing") and self.committed > 0
 
     def takes_commitments(self, number: int) -> bool:
         """Whether nodes can commit in this round, now or later."""
-        return self.round < number or (self.round == number and self.phase in ("between-rounds", "commitments"))
+        return self.round < number or (self.round == number and self.phase in ("waiting", "committing"))
 
 
 @dataclass(frozen=True)

@@ -184,7 +184,7 @@ class Zk0Strategy(Strategy):
     def _requests_for_proofs(self, number: int) -> list[Message]:
         """Waits for the challenge of a round, and returns the requests for proofs. There are none if the round has closed before."""
         log(INFO, "zk0: round %d, challenge: %d nodes have committed", number, len(self._members))
-        status = self.aggregator.wait(lambda now: now.round > number or now.phase == "submissions")
+        status = self.aggregator.wait(lambda now: now.round > number or now.phase == "submitting")
         if status.round > number:
             return []
         log(INFO, "zk0: round %d, proofs: the challenge is drawn", number)

@@ -43,6 +43,29 @@ impl TryFrom<wire::Receipt> for Receipt {
     }
 }
 
+impl wire::status_info::Phase {
+    /// All phases, in the order in which the rounds have them.
+    pub const ALL: [Self; 5] = [
+        Self::Waiting,
+        Self::Committing,
+        Self::Drawing,
+        Self::Submitting,
+        Self::Closing,
+    ];
+
+    /// How `zk0 status` and the metrics name it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Unspecified => "unknown",
+            Self::Waiting => "waiting",
+            Self::Committing => "committing",
+            Self::Drawing => "drawing",
+            Self::Submitting => "submitting",
+            Self::Closing => "closing",
+        }
+    }
+}
+
 impl wire::OpenProposal {
     /// An open proposal and the count of its votes so far, without the receipt of the entry that recorded it.
     pub fn of(open: &OpenProposal) -> Self {

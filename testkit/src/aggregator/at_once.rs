@@ -1,12 +1,14 @@
 //! An aggregator without a service in front of it: each request takes all of its steps at once.
 
 use std::sync::Arc;
+use std::time::Duration;
+use zk0_aggregator::publish::beacon::BeaconServers;
 use zk0_aggregator::round::intake::admission::Admission;
 use zk0_aggregator::round::intake::group::ToRecord;
 use zk0_aggregator::round::intake::statements::{decode, read_signed, SentStatement};
 use zk0_aggregator::round::intake::submission::SubmissionAnswer;
 use zk0_aggregator::round::request_error::RequestError;
-use zk0_aggregator::{Aggregator, StepOutcome};
+use zk0_aggregator::{Aggregator, JobResult, Polled, RoundJob};
 use zk0_ledger::blobs::partial::PartialBlob;
 use zk0_protocol::entries::authentic::Authentic;
 use zk0_protocol::entries::signed::{Signed, Submission, UploadRequest};
@@ -32,8 +34,10 @@ pub trait AtOnce {
         submission: &[u8],
         proof: Vec<u8>,
     ) -> Result<SubmissionAnswer, RequestError>;
-    /// A step of the rounds, with what it needs to be computed.
-    fn go_on(&mut self) -> Result<StepOutcome, RequestError>;
+    /// Polls the rounds by the aggregator's clock.
+    fn step(&mut self) -> Result<Polled, RequestError>;
+    /// The same, with the jobs that they ask for.
+    fn go_on(&mut self) -> Result<Polled, RequestError>;
 }
 
 impl AtOnce for Aggregator {
@@ -82,26 +86,26 @@ impl AtOnce for Aggregator {
         Ok(SubmissionAnswer { rejected, receipt })
     }
 
-    fn go_on(&mut self) -> Result<StepOutcome, RequestError> {
-        match self.step()? {
-            StepOutcome::NeedsVerdict(disputed) => {
-                let verdict = disputed.verify_again()?;
-                self.resolve(disputed.dispute, verdict)
-            }
-            StepOutcome::NeedsClosing(_) => match self.to_close().compute()? {
-                Ok(computed) => self.close(computed),
-                Err(why) => Ok(StepOutcome::Blocked(why)),
-            },
-            StepOutcome::NeedsSamples(samples) => match samples.check() {
-                Ok(()) => {
-                    self.samples_checked(&samples);
-                    self.go_on()
-                }
-                Err(why) => Ok(StepOutcome::Blocked(why)),
-            },
-            done => Ok(done),
-        }
+    fn step(&mut self) -> Result<Polled, RequestError> {
+        let now_ms = self.arrivals().now_ms()?;
+        self.poll(now_ms)
     }
+
+    fn go_on(&mut self) -> Result<Polled, RequestError> {
+        let mut polled = self.step()?;
+        while let Polled::Run(job) = polled {
+            polled = match run_job(job)? {
+                Ok(result) => self.finish(result)?,
+                Err(polled) => polled,
+            };
+        }
+        Ok(polled)
+    }
+}
+
+/// Runs a job here. There are no servers of beacons.
+pub fn run_job(job: RoundJob) -> Result<Result<JobResult, Polled>, RequestError> {
+    job.run(&BeaconServers::new(Vec::new(), Duration::ZERO))
 }
 
 /// The bytes with which the bodies of entries begin that record a dataset and a commitment to an update. Their signed statements follow.

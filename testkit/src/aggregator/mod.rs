@@ -15,7 +15,7 @@ pub mod samples;
 mod weights;
 pub mod witnesses;
 
-pub use self::at_once::AtOnce;
+pub use self::at_once::{run_job, AtOnce};
 pub use self::folders::{copy_of, files};
 pub use self::genesis::{
     found, founding, genesis, log_key, write_policy, COMMIT_MS, GOVERNOR, MAX_PROOF_BYTES,

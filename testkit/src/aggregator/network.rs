@@ -19,7 +19,8 @@ use zk0_aggregator::connections::listening::listen;
 use zk0_aggregator::publish::beacon::BeaconServers;
 use zk0_aggregator::publish::cosigning::Witnesses;
 use zk0_aggregator::round::intake::statements::SentStatement;
-use zk0_aggregator::{Aggregator, Clock, Config, Limits, Service};
+use zk0_aggregator::round::request_error::RequestError;
+use zk0_aggregator::{Aggregator, Clock, Config, Limits, Polled, Service};
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::blobs::Blobs;
 use zk0_protocol::blob::blob_digest;
@@ -173,7 +174,7 @@ impl Network {
         self.serve().await;
     }
 
-    fn open(&self) -> Result<Aggregator, zk0_aggregator::round::request_error::RequestError> {
+    fn open(&self) -> Result<Aggregator, RequestError> {
         Aggregator::open_with(
             self.dir.path(),
             Some(&self.genesis.network_id()),
@@ -196,18 +197,11 @@ impl Network {
 
     /// Lets the aggregator look at the clock until nothing changes.
     pub async fn settle(&self) {
-        use zk0_aggregator::StepOutcome;
         loop {
-            let progress = self.service().step().await.unwrap();
-            if matches!(
-                progress,
-                StepOutcome::Waiting
-                    | StepOutcome::Finished
-                    | StepOutcome::Blocked(_)
-                    | StepOutcome::WrongClock(_)
-                    | StepOutcome::NeedsBeacon(_)
-            ) {
-                return;
+            match self.service().step().await {
+                Ok(Polled::Did(_)) => {}
+                Ok(_) | Err(RequestError::Clock(_)) => return,
+                Err(error) => panic!("{error}"),
             }
         }
     }

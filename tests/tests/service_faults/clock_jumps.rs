@@ -7,7 +7,8 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::timeout;
 use tonic::Code;
-use zk0_aggregator::{Config, StepOutcome};
+use zk0_aggregator::round::request_error::RequestError;
+use zk0_aggregator::Config;
 use zk0_protocol::entries::entry::Body;
 use zk0_testkit::aggregator::{digest, open_round, refused, weights, Network, SigningNode};
 use zk0_tls::service_address::Silence;
@@ -40,9 +41,9 @@ async fn the_aggregators_clock_jumps_by(jump: i64) {
     network.clock.jump(jump);
     // The rounds do not go on, and the service does not end.
     for _ in 0..3 {
-        let progress = network.service().step().await.unwrap();
-        let StepOutcome::WrongClock(why) = progress else {
-            panic!("{progress:?}");
+        let stopped = network.service().step().await.unwrap_err();
+        let RequestError::Clock(why) = stopped else {
+            panic!("{stopped}");
         };
         let words = if jump > 0 { "ahead" } else { "behind" };
         assert!(why.to_string().contains(words), "{why}");
@@ -91,18 +92,11 @@ async fn small_steps_of_the_clock_are_no_jump() {
     for _ in 0..10 {
         network.clock.advance(2 * 3_600_000);
         network.clock.jump(20_000);
-        let progress = network.service().step().await.unwrap();
-        assert!(
-            !matches!(progress, StepOutcome::WrongClock(_)),
-            "{progress:?}"
-        );
+        network.service().step().await.unwrap();
     }
     network.clock.jump(61_000);
-    let progress = network.service().step().await.unwrap();
-    assert!(
-        matches!(progress, StepOutcome::WrongClock(_)),
-        "{progress:?}"
-    );
+    let stopped = network.service().step().await.unwrap_err();
+    assert!(matches!(stopped, RequestError::Clock(_)), "{stopped}");
     let uploaded = first.upload(&network, 0, &weights(1)).await;
     refused(uploaded, Code::Unavailable, "clock is wrong");
 }

@@ -30,19 +30,6 @@ impl Service {
         stored.instrument(span).await
     }
 
-    /// Reads these blobs into the ledger's folder.
-    pub(in crate::serve) async fn fetched(&self, needed: Vec<Digest>) -> Result<(), RequestError> {
-        let blobs = self.with(|aggregator| Ok(aggregator.ledger().blobs().clone()));
-        let blobs = blobs.await?;
-        let fetch = move || {
-            for blob in needed {
-                blobs.fetch(&blob)?;
-            }
-            Ok(())
-        };
-        blocking(fetch).await
-    }
-
     /// The file of a blob that somebody downloads. Strangers may do so. If the store has to be read, few wait for that, and whoever is gone
     /// waits no more: otherwise strangers who come and go would hold the turns of all requests.
     pub(in crate::serve) async fn file(

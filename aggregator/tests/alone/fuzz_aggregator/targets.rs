@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use borsh::BorshDeserialize;
 use zk0_aggregator::round::request_error::RequestError;
-use zk0_aggregator::{Aggregator, Config, StepOutcome};
+use zk0_aggregator::{Aggregator, Config, Polled, RoundStep};
 use zk0_audit::{Auditor, Depth};
 use zk0_circuits::{Digest, NodeId};
 use zk0_ledger::replay::{replay, Finding, Recheck};
@@ -87,7 +87,7 @@ impl Network {
             let registration = bytes(&node.registration(&id));
             aggregator.register(&registration, &node.list()).unwrap();
         }
-        assert_eq!(aggregator.step().unwrap(), StepOutcome::Opened(0));
+        assert_eq!(aggregator.step().unwrap(), Polled::Did(RoundStep::Open(0)));
         let update = weights(1);
         let request = Signed::new(nodes[0].upload_request(&id, 0, &update), &nodes[0].key);
         let writer = aggregator.upload(&bytes(&request)).unwrap();

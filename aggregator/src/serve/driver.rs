@@ -1,0 +1,127 @@
+//! The driver of the rounds: it polls the aggregator, runs the jobs that this asks for, and hands their results back.
+
+use crate::round::aggregator::Aggregator;
+use crate::round::job::{Polled, RoundJob};
+use crate::round::phase::RoundStep;
+use crate::round::request_error::RequestError;
+use crate::serve::service::{blocking, Service, TICK};
+use futures_core::future::BoxFuture;
+use std::time::Duration;
+use tokio::time::{sleep, timeout};
+use tracing::Instrument;
+use zk0_ledger::error::LedgerError;
+
+/// How often something is tried again that the disk does not allow now. Each time large files are read, or the whole ledger.
+const BLOCKED_RETRY: Duration = Duration::from_secs(5);
+
+impl Service {
+    /// Opens and closes rounds in time, and does whatever else is due. Returns only when that fails, or when the rules come to ask
+    /// for another witness policy than `witnesses`.
+    pub(super) async fn rounds(&self, witnesses: &str) -> RequestError {
+        // Something is tried again and again, so the log says the same reason once.
+        let mut said = String::new();
+        loop {
+            let polled = match self.step().await {
+                Err(error) if !matches!(error, RequestError::Clock(_)) => return error,
+                polled => polled,
+            };
+            if let Err(error) = self.go_on(witnesses).await {
+                return error;
+            }
+            match polled {
+                Ok(Polled::Did(_) | Polled::Run(_)) => said.clear(),
+                Ok(Polled::Idle(until_ms)) => {
+                    let now_ms = self.arrivals.now_ms().unwrap_or(u64::MAX);
+                    let left = until_ms.and_then(|until_ms| until_ms.checked_sub(now_ms));
+                    let left = left.map_or(TICK, |left| TICK.min(Duration::from_millis(left)));
+                    let _ = timeout(left, self.changed.notified()).await;
+                }
+                Ok(Polled::Unanswered(why, retry)) => {
+                    if said != why {
+                        tracing::warn!("{why}; the servers are asked again every {retry:?}");
+                        said = why;
+                    }
+                    sleep(retry).await;
+                }
+                Ok(Polled::Blocked(why)) => {
+                    if said != why {
+                        tracing::error!("{why}; this is tried again every {BLOCKED_RETRY:?}");
+                        said = why;
+                    }
+                    sleep(BLOCKED_RETRY).await;
+                }
+                Err(error) => {
+                    // By the clock that jumped the text is another one each time, so the kind of the message counts.
+                    let kind = "the clock is wrong";
+                    if said != kind {
+                        tracing::error!("{error}; this is tried again every {BLOCKED_RETRY:?}");
+                        said = kind.into();
+                    }
+                    sleep(BLOCKED_RETRY).await;
+                }
+            }
+        }
+    }
+
+    /// Tells those who follow a round what has come of a step, and checks that the rounds can go on.
+    async fn go_on(&self, witnesses: &str) -> Result<(), RequestError> {
+        self.note_stage().await?;
+        let witnesses = witnesses.to_owned();
+        let check = move |aggregator: &mut Aggregator| {
+            if aggregator.ledger().has_failed() {
+                return Err(LedgerError::Poisoned.into());
+            }
+            if aggregator.state().rules().witness_policy == witnesses {
+                return Ok(());
+            }
+            let why =
+                "the rules have a new witness policy: start the aggregator again with it".into();
+            Err(RequestError::Internal(why))
+        };
+        self.with(check).await
+    }
+
+    /// Polls the aggregator, and runs the jobs that it asks for, until it asks for none. The future is boxed, so that a crate that awaits it does
+    /// not compile the steps anew.
+    pub fn step(&self) -> BoxFuture<'_, Result<Polled, RequestError>> {
+        Box::pin(async {
+            let _alone = self.stepping.lock().await;
+            let poll = |aggregator: &mut Aggregator| {
+                let now_ms = aggregator.arrivals().now_ms()?;
+                aggregator.poll(now_ms)
+            };
+            let mut polled = self.with(poll).await?;
+            while let Polled::Run(job) = polled {
+                let span = job.span();
+                polled = self.ran(job).instrument(span).await?;
+            }
+            Ok(polled)
+        })
+    }
+
+    async fn ran(&self, job: RoundJob) -> Result<Polled, RequestError> {
+        let beacons = self.beacons.clone();
+        let result = match blocking(move || job.run(&beacons)).await? {
+            Ok(result) => result,
+            Err(polled) => return Ok(polled),
+        };
+        let polled = self
+            .with(move |aggregator| aggregator.finish(result))
+            .await?;
+        if let Polled::Did(RoundStep::Close(round)) = polled {
+            self.clear_uploads(round).await?;
+        }
+        Ok(polled)
+    }
+
+    /// Removes what was uploaded in a round that has closed, and in those before it. The rounds go on if that fails.
+    async fn clear_uploads(&self, round: u64) -> Result<(), RequestError> {
+        let staging = self.with(|aggregator| Ok(aggregator.staging().clone()));
+        let staging = staging.await?;
+        let cleared = blocking(move || Ok(staging.clear(round)?));
+        if let Err(error) = cleared.await {
+            tracing::warn!(round, "uploads of ended rounds stay on the disk, and are removed when the next round closes: {error}");
+        }
+        Ok(())
+    }
+}
