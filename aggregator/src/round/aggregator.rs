@@ -40,8 +40,6 @@ pub struct Config {
     pub min_nodes: usize,
 }
 
-}
-
 /// The owner of a ledger.
 pub struct Aggregator {
     pub(super) ledger: Ledger,
