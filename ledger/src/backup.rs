@@ -252,15 +252,7 @@ fn not_older(backup: &Path, known: &[Vec<u8>]) -> Result<(), BackupError> {
                 signed: signed.size,
             });
         }
-        let found = whole.store.root(signed.size)?;
-        if found != signed.root {
-            return Err(LedgerError::Forked {
-                size: signed.size,
-                found,
-                signed: signed.root,
-            }
-            .into());
-        }
+        whole.store.known_tree(&signed)?;
     }
     Ok(())
 }

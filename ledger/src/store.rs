@@ -17,6 +17,8 @@ use on_rocksdb::RocksDb;
 use std::path::Path;
 use tlog_tiles::tlog::{stored_hash_index, tree_hash, Error as TreeError, Hash, HashReader};
 use zk0_circuits::Digest;
+use zk0_protocol::tlog::checkpoint::Checkpoint;
+use zk0_protocol::tlog::tree::Frontier;
 
 /// The database under a ledger.
 pub struct Store(Box<dyn Engine>);
@@ -100,6 +102,23 @@ impl Store {
     /// The RFC 6962 root of the first `size` entries, from the stored hashes.
     pub fn root(&self, size: u64) -> Result<Digest, LedgerError> {
         Ok(Digest(tree_hash(size, self)?.0))
+    }
+
+    /// The tree of which somebody knows the size and the root, from the stored hashes. A replay verifies that the hashes belong to the entries.
+    pub fn known_tree(&self, known: &Checkpoint) -> Result<Frontier, LedgerError> {
+        let (held, signed) = (self.size()?, known.size);
+        if signed == 0 || signed > held {
+            return Err(LedgerError::RolledBack { held, signed });
+        }
+        let tree = Frontier::read(signed, self)?;
+        match tree.root()? {
+            found if found == known.root => Ok(tree),
+            found => Err(LedgerError::Forked {
+                size: signed,
+                found,
+                signed: known.root,
+            }),
+        }
     }
 
     /// Every key in the database, in order; `None` stands for a key of an unknown kind.

@@ -129,19 +129,7 @@ impl Publication {
         let key = genesis.verifier_key().map_err(not_published(&file))?;
         let opened = policy.open(&text, &key).map_err(not_published(&file))?;
         let checkpoint = opened.checkpoint;
-        if checkpoint.size == 0 || checkpoint.size > held {
-            let signed = checkpoint.size;
-            return Err(LedgerError::RolledBack { held, signed }.into());
-        }
-        let found = store.root(checkpoint.size)?;
-        if found != checkpoint.root {
-            return Err(LedgerError::Forked {
-                size: checkpoint.size,
-                found,
-                signed: checkpoint.root,
-            }
-            .into());
-        }
+        store.known_tree(&checkpoint)?;
         Ok(Self {
             dir: dir.into(),
             blobs: before.map_or_else(|| Blobs::at(dir), Self::blobs),

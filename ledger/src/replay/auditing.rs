@@ -7,7 +7,7 @@ use super::recheck::Recheck;
 use super::relay;
 use super::report::{Finding, ReplayReport, Severity, Verdict};
 use super::saved::{SavedReplay, Saving};
-use super::verified::{check_network, known_tree, HistoryFold, VerifiedHistory};
+use super::verified::{check_network, HistoryFold, VerifiedHistory};
 use crate::blobs::Blobs;
 use crate::error::LedgerError;
 use crate::pruned;
@@ -96,15 +96,15 @@ impl Auditing<'_> {
         database::check_keys(&store, size)?;
         self.recheck.begin(size);
         if let Some(seen) = options.seen {
-            earlier_tree(&store, size, &seen)?;
+            earlier_tree(&store, &seen)?;
         }
         if let Some(known) = options.known {
-            self.check_continues(&store, size, &known)?;
+            self.check_continues(&store, &known)?;
             self.known_size = known.size;
         }
         let (dir, network) = (self.dir, self.network);
         let history = history.insert(match options.from {
-            Some(saved) => self.resume(&store, size, saved)?,
+            Some(saved) => self.resume(&store, saved)?,
             None => VerifiedHistory::found(&store, dir, network.as_ref(), self)?,
         });
         // What the log's operator says about blobs that are no longer kept.
@@ -119,12 +119,7 @@ impl Auditing<'_> {
     }
 
     /// Checks that the log continues an earlier replay: it must have the same root at that size. Returns the tree of that size.
-    fn check_continues(
-        &self,
-        store: &Store,
-        size: u64,
-        saved: &SavedReplay,
-    ) -> Result<Frontier, Finding> {
+    fn check_continues(&self, store: &Store, saved: &SavedReplay) -> Result<Frontier, Finding> {
         let fault = |text: String| Finding::fault(None, text);
         let founder = Chunk::read(store, 0..1, None);
         if let Some(broken) = founder.broken {
@@ -142,18 +137,13 @@ impl Auditing<'_> {
         }
         check_network(self.dir, &found, self.network.as_ref())
             .map_err(|error| fault(error.to_string()))?;
-        let (saved, root) = (saved.size, saved.root);
-        earlier_tree(store, size, &Checkpoint { size: saved, root })
+        let (size, root) = (saved.size, saved.root);
+        earlier_tree(store, &Checkpoint { size, root })
     }
 
     /// Goes on from an earlier replay.
-    fn resume(
-        &mut self,
-        store: &Store,
-        size: u64,
-        saved: SavedReplay,
-    ) -> Result<VerifiedHistory, Finding> {
-        let tree = self.check_continues(store, size, &saved)?;
+    fn resume(&mut self, store: &Store, saved: SavedReplay) -> Result<VerifiedHistory, Finding> {
+        let tree = self.check_continues(store, &saved)?;
         self.findings = saved.findings;
         self.before = saved.size;
         Ok(VerifiedHistory::resume(
@@ -244,9 +234,9 @@ impl Auditing<'_> {
     }
 }
 
-/// The tree of the log of `size` entries where an earlier audit verified it. It has to have the same root.
-fn earlier_tree(store: &Store, size: u64, earlier: &Checkpoint) -> Result<Frontier, Finding> {
-    known_tree(store, size, earlier).map_err(|error| {
+/// The tree where an earlier audit verified it. It has to have the same root.
+fn earlier_tree(store: &Store, earlier: &Checkpoint) -> Result<Frontier, Finding> {
+    store.known_tree(earlier).map_err(|error| {
         let (verified, root) = (earlier.size, earlier.root);
         let text = match error {
             LedgerError::RolledBack { held, .. } => format!(

@@ -3,7 +3,7 @@
 
 use super::database;
 use super::relay;
-use super::verified::{known_tree, HistoryFold, VerifiedHistory};
+use super::verified::{HistoryFold, VerifiedHistory};
 use crate::error::LedgerError;
 use crate::folder;
 use crate::pruned;
@@ -40,10 +40,10 @@ pub fn verify_rest(
 ) -> Result<(), LedgerError> {
     let whole = store.size()?;
     if let Some(signed) = open_published(dir, history, whole, published)? {
-        known_tree(store, whole, &signed)?;
+        store.known_tree(&signed)?;
     }
     let (size, root) = (history.size(), history.root()?);
-    known_tree(store, whole, &Checkpoint { size, root })?;
+    store.known_tree(&Checkpoint { size, root })?;
     pruned::read_within(dir, history.genesis(), whole)?;
     database::check_keys(store, whole)?;
     let threads = relay::default_threads();
@@ -64,10 +64,8 @@ fn open_published(
         // The writer was killed right after the founding.
         None if held == 1 => Ok(None),
         None => Err(LedgerError::NoCheckpoint(path)),
-        Some(text) => match Checkpoint::open(text, genesis.origin(), &genesis.log_key) {
-            Ok(signed) if signed.size == 0 => Err(LedgerError::RolledBack { held, signed: 0 }),
-            Ok(signed) => Ok(Some(signed)),
-            Err(error) => Err(LedgerError::CheckpointFile { path, error }),
-        },
+        Some(text) => Checkpoint::open(text, genesis.origin(), &genesis.log_key)
+            .map(Some)
+            .map_err(|error| LedgerError::CheckpointFile { path, error }),
     }
 }

@@ -222,28 +222,6 @@ fn check_checkpoint(
     }
 }
 
-/// The tree of which somebody knows the size and the root, from the hashes of a log of `whole` entries. The replay verifies that the hashes
-/// belong to the entries.
-pub fn known_tree(store: &Store, whole: u64, known: &Checkpoint) -> Result<Frontier, LedgerError> {
-    if known.size > whole {
-        return Err(LedgerError::RolledBack {
-            held: whole,
-            signed: known.size,
-        });
-    }
-    let tree = Frontier::read(known.size, store)?;
-    let found = tree.root()?;
-    if found == known.root {
-        Ok(tree)
-    } else {
-        Err(LedgerError::Forked {
-            size: known.size,
-            found,
-            signed: known.root,
-        })
-    }
-}
-
 /// Refuses a folder of another network than `expected`.
 pub fn check_network(
     dir: &Path,
