@@ -92,7 +92,7 @@ fn a_round_in_which_nobody_has_committed_takes_its_time() {
 fn a_beacon_is_due_when_its_time_has_come() {
     let beacons = Beacon::new(9).chain(T0 / 1000 - 1_000, 500);
     let mut founded = genesis();
-    founded.rules.randomness = RandomnessSource::Drand(beacons.clone());
+    founded.rules.randomness = RandomnessSource::Drand(Box::new(beacons.clone()));
     founded.rules.randomness_window_ms = 60_000;
     let mut chain = Chain::founded(founded);
     chain.apply(enrolled(0));

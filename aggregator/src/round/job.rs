@@ -43,7 +43,7 @@ pub enum RoundJob {
     /// Check the public samples of the next round.
     CheckSamples(Box<UncheckedSamples>),
     /// Fetch the beacon that this open round waits for, from this chain, of this drand round. Its time has come.
-    FetchBeacon(u64, DrandChain, u64),
+    FetchBeacon(u64, Box<DrandChain>, u64),
     /// Compute the end of the open round.
     ComputeClosing(Box<ToClose>),
     /// Verify a disputed contribution again.
