@@ -277,7 +277,9 @@ fn only_the_claim_that_was_compared_with_the_ledger_counts() {
         proof,
         weights,
     } = real.contribution.clone();
-    let context = real.state.claim_context(&submission.statement.claim.terms.node);
+    let context = real
+        .state
+        .claim_context(&submission.statement.claim.terms.node);
     let other = with_another_loss(&real);
     let checked = CheckedClaim::of(&other, &context, real.time_ms).unwrap();
     let authentic = authenticate(submission, proof, &context).unwrap();

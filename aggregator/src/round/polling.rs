@@ -51,17 +51,17 @@ impl Aggregator {
                 self.append_at(now, Body::ProposalSettled(settled))?;
             }
             RoundStep::Resolve(_) => {
-                let state = self.state();
-                let Some((dispute, open)) = state.undecided() else {
+                let Some((dispute, open)) = self.state().undecided() else {
                     return Ok(Polled::Idle(None));
                 };
-                return Ok(Polled::Run(RoundJob::VerifyAgain(Disputed {
-                    dispute,
-                    contribution: open.contribution,
-                    dir: self.ledger.dir().into(),
-                    blobs: self.ledger.blobs().clone(),
-                    network: *state.network(),
-                })));
+                return Ok(
+                    match Disputed::read(&self.ledger, &self.index, dispute, &open) {
+                        Ok(disputed) => Polled::Run(RoundJob::VerifyAgain(disputed)),
+                        Err(error) => Polled::Blocked(format!(
+                            "the dispute of entry {dispute} cannot be decided: {error}"
+                        )),
+                    },
+                );
             }
             RoundStep::Open(round) => {
                 if let Some(first) = self.before_opening() {
