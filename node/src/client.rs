@@ -202,7 +202,7 @@ impl NodeClient {
         let about = About::message(Method::RegisterDataset, &message.registration);
         let receipt = patiently!(self
             .client
-            .register_dataset(self.introduced(&about, message.clone()).await?))?;
+            .register_dataset(self.headed(&about, message.clone())?))?;
         let receipt = receipt.into_inner();
         self.recorded(receipt, Body::DatasetCommitted(signed))
     }
@@ -303,9 +303,7 @@ impl NodeClient {
         let submission = encode(&signed);
         let about = About::message(Method::Submit, &submission).in_round(round);
         let message = rpc::SubmitRequest { submission, proof };
-        let reply = patiently!(self
-            .client
-            .submit(self.introduced(&about, message.clone()).await?))?;
+        let reply = patiently!(self.client.submit(self.headed(&about, message.clone())?))?;
         let reply = reply.into_inner();
         let receipt = reply
             .receipt
@@ -394,16 +392,6 @@ impl NodeClient {
     fn headed<T>(&self, about: &About, message: T) -> Result<tonic::Request<T>, NodeError> {
         let head = self.heads.head(about, &self.key)?;
         Ok(with_head(message, &head))
-    }
-
-    /// A request for a large `message` with a new head, after the node has shown who it is.
-    async fn introduced<T>(
-        &mut self,
-        about: &About,
-        message: T,
-    ) -> Result<tonic::Request<T>, NodeError> {
-        self.introduce().await;
-        self.headed(about, message)
     }
 
     /// Asks the aggregator for its run, because it may have been started again. If it does not answer, the next request shows that.

@@ -27,8 +27,7 @@ async fn metrics(State(service): State<Service>) -> Response {
         (Err(error), _) | (_, Err(error)) => return text(503, format!("{error}\n")),
     };
     let metrics = service.metrics();
-    let connections = metrics.connections.counts();
-    metrics.sampled.take(&status, connections, &dir);
+    metrics.sampled.take(&status, &dir);
     let sampled = metrics.blobs.clone();
     if let Err(error) = spawn_blocking(move || sampled.take(&blobs)).await {
         return text(500, format!("{error}\n"));

@@ -1,6 +1,6 @@
 //! The requests of `proto/federation.proto`, answered by the rounds behind a [`Service`].
 
-use crate::connections::caller::{Awaited, Caller};
+use crate::connections::caller::Awaited;
 use crate::file_parts::{file_parts, ReadingPace};
 use crate::round::intake::arrivals::Arrival;
 use crate::round::intake::group::ToRecord;
@@ -8,8 +8,7 @@ use crate::round::intake::statements::{
     decode, Admission, AllowedCommitment, AllowedRegistration, AllowedStatement, MemberStatement,
 };
 use crate::round::request_error::RequestError;
-use crate::serve::senders::heads::{sent_by, taken, RequestContent};
-use crate::serve::senders::sender::read_hashed;
+use crate::serve::senders::sender::{read_hashed, taken};
 use crate::serve::service::{blocking, Service};
 use std::io::{ErrorKind, SeekFrom};
 use std::pin::Pin;
@@ -25,7 +24,7 @@ use zk0_protocol::entries::authentic::AuthenticBody;
 use zk0_protocol::entries::signed::{
     DatasetRegistration, Enrolment, Signed, Submission, UpdateCommitment,
 };
-use zk0_protocol::request_head::{HeadRefusal, Method};
+use zk0_protocol::request_head::{Method, RequestContent};
 use zk0_protocol::rpc::federation::federation_server::Federation;
 use zk0_protocol::rpc::federation::{
     Chunk, CommitRequest, DownloadRequest, EnrolRequest, GetGovernanceRequest, GetNetworkRequest,
@@ -72,30 +71,27 @@ impl Federation for Service {
         &self,
         request: Request<GetRoundRequest>,
     ) -> Result<Response<Self::WatchRoundStream>, Status> {
-        let (head, GetRoundRequest { round, node }) = taken(request);
+        let (sender, GetRoundRequest { round, node }) = taken(request);
         let node = node_id(&node);
         // Anybody may follow a round. A node that signs the request shows that it is present.
-        let sender = match (node, head) {
-            (_, Err(HeadRefusal::Missing)) | (None, _) => None,
-            (Some(signer), head) => {
-                let message = RequestContent {
+        let present = match (node, sender.member()) {
+            (Some(signer), Some(member)) => {
+                sender.sends(&RequestContent {
                     method: Method::WatchRound,
                     round,
                     signer,
                     body: blob_digest(&signer.0),
-                };
-                let now_ms = self.arrivals.now_ms().map_err(RequestError::from)?;
-                self.sender(head, message, now_ms).await?
+                })?;
+                Some(self.presence.follow(member))
             }
+            _ => None,
         };
-        let present = sender.map(|node| self.presence.follow(node));
-        let rounds = self.watched_round(round, node, present);
-        Ok(sent_by(sender, rounds))
+        Ok(Response::new(self.watched_round(round, node, present)))
     }
 
     async fn record(&self, request: Request<RecordRequest>) -> Result<Response<Receipt>, Status> {
         let arrival = self.arrivals.stamp()?;
-        let (head, RecordRequest { body }) = taken(request);
+        let (sender, RecordRequest { body }) = taken(request);
         let (said, digest) =
             blocking(move || Ok((MemberStatement::read(&body)?, blob_digest(&body)))).await?;
         let said = Arc::new(said);
@@ -105,7 +101,7 @@ impl Federation for Service {
             signer: said.signer(),
             body: digest,
         };
-        let sender = self.sender(head, message, arrival.at_ms()).await?;
+        sender.sends(&message)?;
         let begin = || {
             let (said, arrived_ms) = (said.clone(), arrival.at_ms());
             self.with(move |aggregator| aggregator.begin_statement(&said, arrived_ms))
@@ -122,12 +118,12 @@ impl Federation for Service {
             },
             recorded => recorded?,
         };
-        Ok(self.answered(arrival, sender, receipt).await?)
+        Ok(self.answered(arrival, receipt).await?)
     }
 
     async fn enrol(&self, request: Request<EnrolRequest>) -> Result<Response<Receipt>, Status> {
         let arrival = self.arrivals.stamp()?;
-        let (head, EnrolRequest { enrolment }) = taken(request);
+        let (sender, EnrolRequest { enrolment }) = taken(request);
         let (signed, body) = read_hashed::<Enrolment>("enrolment", enrolment).await?;
         let Enrolment { node, operator, .. } = signed.statement;
         let message = RequestContent {
@@ -136,7 +132,7 @@ impl Federation for Service {
             signer: operator,
             body,
         };
-        let sender = self.sender(head, message, arrival.at_ms()).await?;
+        sender.sends(&message)?;
         let name = signed.statement.name.clone();
         let _turn = self.turn_of(operator, &arrival).await?;
         let arrived_ms = arrival.at_ms();
@@ -145,7 +141,7 @@ impl Federation for Service {
             .await?;
         let receipt = self.recorded(&arrival, begun, Ok).await?;
         tracing::info!(%node, name, "node enrolled");
-        Ok(self.answered(arrival, sender, receipt).await?)
+        Ok(self.answered(arrival, receipt).await?)
     }
 
     async fn get_governance(
@@ -186,10 +182,20 @@ impl Federation for Service {
         &self,
         request: Request<DownloadRequest>,
     ) -> Result<Response<Self::DownloadStream>, Status> {
-        let caller: Caller = of_connection(&request)?;
-        let awaited: Awaited = of_connection(&request)?;
-        let DownloadRequest { blob, begins } = request.into_inner();
+        let awaited = request.extensions().get::<Awaited>().cloned();
+        let awaited = awaited.ok_or_else(|| Status::internal("a request has no caller"))?;
+        let (sender, DownloadRequest { blob, begins }) = taken(request);
         let blob = digest(&blob)?;
+        // Anybody may download. Nodes have places of their own for it.
+        let member = sender.member();
+        if let Some(signer) = member {
+            sender.sends(&RequestContent {
+                method: Method::Download,
+                round: None,
+                signer,
+                body: blob_digest(&blob.0),
+            })?;
+        }
         let blobs = self.with(move |aggregator| aggregator.blob(&blob)).await?;
         let name = blobs.path(&blob).display().to_string();
         let failed = move |error: std::io::Error| match error.kind() {
@@ -197,7 +203,7 @@ impl Federation for Service {
             _ => RequestError::Internal(format!("{name}: {error}")).into(),
         };
         let mut file = tokio::fs::File::from_std(self.file(blobs, blob, awaited).await?);
-        let place = self.transfer(!caller.is_stranger())?;
+        let place = self.transfer(member.is_some())?;
         let size = file.metadata().await.map_err(&failed)?.len();
         if begins > size {
             return Err(malformed(&format!(
@@ -219,7 +225,7 @@ impl Federation for Service {
         request: Request<RegisterDatasetRequest>,
     ) -> Result<Response<Receipt>, Status> {
         let arrival = self.arrivals.stamp()?;
-        let (head, request) = taken(request);
+        let (sender, request) = taken(request);
         let RegisterDatasetRequest {
             registration,
             leaves,
@@ -233,7 +239,7 @@ impl Federation for Service {
             signer: node,
             body,
         };
-        let sender = self.sender(head, message, arrival.at_ms()).await?;
+        sender.sends(&message)?;
         let _turn = self.turn_of(node, &arrival).await?;
         let arrived_ms = arrival.at_ms();
         let begun = self
@@ -242,16 +248,16 @@ impl Federation for Service {
         let keep = move |allowed: AllowedRegistration| allowed.keep(&leaves);
         let receipt = self.recorded(&arrival, begun, keep).await?;
         tracing::info!(%node, samples, "dataset registered");
-        Ok(self.answered(arrival, sender, receipt).await?)
+        Ok(self.answered(arrival, receipt).await?)
     }
 
     async fn upload(
         &self,
         request: Request<Streaming<UploadChunk>>,
     ) -> Result<Response<UploadReply>, Status> {
-        let (head, stream) = taken(request);
-        let sender = self.uploaded(head, stream).await?;
-        Ok(sent_by(sender, UploadReply {}))
+        let (sender, stream) = taken(request);
+        self.uploaded(sender, stream).await?;
+        Ok(Response::new(UploadReply {}))
     }
 
     async fn get_upload(
@@ -264,7 +270,7 @@ impl Federation for Service {
 
     async fn commit(&self, request: Request<CommitRequest>) -> Result<Response<Receipt>, Status> {
         let arrival = self.arrivals.stamp()?;
-        let (head, CommitRequest { commitment }) = taken(request);
+        let (sender, CommitRequest { commitment }) = taken(request);
         let (signed, body) = read_hashed::<UpdateCommitment>("commitment", commitment).await?;
         let UpdateCommitment {
             node,
@@ -278,7 +284,7 @@ impl Federation for Service {
             signer: node,
             body,
         };
-        let sender = self.sender(head, message, arrival.at_ms()).await?;
+        sender.sends(&message)?;
         let _turn = self.turn_of(node, &arrival).await?;
         let arrived_ms = arrival.at_ms();
         let begun = self
@@ -288,7 +294,7 @@ impl Federation for Service {
             .recorded(&arrival, begun, AllowedCommitment::keep)
             .await?;
         tracing::info!(%node, round, update = %update.blob, "update committed");
-        Ok(self.answered(arrival, sender, receipt).await?)
+        Ok(self.answered(arrival, receipt).await?)
     }
 
     async fn submit(
@@ -296,7 +302,7 @@ impl Federation for Service {
         request: Request<SubmitRequest>,
     ) -> Result<Response<SubmitReply>, Status> {
         let arrival = self.arrivals.stamp()?;
-        let (head, SubmitRequest { submission, proof }) = taken(request);
+        let (sender, SubmitRequest { submission, proof }) = taken(request);
         let signed: Signed<Submission> = decode("submission", &submission)?;
         let terms = &signed.statement.claim.terms;
         let message = RequestContent {
@@ -305,7 +311,7 @@ impl Federation for Service {
             signer: terms.node,
             body: blob_digest(&submission),
         };
-        let sender = self.sender(head, message, arrival.at_ms()).await?;
+        sender.sends(&message)?;
         let (node, round) = (terms.node, terms.round);
         tracing::info!(%node, round, "submission arrived");
         let decided = self.submitted(arrival, signed, proof).await?;
@@ -319,7 +325,7 @@ impl Federation for Service {
                 .unwrap_or_default(),
             receipt: Some(decided.receipt.into()),
         };
-        Ok(sent_by(sender, reply))
+        Ok(Response::new(reply))
     }
 }
 
@@ -346,22 +352,13 @@ impl Service {
     async fn answered(
         &self,
         arrival: Arrival,
-        sender: Option<NodeId>,
         receipt: receipt::Receipt,
     ) -> Result<Response<Receipt>, RequestError> {
         // Others may wait for what arrived before them. They need not wait for witnesses.
         drop(arrival);
         self.published(receipt.index + 1).await?;
-        Ok(sent_by(sender, receipt.into()))
+        Ok(Response::new(receipt.into()))
     }
-}
-
-/// What a request has of its connection.
-fn of_connection<T: Clone + Send + Sync + 'static>(
-    request: &Request<DownloadRequest>,
-) -> Result<T, Status> {
-    let found = request.extensions().get::<T>().cloned();
-    found.ok_or_else(|| Status::internal("a request has no connection"))
 }
 
 fn node_id(bytes: &[u8]) -> Option<NodeId> {

@@ -12,7 +12,11 @@ use zk0_circuits::NodeId;
 use zk0_protocol::tlog::receipt::Receipt;
 
 impl Service {
-    /// Waits for the turn of the node that has signed a request.
+    /// Waits for the turn of the node that has signed a request: what a node asks for is done one after the other. So when a node sends something
+    /// again, because it has lost the connection, the second request finds what the first one has recorded, and nothing is verified twice.
+    ///
+    /// A request that came after a deadline is recorded after all that came before it. So it must not take its node's turn before an earlier
+    /// request of the same node: each of the two would wait for the other.
     pub(super) async fn turn_of(
         &self,
         node: NodeId,
@@ -21,8 +25,10 @@ impl Service {
         arrival.needs_turn_of(node);
         let arrived_ms = arrival.at_ms();
         let passed = self.with(move |aggregator| Ok(aggregator.passed_deadline(arrived_ms)));
-        let turn = self.turns.take_in_time(node, &self.arrivals, passed.await?);
-        Ok(turn.await)
+        if let Some(deadline_ms) = passed.await? {
+            self.arrivals.done_by_node(deadline_ms, node).await;
+        }
+        Ok(self.turns.take(node).await)
     }
 
     /// Records what a request wants, and returns its receipt. It waits for requests that arrived before a deadline, if this one arrived
