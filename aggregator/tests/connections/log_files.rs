@@ -3,10 +3,8 @@
 use super::with;
 use crate::Test;
 use std::future::pending;
-use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
-use tokio::time::{sleep, timeout};
 use zk0_aggregator::publish::http::{self, HttpLimits};
 use zk0_aggregator::publish::log_server::LogServer;
 use zk0_aggregator::ConnectionLimits;
