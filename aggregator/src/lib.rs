@@ -9,7 +9,8 @@
 //!   ([`publish::witness_server`]), the client that asks witnesses for cosignatures ([`publish::cosigning`]), and the
 //!   one that asks servers for beacons ([`publish::beacon`]).
 //! - [`connections`]: a bounded number of connections for both servers, and who gets them; the crate `zk0-tls` has the certificate that they
-//!   show; [`observe`]: metrics and status; `file_parts`: files sent in parts; `line`: a bounded line of those who wait.
+//!   show; [`observe`]: metrics and status; `file_parts`: files sent in parts; `line`: a bounded line of those who wait; `turns`: one turn at
+//!   a time for each of them.
 //!
 //! The decision on a submission and the end of a round are pure functions of [`zk0_verifier`].
 
@@ -20,6 +21,7 @@ pub mod observe;
 pub mod publish;
 pub mod round;
 pub mod serve;
+mod turns;
 
 pub use crate::connections::limits::ConnectionLimits;
 pub use crate::round::aggregator::{Aggregator, Config};

@@ -291,10 +291,7 @@ impl NodeClient {
         let submission = encode(&signed);
         let about = About::message(Method::Submit, &submission).in_round(round);
         let message = rpc::SubmitRequest { submission, proof };
-        let reply = patiently!(self.client.submit({
-            self.introduce().await;
-            self.headed(&about, message.clone())?
-        }))?;
+        let reply = patiently!(self.client.submit(self.headed(&about, message.clone())?))?;
         let reply = reply.into_inner();
         let receipt = reply
             .receipt
@@ -344,13 +341,7 @@ impl NodeClient {
             statement: Some(statement),
             leaves,
         };
-        let receipt = patiently!(self.client.record({
-            // The message is large.
-            if matches!(body, Body::DatasetCommitted(_)) {
-                self.introduce().await;
-            }
-            self.headed(&about, message.clone())?
-        }))?;
+        let receipt = patiently!(self.client.record(self.headed(&about, message.clone())?))?;
         let (receipt, _, entry) = self.opened(receipt.into_inner())?;
         if entry.body == body {
             Ok(receipt)

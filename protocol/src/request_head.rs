@@ -1,5 +1,5 @@
 //! The head of a request: who sends it, when, and which message it belongs to, signed by the sender. Each request that changes something
-//! has one, and each `WatchRound` by which a node shows that it is present.
+//! has one, and so has each request by which a node shows that it is present, or for which it has more room than a stranger.
 //!
 //! A statement on the ledger is public, so its signature does not show who sends it. A head does: it counts once, for one message, at one
 //! aggregator, within minutes. Whoever has read a head cannot use it for another message, nor once more, nor after the aggregator was
@@ -24,6 +24,8 @@ pub enum Method {
     Record,
     /// `WatchRound`, by a node that shows that it is present.
     WatchRound,
+    /// `Download`, by a node, which has more room for it than strangers.
+    Download,
 }
 
 impl fmt::Display for Method {
@@ -44,7 +46,8 @@ pub struct RequestHead {
     /// The round that the request is about, if it is about one.
     pub round: Option<u64>,
     /// SHA-256 of the signed statement that the request carries. The statement names the digest of whatever else the request carries: a
-    /// list of drawn frames, an update, a proof. `WatchRound` carries no statement: there it is the SHA-256 of the field `node`.
+    /// list of drawn frames, an update, a proof. Where there is no statement, it is the SHA-256 of the field `node` of `WatchRound`, or `blob` of
+    /// `Download`.
     pub body: Digest,
     /// Who sends the request.
     pub sender: NodeId,
@@ -62,13 +65,22 @@ impl SignableStatement for RequestHead {
     }
 }
 
-/// A request as it arrived, for comparison with its head.
+/// Where and when a request arrived, for comparison with its head before its message is read.
 #[derive(Clone, Copy, Debug)]
 pub struct Arrived {
     /// The network of the aggregator.
     pub network: Digest,
     /// The run of the aggregator.
     pub run: [u8; 16],
+    /// The aggregator's clock, in Unix milliseconds.
+    pub now_ms: u64,
+    /// How much the clocks of sender and aggregator may differ, in milliseconds.
+    pub skew_ms: u64,
+}
+
+/// What a request says, for comparison with its head.
+#[derive(Clone, Copy, Debug)]
+pub struct RequestContent {
     /// The method that was called.
     pub method: Method,
     /// The round that the request's statement names, if it names one.
@@ -77,10 +89,6 @@ pub struct Arrived {
     pub body: Digest,
     /// Who signed the request's statement. Nobody else sends it.
     pub signer: NodeId,
-    /// The aggregator's clock, in Unix milliseconds.
-    pub now_ms: u64,
-    /// How much the clocks of sender and aggregator may differ, in milliseconds.
-    pub skew_ms: u64,
 }
 
 /// Why a head does not count.
@@ -128,17 +136,14 @@ pub enum HeadRefusal {
     #[error("the head of the request: {0}")]
     Signature(#[from] SignatureError),
     /// It has come before.
-    #[error("the head of the request has come before: a nonce counts once")]
+    #[error("the head of the request has come before: a head counts once")]
     Replayed,
-    /// The aggregator has forgotten the nonces of that time.
+    /// The aggregator has forgotten the heads of that time.
     #[error("the head of the request was signed at {sender_ms} (Unix milliseconds), and the aggregator no longer knows which heads of that time have come: sign again")]
     Forgotten { sender_ms: u64 },
     /// The sender has sent too many requests.
     #[error("{sender} has sent {limit} requests within the time for which the aggregator remembers them: wait a few minutes")]
     TooMany { sender: NodeId, limit: usize },
-    /// All senders together have sent too many requests.
-    #[error("the aggregator remembers the heads of {limit} requests, and has no room for more: ask again later")]
-    NoRoom { limit: usize },
 }
 
 fn round(round: &Option<u64>) -> String {
@@ -167,12 +172,11 @@ impl Signed<RequestHead> {
         borsh::from_slice(bytes).map_err(|error| HeadRefusal::Malformed(error.to_string()))
     }
 
-    /// Compares a head with the request that it came with, and verifies its signature at last. Whether its nonce is new is another
-    /// question.
+    /// Compares a head with where and when it arrived, and verifies its signature at last. Whether it is new is another question.
     ///
     /// # Errors
     /// The first field that differs.
-    pub fn check(&self, arrived: &Arrived) -> Result<(), HeadRefusal> {
+    pub fn authenticate(self, arrived: &Arrived) -> Result<RequestHead, HeadRefusal> {
         let head = &self.statement;
         if head.network != arrived.network {
             return Err(HeadRefusal::Network {
@@ -183,6 +187,25 @@ impl Signed<RequestHead> {
         if head.run != arrived.run {
             return Err(HeadRefusal::Run);
         }
+        if head.time_ms.abs_diff(arrived.now_ms) > arrived.skew_ms {
+            return Err(HeadRefusal::Time {
+                sender_ms: head.time_ms,
+                ours_ms: arrived.now_ms,
+                skew_ms: arrived.skew_ms,
+            });
+        }
+        self.verify()?;
+        Ok(self.statement)
+    }
+}
+
+impl RequestHead {
+    /// Compares a head with the message that it came with.
+    ///
+    /// # Errors
+    /// The first field that differs.
+    pub fn check(&self, arrived: &RequestContent) -> Result<(), HeadRefusal> {
+        let head = self;
         if head.method != arrived.method {
             return Err(HeadRefusal::Method {
                 head: head.method,
@@ -207,14 +230,6 @@ impl Signed<RequestHead> {
                 signer: arrived.signer,
             });
         }
-        if head.time_ms.abs_diff(arrived.now_ms) > arrived.skew_ms {
-            return Err(HeadRefusal::Time {
-                sender_ms: head.time_ms,
-                ours_ms: arrived.now_ms,
-                skew_ms: arrived.skew_ms,
-            });
-        }
-        self.verify()?;
         Ok(())
     }
 }

@@ -1,22 +1,32 @@
-//! The body of an answer, which keeps something until it is sent: a request is in progress until then.
+//! The body of an answer, which somebody watches until it is sent: a request is in progress until then.
 
 use axum::body::{Body, Bytes};
 use axum::response::Response;
 use http_body::{Frame, SizeHint};
 use std::pin::Pin;
-use std::task::{Context, Poll};
+use std::task::{ready, Context, Poll};
 
-struct AnswerBody<T> {
+struct AnswerBody<F> {
     body: Body,
-    _kept: T,
+    seen: F,
 }
 
 /// Keeps `kept` until `response` is sent, or cannot be sent.
 pub(crate) fn keeping<T: Send + Unpin + 'static>(response: Response, kept: T) -> Response {
-    response.map(|body| Body::new(AnswerBody { body, _kept: kept }))
+    watched(response, move |_| {
+        let _kept = &kept;
+    })
 }
 
-impl<T: Unpin> http_body::Body for AnswerBody<T> {
+/// Hands each frame of `response` to `seen`, which is dropped when the response is sent, or cannot be sent.
+pub(crate) fn watched(
+    response: Response,
+    seen: impl FnMut(&Frame<Bytes>) + Send + Unpin + 'static,
+) -> Response {
+    response.map(|body| Body::new(AnswerBody { body, seen }))
+}
+
+impl<F: FnMut(&Frame<Bytes>) + Unpin> http_body::Body for AnswerBody<F> {
     type Data = Bytes;
     type Error = axum::Error;
 
@@ -24,7 +34,11 @@ impl<T: Unpin> http_body::Body for AnswerBody<T> {
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
     ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
-        Pin::new(&mut self.body).poll_frame(context)
+        let frame = ready!(Pin::new(&mut self.body).poll_frame(context));
+        if let Some(Ok(frame)) = &frame {
+            (self.seen)(frame);
+        }
+        Poll::Ready(frame)
     }
 
     fn is_end_stream(&self) -> bool {

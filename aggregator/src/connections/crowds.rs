@@ -1,29 +1,27 @@
-//! Which stranger makes room when all places are taken: one of those whose network holds most. Whoever wants to keep others out has many
+//! Which connection makes room when all places are taken: one of those whose network holds most. Whoever wants to keep others out has many
 //! connections, but seldom many networks. Whether a connection is idle says little: a newcomer is idle until its first request has come,
-//! and an attacker can hold requests that cost it nothing.
+//! and an attacker can hold requests that cost it nothing. Who sends the requests does not count: behind a proxy, one connection has those of many.
 //!
 //! | what counts | for |
 //! |---|---|
-//! | strangers from the same /16 of IPv4, or /48 of IPv6; the newcomer is one of its own | the larger crowd makes room |
+//! | connections from the same /16 of IPv4, or /48 of IPv6; the newcomer is one of its own | the larger crowd makes room |
 //! | then those from the same /24, or /56; then from the same address, or /64 | the same |
 //! | then whether a connection has come within [`GRACE`] | it stays, while others can make room |
 //! | then, if all have come so lately, when | who came first makes room |
 //! | then requests in progress, and how long there were none | the idlest makes room |
 //!
-//! A few strangers are no crowd: up to [`FEW`] count as equally many.
+//! A few connections are no crowd: up to [`FEW`] count as equally many.
 
-use crate::connections::limits::PLACES_PER_NODE;
 use std::cmp::Reverse;
 use std::net::IpAddr;
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// For so long, a connection is about to send its first request: handshakes take some round trips. It is shorter than what
-/// [`crate::connections::limits::ConnectionLimits::handshake`] allows, so that silent connections are old before they are closed.
+/// For so long, a connection is about to send its first request: handshakes take some round trips.
 const GRACE: Duration = Duration::from_secs(5);
 
-/// So many strangers from one network are no crowd: two nodes that come at once are not worse than one.
-const FEW: usize = 2 * PLACES_PER_NODE;
+/// So many connections from one network are no crowd: two nodes that come at once are not worse than one.
+const FEW: usize = 4;
 
 /// The lengths of a network's prefix in IPv4 and in IPv6.
 type Lengths = (u32, u32);
@@ -33,9 +31,9 @@ const WIDE: Lengths = (16, 48);
 const MIDDLE: Lengths = (24, 56);
 const NARROW: Lengths = (32, 64);
 
-/// A stranger's connection.
+/// A connection that has a place.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Stranger {
+pub(super) struct TrackedConnection {
     pub number: u64,
     /// The address that counts: an IPv6 network stands for all its addresses.
     pub from: IpAddr,
@@ -45,16 +43,16 @@ pub(super) struct Stranger {
     pub active: Instant,
 }
 
-/// The number of the stranger that makes room at `now` for a newcomer from this address. `None` if there is no stranger.
+/// The number of the connection that makes room at `now` for a newcomer from this address. `None` if there is no connection.
 ///
-/// It takes as long as sorting the strangers. An attacker can have it done for each connection that it opens.
+/// It takes as long as sorting the connections. An attacker can have it done for each connection that it opens.
 pub(super) fn makes_room(
-    mut strangers: Vec<Stranger>,
+    mut connections: Vec<TrackedConnection>,
     newcomer: IpAddr,
     now: Instant,
 ) -> Option<u64> {
-    strangers.sort_unstable_by_key(|stranger| bits(stranger.from));
-    let size = |crowd: &[Stranger], lengths: Lengths| {
+    connections.sort_unstable_by_key(|connection| bits(connection.from));
+    let size = |crowd: &[TrackedConnection], lengths: Lengths| {
         let newcomers = network(newcomer, lengths);
         let its_own = crowd
             .first()
@@ -62,7 +60,7 @@ pub(super) fn makes_room(
         (crowd.len() + usize::from(its_own)).max(FEW)
     };
     let mut first = None;
-    for widely in strangers.chunk_by(together(WIDE)) {
+    for widely in connections.chunk_by(together(WIDE)) {
         for nearer in widely.chunk_by(together(MIDDLE)) {
             for crowd in nearer.chunk_by(together(NARROW)) {
                 let sizes = (
@@ -70,9 +68,9 @@ pub(super) fn makes_room(
                     size(nearer, MIDDLE),
                     size(crowd, NARROW),
                 );
-                let ranks = crowd
-                    .iter()
-                    .map(|stranger| (sizes, stranger.gives_way(now), Reverse(stranger.number)));
+                let ranks = crowd.iter().map(|connection| {
+                    (sizes, connection.gives_way(now), Reverse(connection.number))
+                });
                 first = first.max(ranks.max());
             }
         }
@@ -80,13 +78,13 @@ pub(super) fn makes_room(
     first.map(|(_, _, Reverse(number))| number)
 }
 
-/// Whether two strangers are from one network.
-fn together(lengths: Lengths) -> impl Fn(&Stranger, &Stranger) -> bool {
+/// Whether two connections are from one network.
+fn together(lengths: Lengths) -> impl Fn(&TrackedConnection, &TrackedConnection) -> bool {
     move |one, other| network(one.from, lengths) == network(other.from, lengths)
 }
 
-impl Stranger {
-    /// The one with the greatest value makes room, among strangers of crowds that are equally large.
+impl TrackedConnection {
+    /// The one with the greatest value makes room, among connections of crowds that are equally large.
     fn gives_way(&self, now: Instant) -> (bool, bool, Reverse<Instant>) {
         if now.saturating_duration_since(self.came) < GRACE {
             (false, false, Reverse(self.came))
@@ -116,7 +114,6 @@ fn network(address: IpAddr, (v4, v6): Lengths) -> u128 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::connections::limits::ConnectionLimits;
     use std::net::Ipv6Addr;
 
     /// Places of the simulated server, as many as a witness has.
@@ -129,48 +126,30 @@ mod tests {
     /// When the first one comes: the attackers' connections are old by then.
     const FIRST_MS: u64 = 20_000;
 
-    type Rule = fn(Vec<Stranger>, IpAddr, Instant) -> Option<u64>;
-
-    /// The rule that there was: the idlest goes, and who has a request in progress comes last.
-    fn idlest(strangers: Vec<Stranger>, _: IpAddr, _: Instant) -> Option<u64> {
-        let idlest = strangers
-            .iter()
-            .min_by_key(|stranger| (stranger.requests > 0, stranger.active));
-        idlest.map(|stranger| stranger.number)
-    }
-
-    /// The places of a server, all of strangers.
+    /// The places of a server.
+    #[derive(Default)]
     struct Server {
-        rule: Rule,
         next: u64,
-        strangers: Vec<Stranger>,
+        connections: Vec<TrackedConnection>,
     }
 
     impl Server {
-        fn new(rule: Rule) -> Self {
-            Self {
-                rule,
-                next: 0,
-                strangers: vec![],
-            }
-        }
-
         /// A connection comes. Returns its number, and whoever made room.
         fn enter(
             &mut self,
             from: IpAddr,
             requests: usize,
             now: Instant,
-        ) -> (u64, Option<Stranger>) {
+        ) -> (u64, Option<TrackedConnection>) {
             let mut gone = None;
-            if self.strangers.len() >= MOST {
-                let number = (self.rule)(self.strangers.clone(), from, now).unwrap();
+            if self.connections.len() >= MOST {
+                let number = makes_room(self.connections.clone(), from, now).unwrap();
                 gone = self.leave(number);
                 assert!(gone.is_some());
             }
             let number = self.next;
             self.next += 1;
-            self.strangers.push(Stranger {
+            self.connections.push(TrackedConnection {
                 number,
                 from,
                 came: now,
@@ -181,18 +160,18 @@ mod tests {
         }
 
         /// A connection ends. Returns it if it was there.
-        fn leave(&mut self, number: u64) -> Option<Stranger> {
-            let mut places = self.strangers.iter();
-            let at = places.position(|stranger| stranger.number == number)?;
-            Some(self.strangers.remove(at))
+        fn leave(&mut self, number: u64) -> Option<TrackedConnection> {
+            let mut places = self.connections.iter();
+            let at = places.position(|connection| connection.number == number)?;
+            Some(self.connections.remove(at))
         }
     }
 
     /// How many of 50 honest newcomers are answered, while an attacker at these addresses holds all places with requests. It takes a lost
     /// place back after a round trip, and opens a silent connection each `churn_ms`. A newcomer sends its request after two round
     /// trips, and has its answer after three.
-    fn answered(rule: Rule, attackers: &[IpAddr], churn_ms: Option<u64>, honest: IpAddr) -> usize {
-        let (mut server, start) = (Server::new(rule), Instant::now());
+    fn answered(attackers: &[IpAddr], churn_ms: Option<u64>, honest: IpAddr) -> usize {
+        let (mut server, start) = (Server::default(), Instant::now());
         let mut attackers = attackers.iter().copied().cycle();
         let mut attacker = || attackers.next().unwrap();
         for _ in 0..MOST {
@@ -224,7 +203,7 @@ mod tests {
                 continue;
             };
             if ms == came + 2 * ROUND_TRIP_MS {
-                let mut places = server.strangers.iter_mut();
+                let mut places = server.connections.iter_mut();
                 if let Some(place) = places.find(|place| place.number == number) {
                     (place.requests, place.active) = (1, now);
                 }
@@ -240,11 +219,8 @@ mod tests {
         text.parse().unwrap()
     }
 
-    /// All are answered under the rule, and nobody under the one that there was.
-    fn only_this_rule_helps(attackers: &[IpAddr], churn_ms: Option<u64>, honest: &str) {
-        let answers = [makes_room as Rule, idlest]
-            .map(|rule| answered(rule, attackers, churn_ms, ip(honest)));
-        assert_eq!(answers, [NEWCOMERS, 0]);
+    fn all_are_answered(attackers: &[IpAddr], churn_ms: Option<u64>, honest: &str) {
+        assert_eq!(answered(attackers, churn_ms, ip(honest)), NEWCOMERS);
     }
 
     /// The networks of 64 bits of a /56.
@@ -257,33 +233,33 @@ mod tests {
     #[test]
     fn sixteen_addresses_that_hold_requests_keep_nobody_out() {
         let v4: Vec<IpAddr> = (1..=16).map(|last| [192, 0, 2, last].into()).collect();
-        only_this_rule_helps(&v4, None, "198.51.100.1");
-        only_this_rule_helps(&networks()[..16], None, "198.51.100.1");
+        all_are_answered(&v4, None, "198.51.100.1");
+        all_are_answered(&networks()[..16], None, "198.51.100.1");
         // They need not be neighbours.
         let apart: Vec<IpAddr> = (1..=16).map(|first| [first, 0, 2, 1].into()).collect();
-        only_this_rule_helps(&apart, None, "198.51.100.1");
+        all_are_answered(&apart, None, "198.51.100.1");
     }
 
     #[test]
     fn silent_connections_of_one_network_that_come_and_go_keep_nobody_out() {
         for honest in ["198.51.100.1", "2001:db8:8::1"] {
-            only_this_rule_helps(&networks(), Some(50), honest);
+            all_are_answered(&networks(), Some(50), honest);
         }
         // The newcomer is from the same /48 as the attacker.
-        only_this_rule_helps(&networks(), Some(50), "2001:db8:7:600::");
+        all_are_answered(&networks(), Some(50), "2001:db8:7:600::");
     }
 
     #[test]
-    fn a_newcomer_has_its_first_round_trips_beside_strangers_from_everywhere() {
+    fn a_newcomer_has_its_first_round_trips_beside_connections_from_everywhere() {
         let apart: Vec<IpAddr> = (0..=255).map(|second| [11, second, 0, 1].into()).collect();
-        only_this_rule_helps(&apart, None, "198.51.100.1");
-        only_this_rule_helps(&apart, Some(50), "198.51.100.1");
+        all_are_answered(&apart, None, "198.51.100.1");
+        all_are_answered(&apart, Some(50), "198.51.100.1");
         // So many come that all are young. Who came first makes room.
-        only_this_rule_helps(&apart, Some(20), "198.51.100.1");
+        all_are_answered(&apart, Some(20), "198.51.100.1");
     }
 
-    fn stranger(number: u64, from: &str, came: Instant) -> Stranger {
-        Stranger {
+    fn connection(number: u64, from: &str, came: Instant) -> TrackedConnection {
+        TrackedConnection {
             number,
             from: ip(from),
             came,
@@ -297,13 +273,13 @@ mod tests {
         let start = Instant::now();
         let now = start + 4 * GRACE;
         // It has been idle for long. All others are young, and have requests.
-        let mut strangers = vec![stranger(0, "198.51.100.1", start)];
+        let mut connections = vec![connection(0, "198.51.100.1", start)];
         for number in 1..=16 {
-            let mut young = stranger(number, "192.0.2.1", now);
+            let mut young = connection(number, "192.0.2.1", now);
             young.requests = 1;
-            strangers.push(young);
+            connections.push(young);
         }
-        let gone = makes_room(strangers, ip("192.0.2.2"), now);
+        let gone = makes_room(connections, ip("192.0.2.2"), now);
         assert_eq!(gone, Some(1));
     }
 
@@ -311,10 +287,14 @@ mod tests {
     fn a_newcomer_counts_to_its_own_crowd() {
         let now = Instant::now();
         let crowds = ["192.0.2.1", "198.51.100.1"];
-        let strangers = (0..16).map(|number| stranger(number, crowds[number as usize % 2], now));
-        let strangers: Vec<_> = strangers.collect();
+        let connections =
+            (0..16).map(|number| connection(number, crowds[number as usize % 2], now));
+        let connections: Vec<_> = connections.collect();
         for (newcomer, gone) in [("192.0.2.1", 0), ("198.51.100.1", 1)] {
-            assert_eq!(makes_room(strangers.clone(), ip(newcomer), now), Some(gone));
+            assert_eq!(
+                makes_room(connections.clone(), ip(newcomer), now),
+                Some(gone)
+            );
         }
     }
 
@@ -322,23 +302,23 @@ mod tests {
     fn two_nodes_behind_one_address_are_no_crowd() {
         let start = Instant::now();
         let now = start + 2 * GRACE;
-        let mut strangers: Vec<_> = (0..8)
-            .map(|number| stranger(number, &format!("11.{number}.0.1"), start))
+        let mut connections: Vec<_> = (0..8)
+            .map(|number| connection(number, &format!("11.{number}.0.1"), start))
             .collect();
-        strangers.push(stranger(8, "198.51.100.1", now));
-        assert_eq!(makes_room(strangers, ip("198.51.100.1"), now), Some(0));
+        connections.push(connection(8, "198.51.100.1", now));
+        assert_eq!(makes_room(connections, ip("198.51.100.1"), now), Some(0));
     }
 
     #[test]
     fn whoever_is_idle_longest_goes_where_crowds_are_equal() {
         let start = Instant::now();
         let now = start + 4 * GRACE;
-        let mut strangers: Vec<_> = (0..3)
-            .map(|number| stranger(number, "192.0.2.1", start))
+        let mut connections: Vec<_> = (0..3)
+            .map(|number| connection(number, "192.0.2.1", start))
             .collect();
-        strangers[0].requests = 1;
-        strangers[1].active = now;
-        assert_eq!(makes_room(strangers, ip("192.0.2.1"), now), Some(2));
+        connections[0].requests = 1;
+        connections[1].active = now;
+        assert_eq!(makes_room(connections, ip("192.0.2.1"), now), Some(2));
         assert_eq!(makes_room(vec![], ip("192.0.2.1"), now), None);
     }
 
@@ -357,10 +337,5 @@ mod tests {
         assert_eq!(same("2001:db8:1:101::", "2001:db8:1:102::"), 2);
         assert_eq!(same("2001:db8:1:101::", "2001:db8:1:201::"), 1);
         assert_eq!(same("2001:db8:1:101::", "2001:db8:2:101::"), 0);
-    }
-
-    #[test]
-    fn the_grace_is_shorter_than_a_handshake_may_take() {
-        assert!(GRACE < ConnectionLimits::default().handshake);
     }
 }

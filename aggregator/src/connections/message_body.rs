@@ -3,79 +3,102 @@
 //! A message begins with five bytes: whether it is compressed, and its length (32 bits, the most significant byte first). Whoever decodes
 //! it makes room for that length at once, so the memory is reserved before these bytes are handed on.
 
-use crate::connections::caller::Caller;
+use crate::connections::caller::CallerId;
 use crate::connections::message_memory::{MessageMemory, Reserved, SMALL_BYTES};
-use axum::body::{Body, Bytes};
-use http_body::{Frame, SizeHint};
-use std::future::Future;
-use std::pin::Pin;
-use std::sync::{Arc, Mutex, PoisonError};
-use std::task::{ready, Context, Poll};
+use axum::body::{Body, BodyDataStream, Bytes};
+use futures_util::stream::try_unfold;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
-use tokio::time::{sleep, Instant, Sleep};
+use tokio::time::{timeout_at, Instant};
+use tokio_stream::StreamExt;
 use tonic::Status;
 
 const PREFIX_BYTES: usize = 5;
 
 /// The memory that a request has reserved. It is given back when the last clone is dropped.
-#[derive(Clone, Default)]
-pub(super) struct Memory(Arc<Mutex<Option<(u64, Reserved)>>>);
+pub(super) type Memory = Arc<OnceLock<Reserved>>;
 
-impl Memory {
-    /// How many bytes are reserved.
-    fn bytes(&self) -> u64 {
-        let held = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        held.as_ref().map_or(0, |(bytes, _)| *bytes)
-    }
-
-    fn keep(&self, bytes: u64, reserved: Reserved) {
-        let mut held = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        *held = Some((bytes, reserved));
-    }
-}
-
-type Reserving = Pin<Box<dyn Future<Output = Option<Reserved>> + Send>>;
-
-/// A body whose messages arrive in time, and have their memory reserved.
-pub(super) struct MessageBody {
-    body: Body,
-    caller: Caller,
+/// The messages of a body.
+struct Messages {
+    data: BodyDataStream,
+    caller: CallerId,
     memory: MessageMemory,
     held: Memory,
     /// How long one message may take, from when it is asked for.
     patience: Duration,
-    late: Pin<Box<Sleep>>,
+    late: Instant,
     /// The next message has not been asked for.
     between: bool,
     prefix: Vec<u8>,
     /// Bytes of the present message that are still to come.
     left: u64,
-    /// What has come, and waits for this much memory.
-    waiting: Option<(Bytes, u64, Reserving)>,
-    ended: bool,
 }
 
-impl MessageBody {
-    pub fn new(
-        body: Body,
-        caller: Caller,
-        memory: MessageMemory,
-        held: Memory,
-        patience: Duration,
-    ) -> Self {
-        Self {
-            body,
-            caller,
-            memory,
-            held,
-            patience,
-            late: Box::pin(sleep(patience)),
-            between: true,
-            prefix: Vec::with_capacity(PREFIX_BYTES),
-            left: 0,
-            waiting: None,
-            ended: false,
+/// The body of a request of `caller`, whose messages arrive in time and have their memory reserved. What they `held` has to stay until the
+/// request is answered.
+pub(super) fn bounded(
+    body: Body,
+    caller: CallerId,
+    memory: MessageMemory,
+    held: Memory,
+    patience: Duration,
+) -> Body {
+    let messages = Messages {
+        data: body.into_data_stream(),
+        caller,
+        memory,
+        held,
+        patience,
+        late: Instant::now(),
+        between: true,
+        prefix: Vec::with_capacity(PREFIX_BYTES),
+        left: 0,
+    };
+    let data = try_unfold(messages, |mut messages| async move {
+        let data = messages.next().await?;
+        Ok::<_, Status>(data.map(|data| (data, messages)))
+    });
+    Body::from_stream(data)
+}
+
+impl Messages {
+    /// What comes next, once there is memory for the messages that begin in it.
+    async fn next(&mut self) -> Result<Option<Bytes>, Status> {
+        if std::mem::take(&mut self.between) {
+            self.late = Instant::now() + self.patience;
         }
+        let data = match timeout_at(self.late, self.data.next()).await {
+            Ok(Some(data)) => data.map_err(|error| Status::cancelled(error.to_string()))?,
+            Ok(None) => return Ok(None),
+            Err(_) => {
+                let limit = self.patience.as_millis();
+                let why = format!("a message took more than {limit} ms");
+                return Err(Status::deadline_exceeded(why));
+            }
+        };
+        let largest = self.follow(&data);
+        let held = self.held.get().map_or(0, |held| held.bytes);
+        // Whoever decodes it refuses what is over its limit, and makes no room for it.
+        let over = largest > self.memory.largest();
+        if over || largest <= SMALL_BYTES.max(held) {
+            return Ok(Some(data));
+        }
+        if held > 0 {
+            // It would hold some memory while it waits for more, and so would others.
+            return Err(Status::resource_exhausted(
+                "the messages of a stream must not be larger than its first large one",
+            ));
+        }
+        let reserved = timeout_at(self.late, self.memory.reserve(self.caller, largest)).await;
+        let reserved = reserved.map_err(|_| {
+            Status::unavailable(
+                "the aggregator is receiving too many large messages: send this one again later",
+            )
+        })?;
+        let reserved =
+            reserved.ok_or_else(|| Status::resource_exhausted("the message is too large"))?;
+        let _ = self.held.set(reserved);
+        Ok(Some(data))
     }
 
     /// Follows the messages in `data`. Returns the length of the largest that begins there.
@@ -100,82 +123,5 @@ impl MessageBody {
             }
         }
         largest
-    }
-
-    fn fails(&mut self, status: Status) -> Poll<Option<Result<Frame<Bytes>, Status>>> {
-        self.ended = true;
-        self.waiting = None;
-        Poll::Ready(Some(Err(status)))
-    }
-}
-
-impl http_body::Body for MessageBody {
-    type Data = Bytes;
-    type Error = Status;
-
-    fn poll_frame(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-    ) -> Poll<Option<Result<Frame<Bytes>, Status>>> {
-        let this = &mut *self;
-        if this.ended {
-            return Poll::Ready(None);
-        }
-        if std::mem::take(&mut this.between) {
-            this.late.as_mut().reset(Instant::now() + this.patience);
-        }
-        if this.late.as_mut().poll(context).is_ready() {
-            let limit = this.patience.as_millis();
-            return this.fails(match this.waiting {
-                Some(_) => Status::unavailable(
-                    "the aggregator is receiving too many large messages: send this one again later",
-                ),
-                None => Status::deadline_exceeded(format!("a message took more than {limit} ms")),
-            });
-        }
-        if this.waiting.is_none() {
-            let frame = ready!(Pin::new(&mut this.body).poll_frame(context));
-            let frame = match frame {
-                Some(Ok(frame)) => frame,
-                Some(Err(error)) => return this.fails(Status::cancelled(error.to_string())),
-                None => return Poll::Ready(None),
-            };
-            let data = match frame.into_data() {
-                Ok(data) => data,
-                Err(frame) => return Poll::Ready(Some(Ok(frame))),
-            };
-            let largest = this.follow(&data);
-            // Whoever decodes it refuses what is over its limit, and makes no room for it.
-            let over = largest > this.memory.largest();
-            if over || largest <= SMALL_BYTES.max(this.held.bytes()) {
-                return Poll::Ready(Some(Ok(Frame::data(data))));
-            }
-            if this.held.bytes() > 0 {
-                // It would hold some memory while it waits for more, and so would others.
-                return this.fails(Status::resource_exhausted(
-                    "the messages of a stream must not be larger than its first large one",
-                ));
-            }
-            let reserving = this.memory.clone().reserve(this.caller.clone(), largest);
-            this.waiting = Some((data, largest, Box::pin(reserving)));
-        }
-        let Some((data, bytes, reserving)) = &mut this.waiting else {
-            return Poll::Pending;
-        };
-        let Some(reserved) = ready!(reserving.as_mut().poll(context)) else {
-            return this.fails(Status::resource_exhausted("the message is too large"));
-        };
-        this.held.keep(*bytes, reserved);
-        let data = std::mem::take(data);
-        this.waiting = None;
-        Poll::Ready(Some(Ok(Frame::data(data))))
-    }
-
-    fn is_end_stream(&self) -> bool {
-        self.ended || (self.waiting.is_none() && self.body.is_end_stream())
-    }
-
-    fn size_hint(&self) -> SizeHint {
-        self.body.size_hint()
     }
 }

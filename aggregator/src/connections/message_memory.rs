@@ -4,12 +4,14 @@
 //! |---|---|
 //! | anybody's, of at most [`SMALL_BYTES`] | nowhere: the number of requests in progress bounds them |
 //! | a node's | the half for nodes, one message at a time for each node, over all its connections |
-//! | a stranger's | the half for strangers, one message at a time for each address but this machine's own |
+//! | a stranger's | the half for strangers, one message at a time for each address but this machine's own, which may be a proxy's |
 
-use crate::connections::caller::Caller;
+use crate::connections::caller::CallerId;
+use crate::turns::KeyedTurns;
 use prometheus_client::metrics::gauge::Gauge;
+use std::net::{Ipv4Addr, Ipv6Addr};
 use std::sync::Arc;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::sync::{OwnedMutexGuard, OwnedSemaphorePermit, Semaphore};
 
 /// A message of at most so many bytes is small.
 pub(crate) const SMALL_BYTES: u64 = 32 << 10;
@@ -23,38 +25,23 @@ pub(crate) struct MessageMemory {
     largest: u64,
     strangers: Arc<Semaphore>,
     nodes: Arc<Semaphore>,
+    turns: KeyedTurns<CallerId>,
     /// Counts the bytes that are reserved.
     in_flight: Gauge,
 }
 
 /// The memory of a message, until it is dropped.
 pub(crate) struct Reserved {
-    _bytes: OwnedSemaphorePermit,
-    _turn: OwnedSemaphorePermit,
-    _counted: CountedBytes,
-}
-
-/// Bytes that count as reserved, until this is dropped.
-struct CountedBytes(Gauge, i64);
-
-impl CountedBytes {
-    fn new(in_flight: Gauge, units: u32) -> Self {
-        let bytes = i64::from(units) * UNIT_BYTES as i64;
-        in_flight.inc_by(bytes);
-        Self(in_flight, bytes)
-    }
-}
-
-impl Drop for CountedBytes {
-    fn drop(&mut self) {
-        self.0.dec_by(self.1);
-    }
+    pub bytes: u64,
+    in_flight: Gauge,
+    _permits: OwnedSemaphorePermit,
+    _turn: Option<OwnedMutexGuard<()>>,
 }
 
 impl MessageMemory {
-    /// Reserves at most `bytes` for messages of at most `largest` bytes. There is always room for one message of a node and one of a
-    /// stranger.
-    pub fn new(bytes: u64, largest: u64) -> Self {
+    /// Reserves at most `bytes` for messages of at most `largest` bytes, and counts them. There is always room for one message of a node and
+    /// one of a stranger.
+    pub fn new(bytes: u64, largest: u64, in_flight: Gauge) -> Self {
         let half = || {
             let units = (bytes / 2).max(largest).div_ceil(UNIT_BYTES);
             let units = usize::try_from(units).unwrap_or(usize::MAX);
@@ -64,14 +51,9 @@ impl MessageMemory {
             largest,
             strangers: half(),
             nodes: half(),
-            in_flight: Gauge::default(),
+            turns: KeyedTurns::default(),
+            in_flight,
         }
-    }
-
-    /// From now on, this counts the bytes that are reserved.
-    pub fn counted_by(mut self, in_flight: Gauge) -> Self {
-        self.in_flight = in_flight;
-        self
     }
 
     /// The largest message that anybody decodes.
@@ -80,18 +62,35 @@ impl MessageMemory {
     }
 
     /// Waits until there is room for a large message of this caller. `None` if there never is.
-    pub async fn reserve(self, caller: Caller, bytes: u64) -> Option<Reserved> {
+    pub async fn reserve(&self, caller: CallerId, bytes: u64) -> Option<Reserved> {
         let units = u32::try_from(bytes.div_ceil(UNIT_BYTES)).ok()?;
-        let (memory, turn) = match caller.turn_of_node() {
-            Some(turn) => (self.nodes, turn),
-            None => (self.strangers, caller.large),
+        let (memory, alone) = match caller {
+            CallerId::Node(_) => (&self.nodes, true),
+            CallerId::Stranger(address) => {
+                let here = address == Ipv4Addr::LOCALHOST || address == Ipv6Addr::LOCALHOST;
+                (&self.strangers, !here)
+            }
         };
         // Who waits for its turn holds no memory.
-        let turn = turn.acquire_owned().await.ok()?;
+        let turn = if alone {
+            Some(self.turns.take(caller).await)
+        } else {
+            None
+        };
+        let permits = memory.clone().acquire_many_owned(units).await.ok()?;
+        let bytes = u64::from(units) * UNIT_BYTES;
+        self.in_flight.inc_by(bytes as i64);
         Some(Reserved {
-            _bytes: memory.acquire_many_owned(units).await.ok()?,
+            bytes,
+            in_flight: self.in_flight.clone(),
+            _permits: permits,
             _turn: turn,
-            _counted: CountedBytes::new(self.in_flight, units),
         })
+    }
+}
+
+impl Drop for Reserved {
+    fn drop(&mut self) {
+        self.in_flight.dec_by(self.bytes as i64);
     }
 }

@@ -1,29 +1,36 @@
 //! The requests of a gRPC service: a bounded number in progress, on each connection and in all, whose messages arrive in time and fit
-//! into memory. An answer that names its author makes the connection the author's.
+//! into memory. Who sends one is known before its message is read.
 //!
 //! Once a request has begun, it goes on although its caller is gone. Otherwise a caller could begin a request, leave, and begin the next,
 //! while the work of all of them waits for its turn and keeps their messages in memory. [`Awaited`] tells a request that its caller is gone: one
 //! that changes nothing and only waits gives up.
 
 use crate::connections::answer_body::keeping;
-use crate::connections::caller::{Author, Awaited, Caller, InProgress};
+use crate::connections::caller::{Awaited, CallerId, Sender};
 use crate::connections::limits::ConnectionLimits;
-use crate::connections::message_body::{Memory, MessageBody};
+use crate::connections::message_body::{bounded, Memory};
 use crate::connections::message_memory::MessageMemory;
-use axum::body::Body;
+use crate::connections::places::ServedConnection;
 use axum::extract::Request;
+use axum::http::HeaderMap;
 use axum::middleware::Next;
 use axum::response::Response;
+use futures_core::future::BoxFuture;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::sync::Semaphore;
 use tonic::Status;
 use tracing::{info_span, Instrument};
+
+/// Says who sends the request with these headers. It is refused if its head does not count.
+pub(crate) type Identify =
+    Arc<dyn Fn(HeaderMap) -> BoxFuture<'static, Result<Sender, Status>> + Send + Sync>;
 
 /// What the requests of a service may take.
 #[derive(Clone)]
 pub(crate) struct Requests {
     turns: Arc<Semaphore>,
+    identify: Identify,
     memory: MessageMemory,
     message: Duration,
 }
@@ -33,12 +40,14 @@ impl Requests {
     pub fn new(
         limits: &ConnectionLimits,
         each: usize,
+        identify: Identify,
         memory: MessageMemory,
         message: Duration,
     ) -> Self {
         let all = limits.most.saturating_mul(each).min(Semaphore::MAX_PERMITS);
         Self {
             turns: Arc::new(Semaphore::new(all)),
+            identify,
             memory,
             message,
         }
@@ -46,40 +55,34 @@ impl Requests {
 
     /// Answers a request by `next`.
     pub async fn answer(self, mut request: Request, next: Next) -> Response {
-        let Some(caller) = request.extensions().get::<Caller>().cloned() else {
+        let Some(connection) = request.extensions().get::<ServedConnection>().cloned() else {
             return Status::internal("a request has no connection").into_http();
         };
         let turns = async {
-            let own = caller.turns.clone().acquire_owned().await;
+            let own = connection.turns.clone().acquire_owned().await;
             (own, self.turns.clone().acquire_owned().await)
         };
         let turns = turns.instrument(info_span!("wait for a turn")).await;
         let (Ok(own), Ok(shared)) = turns else {
             return Status::unavailable("the aggregator ends").into_http();
         };
-        let turn = RequestPermit {
-            _progress: caller.begin(),
-            _permits: [own, shared],
-        };
+        let turn = (connection.begin(), own, shared);
         let (_waits, awaited) = Awaited::begin();
         request.extensions_mut().insert(awaited);
         let work = async move {
+            let sender = match (self.identify)(request.headers().clone()).await {
+                Ok(sender) => sender,
+                Err(refused) => return keeping(refused.into_http(), turn),
+            };
+            let member = sender.member();
+            let caller = member.map_or(CallerId::Stranger(connection.from), CallerId::Node);
+            request.extensions_mut().insert(sender);
             let held = Memory::default();
-            let request = request.map(|body| {
-                let (caller, held) = (caller.clone(), held.clone());
-                Body::new(MessageBody::new(
-                    body,
-                    caller,
-                    self.memory,
-                    held,
-                    self.message,
-                ))
-            });
+            let reserved = held.clone();
+            let request =
+                request.map(|body| bounded(body, caller, self.memory, reserved, self.message));
             let response = next.run(request).await;
             drop(held);
-            if let Some(Author(node)) = response.extensions().get() {
-                caller.is(*node);
-            }
             keeping(response, turn)
         };
         tokio::spawn(work.in_current_span())
@@ -88,20 +91,16 @@ impl Requests {
     }
 }
 
-/// A request's turn, until it is dropped.
-struct RequestPermit {
-    _progress: InProgress,
-    _permits: [OwnedSemaphorePermit; 2],
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::connections::places::ConnectionSlots;
+    use axum::body::Body;
     use axum::middleware::from_fn;
     use axum::Router;
     use hyper::service::Service;
     use hyper_util::service::TowerToHyperService;
+    use prometheus_client::metrics::gauge::Gauge;
     use std::net::Ipv4Addr;
     use std::sync::atomic::{AtomicUsize, Ordering};
     use tokio::time::{sleep, timeout};
@@ -109,8 +108,9 @@ mod tests {
     #[tokio::test]
     async fn a_caller_that_leaves_again_and_again_has_four_requests_in_progress() {
         let limits = ConnectionLimits::default();
-        let memory = MessageMemory::new(0, 1 << 20);
-        let requests = Requests::new(&limits, 4, memory, Duration::from_secs(60));
+        let memory = MessageMemory::new(0, 1 << 20, Gauge::default());
+        let nobody: Identify = Arc::new(|_| Box::pin(async { Ok(Sender::default()) }));
+        let requests = Requests::new(&limits, 4, nobody, memory, Duration::from_secs(60));
         let (running, most) = (AtomicUsize::new(0), AtomicUsize::new(0));
         let counts = Arc::new([running, most]);
         let counted = counts.clone();
@@ -124,11 +124,12 @@ mod tests {
         let layer = from_fn(move |request, next| requests.clone().answer(request, next));
         let router = Router::new().fallback(work).layer(layer);
         let service = TowerToHyperService::new(router);
-        let seat = ConnectionSlots::new(limits).enter(Ipv4Addr::LOCALHOST.into());
-        let caller = Caller::new(&seat.unwrap(), 4);
+        let places = ConnectionSlots::new(&limits, Gauge::default());
+        let seat = places.enter(Ipv4Addr::LOCALHOST.into());
+        let connection = seat.connection(4);
         for _ in 0..40 {
             let mut request = Request::new(Body::empty());
-            request.extensions_mut().insert(caller.clone());
+            request.extensions_mut().insert(connection.clone());
             let _ = timeout(Duration::from_millis(5), service.call(request)).await;
         }
         assert_eq!(counts[1].load(Ordering::SeqCst), 4);

@@ -1,10 +1,8 @@
-//! Accepts connections and serves them. Each has a place, speaks in time, and is closed when it has been idle for too long. At the end
-//! they have a bounded time to answer what was asked.
+//! Accepts connections and serves them. Each has a place, and is closed when it has been idle for too long. At the end they have a bounded
+//! time to answer what was asked.
 
-use crate::connections::caller::Caller;
 use crate::connections::limits::ConnectionLimits;
-use crate::connections::places::{ConnectionSlots, NoPlace, Seat};
-use crate::connections::stream::CountedStream;
+use crate::connections::places::{ConnectionSlots, Seat};
 use crate::connections::windows::Windows;
 use crate::observe::connections::{ConnectionLoss, ConnectionMetrics};
 use axum::body::Body;
@@ -17,20 +15,25 @@ use hyper_util::server::conn::auto::Builder;
 use hyper_util::service::TowerToHyperService;
 use std::future::Future;
 use std::pin::pin;
-use std::sync::atomic::Ordering;
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::watch;
 use tokio::task::JoinSet;
-use tokio::time::{sleep, sleep_until, timeout, timeout_at, Instant};
+use tokio::time::{sleep, sleep_until, timeout, Instant};
 use zk0_tls::server_certificate::Acceptor;
 
-/// How long a connection that was told to close may take.
+/// How long a connection that was told to close may take, if no request is in progress.
 const CLOSING: Duration = Duration::from_secs(1);
 
 /// How often the log says that connections are refused.
 const SAY_AGAIN: Duration = Duration::from_secs(60);
+
+/// Bytes in both directions, encrypted or not.
+trait Duplex: AsyncRead + AsyncWrite + Send + Unpin {}
+
+impl<T: AsyncRead + AsyncWrite + Send + Unpin> Duplex for T {}
 
 /// How connections are served.
 pub(crate) struct Serving {
@@ -39,10 +42,6 @@ pub(crate) struct Serving {
     pub protocol: Builder<TokioExecutor>,
     /// How much each may send before it is taken, if they speak HTTP/2.
     pub windows: Windows,
-    /// So many bytes come before the first request: if they do not come in time, the connection is closed.
-    pub first_bytes: usize,
-    /// How long a connection takes requests. Then the answer in progress may end; its own pace bounds it.
-    pub lifetime: Option<Duration>,
     /// How many requests of a connection may be in progress.
     pub requests: usize,
     /// If there is one, connections are encrypted.
@@ -56,8 +55,8 @@ pub(crate) struct Serving {
 impl Serving {
     /// Serves on `listener` until `stop` is ready, and then until the open requests are answered, but no longer than the limits say.
     pub async fn serve(self, listener: TcpListener, stop: impl Future<Output = ()>) {
-        let (drain, places) = (self.limits.drain, ConnectionSlots::new(self.limits));
-        self.metrics.watch(&places);
+        let drain = self.limits.drain;
+        let places = ConnectionSlots::new(&self.limits, self.metrics.open.clone());
         let (stopping, stopped) = watch::channel(false);
         let (serving, mut connections) = (Arc::new(self), JoinSet::new());
         let (mut stop, mut said) = (pin!(stop), None);
@@ -67,31 +66,21 @@ impl Serving {
                 () = &mut stop => break,
                 accepted = listener.accept() => accepted,
             };
-            let refused = match accepted {
-                Ok((stream, peer)) => match places.enter(peer.ip()) {
-                    Ok(seat) => {
-                        let (serving, stopped) = (serving.clone(), stopped.clone());
-                        connections.spawn(serving.seated(stream, seat, stopped));
-                        continue;
-                    }
-                    Err(why) => {
-                        serving.metrics.lost(match why {
-                            NoPlace::OfAddress { .. } => ConnectionLoss::OfAddress,
-                            NoPlace::AtAll { .. } => ConnectionLoss::AtAll,
-                        });
-                        why.to_string()
-                    }
-                },
-                Err(error) => {
-                    // Most likely the process has no file descriptor left. Connections that end give some back.
-                    serving.metrics.lost(ConnectionLoss::OpenFiles);
-                    sleep(Duration::from_millis(100)).await;
-                    error.to_string()
+            match accepted {
+                Ok((stream, peer)) => {
+                    let seat = places.enter(peer.ip());
+                    let (serving, stopped) = (serving.clone(), stopped.clone());
+                    connections.spawn(serving.seated(stream, seat, stopped));
                 }
-            };
-            if said.is_none_or(|at: Instant| at.elapsed() >= SAY_AGAIN) {
-                tracing::warn!("a connection is refused: {refused}");
-                said = Some(Instant::now());
+                // Most likely the process has no file descriptor left. Connections that end give some back.
+                Err(error) => {
+                    serving.metrics.lost(ConnectionLoss::OpenFiles);
+                    if said.is_none_or(|at: Instant| at.elapsed() >= SAY_AGAIN) {
+                        tracing::warn!("a connection is refused: {error}");
+                        said = Some(Instant::now());
+                    }
+                    sleep(Duration::from_millis(100)).await;
+                }
             }
         }
         drop(listener);
@@ -118,29 +107,26 @@ impl Serving {
     }
 
     async fn connection(&self, stream: TcpStream, seat: &Seat, mut stopped: watch::Receiver<bool>) {
-        let handshake = Instant::now() + self.limits.handshake;
-        let mut end = self.lifetime.map(|lifetime| Instant::now() + lifetime);
         let _ = stream.set_nodelay(true);
-        let stream = match &self.tls {
-            None => CountedStream::new(Box::new(stream)),
+        let stream: Box<dyn Duplex> = match &self.tls {
+            None => Box::new(stream),
             Some(tls) => tokio::select! {
-                encrypted = timeout_at(handshake, tls.accept(stream)) => match encrypted {
-                    Ok(Ok(encrypted)) => CountedStream::new(Box::new(encrypted)),
+                encrypted = timeout(self.limits.handshake, tls.accept(stream)) => match encrypted {
+                    Ok(Ok(encrypted)) => Box::new(encrypted),
                     // It is no event when a client goes away, takes too long, or does not speak TLS.
-                    Ok(Err(error)) => {
+                    failed => {
                         self.metrics.lost(ConnectionLoss::Handshake);
-                        return tracing::debug!("a TLS handshake failed: {error}");
+                        let why = failed.map(Result::err);
+                        return tracing::debug!("a TLS handshake failed: {why:?}");
                     }
-                    Err(_) => return self.metrics.lost(ConnectionLoss::Handshake),
                 },
                 () = told(&mut stopped) => return,
             },
         };
-        let come = stream.come();
-        let caller = Caller::new(seat, self.requests);
+        let connection = seat.connection(self.requests);
         let router = TowerToHyperService::new(self.router.clone());
         let service = service_fn(move |mut request: Request<Incoming>| {
-            request.extensions_mut().insert(caller.clone());
+            request.extensions_mut().insert(connection.clone());
             router.call(request.map(Body::new))
         });
         let (mut protocol, window) = (self.protocol.clone(), self.windows.take());
@@ -150,36 +136,25 @@ impl Serving {
             .initial_stream_window_size(window.bytes);
         let connection = protocol.serve_connection(TokioIo::new(stream), service);
         let mut connection = pin!(connection);
-        let spoke = || come.load(Ordering::Relaxed) >= self.first_bytes;
         loop {
             let now = Instant::now();
             // While a request is in progress, nothing is due; it is looked at again when it could be idle.
-            let idle = seat.places.idle_until(seat.number);
-            let idle = idle.unwrap_or(now + self.limits.stranger_idle);
-            let due = if spoke() { idle } else { handshake.min(idle) };
+            let due = seat.idle_until().unwrap_or(now + self.limits.idle);
             if due <= now {
                 break;
             }
-            if end.is_some_and(|end| end <= now) {
-                // A file may take longer. The connection ends with the answer in progress, or at once if there is none.
-                end = None;
-                connection.as_mut().graceful_shutdown();
-            }
-            let due = end.map_or(due, |end| end.min(due));
             tokio::select! {
                 _ = &mut connection => return,
                 () = sleep_until(due) => {}
-                () = told(&mut stopped) => {
-                    connection.as_mut().graceful_shutdown();
-                    // The server cuts it when this takes too long.
-                    let _ = connection.await;
-                    return;
-                }
+                () = told(&mut stopped) => break,
             }
         }
-        if spoke() {
-            connection.as_mut().graceful_shutdown();
+        connection.as_mut().graceful_shutdown();
+        if seat.idle_until().is_some() {
             let _ = timeout(CLOSING, connection).await;
+        } else {
+            // The server cuts it when this takes too long.
+            let _ = connection.await;
         }
     }
 }

@@ -1,12 +1,11 @@
 //! Requests and their answers, counted, timed and traced: by method, and by the status with which the answer ended. A caller that leaves before the end
 //! counts as `Cancelled`.
 
-use axum::body::{Body, Bytes};
+use crate::connections::answer_body::watched;
 use axum::extract::Request;
 use axum::http::HeaderMap;
 use axum::middleware::Next;
 use axum::response::Response;
-use http_body::{Frame, SizeHint};
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
@@ -15,9 +14,7 @@ use prometheus_client::registry::Registry;
 use prost::Message;
 use prost_types::FileDescriptorSet;
 use std::collections::BTreeSet;
-use std::pin::Pin;
 use std::sync::Arc;
-use std::task::{ready, Context, Poll};
 use std::time::Instant;
 use tonic::Code;
 use tracing::{Instrument, Span};
@@ -73,19 +70,19 @@ impl RequestMetrics {
     pub async fn answer(self, request: Request, next: Next) -> Response {
         let counted = Counted::begin(self, request.uri().path(), request.headers());
         let response = next.run(request).instrument(counted.span.clone()).await;
-        match status(response.headers()) {
-            // The answer has no messages.
-            Some(code) => {
-                counted.end(code);
-                response
-            }
-            None => response.map(|body| {
-                Body::new(CountedBody {
-                    body,
-                    counted: Some(counted),
-                })
-            }),
+        // The status comes last, or at once if the answer has no messages.
+        if let Some(code) = status(response.headers()) {
+            counted.end(code);
+            return response;
         }
+        let mut counted = Some(counted);
+        watched(response, move |frame| {
+            if let Some(code) = frame.trailers_ref().and_then(status) {
+                if let Some(counted) = counted.take() {
+                    counted.end(code);
+                }
+            }
+        })
     }
 }
 
@@ -156,41 +153,5 @@ impl Drop for Counted {
         let ended = [("method", method.clone()), ("status", status)];
         metrics.ended.get_or_create(&ended).inc();
         request::end(&self.span, self.code);
-    }
-}
-
-/// The body of an answer. Its status comes last.
-struct CountedBody {
-    body: Body,
-    counted: Option<Counted>,
-}
-
-impl http_body::Body for CountedBody {
-    type Data = Bytes;
-    type Error = axum::Error;
-
-    fn poll_frame(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
-        let frame = ready!(Pin::new(&mut self.body).poll_frame(context));
-        let trailers = match &frame {
-            Some(Ok(frame)) => frame.trailers_ref(),
-            _ => None,
-        };
-        if let Some(code) = trailers.and_then(status) {
-            if let Some(counted) = self.counted.take() {
-                counted.end(code);
-            }
-        }
-        Poll::Ready(frame)
-    }
-
-    fn is_end_stream(&self) -> bool {
-        self.body.is_end_stream()
-    }
-
-    fn size_hint(&self) -> SizeHint {
-        self.body.size_hint()
     }
 }

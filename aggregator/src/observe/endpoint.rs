@@ -27,8 +27,7 @@ async fn metrics(State(service): State<Service>) -> Response {
         (Err(error), _) | (_, Err(error)) => return text(503, format!("{error}\n")),
     };
     let metrics = service.metrics();
-    let connections = metrics.connections.counts();
-    metrics.sampled.take(&status, connections, &dir);
+    metrics.sampled.take(&status, &dir);
     let ends_s = service.certificate_ends_s();
     metrics.certificate_ends.set(ends_s.unwrap_or(0));
     let sampled = metrics.blobs.clone();

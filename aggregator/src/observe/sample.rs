@@ -1,6 +1,5 @@
 //! Metrics that are looked up whenever somebody asks for them.
 
-use crate::connections::places::Counts;
 use crate::observe::machine::{self, Disk};
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
@@ -13,7 +12,6 @@ type By = Family<[(&'static str, &'static str); 1], Gauge>;
 
 #[derive(Clone, Default)]
 pub(super) struct Sampled {
-    connections: By,
     nodes: By,
     contributions: By,
     phase: By,
@@ -30,13 +28,8 @@ impl Sampled {
         let new = Self::default();
         let mut by = |name, help, metric: &By| registry.register(name, help, metric.clone());
         by(
-            "connections",
-            "Open connections: of nodes and of strangers",
-            &new.connections,
-        );
-        by(
             "nodes",
-            "Nodes: enrolled, ready for a round, and connected",
+            "Nodes: enrolled, and ready for a round",
             &new.nodes,
         );
         by(
@@ -76,20 +69,13 @@ impl Sampled {
     }
 
     /// Takes what is so now.
-    pub fn take(&self, status: &StatusInfo, connections: Counts, ledger: &Path) {
+    pub fn take(&self, status: &StatusInfo, ledger: &Path) {
         let set = |family: &By, label, value: u64| {
             let value = i64::try_from(value).unwrap_or(i64::MAX);
             family.get_or_create(&[label]).set(value);
         };
-        set(&self.connections, ("of", "nodes"), connections.of_nodes);
-        set(
-            &self.connections,
-            ("of", "strangers"),
-            connections.of_strangers,
-        );
         set(&self.nodes, ("are", "enrolled"), status.enrolled);
         set(&self.nodes, ("are", "ready"), status.ready);
-        set(&self.nodes, ("are", "connected"), connections.nodes);
         set(&self.contributions, ("are", "committed"), status.committed);
         set(&self.contributions, ("are", "accepted"), status.accepted);
         set(&self.contributions, ("are", "refused"), status.refused);

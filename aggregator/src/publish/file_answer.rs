@@ -39,7 +39,7 @@ pub(super) async fn file_answer(
     }
     file.seek(SeekFrom::Start(first)).await?;
     let left = length - first;
-    let pace = ReadingPace::of_bytes(left, limits.silence, limits.lifetime);
+    let pace = ReadingPace::of_bytes(left, limits.silence, limits.answer);
     // Each connection has one request at a time, so the connections bound the files that are being sent.
     let parts = Body::from_stream(file_parts(file.take(left), pace, ()));
     let about = [

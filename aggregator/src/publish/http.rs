@@ -2,16 +2,16 @@
 //!
 //! | what | limit |
 //! |---|---|
-//! | connections at once, in all and from one address | [`HttpLimits::connections`]; one request at a time on each |
+//! | connections at once | [`HttpLimits::connections`]; one request at a time on each |
 //! | the head of a request | 16 KiB, within [`HttpLimits::silence`] |
 //! | its body | [`HttpLimits::body`] bytes, within [`HttpLimits::silence`] |
-//! | how long a connection takes requests | [`HttpLimits::lifetime`]; the answer in progress may end, in a time that depends on its size |
+//! | how long an answer may take | [`HttpLimits::answer`], and longer for a large one |
 //!
 //! [`serve`] does not encrypt. [`serve_with`] does so if it has a certificate.
 
 use crate::connections::answer_body::keeping;
-use crate::connections::caller::Caller;
 use crate::connections::limits::ConnectionLimits;
+use crate::connections::places::ServedConnection;
 use crate::connections::serving::Serving;
 use crate::connections::windows::Windows;
 use crate::observe::connections::ConnectionMetrics;
@@ -40,8 +40,8 @@ pub struct HttpLimits {
     pub connections: ConnectionLimits,
     /// How long a client may take to send a request, or to take the next part of a file.
     pub silence: Duration,
-    /// How long a connection takes requests. An answer has as long for itself, and a second more for each megabyte.
-    pub lifetime: Duration,
+    /// How long taking an answer may take, and a second more for each megabyte.
+    pub answer: Duration,
     /// Largest body of a request, in bytes.
     pub body: usize,
 }
@@ -57,7 +57,7 @@ impl Default for HttpLimits {
                 ..ConnectionLimits::default()
             },
             silence: Duration::from_secs(20),
-            lifetime: Duration::from_secs(600),
+            answer: Duration::from_secs(600),
             body: 0,
         }
     }
@@ -138,8 +138,6 @@ async fn served(
         limits: limits.connections,
         protocol,
         windows: Windows::new(),
-        first_bytes: 1,
-        lifetime: Some(limits.lifetime),
         requests: 1,
         tls,
         metrics: ConnectionMetrics::default(),
@@ -153,7 +151,7 @@ async fn served(
 /// Hands a request on once its body is here.
 async fn with_whole_body(request: Request, next: Next, limits: HttpLimits) -> Response {
     let (head, body) = request.into_parts();
-    let progress = head.extensions.get().map(Caller::begin);
+    let progress = head.extensions.get().map(ServedConnection::begin);
     let response = match timeout(limits.silence, to_bytes(body, limits.body)).await {
         Err(_) => text(408, "the request's body took too long\n"),
         Ok(Err(_)) => text(

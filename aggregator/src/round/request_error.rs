@@ -181,7 +181,6 @@ impl RequestError {
                 | HeadRefusal::Time { .. }
                 // The window forgets heads within minutes.
                 | HeadRefusal::TooMany { .. }
-                | HeadRefusal::NoRoom { .. }
                 | HeadRefusal::Forgotten { .. } => Code::Unavailable,
                 HeadRefusal::Replayed => Code::AlreadyExists,
                 _ => Code::Unauthenticated,
@@ -232,7 +231,6 @@ impl RequestError {
                 HeadRefusal::Run
                 | HeadRefusal::Time { .. }
                 | HeadRefusal::TooMany { .. }
-                | HeadRefusal::NoRoom { .. }
                 | HeadRefusal::Forgotten { .. },
             )
             | Self::OtherPlace(_)
@@ -322,7 +320,6 @@ mod tests {
         let limit = 4;
         for passes in [
             HeadRefusal::TooMany { sender, limit },
-            HeadRefusal::NoRoom { limit },
             HeadRefusal::Forgotten { sender_ms: 1 },
         ] {
             let again = (0, Remedy::AskAgain, AFTER_MS);

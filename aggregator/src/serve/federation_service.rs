@@ -1,11 +1,11 @@
 //! The requests of `proto/federation.proto`, answered by the rounds behind a [`Service`].
 
-use crate::connections::caller::{Awaited, Caller};
+use crate::connections::caller::Awaited;
 use crate::file_parts::{file_parts, ReadingPace};
 use crate::round::intake::arrivals::Arrival;
 use crate::round::intake::statements::{decode, SentStatement};
 use crate::round::request_error::RequestError;
-use crate::serve::senders::heads::{sent_by, taken, RequestContent};
+use crate::serve::senders::sender::taken;
 use crate::serve::service::{blocking, Service};
 use std::io::{ErrorKind, SeekFrom};
 use std::pin::Pin;
@@ -17,7 +17,7 @@ use tonic::{Request, Response, Status, Streaming};
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::signed::{Signed, Submission};
-use zk0_protocol::request_head::{HeadRefusal, Method};
+use zk0_protocol::request_head::{Method, RequestContent};
 use zk0_protocol::rpc::federation::federation_server::Federation;
 use zk0_protocol::rpc::federation::{
     Chunk, DownloadRequest, GetGovernanceRequest, GetNetworkRequest, GetRoundRequest,
@@ -63,30 +63,27 @@ impl Federation for Service {
         &self,
         request: Request<GetRoundRequest>,
     ) -> Result<Response<Self::WatchRoundStream>, Status> {
-        let (head, GetRoundRequest { round, node }) = taken(request);
+        let (sender, GetRoundRequest { round, node }) = taken(request);
         let node = node_id(&node);
         // Anybody may follow a round. A node that signs the request shows that it is present.
-        let sender = match (node, head) {
-            (_, Err(HeadRefusal::Missing)) | (None, _) => None,
-            (Some(signer), head) => {
-                let message = RequestContent {
+        let present = match (node, sender.member()) {
+            (Some(signer), Some(member)) => {
+                sender.sends(&RequestContent {
                     method: Method::WatchRound,
                     round,
                     signer,
                     body: blob_digest(&signer.0),
-                };
-                let now_ms = self.arrivals.now_ms().map_err(RequestError::from)?;
-                self.sender(head, message, now_ms).await?
+                })?;
+                Some(self.presence.follow(member))
             }
+            _ => None,
         };
-        let present = sender.map(|node| self.presence.follow(node));
-        let rounds = self.watched_round(round, node, present);
-        Ok(sent_by(sender, rounds))
+        Ok(Response::new(self.watched_round(round, node, present)))
     }
 
     async fn record(&self, request: Request<RecordRequest>) -> Result<Response<Receipt>, Status> {
         let arrival = self.arrivals.stamp()?;
-        let (head, request) = taken(request);
+        let (sender, request) = taken(request);
         let sent = Arc::new(blocking(move || SentStatement::read(request)).await?);
         let message = RequestContent {
             method: Method::Record,
@@ -94,10 +91,10 @@ impl Federation for Service {
             signer: sent.signer(),
             body: sent.digest(),
         };
-        let sender = self.sender(head, message, arrival.at_ms()).await?;
+        sender.sends(&message)?;
         let receipt = self.stated(&arrival, sent).await?;
         self.published_after(arrival, receipt.index).await?;
-        Ok(sent_by(sender, receipt.into()))
+        Ok(Response::new(receipt.into()))
     }
 
     async fn get_governance(
@@ -149,10 +146,20 @@ impl Federation for Service {
         &self,
         request: Request<DownloadRequest>,
     ) -> Result<Response<Self::DownloadStream>, Status> {
-        let caller: Caller = of_connection(&request)?;
-        let awaited: Awaited = of_connection(&request)?;
-        let DownloadRequest { blob, begins } = request.into_inner();
+        let awaited = request.extensions().get::<Awaited>().cloned();
+        let awaited = awaited.ok_or_else(|| Status::internal("a request has no caller"))?;
+        let (sender, DownloadRequest { blob, begins }) = taken(request);
         let blob = digest(&blob)?;
+        // Anybody may download. Nodes have places of their own for it.
+        let member = sender.member();
+        if let Some(signer) = member {
+            sender.sends(&RequestContent {
+                method: Method::Download,
+                round: None,
+                signer,
+                body: blob_digest(&blob.0),
+            })?;
+        }
         let blobs = self.with(move |aggregator| aggregator.blob(&blob)).await?;
         if !blobs.contains(&blob) {
             return Err(RequestError::NotKept(blob).into());
@@ -163,7 +170,7 @@ impl Federation for Service {
             _ => RequestError::Internal(format!("{name}: {error}")).into(),
         };
         let mut file = tokio::fs::File::from_std(self.file(blobs, blob, awaited).await?);
-        let place = self.transfer(!caller.is_stranger())?;
+        let place = self.transfer(member.is_some())?;
         let size = file.metadata().await.map_err(&failed)?.len();
         if begins > size {
             return Err(malformed(&format!(
@@ -184,9 +191,9 @@ impl Federation for Service {
         &self,
         request: Request<Streaming<UploadChunk>>,
     ) -> Result<Response<UploadReply>, Status> {
-        let (head, stream) = taken(request);
-        let sender = self.uploaded(head, stream).await?;
-        Ok(sent_by(sender, UploadReply {}))
+        let (sender, stream) = taken(request);
+        self.uploaded(sender, stream).await?;
+        Ok(Response::new(UploadReply {}))
     }
 
     async fn get_upload(
@@ -202,7 +209,7 @@ impl Federation for Service {
         request: Request<SubmitRequest>,
     ) -> Result<Response<SubmitReply>, Status> {
         let arrival = self.arrivals.stamp()?;
-        let (head, SubmitRequest { submission, proof }) = taken(request);
+        let (sender, SubmitRequest { submission, proof }) = taken(request);
         let signed: Signed<Submission> = decode("submission", &submission)?;
         let terms = &signed.statement.claim.terms;
         let message = RequestContent {
@@ -211,7 +218,7 @@ impl Federation for Service {
             signer: terms.node,
             body: blob_digest(&submission),
         };
-        let sender = self.sender(head, message, arrival.at_ms()).await?;
+        sender.sends(&message)?;
         let (node, round) = (terms.node, terms.round);
         tracing::info!(%node, round, "submission arrived");
         let decided = self.submitted(&arrival, signed, proof).await?;
@@ -226,7 +233,7 @@ impl Federation for Service {
                 .unwrap_or_default(),
             receipt: Some(decided.receipt.into()),
         };
-        Ok(sent_by(sender, reply))
+        Ok(Response::new(reply))
     }
 }
 
@@ -237,14 +244,6 @@ impl Service {
         drop(arrival);
         self.published(entry + 1).await
     }
-}
-
-/// What a request has of its connection.
-fn of_connection<T: Clone + Send + Sync + 'static>(
-    request: &Request<DownloadRequest>,
-) -> Result<T, Status> {
-    let found = request.extensions().get::<T>().cloned();
-    found.ok_or_else(|| Status::internal("a request has no connection"))
 }
 
 fn node_id(bytes: &[u8]) -> Option<NodeId> {

@@ -2,7 +2,7 @@
 //! and reflection).
 
 use crate::connections::message_memory::MessageMemory;
-use crate::connections::request_limits::Requests;
+use crate::connections::request_limits::{Identify, Requests};
 use crate::connections::serving::Serving;
 use crate::connections::windows::Windows;
 use crate::observe::metrics::Metrics;
@@ -25,9 +25,6 @@ use zk0_tls::server_certificate::ServerCertificate;
 /// How often the server asks a connection whether anybody is still there, and how long it waits for an answer.
 const KEEPALIVE: Duration = Duration::from_secs(60);
 
-/// What HTTP/2 sends first.
-const PREFACE_BYTES: usize = 24;
-
 /// Bytes of an answer that wait for a slow reader.
 const SEND_BYTES: usize = 64 << 10;
 
@@ -36,6 +33,8 @@ pub(super) struct Grpc {
     pub limits: Limits,
     /// The largest message that the service decodes.
     pub largest_message: u64,
+    /// Says who sends a request.
+    pub identify: Identify,
     /// If there is one, connections are encrypted.
     pub certificate: Option<Arc<ServerCertificate>>,
     pub metrics: Metrics,
@@ -66,9 +65,9 @@ impl Grpc {
             watch,
             ..
         } = self.limits;
-        let memory = MessageMemory::new(message_memory, self.largest_message)
-            .counted_by(self.metrics.message_bytes);
-        let requests = Requests::new(&connections, CONCURRENT, memory, message);
+        let in_flight = self.metrics.message_bytes;
+        let memory = MessageMemory::new(message_memory, self.largest_message, in_flight);
+        let requests = Requests::new(&connections, CONCURRENT, self.identify, memory, message);
         let in_order = HealthyService {
             ending: self.ending,
             longest: watch,
@@ -86,8 +85,6 @@ impl Grpc {
             limits: connections,
             protocol,
             windows: Windows::new(),
-            first_bytes: PREFACE_BYTES,
-            lifetime: None,
             requests: CONCURRENT,
             tls: self
                 .certificate

@@ -42,7 +42,8 @@ impl Service {
         Ok(receipt)
     }
 
-    /// Waits for the turn of the node that has signed a request.
+    /// Waits for the turn of the node that has signed a request: what a node asks for is done one after the other. So when a node sends something
+    /// again, because it has lost the connection, the second request finds what the first one has recorded, and nothing is verified twice.
     pub(super) async fn turn_of(&self, node: NodeId, arrival: &Arrival) -> OwnedMutexGuard<()> {
         arrival.needs_turn_of(node);
         let missed = self.missed(arrival.at_ms());

@@ -7,7 +7,6 @@ mod grpc;
 mod health;
 mod in_turn;
 pub mod limits;
-mod node_turns;
 mod recorder;
 mod senders;
 pub mod service;

@@ -12,13 +12,14 @@
 //! | how long a message may take | [`Limits::message`] |
 //! | how long those who follow a round, or watch the service's health, are told of changes | [`Limits::watch`] |
 //! | connections, and requests at once on each | [`Limits::connections`], [`crate::serve::limits::CONCURRENT`] |
-//! | files that are sent and received at once | as many as connections; strangers have the share that they have of those |
+//! | files that are sent and received at once | as many as connections; strangers have an eighth of them |
 //! | memory for messages over 32 KiB | [`Limits::message_memory`] |
-//! | heads of requests that are remembered | 1,024 of a sender, 262,144 in all (`senders`) |
+//! | heads of requests that are remembered | 1,024 of a sender (`senders`) |
 //!
 //! `grpc` puts the limits of connections and messages into force. [`crate::serve::federation_service`] answers the requests. This file serves them,
 //! runs the loops that go on beside them until the end, and has checkpoints cosigned and published.
 
+use crate::connections::caller::Sender;
 use crate::connections::transfers::Transfers;
 use crate::observe::metrics::Metrics;
 use crate::publish::beacon::BeaconServers;
@@ -33,10 +34,10 @@ use crate::round::request_error::RequestError;
 use crate::serve::blob_store::places::BlobPlaces;
 use crate::serve::grpc::Grpc;
 use crate::serve::limits::Limits;
-use crate::serve::node_turns::NodeTurns;
 use crate::serve::recorder::Recorder;
-use crate::serve::senders::heads::Heads;
+use crate::serve::senders::replay_window::ReplayWindow;
 use crate::serve::uploads::Uploads;
+use crate::turns::KeyedTurns;
 use futures_core::future::BoxFuture;
 use std::future::Future;
 use std::num::NonZero;
@@ -49,7 +50,9 @@ use tokio::sync::{watch, Mutex, Notify, Semaphore};
 use tokio::task::{spawn_blocking, JoinError, JoinSet};
 use tokio::time::{sleep, timeout};
 use tonic::service::Routes;
+use tonic::Status;
 use tracing::{info_span, Instrument, Span};
+use zk0_circuits::NodeId;
 use zk0_ledger::error::LedgerError;
 use zk0_ledger::folder;
 use zk0_ledger::store::reader::LedgerReader;
@@ -86,7 +89,7 @@ pub struct Service {
     pub(super) arrivals: Arc<Arrivals>,
     pub(super) presence: Arc<Presence>,
     pub(super) recorder: Recorder,
-    pub(super) turns: NodeTurns,
+    pub(super) turns: KeyedTurns<NodeId>,
     /// Places for verifying proofs and weights.
     pub(super) verifying: Arc<Semaphore>,
     pub(super) blob_places: BlobPlaces,
@@ -101,7 +104,7 @@ pub struct Service {
     pub(super) beacons: Arc<BeaconServers>,
     pub(super) uploads: Uploads,
     pub(super) transfers: Transfers,
-    pub(super) heads: Heads,
+    pub(super) heads: Arc<ReplayWindow>,
     certificate: Option<Arc<ServerCertificate>>,
     pub(super) limits: Limits,
     metrics: Metrics,
@@ -118,7 +121,10 @@ impl Service {
     pub fn with_limits(aggregator: Aggregator, limits: Limits) -> Self {
         Self {
             limits,
-            heads: Heads::new(*aggregator.state().network(), limits.skew),
+            heads: Arc::new(ReplayWindow::new(
+                *aggregator.state().network(),
+                limits.skew,
+            )),
             arrivals: aggregator.arrivals().clone(),
             presence: aggregator.presence().clone(),
             ledger: aggregator.ledger().reader().clone(),
@@ -127,7 +133,7 @@ impl Service {
             panicked: Arc::default(),
             stepping: Arc::default(),
             recorder: Recorder::default(),
-            turns: NodeTurns::default(),
+            turns: KeyedTurns::default(),
             verifying: Arc::new(Semaphore::new(
                 available_parallelism().map_or(1, NonZero::get),
             )),
@@ -138,7 +144,7 @@ impl Service {
             publishing: None,
             beacons: Arc::new(BeaconServers::public(BEACON_PATIENCE)),
             uploads: Uploads::default(),
-            transfers: Transfers::new(&limits.connections),
+            transfers: Transfers::new(limits.connections.most),
             certificate: None,
             metrics: Metrics::default(),
             started: Instant::now(),
@@ -245,9 +251,15 @@ impl Service {
             }
             self.ending.send_replace(true);
         };
+        let service = self.clone();
+        let identify = move |headers| -> BoxFuture<'static, Result<Sender, Status>> {
+            let service = service.clone();
+            Box::pin(async move { Ok(service.identify(headers).await?) })
+        };
         let grpc = Grpc {
             limits: self.limits,
             largest_message: limit,
+            identify: Arc::new(identify),
             certificate: self.certificate.clone(),
             metrics: self.metrics.clone(),
             ending: self.ending.subscribe(),

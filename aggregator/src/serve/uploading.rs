@@ -1,23 +1,20 @@
 //! Uploads. What has come of one stays when its connection is lost, and the node goes on after it.
 
-use crate::connections::transfers::Transfer;
+use crate::connections::caller::Sender;
 use crate::round::intake::staging::Staging;
 use crate::round::request_error::RequestError;
 use crate::serve::limits::Limits;
-use crate::serve::senders::heads::{Head, RequestContent};
 use crate::serve::senders::sender::read_hashed;
 use crate::serve::service::{blocking, Service};
 use crate::serve::uploads::Newest;
 use std::time::Duration;
-use tokio::sync::OwnedMutexGuard;
+use tokio::sync::{OwnedMutexGuard, OwnedSemaphorePermit};
 use tokio::task::JoinSet;
 use tokio::time::{timeout_at, Instant};
 use tonic::{Status, Streaming};
-use tracing::Instrument;
-use zk0_circuits::NodeId;
 use zk0_ledger::blobs::partial::PartialBlob;
 use zk0_protocol::entries::signed::UploadRequest;
-use zk0_protocol::request_head::Method;
+use zk0_protocol::request_head::{Method, RequestContent};
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rpc::federation::{UploadChunk, UploadInfo};
 
@@ -31,24 +28,12 @@ struct Writing {
 }
 
 impl Service {
-    /// Receives an upload to its end. Returns the node that sends it, if it is a member.
+    /// Receives an upload to its end. When the connection is lost, this goes on, and what has come is written.
     pub(super) async fn uploaded(
         &self,
-        head: Head,
+        sender: Sender,
         stream: Streaming<UploadChunk>,
-    ) -> Result<Option<NodeId>, Status> {
-        // When the connection is lost, the server gives up its request. In a task of its own, what has come is written nevertheless.
-        let service = self.clone();
-        let receiving = async move { service.receive(head, stream).await };
-        let received = tokio::spawn(receiving.in_current_span()).await;
-        received.map_err(|error| RequestError::Internal(error.to_string()))?
-    }
-
-    async fn receive(
-        &self,
-        head: Head,
-        stream: Streaming<UploadChunk>,
-    ) -> Result<Option<NodeId>, Status> {
+    ) -> Result<(), Status> {
         let mut incoming = Incoming {
             stream,
             limits: self.limits,
@@ -71,33 +56,30 @@ impl Service {
             signer: upload.node,
             body,
         };
-        let now_ms = self.arrivals.now_ms().map_err(RequestError::from)?;
-        let sender = self.sender(head, message, now_ms).await?;
+        sender.sends(&message)?;
         let _place = self.transfer(true)?;
         let Some(staging) = self.begun(upload.clone()).await? else {
-            return Ok(sender);
+            return Ok(());
         };
         let newest = self.uploads.begin(upload.node);
         if stored {
             match incoming.next().await? {
                 None => {
                     self.take_stored(incoming.ends, newest, staging, upload)
-                        .await?;
+                        .await
                 }
-                Some(_) => {
-                    let why = "nothing follows the request of an update that is in the store";
-                    return Err(malformed(why));
-                }
+                Some(_) => Err(malformed(
+                    "nothing follows the request of an update that is in the store",
+                )),
             }
         } else {
             self.receive_data(incoming, newest, staging, upload, begins)
-                .await?;
+                .await
         }
-        Ok(sender)
     }
 
     /// A place for a file that is sent or received.
-    pub(super) fn transfer(&self, of_node: bool) -> Result<Transfer, RequestError> {
+    pub(super) fn transfer(&self, of_node: bool) -> Result<OwnedSemaphorePermit, RequestError> {
         let crowded = "too many files are sent and received at once: ask again later";
         let place = self.transfers.begin(of_node);
         place.ok_or_else(|| RequestError::Crowded(crowded.into()))

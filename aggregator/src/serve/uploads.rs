@@ -2,68 +2,55 @@
 //! having noticed.
 
 use crate::round::request_error::RequestError;
-use crate::serve::node_turns::NodeTurns;
+use crate::turns::KeyedTurns;
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use tokio::sync::{Notify, OwnedMutexGuard};
+use std::sync::{Arc, Mutex, PoisonError};
+use tokio::sync::{watch, OwnedMutexGuard};
 use zk0_circuits::NodeId;
 
 /// The uploads of all nodes.
 #[derive(Clone, Default)]
 pub(super) struct Uploads {
-    turns: NodeTurns,
-    newest: Arc<Mutex<HashMap<NodeId, Arc<Notify>>>>,
+    turns: KeyedTurns<NodeId>,
+    /// What the newest upload of each node holds the other end of. There are not more of them than members.
+    newest: Arc<Mutex<HashMap<NodeId, watch::Sender<()>>>>,
 }
 
-/// The newest upload of a node, until it is dropped.
+/// An upload of a node, which is the newest one when it begins.
 pub(super) struct Newest {
     node: NodeId,
-    ended: Arc<Notify>,
-    uploads: Uploads,
+    turns: KeyedTurns<NodeId>,
+    newest: watch::Receiver<()>,
 }
 
 impl Uploads {
     /// Ends the upload of the node that is in progress.
     pub fn begin(&self, node: NodeId) -> Newest {
-        let ended = Arc::new(Notify::new());
-        if let Some(before) = self.newest().insert(node, ended.clone()) {
-            before.notify_one();
-        }
+        let (ends, newest) = watch::channel(());
+        // A panic elsewhere does not spoil the map: it is never half changed.
+        let mut all = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
+        all.insert(node, ends);
         Newest {
             node,
-            ended,
-            uploads: self.clone(),
+            turns: self.turns.clone(),
+            newest,
         }
-    }
-
-    /// A panic elsewhere does not spoil the map: it is never half changed.
-    fn newest(&self) -> MutexGuard<'_, HashMap<NodeId, Arc<Notify>>> {
-        self.newest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Newest {
     /// Waits until the upload before has written what has come of it. Nobody else writes for this node until the guard is dropped.
     pub async fn turn(&self) -> OwnedMutexGuard<()> {
-        self.uploads.turns.take(self.node).await
+        self.turns.take(self.node).await
     }
 
     /// Waits until a newer upload begins.
     pub async fn ended(&self) -> RequestError {
-        self.ended.notified().await;
+        let mut newest = self.newest.clone();
+        while newest.changed().await.is_ok() {}
         let node = self.node;
         RequestError::Busy(format!(
             "a newer upload of node {node} has begun, which ends this one"
         ))
-    }
-}
-
-impl Drop for Newest {
-    fn drop(&mut self) {
-        let mut newest = self.uploads.newest();
-        let ours = newest.get(&self.node);
-        if ours.is_some_and(|ours| Arc::ptr_eq(ours, &self.ended)) {
-            newest.remove(&self.node);
-        }
     }
 }

@@ -1,13 +1,13 @@
 //! Downloads that nobody reads, or too slowly. Each holds an open file, and strangers have a bounded share of these.
 
-use super::relay::Counted;
-use super::{network, registration, with};
+use super::{network, with};
 use crate::Test;
 use std::time::Duration;
 use tokio::time::{sleep, timeout};
 use tonic::transport::Channel;
 use tonic::{Code, Status, Streaming};
 use zk0_aggregator::{ConnectionLimits, Limits};
+use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::federation_client::FederationClient;
 use zk0_testkit::aggregator::*;
@@ -53,10 +53,9 @@ async fn a_node_downloads_while_strangers_have_all_their_downloads() -> Test {
     let third = stranger.download(request.clone()).await;
     refused(third, Code::Unavailable, "ask again later");
 
-    let mut member = Counted::connect(&network.address).await;
-    let registration = registration(&network, &node);
-    member.client.record(registration).await?;
-    let download = member.client.download(request.clone()).await?.into_inner();
+    let blob = &request.blob;
+    let signed = network.request(&node.key, Method::Download, None, blob, request.clone());
+    let download = network.client().await.download(signed).await?.into_inner();
     let (bytes, ended) = read(download, Duration::ZERO).await;
     ended?;
     assert_eq!(bytes, LONG_BYTES);

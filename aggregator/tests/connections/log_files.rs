@@ -3,10 +3,8 @@
 use super::with;
 use crate::Test;
 use std::future::pending;
-use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
-use tokio::time::{sleep, timeout};
 use zk0_aggregator::publish::http::{self, HttpLimits};
 use zk0_aggregator::publish::log_server::LogServer;
 use zk0_aggregator::ConnectionLimits;
@@ -40,47 +38,6 @@ async fn head(stream: &mut TcpStream) -> String {
         head.push(stream.read_u8().await.unwrap());
     }
     String::from_utf8(head).unwrap()
-}
-
-#[tokio::test(flavor = "multi_thread")]
-async fn a_connection_whose_time_is_over_sends_its_file_to_the_end_and_takes_no_new_request() -> Test
-{
-    let (network, _) = with(ConnectionLimits::default()).await;
-    let limits = HttpLimits {
-        lifetime: Duration::from_millis(300),
-        ..HttpLimits::default()
-    };
-    let (path, mut stream) = served(&network, limits).await;
-    ask(&mut stream, &path, "x: y").await;
-    assert!(head(&mut stream).await.starts_with("HTTP/1.1 200"));
-    ask(&mut stream, "/checkpoint", "x: y").await;
-    // A reader takes nothing for longer than a connection lasts, and longer than one that closes may take, which is a second.
-    sleep(limits.lifetime + Duration::from_millis(1300)).await;
-    let mut come = 0;
-    let mut part = vec![0; 64 << 10];
-    let rest = async {
-        while let Ok(read @ 1..) = stream.read(&mut part).await {
-            come += read as u64;
-        }
-    };
-    timeout(Duration::from_secs(20), rest).await?;
-    assert_eq!(come, LONG_BYTES);
-    Ok(())
-}
-
-#[tokio::test(flavor = "multi_thread")]
-async fn an_idle_connection_whose_time_is_over_is_closed() -> Test {
-    let (network, _) = with(ConnectionLimits::default()).await;
-    let limits = HttpLimits {
-        lifetime: Duration::from_millis(500),
-        ..HttpLimits::default()
-    };
-    let (_, mut stream) = served(&network, limits).await;
-    ask(&mut stream, "/nothing", "x: y").await;
-    let mut answer = Vec::new();
-    timeout(Duration::from_secs(5), stream.read_to_end(&mut answer)).await??;
-    assert!(answer.starts_with(b"HTTP/1.1 404"));
-    Ok(())
 }
 
 #[tokio::test(flavor = "multi_thread")]

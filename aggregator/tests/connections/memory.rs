@@ -1,7 +1,6 @@
 //! The memory for large messages is bounded, and strangers cannot take what is for nodes.
 
-use super::relay::Counted;
-use super::{network, registration};
+use super::network;
 use crate::Test;
 use axum::body::{Body, Bytes};
 use std::future::poll_fn;
@@ -9,17 +8,18 @@ use std::net::IpAddr;
 use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, oneshot};
 use tokio_stream::wrappers::ReceiverStream;
-use tonic::codegen::http::{Request, Uri};
+use tonic::codegen::http::Request;
 use tonic::codegen::Service;
 use tonic::transport::{Channel, Endpoint};
 use tonic::Code;
 use zk0_aggregator::{Aggregator, Limits};
 use zk0_protocol::entries::signed::Signed;
+use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::federation_client::FederationClient;
 use zk0_protocol::rpc::federation::record_request::Statement;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
-use zk0_testkit::aggregator::{weights, Network, SigningNode};
+use zk0_testkit::aggregator::{refused, weights, Network, SigningNode};
 use zk0_testkit::sockets::{begin_large_message, from};
 
 /// A large message that the aggregator refuses after it has read it.
@@ -28,6 +28,11 @@ fn large() -> proto::RecordRequest {
         statement: Some(Statement::Body(vec![0; 3 << 20])),
         leaves: Vec::new(),
     }
+}
+
+/// The same with a head of this node.
+fn large_of(network: &Network, node: &SigningNode) -> tonic::Request<proto::RecordRequest> {
+    network.request(&node.key, Method::Record, None, &[], large())
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -40,9 +45,6 @@ async fn strangers_wait_for_memory_and_nodes_do_not() -> Test {
         ..Limits::default()
     })
     .await;
-    let mut member = Counted::connect(&network.address).await;
-    let request = registration(&network, &node);
-    member.client.record(request).await?;
     let begun = Instant::now();
     let mut slow = from([1, 1], &network.address).await;
     begin_large_message(&mut slow).await;
@@ -50,8 +52,8 @@ async fn strangers_wait_for_memory_and_nodes_do_not() -> Test {
     // Small requests, and large ones of nodes, are answered meanwhile.
     let mut stranger = network.client().await;
     stranger.get_network(proto::GetNetworkRequest {}).await?;
-    let refused = member.client.record(large()).await.unwrap_err();
-    assert_eq!(refused.code(), Code::InvalidArgument, "{refused}");
+    let asked = stranger.record(large_of(&network, &node)).await;
+    refused(asked, Code::InvalidArgument, "");
     assert!(begun.elapsed() < message / 2);
     // A stranger's large message waits until the slow one is cut.
     let refused = stranger.record(large()).await.unwrap_err();
@@ -62,7 +64,7 @@ async fn strangers_wait_for_memory_and_nodes_do_not() -> Test {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn who_waits_for_memory_for_too_long_is_told_to_come_again() -> Test {
-    let (network, [node, _]) = network(Limits {
+    let (network, _) = network(Limits {
         message_memory: 0,
         message: Duration::from_secs(2),
         ..Limits::default()
@@ -84,16 +86,17 @@ async fn who_waits_for_memory_for_too_long_is_told_to_come_again() -> Test {
         service.with(work).await
     });
     holds.await?;
-    let mut request = registration(&network, &node);
-    request.get_mut().leaves = vec![0; 3 << 20];
-    let waiting = tokio::spawn(async move { first.record(request).await });
+    let request = proto::GetRoundRequest {
+        round: None,
+        node: vec![0; 3 << 20],
+    };
+    let waiting = tokio::spawn(async move { first.get_round(request).await });
     network.large_message().await;
     let status = network.client().await.record(large()).await.unwrap_err();
     assert_eq!(status.code(), Code::Unavailable, "{status}");
     assert!(status.message().contains("again later"), "{status}");
     drop(end);
-    let status = waiting.await?.unwrap_err();
-    assert_eq!(status.code(), Code::InvalidArgument, "{status}");
+    waiting.await??;
     busy.await??;
     Ok(())
 }
@@ -127,28 +130,26 @@ async fn an_address_sends_one_large_message_at_a_time() -> Test {
 
 type Sender = mpsc::Sender<Result<Bytes, std::io::Error>>;
 
-/// Connects, and shows that it is this node.
-async fn introduced(network: &Network, node: &SigningNode) -> Channel {
+/// Begins a message of 4 MiB with a head of this node, of which one byte comes as long as the connection and the sender are there.
+async fn begin_slow_message(network: &Network, node: &SigningNode) -> (Channel, Sender) {
     let endpoint = Endpoint::try_from(network.address.clone()).unwrap();
-    let channel = endpoint.connect().await.unwrap();
-    let request = registration(network, node);
-    let mut client = FederationClient::new(channel.clone());
-    client.record(request).await.unwrap();
-    channel
-}
-
-/// Begins a message of 4 MiB, of which one byte comes as long as the connection and the sender are there.
-async fn begin_slow_message(mut channel: Channel, url: &str) -> (Channel, Sender) {
+    let mut channel = endpoint.connect().await.unwrap();
     let (sender, receiver) = mpsc::channel(1);
     let begun = [&[0][..], &(4u32 << 20).to_be_bytes(), &[0]].concat();
     sender.send(Ok(begun.into())).await.unwrap();
-    let uri: Uri = format!("{url}/zk0.v1.Federation/Submit").parse().unwrap();
     let body = Body::from_stream(ReceiverStream::new(receiver));
-    let request = Request::post(uri)
-        .header("content-type", "application/grpc")
-        .header("te", "trailers")
-        .body(tonic::body::Body::new(body))
+    let body = tonic::body::Body::new(body);
+    let request = network.request(&node.key, Method::Submit, None, &[], body);
+    let (metadata, _, body) = request.into_parts();
+    let mut request = Request::new(body);
+    *request.uri_mut() = format!("{}/zk0.v1.Federation/Submit", network.address)
+        .parse()
         .unwrap();
+    *request.method_mut() = tonic::codegen::http::Method::POST;
+    *request.headers_mut() = metadata.into_headers();
+    for (name, value) in [("content-type", "application/grpc"), ("te", "trailers")] {
+        request.headers_mut().insert(name, value.parse().unwrap());
+    }
     poll_fn(|context| channel.poll_ready(context))
         .await
         .unwrap();
@@ -167,18 +168,16 @@ async fn a_node_takes_no_memory_of_other_nodes() -> Test {
         ..Limits::default()
     })
     .await;
-    let mut client = FederationClient::new(introduced(&network, &other).await);
-    // The first connections are strangers' again when the last ones are the node's.
     let mut slow = Vec::new();
     for number in 1..=4 {
-        let channel = introduced(&network, &greedy).await;
-        slow.push(begin_slow_message(channel, &network.address).await);
+        slow.push(begin_slow_message(&network, &greedy).await);
         network.in_progress("Submit", number).await;
         network.large_message().await;
     }
     let begun = Instant::now();
-    let refused = client.record(large()).await.unwrap_err();
-    assert_eq!(refused.code(), Code::InvalidArgument, "{refused}");
+    let request = large_of(&network, &other);
+    let asked = network.client().await.record(request).await;
+    refused(asked, Code::InvalidArgument, "");
     assert!(begun.elapsed() < message / 2);
     assert_eq!(slow.len(), 4);
     Ok(())
@@ -210,13 +209,14 @@ async fn a_node_that_uploads_sends_a_large_message_meanwhile() -> Test {
     for one in parts {
         sender.send(part(one)).await?;
     }
-    let mut uploader = FederationClient::new(introduced(&network, &node).await);
+    let mut uploader = network.client().await;
     let uploaded = node.uploading(&network, &request, ReceiverStream::new(receiver));
     let uploading = tokio::spawn(async move { uploader.upload(uploaded).await });
-    let mut client = FederationClient::new(introduced(&network, &node).await);
+    network.in_progress("Upload", 1).await;
     let begun = Instant::now();
-    let refused = client.record(large()).await.unwrap_err();
-    assert_eq!(refused.code(), Code::InvalidArgument, "{refused}");
+    let request = large_of(&network, &node);
+    let asked = network.client().await.record(request).await;
+    refused(asked, Code::InvalidArgument, "");
     // The upload may be silent for thirty seconds.
     assert!(begun.elapsed() < Duration::from_secs(10));
     for data in rest.chunks(16 << 10) {

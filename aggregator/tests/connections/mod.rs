@@ -1,4 +1,4 @@
-//! The servers on the network. Connections cannot be exhausted: silent, slow and greedy ones make room, and a node keeps its place.
+//! The servers on the network. Connections cannot be exhausted: silent, slow and greedy ones make room.
 
 mod asked;
 mod downloads;

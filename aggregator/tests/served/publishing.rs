@@ -397,7 +397,7 @@ async fn a_server_of_files_has_limits() {
             ..ConnectionLimits::default()
         },
         silence: Duration::from_millis(300),
-        lifetime: Duration::from_millis(1500),
+        answer: Duration::from_millis(1500),
         body: 10,
     };
     let (address, _server) = served(dir.path(), limits).await;

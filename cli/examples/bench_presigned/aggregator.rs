@@ -61,7 +61,6 @@ impl Aggregator {
             .args(["--blob-store", &s3.address("net")])
             .args(["--listen", "127.0.0.1:0", "--metrics", "127.0.0.1:0"])
             .args(["--min-nodes", &members.len().to_string()])
-            .args(["--max-connections-per-address", "1000"])
             .args(more)
             .envs(s3.variables_without_network())
             .stderr(Stdio::piped());

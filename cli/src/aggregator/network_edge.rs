@@ -18,19 +18,12 @@ pub struct NetworkEdge {
     /// The certificate, which is also for the log's files.
     #[command(flatten)]
     certificate: CertificateOptions,
-    /// Have at most this many connections. An eighth of them is always open to those who have not shown yet that they are a node.
+    /// Have at most this many connections. If more come, one makes room whose network has most of them.
     #[arg(long, value_name = "N", default_value_t = ConnectionLimits::default().most as u32, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     max_connections: u32,
-    /// Have at most this many connections from one IPv4 address or one IPv6 network of 64 bits. Behind a proxy on another machine, all
-    /// connections come from the proxy's address. From this machine (127.0.0.1 and ::1) there may be any number.
-    #[arg(long, value_name = "N", default_value_t = ConnectionLimits::default().per_address as u32, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
-    max_connections_per_address: u32,
-    /// Close the connection of a node that has made no request for so long.
-    #[arg(long, value_name = "SECONDS", default_value_t = ConnectionLimits::default().node_idle.as_secs(), value_parser = clap::value_parser!(u64).range(1..=LONGEST_IDLE))]
-    node_idle_seconds: u64,
-    /// Close any other connection on which there was no request for so long.
-    #[arg(long, value_name = "SECONDS", default_value_t = ConnectionLimits::default().stranger_idle.as_secs(), value_parser = clap::value_parser!(u64).range(1..=LONGEST_IDLE))]
-    stranger_idle_seconds: u64,
+    /// Close a connection on which there was no request for so long.
+    #[arg(long, value_name = "SECONDS", default_value_t = ConnectionLimits::default().idle.as_secs(), value_parser = clap::value_parser!(u64).range(1..=LONGEST_IDLE))]
+    idle_seconds: u64,
     /// Use at most this much memory for messages over 32 KiB that are received and answered. Half of it is for nodes.
     #[arg(long, value_name = "MIB", default_value_t = Limits::default().message_memory >> 20, value_parser = clap::value_parser!(u64).range(1..=1 << 20))]
     message_memory_mib: u64,
@@ -54,13 +47,10 @@ impl NetworkEdge {
         let mut log = http::HttpLimits::default();
         let mut connections = ConnectionLimits {
             most: self.max_connections as usize,
-            per_address: self.max_connections_per_address as usize,
-            stranger_idle: Duration::from_secs(self.stranger_idle_seconds),
-            node_idle: Duration::from_secs(self.node_idle_seconds),
+            idle: Duration::from_secs(self.idle_seconds),
             drain: Duration::from_secs(self.drain_seconds),
             ..ConnectionLimits::default()
         };
-        log.connections.per_address = connections.per_address;
         log.connections.drain = connections.drain;
         let most = if serves_log { log.connections.most } else { 0 };
         open_files::fit(&mut connections, most);

@@ -149,13 +149,13 @@ fn metrics_move_with_what_the_aggregator_does() {
     let held = observed.metric("zk0_turn_held_seconds_count");
     assert!(held > 0.0 && observed.metric("zk0_turn_waiting_seconds_count") >= held);
 
-    // Somebody who is connected and asks nothing is a stranger. Whoever follows a round is a request in progress.
-    let strangers = r#"zk0_connections{of="strangers"}"#;
-    observed.becomes(strangers, 0.0);
+    // Whoever is connected counts. Whoever follows a round is a request in progress.
+    let connections = "zk0_connections";
+    observed.becomes(connections, 0.0);
     let silent = TcpStream::connect(observed.address.trim_start_matches("http://")).unwrap();
-    observed.becomes(strangers, 1.0);
+    observed.becomes(connections, 1.0);
     drop(silent);
-    observed.becomes(strangers, 0.0);
+    observed.becomes(connections, 0.0);
     let watch = observed.asking(&["status", "--watch", "--json"], &of);
     let mut watching = zk0(&watch).stdout(Stdio::piped()).spawn().unwrap();
     let following = r#"zk0_requests_in_progress{method="WatchRound"}"#;
@@ -199,7 +199,7 @@ fn connections_that_a_limit_refuses_are_counted() {
     let connect = || TcpStream::connect(observed.address.trim_start_matches("http://")).unwrap();
     let _all = [connect(), connect(), connect()];
     observed.becomes(r#"zk0_connections_lost_total{limit="made-room"}"#, 1.0);
-    observed.becomes(r#"zk0_connections{of="strangers"}"#, 2.0);
+    observed.becomes("zk0_connections", 2.0);
 }
 
 #[test]

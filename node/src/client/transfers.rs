@@ -106,11 +106,12 @@ impl NodeClient {
         held: &mut u64,
         out: &mut (impl Write + Send),
     ) -> Result<(), NodeError> {
-        self.introduce().await;
+        let about = About::message(Method::Download, &blob.0);
         let request = rpc::DownloadRequest {
             blob: blob.0.to_vec(),
             begins: *held,
         };
+        let request = self.headed(&about, request)?;
         let mut chunks = self.client.download(request).await?.into_inner();
         while let Some(chunk) = chunks.message().await? {
             let more = *held + chunk.data.len() as u64;
@@ -171,7 +172,6 @@ impl NodeClient {
         held: &mut u64,
         stored: &mut bool,
     ) -> Result<(), NodeError> {
-        self.introduce().await;
         let request = rpc::GetUploadRequest {
             request: signed.to_vec(),
         };

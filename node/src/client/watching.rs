@@ -143,17 +143,6 @@ impl NodeClient {
         self.headed(&about, message)
     }
 
-    /// Shows the aggregator who sends what comes next on this connection. Strangers share memory and places, and nodes have their own. But a
-    /// connection is a stranger's until its node has signed a request on it, and a lost one is made anew without a word. If this fails, what
-    /// comes next shows why.
-    pub(crate) async fn introduce(&mut self) {
-        let watch = FollowedRound::of(None, self.id().0.to_vec());
-        if let Ok(request) = self.watching(&watch) {
-            // The aggregator knows the node when it begins to answer. What it says of the round is not needed.
-            let _ = self.client.watch_round(request).await;
-        }
-    }
-
     /// Waits until the round of `watch` has come further, and returns how far. The first call returns at once.
     pub(crate) async fn next_stage(
         &mut self,

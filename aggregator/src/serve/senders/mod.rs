@@ -1,5 +1,4 @@
 //! Who sends a request.
 
-pub mod heads;
-mod replay_window;
+pub mod replay_window;
 pub mod sender;

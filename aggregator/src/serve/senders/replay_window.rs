@@ -1,116 +1,112 @@
-//! The nonces of the heads that have come, so that each head counts once.
+//! The signed heads of requests: each shows who sends its request, and counts once.
 //!
-//! A nonce is forgotten when a head of its time is too old to count. A clock that is set forward makes all nonces old at once, and when it
-//! is set back, the same heads would count again. So the window remembers the latest time of which it has forgotten a nonce, and takes no
-//! head of that time or before.
+//! A statement may be sent once more, by its signer alone: with another head it gets the same receipt. So a client that has lost an answer
+//! signs another head and asks again.
+//!
+//! Nothing about heads is on disk. When the aggregator is started, it makes a new run, and takes no heads of other runs. So a restart does
+//! not let an old head count again, whatever the clocks show, and nobody has to wait after a restart.
+//!
+//! A head is forgotten when it is too old to count. A clock that is set forward makes all heads old at once, and when it is set back, the same
+//! heads would count again. So the window remembers the latest time of which it has forgotten a head, and takes none of that time or before.
 
-use std::collections::{BTreeSet, HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap};
 use std::sync::{Mutex, PoisonError};
-use zk0_circuits::NodeId;
-use zk0_protocol::request_head::{HeadRefusal, RequestHead};
+use std::time::Duration;
+use zk0_circuits::{Digest, NodeId};
+use zk0_protocol::request_head::{Arrived, HeadRefusal, RequestHead};
 
-/// The most nonces that are remembered of one sender. A node needs about ten in a round.
+/// The most heads that are remembered of one sender. A node needs about ten in a round.
 pub const PER_SENDER: usize = 1024;
 
-/// The most nonces that are remembered in all, so that 256 members together can use up the room for all.
-pub const IN_ALL: usize = 256 * PER_SENDER;
-
-/// The nonces of members. Nobody else's are remembered, so strangers cannot fill the window.
+/// The heads of members. Nobody else's are remembered, so strangers cannot fill the window.
 pub struct ReplayWindow {
+    network: Digest,
+    /// The run that heads have to name.
+    pub run: [u8; 16],
     skew_ms: u64,
     per_sender: usize,
-    in_all: usize,
-    seen: Mutex<SeenRequest>,
+    senders: Mutex<HashMap<NodeId, SeenHeads>>,
 }
 
+/// The heads of one sender, by their times and nonces.
 #[derive(Default)]
-struct SeenRequest {
-    by_time: BTreeSet<(u64, NodeId, [u8; 16])>,
-    by_sender: HashMap<NodeId, HashSet<[u8; 16]>>,
-    /// The latest time of which a nonce is forgotten.
+struct SeenHeads {
+    heads: BTreeSet<(u64, [u8; 16])>,
+    /// The latest time of which a head is forgotten.
     forgotten_ms: Option<u64>,
 }
 
 impl ReplayWindow {
-    /// An empty window for clocks that may differ by `skew_ms`.
-    pub fn new(skew_ms: u64) -> Self {
-        Self::of(skew_ms, PER_SENDER, IN_ALL)
-    }
-
-    fn of(skew_ms: u64, per_sender: usize, in_all: usize) -> Self {
+    /// An empty window for heads of this network. The clocks of senders may differ from the aggregator's by `skew`.
+    ///
+    /// # Panics
+    /// The system gives no random bytes. Then it cannot serve.
+    pub fn new(network: Digest, skew: Duration) -> Self {
+        let mut run = [0; 16];
+        getrandom::fill(&mut run).expect("the system gives random bytes");
         Self {
-            skew_ms,
-            per_sender,
-            in_all,
-            seen: Mutex::default(),
+            network,
+            run,
+            skew_ms: u64::try_from(skew.as_millis()).unwrap_or(u64::MAX),
+            per_sender: PER_SENDER,
+            senders: Mutex::default(),
         }
     }
 
-    /// How much the clocks of sender and aggregator may differ, in milliseconds.
-    pub fn skew_ms(&self) -> u64 {
-        self.skew_ms
+    /// What a head has to agree with, if it arrives at `now_ms`.
+    pub fn arrived(&self, now_ms: u64) -> Arrived {
+        Arrived {
+            network: self.network,
+            run: self.run,
+            now_ms,
+            skew_ms: self.skew_ms,
+        }
     }
 
-    /// Takes a head of a member at `now_ms`, if its nonce is new. The head was compared with its request, and its signature is valid.
+    /// Takes a head of a member at `now_ms`, if it has not come before. Its signature is valid.
     pub fn take(&self, head: &RequestHead, now_ms: u64) -> Result<(), HeadRefusal> {
         // A panic elsewhere does not spoil the sets: nothing in between can panic.
-        let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
-        seen.forget_before(now_ms.saturating_sub(self.skew_ms));
+        let mut senders = self.senders.lock().unwrap_or_else(PoisonError::into_inner);
+        let seen = senders.entry(head.sender).or_default();
+        let oldest_ms = now_ms.saturating_sub(self.skew_ms);
+        let kept = seen.heads.split_off(&(oldest_ms, [0; 16]));
+        let forgotten = std::mem::replace(&mut seen.heads, kept);
+        let latest_ms = forgotten.last().map(|(time_ms, _)| *time_ms);
+        seen.forgotten_ms = seen.forgotten_ms.max(latest_ms);
         if seen.forgotten_ms.is_some_and(|time| head.time_ms <= time) {
             return Err(HeadRefusal::Forgotten {
                 sender_ms: head.time_ms,
             });
         }
-        let of_sender = seen.by_sender.get(&head.sender);
-        if of_sender.is_some_and(|nonces| nonces.contains(&head.nonce)) {
+        let this = (head.time_ms, head.nonce);
+        if seen.heads.contains(&this) {
             return Err(HeadRefusal::Replayed);
         }
-        if of_sender.is_some_and(|nonces| nonces.len() >= self.per_sender) {
+        if seen.heads.len() >= self.per_sender {
             return Err(HeadRefusal::TooMany {
                 sender: head.sender,
                 limit: self.per_sender,
             });
         }
-        if seen.by_time.len() >= self.in_all {
-            return Err(HeadRefusal::NoRoom { limit: self.in_all });
-        }
-        seen.by_time.insert((head.time_ms, head.sender, head.nonce));
-        let nonces = seen.by_sender.entry(head.sender).or_default();
-        nonces.insert(head.nonce);
+        seen.heads.insert(this);
         Ok(())
-    }
-}
-
-impl SeenRequest {
-    /// Forgets the nonces of heads that were signed before `oldest_ms`.
-    fn forget_before(&mut self, oldest_ms: u64) {
-        while let Some((time_ms, sender, nonce)) = self.by_time.first().copied() {
-            if time_ms >= oldest_ms {
-                return;
-            }
-            self.by_time.pop_first();
-            self.forgotten_ms = self.forgotten_ms.max(Some(time_ms));
-            if let Some(nonces) = self.by_sender.get_mut(&sender) {
-                nonces.remove(&nonce);
-                if nonces.is_empty() {
-                    self.by_sender.remove(&sender);
-                }
-            }
-        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use zk0_circuits::Digest;
     use zk0_protocol::request_head::Method;
+
+    fn window() -> ReplayWindow {
+        ReplayWindow::new(Digest([0; 32]), Duration::from_secs(1))
+    }
 
     fn head(sender: u8, time_ms: u64, nonce: u8) -> RequestHead {
         RequestHead {
             network: Digest([0; 32]),
             run: [0; 16],
-            method: Method::Record,
+            method: Method::Submit,
             round: None,
             body: Digest([0; 32]),
             sender: NodeId([sender; 32]),
@@ -120,19 +116,17 @@ mod tests {
     }
 
     #[test]
-    fn a_nonce_counts_once_for_its_sender_at_whatever_time() {
-        let window = ReplayWindow::new(1000);
+    fn a_head_counts_once_for_its_sender() {
+        let window = window();
         window.take(&head(1, 5000, 1), 5000).unwrap();
         window.take(&head(2, 5000, 1), 5000).unwrap();
-        for time_ms in [5000, 5001] {
-            let again = window.take(&head(1, time_ms, 1), 5500);
-            assert_eq!(again, Err(HeadRefusal::Replayed));
-        }
+        let again = window.take(&head(1, 5000, 1), 5500);
+        assert_eq!(again, Err(HeadRefusal::Replayed));
     }
 
     #[test]
     fn a_clock_that_is_set_forward_and_back_lets_no_head_count_again() {
-        let window = ReplayWindow::new(1000);
+        let window = window();
         window.take(&head(1, 5000, 1), 5000).unwrap();
         window.take(&head(1, 90_000, 2), 90_000).unwrap();
         let again = window.take(&head(1, 5000, 1), 5500);
@@ -143,7 +137,8 @@ mod tests {
 
     #[test]
     fn what_is_remembered_is_bounded_and_forgotten_in_time() {
-        let window = ReplayWindow::of(1000, 2, 3);
+        let mut window = window();
+        window.per_sender = 2;
         for nonce in [1, 2] {
             window.take(&head(1, 5000, nonce), 5000).unwrap();
         }
@@ -152,11 +147,11 @@ mod tests {
             matches!(third, Err(HeadRefusal::TooMany { limit: 2, .. })),
             "{third:?}"
         );
-        window.take(&head(2, 5000, 1), 5000).unwrap();
-        let fourth = window.take(&head(3, 5000, 1), 5000);
-        assert_eq!(fourth, Err(HeadRefusal::NoRoom { limit: 3 }));
+        window.take(&head(2, 5000, 3), 5000).unwrap();
         window.take(&head(1, 6500, 3), 6500).unwrap();
-        let seen = window.seen.lock().unwrap();
-        assert_eq!((seen.by_time.len(), seen.by_sender.len()), (1, 1));
+        assert_eq!(
+            window.senders.lock().unwrap()[&NodeId([1; 32])].heads.len(),
+            1
+        );
     }
 }

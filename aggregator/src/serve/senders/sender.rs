@@ -1,14 +1,18 @@
 //! Who sends a request, by its head.
 
-use crate::round::aggregator::Aggregator;
+use crate::connections::caller::Sender;
 use crate::round::intake::statements::read_signed;
 use crate::round::request_error::RequestError;
-use crate::serve::senders::heads::{Head, RequestContent};
 use crate::serve::service::{blocking, Service};
-use zk0_circuits::{Digest, NodeId};
+use axum::http::HeaderMap;
+use tonic::metadata::MetadataMap;
+use tonic::Request;
+use zk0_circuits::Digest;
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::authentic::Authentic;
 use zk0_protocol::entries::signed::SignableStatement;
+use zk0_protocol::request_head::HeadRefusal;
+use zk0_protocol::rpc::head_metadata;
 use zk0_traces::request;
 
 impl Service {
@@ -17,29 +21,29 @@ impl Service {
         self.heads.run
     }
 
-    /// Who sends the request with this head and this message, which arrived at `arrived_ms`. `None` if the sender is no member of the
-    /// network: the rules then say what is wrong with the statement. Such a request changes nothing, so its nonce is not remembered.
-    pub(in crate::serve) async fn sender(
+    /// Who sends the request with these headers, by its head. That of somebody who is no member is not remembered: such a request changes nothing,
+    /// because the rules then say what is wrong with its statement.
+    pub(in crate::serve) async fn identify(
         &self,
-        head: Head,
-        message: RequestContent,
-        arrived_ms: u64,
-    ) -> Result<Option<NodeId>, RequestError> {
-        let head = head?;
-        let sender = head.statement.sender;
-        let arrived = self.heads.expected(&message, arrived_ms);
-        let head = blocking(move || {
-            head.check(&arrived)?;
-            Ok(head.statement)
-        })
-        .await?;
-        let member = move |aggregator: &mut Aggregator| Ok(aggregator.is_member(&sender));
-        if !self.with(member).await? {
-            return Ok(None);
+        headers: HeaderMap,
+    ) -> Result<Sender, RequestError> {
+        let head = match head_metadata::head(&MetadataMap::from_headers(headers)) {
+            Err(HeadRefusal::Missing) => return Ok(Sender::default()),
+            head => head?,
+        };
+        let now_ms = self.arrivals.now_ms()?;
+        let arrived = self.heads.arrived(now_ms);
+        let head = blocking(move || Ok(head.authenticate(&arrived)?)).await?;
+        let sender = head.sender;
+        let is_member = self
+            .with(move |aggregator| Ok(aggregator.is_member(&sender)))
+            .await?;
+        if is_member {
+            self.heads.take(&head, now_ms)?;
+            request::sent_by(sender, head.round);
         }
-        self.heads.take(&head, arrived_ms)?;
-        request::sent_by(sender, head.round);
-        Ok(Some(sender))
+        let head = Some(head);
+        Ok(Sender { head, is_member })
     }
 }
 
@@ -49,4 +53,10 @@ pub(in crate::serve) async fn read_hashed<T: SignableStatement + Send + 'static>
     bytes: Vec<u8>,
 ) -> Result<(Authentic<T>, Digest), RequestError> {
     blocking(move || Ok((read_signed(what, &bytes)?, blob_digest(&bytes)))).await
+}
+
+/// The sender of a request, and its message.
+pub(in crate::serve) fn taken<T>(request: Request<T>) -> (Sender, T) {
+    let sender = request.extensions().get::<Sender>().cloned();
+    (sender.unwrap_or_default(), request.into_inner())
 }

@@ -21,7 +21,7 @@ pub const ATTACK: Attack = Attack {
     reason: "a node and a newcomer were answered beside 15 connections with requests",
     proof: Proof::NotNeeded,
     defence: Defence {
-        check: "a stranger makes room whose network holds most, and no newcomer before its first request",
+        check: "a connection makes room whose network holds most, and no newcomer before its first request",
         out: &[SourceChange {
             file: "aggregator/src/connections/crowds.rs",
             replacements: &[
@@ -30,8 +30,8 @@ pub const ATTACK: Attack = Attack {
                     "if OUT { FEW } else { (crowd.len() + usize::from(its_own)).max(FEW) }",
                 ),
                 (
-                    "match now.saturating_duration_since(self.came) < GRACE {",
-                    "match !OUT && now.saturating_duration_since(self.came) < GRACE {",
+                    "if now.saturating_duration_since(self.came) < GRACE {",
+                    "if !OUT && now.saturating_duration_since(self.came) < GRACE {",
                 ),
             ],
         }],
@@ -73,7 +73,7 @@ async fn far_away(url: &str) -> String {
 async fn carry_out() -> Outcome {
     let node = SigningNode::new(1);
     let network = with_places(&node, PLACES).await;
-    // The node shows who it is, and keeps its place.
+    // Its network has few connections, so it keeps its place.
     let mut member = network.client().await;
     let registration = node.registration(&network.genesis.network_id());
     let request = node.registering(&network, &registration, node.list());

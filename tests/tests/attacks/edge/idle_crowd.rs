@@ -14,12 +14,17 @@ pub const ATTACK: Attack = Attack {
     reason: "a node was answered, and 1 idle connections had to make room",
     proof: Proof::NotNeeded,
     defence: Defence {
-        check: "a stranger makes room for a new connection",
+        check: "another connection makes room for a new one",
         out: &[SourceChange {
             file: "aggregator/src/connections/places.rs",
             replacements: &[(
-                "if self.places.len() >= most && !self.evict(from, now, |_| true) {",
-                "if self.places.len() >= most && (OUT || !self.evict(from, now, |_| true)) {",
+                "            if let Some((_, evicted)) = gone.and_then(|number| self.places.remove(&number)) {\n",
+                "            if OUT {
+                let evicted = Arc::new(Notify::new());
+                evicted.notify_one();
+                return (u64::MAX, evicted);
+            }
+            if let Some((_, evicted)) = gone.and_then(|number| self.places.remove(&number)) {\n",
             )],
         }],
     },
