@@ -486,18 +486,10 @@ async fn bytes_that_are_no_statement_are_named() -> Test {
             refused(client.record(request).await, Code::InvalidArgument, words);
         }
     }
-    let nothing = RecordRequest::default();
-    refused(
-        client.record(nothing).await,
-        Code::InvalidArgument,
-        "no statement",
-    );
+    let nothing = client.record(RecordRequest::default()).await;
+    refused(nothing, Code::InvalidArgument, "no statement");
     // Frames belong to a dataset.
-    let framed = with_leaves(&commitment, first.list());
-    refused(
-        client.record(framed).await,
-        Code::InvalidArgument,
-        "with nothing else",
-    );
+    let framed = client.record(with_leaves(&commitment, first.list())).await;
+    refused(framed, Code::InvalidArgument, "with nothing else");
     Ok(())
 }
