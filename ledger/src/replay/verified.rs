@@ -66,6 +66,7 @@ impl VerifiedHistory {
         let (tree, _) = history.with_leaf(item)?;
         history.grow(tree, item.checkpoint.as_ref());
         fold.genesis(history.genesis());
+        fold.pause(&history);
         Ok(history)
     }
 
