@@ -319,7 +319,9 @@ impl Service {
         loop {
             match self.publish_next(publishing).await {
                 Ok(true) => {}
-                Ok(false) => drop(timeout(TICK, publishing.wanted.notified()).await),
+                Ok(false) => {
+                    let _ = timeout(TICK, publishing.wanted.notified()).await;
+                }
                 // The rounds wait until the clock is right, and so does this.
                 Err(RequestError::Clock(_)) => sleep(TICK).await,
                 Err(error) => return error,
