@@ -44,11 +44,15 @@ impl Service {
 
     /// Waits for the turn of the node that has signed a request: what a node asks for is done one after the other. So when a node sends something
     /// again, because it has lost the connection, the second request finds what the first one has recorded, and nothing is verified twice.
+    ///
+    /// A request that came after a deadline is recorded after all that came before it. So it must not take its node's turn before an earlier
+    /// request of the same node: each of the two would wait for the other.
     pub(super) async fn turn_of(&self, node: NodeId, arrival: &Arrival) -> OwnedMutexGuard<()> {
         arrival.needs_turn_of(node);
-        let missed = self.missed(arrival.at_ms());
-        let turn = self.turns.take_in_time(node, &self.arrivals, missed);
-        turn.await
+        if let Some(deadline_ms) = self.missed(arrival.at_ms()) {
+            self.arrivals.done_by_node(deadline_ms, node).await;
+        }
+        self.turns.take(node).await
     }
 
     /// Compares a request with the ledger. If the ledger has it, `answer` says what is answered with its receipt and its body.
