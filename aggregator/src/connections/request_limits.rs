@@ -58,6 +58,7 @@ impl Requests {
         let Some(connection) = request.extensions().get::<ServedConnection>().cloned() else {
             return Status::internal("a request has no connection").into_http();
         };
+        let progress = connection.begin();
         let turns = async {
             let own = connection.turns.clone().acquire_owned().await;
             (own, self.turns.clone().acquire_owned().await)
@@ -66,7 +67,7 @@ impl Requests {
         let (Ok(own), Ok(shared)) = turns else {
             return Status::unavailable("the aggregator ends").into_http();
         };
-        let turn = (connection.begin(), own, shared);
+        let turn = (progress, own, shared);
         let (_waits, awaited) = Awaited::begin();
         request.extensions_mut().insert(awaited);
         let work = async move {

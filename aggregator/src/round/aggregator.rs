@@ -13,6 +13,7 @@ use crate::round::ledger_index::{FromLedger, LedgerIndex, LedgerReader, RoundEnt
 use crate::round::presence::Presence;
 use crate::round::request_error::RequestError;
 use ed25519_dalek::SigningKey;
+use std::collections::HashSet;
 use std::path::Path;
 use std::sync::Arc;
 use zk0_circuits::{Digest, NodeId};
@@ -147,13 +148,13 @@ impl Aggregator {
         self.ledger.time_ms(self.clock.now_ms())
     }
 
-    /// Whether somebody belongs to the network: a node, a governor, or the operator who has the log's key.
-    pub fn is_member(&self, id: &NodeId) -> bool {
+    /// Who belongs to the network: nodes, governors, and the operator who has the log's key.
+    pub fn members(&self) -> HashSet<NodeId> {
         let state = self.state();
         let governors = &state.rules().governance.governors;
-        state.node(id).is_some()
-            || state.genesis().log_key == id.0
-            || governors.iter().any(|governor| governor.key == *id)
+        let others = governors.iter().map(|governor| governor.key);
+        let others = others.chain([NodeId(state.genesis().log_key)]);
+        state.nodes().keys().copied().chain(others).collect()
     }
 
     /// Enrols a node.

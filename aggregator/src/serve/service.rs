@@ -39,10 +39,11 @@ use crate::serve::senders::replay_window::ReplayWindow;
 use crate::serve::uploads::Uploads;
 use crate::turns::KeyedTurns;
 use futures_core::future::BoxFuture;
+use std::collections::HashSet;
 use std::future::Future;
 use std::num::NonZero;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError, RwLock};
 use std::thread::available_parallelism;
 use std::time::{Duration, Instant};
 use tokio::net::TcpListener;
@@ -85,6 +86,8 @@ pub struct Service {
     panicked: Arc<AtomicBool>,
     /// Whoever takes a step of the rounds holds this, so that nothing is computed twice.
     pub(super) stepping: Arc<Mutex<()>>,
+    /// The members of the network. Who sends a request is known without the aggregator: whoever waited for it would arrive later.
+    pub(super) members: Arc<RwLock<HashSet<NodeId>>>,
     /// The requests that are in progress.
     pub(super) arrivals: Arc<Arrivals>,
     pub(super) presence: Arc<Presence>,
@@ -125,6 +128,7 @@ impl Service {
                 *aggregator.state().network(),
                 limits.skew,
             )),
+            members: Arc::new(RwLock::new(aggregator.members())),
             arrivals: aggregator.arrivals().clone(),
             presence: aggregator.presence().clone(),
             ledger: aggregator.ledger().reader().clone(),
@@ -433,12 +437,16 @@ impl Service {
             return Err(failed());
         }
         let (panicked, deadline) = (self.panicked.clone(), self.deadline_ms.clone());
+        let members = self.members.clone();
         blocking(move || {
             // This is put back before anybody else has the aggregator.
             panicked.store(true, Ordering::Release);
-            let begun = Instant::now();
+            let (begun, size) = (Instant::now(), aggregator.ledger().size());
             let done = work(&mut aggregator);
             deadline.store(deadline_ms(&aggregator), Ordering::Release);
+            if aggregator.ledger().size() > size {
+                *members.write().unwrap_or_else(PoisonError::into_inner) = aggregator.members();
+            }
             metrics.turn_held(begun.elapsed());
             panicked.store(false, Ordering::Release);
             done

@@ -150,7 +150,7 @@ fn a_dispute_is_decided_by_the_program_of_its_round() -> Test {
         };
         let body = Body::Disputed(Signed::new(dispute, &governor.key));
         let entry = aggregator.say(&borsh::to_vec(&body)?)?.index;
-        assert_eq!(aggregator.go_on()?, StepOutcome::Resolved(entry));
+        assert_eq!(aggregator.go_on()?, Polled::Did(RoundStep::Resolve(entry)));
         let Body::DisputeResolved(resolved) = aggregator.ledger().entry(entry + 1)?.body else {
             panic!("the dispute is not resolved");
         };

@@ -5,6 +5,7 @@ use crate::round::intake::statements::read_signed;
 use crate::round::request_error::RequestError;
 use crate::serve::service::{blocking, Service};
 use axum::http::HeaderMap;
+use std::sync::PoisonError;
 use tonic::metadata::MetadataMap;
 use tonic::Request;
 use zk0_circuits::Digest;
@@ -34,13 +35,13 @@ impl Service {
         let now_ms = self.arrivals.now_ms()?;
         let arrived = self.heads.arrived(now_ms);
         let head = blocking(move || Ok(head.authenticate(&arrived)?)).await?;
-        let sender = head.sender;
-        let is_member = self
-            .with(move |aggregator| Ok(aggregator.is_member(&sender)))
-            .await?;
+        let members = self.members.read();
+        let is_member = members
+            .unwrap_or_else(PoisonError::into_inner)
+            .contains(&head.sender);
         if is_member {
             self.heads.take(&head, now_ms)?;
-            request::sent_by(sender, head.round);
+            request::sent_by(head.sender, head.round);
         }
         let head = Some(head);
         Ok(Sender { head, is_member })
