@@ -47,7 +47,7 @@ pub enum RoundJob {
     /// Compute the end of the open round.
     ComputeClosing(Box<ToClose>),
     /// Verify a disputed contribution again.
-    VerifyAgain(Disputed),
+    VerifyAgain(Box<Disputed>),
 }
 
 /// What a job has come to.

@@ -56,7 +56,7 @@ impl Aggregator {
                 };
                 return Ok(
                     match Disputed::read(&self.ledger, &self.index, dispute, &open) {
-                        Ok(disputed) => Polled::Run(RoundJob::VerifyAgain(disputed)),
+                        Ok(disputed) => Polled::Run(RoundJob::VerifyAgain(Box::new(disputed))),
                         Err(error) => Polled::Blocked(format!(
                             "the dispute of entry {dispute} cannot be decided: {error}"
                         )),

@@ -115,7 +115,7 @@ impl<'a> Relay<'a> {
             let Track { history, fold, .. } = &mut *track;
             let taken = history.take(&chunk, &authentic, &mut **fold);
             match taken.and(chunk.broken.map_or(Ok(()), Err)) {
-                Ok(()) => fold.pause(&**history),
+                Ok(()) => fold.pause(history),
                 Err(why) => track.stop = Some(Stop::At(why)),
             }
             track.turn += 1;
