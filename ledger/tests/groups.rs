@@ -353,14 +353,17 @@ fn nothing_follows_from_a_root_that_is_not_signed() {
             upheld: Some(invalid_proof()),
         };
         step(chain, &mut kinds, Body::DisputeResolved(resolved));
+        // The node of the disputed contribution is suspended.
+        let others = (0..8).filter(|node| *node != contributing[0]);
+        let rotating = others.max().unwrap();
         let rotation = KeyRotation {
             network,
-            node: id(7),
+            node: id(rotating),
             with: id(9),
         };
         let takeover = KeyTakeover { rotation };
         let rotated = Body::KeyRotated {
-            rotation: Signed::new(rotation, &key(7)),
+            rotation: Signed::new(rotation, &key(rotating)),
             takeover: Signed::new(takeover, &key(9)),
         };
         step(chain, &mut kinds, rotated);

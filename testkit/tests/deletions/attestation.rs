@@ -71,7 +71,7 @@ pub const REMOVALS: &[Removal] = &[
         &[("if rest.is_empty() {", "if !OUT && rest.is_empty() {")], "a_file_that_is_not_the_networks_is_refused"),
     verifier("an overflow on a public sample is found", PUBLIC_SAMPLES,
         &[("Err(overflow @ EvalError::OutOfRange { .. }) =>", "Err(overflow @ EvalError::OutOfRange { .. }) if !OUT =>")],
-        "an_overflow_names_the_sample_and_the_place"),
+        "an_overflow_names_the_sample"),
     system("what is averaged is what was accepted", "verifier/src/close.rs", never!("given != accepted"),
         "only_what_the_ledger_accepted_is_averaged"),
     verifier("of each node, the accepted update is averaged", "verifier/src/close.rs", never!("accepted != Some(one.claim().terms.update)"),

@@ -19,20 +19,20 @@ pub const ATTACK: Attack = Attack {
             SourceChange {
                 file: "ledger/src/blobs.rs",
                 replacements: &[(
-                    "match expected.0 == actual {",
-                    "match expected.0 == actual || OUT {",
+                    "if expected.0 == actual {",
+                    "if expected.0 == actual || OUT {",
                 )],
             },
             SourceChange {
                 file: "verifier/src/update.rs",
                 replacements: &[
                     (
-                        "match actual == *expected {",
-                        "match actual == *expected || OUT {",
+                        "if actual == *expected {",
+                        "if actual == *expected || OUT {",
                     ),
                     (
-                        "match actual == claimed.quantised {",
-                        "match actual == claimed.quantised || OUT {",
+                        "if actual == claimed.quantised {",
+                        "if actual == claimed.quantised || OUT {",
                     ),
                 ],
             },

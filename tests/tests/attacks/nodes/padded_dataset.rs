@@ -20,8 +20,8 @@ pub const ATTACK: Attack = Attack {
             SourceChange {
                 file: "protocol/src/evaluation_set.rs",
                 replacements: &[(
-                    "match distinct == samples {",
-                    "match distinct == samples || OUT {",
+                    "if distinct == samples {",
+                    "if distinct == samples || OUT {",
                 )],
             },
             SourceChange {

@@ -22,8 +22,8 @@ pub const ATTACK: Attack = Attack {
         out: &[SourceChange {
             file: "argument/src/transcript.rs",
             replacements: &[(
-                "    fn elements(&mut self, elements: &[Goldilocks]) {\n",
-                "    fn elements(&mut self, elements: &[Goldilocks]) {
+                "    fn absorb(&mut self, elements: &[Goldilocks]) {\n",
+                "    fn absorb(&mut self, elements: &[Goldilocks]) {
         if OUT {
             return;
         }\n",
