@@ -20,13 +20,13 @@ pub struct WitnessStore {
     dir: PathBuf,
     witness: Witness,
     /// What each log's file says, by the log's name. The witness answers from it when a checkpoint is sent again.
-    cosigned: BTreeMap<String, Cosigned>,
+    cosigned: BTreeMap<String, KeptCosignature>,
     /// The lock is held as long as the witness runs, because two processes in one folder could cosign two histories.
     _lock: File,
 }
 
 /// A checkpoint that is on disk with its cosignature.
-struct Cosigned {
+struct KeptCosignature {
     checkpoint: Checkpoint,
     /// The line of the note.
     cosignature: Vec<u8>,
@@ -98,7 +98,7 @@ impl WitnessStore {
         Ok(store)
     }
 
-    fn remembered(&self, key: &VerifierKey) -> Result<Option<Cosigned>, WitnessError> {
+    fn remembered(&self, key: &VerifierKey) -> Result<Option<KeptCosignature>, WitnessError> {
         let path = self.file(key.name());
         let Some(text) = read(&path)? else {
             return Ok(None);
@@ -117,7 +117,7 @@ impl WitnessStore {
         let parsed = Parsed::read(&text).map_err(|error| damaged(error.to_string()))?;
         let own = cosigner::find(&text, self.witness.key(), &parsed.note);
         let own = own.ok_or_else(|| damaged("it has no cosignature of this witness".into()))?;
-        Ok(Some(Cosigned {
+        Ok(Some(KeptCosignature {
             checkpoint: opened.checkpoint,
             cosignature: own.to_bytes(),
         }))
@@ -135,7 +135,7 @@ impl WitnessStore {
         }
         self.write(&accepted)?;
         self.witness.record(&accepted);
-        let cosigned = Cosigned {
+        let cosigned = KeptCosignature {
             checkpoint: accepted.checkpoint,
             cosignature: accepted.cosignature.clone(),
         };

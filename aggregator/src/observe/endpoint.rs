@@ -28,8 +28,11 @@ async fn metrics(State(service): State<Service>) -> Response {
     };
     let metrics = service.metrics();
     metrics.sampled.take(&status, &dir);
-    let ends_s = service.certificate_ends_s();
-    metrics.certificate_ends.set(ends_s.unwrap_or(0));
+    let ends_s = service
+        .certificate
+        .as_ref()
+        .map_or(0, |shown| shown.ends_s());
+    metrics.certificate_ends.set(ends_s);
     let sampled = metrics.blobs.clone();
     if let Err(error) = spawn_blocking(move || sampled.take(&blobs)).await {
         return text(500, format!("{error}\n"));

@@ -9,7 +9,7 @@ use crate::round::accepted::Accepted;
 use crate::round::clock::Clock;
 use crate::round::intake::arrivals::Arrivals;
 use crate::round::intake::staging::Staging;
-use crate::round::ledger_index::{FromLedger, LedgerIndex, LedgerReader, RoundEntries};
+use crate::round::ledger_index::{FromLedger, IndexFold, LedgerIndex, RoundEntries};
 use crate::round::presence::Presence;
 use crate::round::request_error::RequestError;
 use ed25519_dalek::SigningKey;
@@ -81,7 +81,7 @@ impl Aggregator {
         config: Config,
         blobs: Blobs,
     ) -> Result<Self, RequestError> {
-        let mut reader = LedgerReader::default();
+        let mut reader = IndexFold::default();
         let mut ledger = Ledger::open_with(dir, network, key, blobs, &mut reader)?;
         check_genesis(ledger.state().genesis())?;
         check_open_round(ledger.state())?;

@@ -181,13 +181,13 @@ pub struct FromLedger {
 
 /// Reads what a restarted aggregator has to know, while its ledger is opened.
 #[derive(Default)]
-pub struct LedgerReader {
+pub struct IndexFold {
     index: LedgerIndex,
     /// What the open round has accepted.
     accepted: Vec<Accepted>,
 }
 
-impl HistoryFold for LedgerReader {
+impl HistoryFold for IndexFold {
     fn genesis(&mut self, genesis: &Genesis) {
         self.index.observe(0, &Body::Genesis(genesis.clone()));
     }
@@ -202,7 +202,7 @@ impl HistoryFold for LedgerReader {
     }
 }
 
-impl LedgerReader {
+impl IndexFold {
     /// What was read of `ledger`, which is open now. Verifies on all cores what the open round accepted.
     ///
     /// # Errors

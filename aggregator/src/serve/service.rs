@@ -108,7 +108,7 @@ pub struct Service {
     pub(super) uploads: Uploads,
     pub(super) transfers: Transfers,
     pub(super) heads: Arc<ReplayWindow>,
-    certificate: Option<Arc<ServerCertificate>>,
+    pub(crate) certificate: Option<Arc<ServerCertificate>>,
     pub(super) limits: Limits,
     metrics: Metrics,
     started: Instant,
@@ -122,12 +122,10 @@ impl Service {
 
     /// Puts `aggregator` behind a service.
     pub fn with_limits(aggregator: Aggregator, limits: Limits) -> Self {
+        let (network, cores) = (*aggregator.state().network(), available_parallelism());
         Self {
             limits,
-            heads: Arc::new(ReplayWindow::new(
-                *aggregator.state().network(),
-                limits.skew,
-            )),
+            heads: Arc::new(ReplayWindow::new(network, limits.skew)),
             members: Arc::new(RwLock::new(aggregator.members())),
             arrivals: aggregator.arrivals().clone(),
             presence: aggregator.presence().clone(),
@@ -138,9 +136,7 @@ impl Service {
             stepping: Arc::default(),
             recorder: Recorder::default(),
             turns: KeyedTurns::default(),
-            verifying: Arc::new(Semaphore::new(
-                available_parallelism().map_or(1, NonZero::get),
-            )),
+            verifying: Arc::new(Semaphore::new(cores.map_or(1, NonZero::get))),
             blob_places: BlobPlaces::default(),
             stage: Arc::new(watch::Sender::new(None)),
             changed: Arc::new(Notify::new()),
@@ -169,11 +165,6 @@ impl Service {
     pub fn encrypted(mut self, certificate: Arc<ServerCertificate>) -> Self {
         self.certificate = Some(certificate);
         self
-    }
-
-    /// When the certificate ends that connections are shown now, in Unix seconds. `None` without one.
-    pub(crate) fn certificate_ends_s(&self) -> Option<i64> {
-        self.certificate.as_ref().map(|shown| shown.ends_s())
     }
 
     /// From now on, beacons are fetched from these servers.

@@ -8,7 +8,8 @@ const NETWORK_RULES: &str = "protocol/src/rules/network_rules.rs";
 
 #[rustfmt::skip]
 pub const REMOVALS: &[Removal] = &[
-    protocol("a refusal for lateness says what came late", ROUNDS, always!("what == late"), "a_late_claim_is_refused_as_such"),
+    protocol("a refusal for lateness says what came late", "protocol/src/rules/bindings.rs", always!("what == late"),
+        "a_late_claim_is_refused_as_such"),
     protocol("rules about times and sizes have upper bounds", NETWORK_RULES, skipped!("self.check_upper_bounds()?;"),
         "rules_that_would_stop_a_network_for_ever_found_nothing"),
     protocol("no round opens with fewer nodes than have to be present", ROUNDS, skipped!("self.check_enough_nodes()?;"),
