@@ -136,11 +136,11 @@ impl ServerCertificate {
         let mut said = String::new();
         let mut warned: Option<Instant> = None;
         loop {
+            sleep(every).await;
             if warned.is_none_or(|at| at.elapsed() >= WARN_AGAIN) {
                 self.warn_of_its_end();
                 warned = Some(Instant::now());
             }
-            sleep(every).await;
             let certificate = self.clone();
             let reloaded = match spawn_blocking(move || certificate.reload()).await {
                 Ok(reloaded) => reloaded,

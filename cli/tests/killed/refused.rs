@@ -176,7 +176,7 @@ fn a_node_does_not_train_for_a_round_that_takes_no_more_commitments() {
 }
 
 /// What a node says when the ledger has another proof of its claim than it submits.
-const NOTHING_MORE: &str = "round 0: the node can contribute nothing more";
+const NOTHING_MORE: &str = "round 0: the node goes on with the next round";
 
 /// The aggregator has recorded its decision, and the answer never comes. It answers the same proof again, but no other one: the node keeps its proof.
 #[test]
