@@ -5,11 +5,10 @@
 //! its own, to the values of all numerators and denominators at one point.
 
 use crate::field::Extension;
-use crate::form::Secret;
 use crate::fractions::LeafClaim;
-use crate::layout::LookupLayout;
+use crate::layout::Layout;
 use crate::multilinear::eq;
-use crate::party::{combine, Fold, Party};
+use crate::party::{combine, Fold, Party, Secret};
 use crate::transcript::Refused;
 use alloc::vec;
 use alloc::vec::Vec;
@@ -25,7 +24,7 @@ pub struct Gathered<V> {
 /// Makes one claim of the claims about each instance. There is one at least.
 pub fn gather<P: Party>(
     party: &mut P,
-    layout: &LookupLayout,
+    layout: &Layout,
     fold: &Fold,
     mut claims: Vec<LeafClaim<P::Value>>,
 ) -> Result<Gathered<P::Value>, Refused> {

@@ -10,16 +10,15 @@
 //! A value that the prover claims is said when it is first needed. It is secret, unless everybody can compute it. [`crate::party::Party`] is what differs between the two sides.
 
 use crate::field::{Extension, Goldilocks};
-use crate::form::Secret;
 use crate::gather::{gather, Gathered};
-use crate::layout::LookupLayout;
+use crate::layout::Layout;
 use crate::operation;
-use crate::party::{Fold, Party, Sum, ValueClaim, Weighted};
+use crate::party::{Claim, Fold, Party, Secret, Sum, Weighted};
 use crate::relation::{
-    Atom, Axis, Count, Factor, Index, LinearSum, Part, Parts, Relations, MAX_FACTORS,
+    Atom, Axis, Count, Factor, Index, Linear, Part, Parts, Relations, MAX_FACTORS,
 };
 use crate::transcript::Refused;
-use crate::weights::{Known, Point, PointWeights};
+use crate::weights::{Known, Point, Weights};
 use alloc::vec;
 use alloc::vec::Vec;
 
@@ -32,7 +31,7 @@ struct Argument<'a, P: Party> {
     party: &'a mut P,
     relations: &'a Relations,
     parts: &'a mut Parts,
-    left: LeftClaims<P::Value>,
+    left: Left<P::Value>,
     monomials: Vec<(Sum, P::Value)>,
     products: Vec<(Sum, P::Value)>,
     /// Values of virtual tensors that were claimed.
@@ -42,11 +41,11 @@ struct Argument<'a, P: Party> {
 }
 
 /// Claims that are left to show.
-pub struct LeftClaims<V> {
+pub struct Left<V> {
     /// About secret values.
-    pub secret: Vec<ValueClaim<V>>,
+    pub secret: Vec<Claim<V>>,
     /// About values that everybody can have.
-    pub published: Vec<ValueClaim>,
+    pub published: Vec<Claim>,
 }
 
 /// Argues that the relations hold if the claims do that are returned. `parts` holds their weights.
@@ -54,12 +53,12 @@ pub fn argue<P: Party>(
     party: &mut P,
     relations: &Relations,
     parts: &mut Parts,
-) -> Result<LeftClaims<P::Value>, Refused> {
+) -> Result<Left<P::Value>, Refused> {
     let mut argument = Argument {
         party,
         relations,
         parts,
-        left: LeftClaims {
+        left: Left {
             secret: vec![],
             published: vec![],
         },
@@ -87,7 +86,7 @@ impl<P: Party> Argument<'_, P> {
             shift: self.party.challenge(),
             powers: [Extension::ONE, beta, beta * beta, beta * beta * beta],
         };
-        let layout = LookupLayout::new(relations);
+        let layout = Layout::new(relations);
         let adding = operation("sum of fractions");
         let leaves = (0..relations.count_of_instances())
             .map(|instance| self.party.fractions(instance, &layout, &fold));
@@ -138,8 +137,8 @@ impl<P: Party> Argument<'_, P> {
         &mut self,
         sum: &mut P::Value,
         factor: Extension,
-        linear: &LinearSum,
-        weights: &PointWeights,
+        linear: &Linear,
+        weights: &Weights,
     ) -> Result<(), Refused> {
         for term in linear {
             let scaled;
@@ -174,7 +173,7 @@ impl<P: Party> Argument<'_, P> {
         Ok(())
     }
 
-    fn scaled(&mut self, weights: &PointWeights, number: usize) -> PointWeights {
+    fn scaled(&mut self, weights: &Weights, number: usize) -> Weights {
         let (axis, factors) = &self.relations.coefficients[number];
         let mut scaled = *weights;
         for (_, part) in scaled.iter_mut().filter(|(of, _)| of == axis) {
@@ -184,7 +183,7 @@ impl<P: Party> Argument<'_, P> {
     }
 
     /// The product of the sums of the weights on some axes.
-    fn total(&self, weights: &PointWeights, which: impl Fn(Axis) -> bool) -> Extension {
+    fn total(&self, weights: &Weights, which: impl Fn(Axis) -> bool) -> Extension {
         let totals = weights.iter().filter(|(axis, _)| which(*axis));
         totals.fold(Extension::ONE, |product, &(_, part)| {
             match self.parts.get(part) {
@@ -195,7 +194,7 @@ impl<P: Party> Argument<'_, P> {
     }
 
     /// A public tensor with weights, which repeats along the other axes.
-    fn public(&mut self, number: usize, weights: &PointWeights) -> Extension {
+    fn public(&mut self, number: usize, weights: &Weights) -> Extension {
         let public = &self.relations.publics[number];
         let axes = public.axes();
         let own = weights.of(axes);
@@ -226,7 +225,7 @@ impl<P: Party> Argument<'_, P> {
         sum: &mut P::Value,
         factor: Extension,
         number: usize,
-        weights: &PointWeights,
+        weights: &Weights,
     ) -> Result<(), Refused> {
         if self.virtuals.get(number, weights).is_none() {
             let value = self.claimed(number, weights)?;
@@ -238,14 +237,14 @@ impl<P: Party> Argument<'_, P> {
         Ok(())
     }
 
-    fn virtual_at(&mut self, number: usize, weights: &PointWeights) -> Result<P::Value, Refused> {
+    fn virtual_at(&mut self, number: usize, weights: &Weights) -> Result<P::Value, Refused> {
         let mut value = P::Value::default();
         self.add_virtual(&mut value, Extension::ONE, number, weights)?;
         Ok(value)
     }
 
     /// A virtual tensor with weights, which is claimed.
-    fn claimed(&mut self, number: usize, weights: &PointWeights) -> Result<P::Value, Refused> {
+    fn claimed(&mut self, number: usize, weights: &Weights) -> Result<P::Value, Refused> {
         let relations = self.relations;
         let mut sum = P::Value::default();
         for view in &relations.virtuals[number].views {
@@ -293,17 +292,17 @@ impl<P: Party> Argument<'_, P> {
             if relations.published.contains(&tensor.source) {
                 let value = self.party.published(self.parts, &about)?;
                 sum.add_known(factor * value);
-                self.left.published.push(ValueClaim { about, value });
+                self.left.published.push(Claim { about, value });
             } else {
                 let value = self.party.value(self.parts, &about)?;
                 sum.add(factor, &value);
-                self.left.secret.push(ValueClaim { about, value });
+                self.left.secret.push(Claim { about, value });
             }
         }
         Ok(sum)
     }
 
-    fn product_at(&mut self, number: usize, weights: &PointWeights) -> Result<P::Value, Refused> {
+    fn product_at(&mut self, number: usize, weights: &Weights) -> Result<P::Value, Refused> {
         let product = &self.relations.products[number];
         let axes = [&product.left_axes, &product.right_axes, &product.shared];
         let own = weights.of(axes.into_iter().flatten());
@@ -322,7 +321,7 @@ impl<P: Party> Argument<'_, P> {
         Ok(value)
     }
 
-    fn monomials_at(&mut self, number: usize, weights: &PointWeights) -> Result<P::Value, Refused> {
+    fn monomials_at(&mut self, number: usize, weights: &Weights) -> Result<P::Value, Refused> {
         let monomials = &self.relations.monomials[number];
         let kept = &monomials.axes[..monomials.axes.len() - monomials.summed];
         let own = weights.of(kept);

@@ -9,7 +9,7 @@
 
 use crate::field::goldilocks::reduce;
 use crate::field::{Extension, Goldilocks};
-use crate::hash::{Sponge, SpongeDigest, SpongeDomain};
+use crate::hash::{Digest, Domain, Sponge};
 use alloc::vec::Vec;
 use core::ops::Range;
 
@@ -42,11 +42,14 @@ pub enum Refused {
 /// An error unless `holds`: every check of the verifier that a cheat would fail.
 #[inline(always)]
 pub fn require(holds: bool, otherwise: Refused) -> Result<(), Refused> {
-    holds.then_some(()).ok_or(otherwise)
+    match holds {
+        true => Ok(()),
+        false => Err(otherwise),
+    }
 }
 
 /// What prover and verifier share: all that was said, and challenges from it.
-struct Transcript {
+struct Said {
     sponge: Sponge,
     /// The sponge's digest was not drawn from yet.
     fresh: bool,
@@ -55,9 +58,9 @@ struct Transcript {
     deaf: bool,
 }
 
-impl Transcript {
-    fn new(statement: &SpongeDigest) -> Self {
-        let mut sponge = Sponge::new(SpongeDomain::Transcript, 0);
+impl Said {
+    fn new(statement: &Digest) -> Self {
+        let mut sponge = Sponge::new(Domain::Transcript, 0);
         sponge.absorb_digest(statement);
         Self {
             sponge,
@@ -76,7 +79,7 @@ impl Transcript {
     }
 
     #[inline(always)]
-    fn absorb(&mut self, elements: &[Goldilocks]) {
+    fn elements(&mut self, elements: &[Goldilocks]) {
         if elements.is_empty() || self.is_deaf() {
             return;
         }
@@ -85,7 +88,7 @@ impl Transcript {
     }
 
     #[inline(always)]
-    fn absorb_digest(&mut self, digest: &SpongeDigest) {
+    fn digest(&mut self, digest: &Digest) {
         if self.is_deaf() {
             return;
         }
@@ -95,7 +98,7 @@ impl Transcript {
 
     /// The next eight values, as words of two.
     #[inline(always)]
-    fn squeeze(&mut self) -> [u64; 4] {
+    fn draw(&mut self) -> [u64; 4] {
         if !self.fresh {
             self.sponge.permute();
         }
@@ -106,7 +109,7 @@ impl Transcript {
     #[inline(always)]
     fn challenge(&mut self) -> Extension {
         // Four times 24 bits modulo p: no element is likelier than another by more than 2^-32 of its probability.
-        let words = self.squeeze().map(bits);
+        let words = self.draw().map(bits);
         let coefficient =
             |low: u64, high: u64| reduce(low as u128 | (high as u128) << (2 * RANDOM_BITS));
         Extension([
@@ -123,13 +126,12 @@ fn bits(word: u64) -> u64 {
     (word & MASK) | (word >> 32 & MASK) << RANDOM_BITS
 }
 
-fn positions(transcript: &mut Transcript, count: usize, bits_of_each: u32) -> Vec<usize> {
+fn positions(said: &mut Said, count: usize, bits_of_each: u32) -> Vec<usize> {
     debug_assert!(bits_of_each <= 2 * RANDOM_BITS);
     let mask = (1u64 << bits_of_each) - 1;
     let mut positions = Vec::with_capacity(count.next_multiple_of(4));
     while positions.len() < count {
-        let words = transcript.squeeze();
-        positions.extend(words.map(|word| (bits(word) & mask) as usize));
+        positions.extend(said.draw().map(|word| (bits(word) & mask) as usize));
     }
     positions.truncate(count);
     positions
@@ -160,7 +162,7 @@ impl Pads {
 /// The prover's side: what it says is absorbed and kept.
 #[cfg(feature = "prove")]
 pub struct Prover {
-    transcript: Transcript,
+    said: Said,
     proof: Vec<u64>,
     pads: Pads,
     /// Something secret was not said, because there was no pad for it.
@@ -173,7 +175,7 @@ pub struct Prover {
 
 /// The verifier's side: it reads what the prover said.
 pub struct Verifier<'a> {
-    transcript: Transcript,
+    said: Said,
     proof: &'a [u64],
     read: usize,
     /// What secret values were said as, by the numbers of their pads. A mask is one that was said as zero.
@@ -197,31 +199,31 @@ pub trait Challenges {
 #[cfg(feature = "prove")]
 impl Challenges for Prover {
     fn challenge(&mut self) -> Extension {
-        self.transcript.challenge()
+        self.said.challenge()
     }
 
     fn positions(&mut self, count: usize, bits: u32) -> Vec<usize> {
-        positions(&mut self.transcript, count, bits)
+        positions(&mut self.said, count, bits)
     }
 }
 
 impl Challenges for Verifier<'_> {
     #[inline(always)]
     fn challenge(&mut self) -> Extension {
-        self.transcript.challenge()
+        self.said.challenge()
     }
 
     fn positions(&mut self, count: usize, bits: u32) -> Vec<usize> {
-        positions(&mut self.transcript, count, bits)
+        positions(&mut self.said, count, bits)
     }
 }
 
 #[cfg(feature = "prove")]
 impl Prover {
     /// Begins an argument for the statement with this digest.
-    pub fn new(statement: &SpongeDigest, pads: Pads) -> Self {
+    pub fn new(statement: &Digest, pads: Pads) -> Self {
         Self {
-            transcript: Transcript::new(statement),
+            said: Said::new(statement),
             proof: Vec::new(),
             pads,
             silent: false,
@@ -233,13 +235,13 @@ impl Prover {
     /// Challenges follow from the statement alone. Such an argument shows nothing; tests compare it with others.
     #[doc(hidden)]
     pub fn deaf(mut self) -> Self {
-        self.transcript.deaf = true;
+        self.said.deaf = true;
         self
     }
 
     fn send(&mut self, elements: &[Extension]) {
         let elements = Extension::coefficients(elements);
-        self.transcript.absorb(elements);
+        self.said.elements(elements);
         self.hint(elements);
     }
 
@@ -294,15 +296,15 @@ impl Prover {
     }
 
     /// A verifier that reads what was said up to now.
-    pub fn verifier(&self, statement: &SpongeDigest) -> Verifier<'_> {
+    pub fn verifier(&self, statement: &Digest) -> Verifier<'_> {
         let mut verifier = Verifier::new(statement, &self.proof);
-        verifier.transcript.deaf = self.transcript.deaf;
+        verifier.said.deaf = self.said.deaf;
         verifier
     }
 
     /// Says a digest.
-    pub fn send_digest(&mut self, digest: &SpongeDigest) {
-        self.transcript.absorb_digest(digest);
+    pub fn send_digest(&mut self, digest: &Digest) {
+        self.said.digest(digest);
         self.hint_digest(digest);
     }
 
@@ -313,7 +315,7 @@ impl Prover {
     }
 
     /// Adds a digest that something said before binds.
-    pub fn hint_digest(&mut self, digest: &SpongeDigest) {
+    pub fn hint_digest(&mut self, digest: &Digest) {
         self.proof.extend_from_slice(&digest.0);
     }
 
@@ -329,9 +331,9 @@ impl Prover {
 
 impl<'a> Verifier<'a> {
     /// Reads `proof` as an argument for the statement with this digest.
-    pub fn new(statement: &SpongeDigest, proof: &'a [u64]) -> Self {
+    pub fn new(statement: &Digest, proof: &'a [u64]) -> Self {
         Self {
-            transcript: Transcript::new(statement),
+            said: Said::new(statement),
             proof,
             read: 0,
             padded: Vec::new(),
@@ -342,7 +344,7 @@ impl<'a> Verifier<'a> {
     #[cfg(feature = "prove")]
     #[doc(hidden)]
     pub fn deaf(mut self) -> Self {
-        self.transcript.deaf = true;
+        self.said.deaf = true;
         self
     }
 
@@ -379,7 +381,7 @@ impl<'a> Verifier<'a> {
     #[inline(always)]
     pub fn receive(&mut self, count: usize) -> Result<&'a [Goldilocks], Refused> {
         let elements = self.hint(count)?;
-        self.transcript.absorb(elements);
+        self.said.elements(elements);
         Ok(elements)
     }
 
@@ -391,9 +393,9 @@ impl<'a> Verifier<'a> {
 
     /// The prover's next digest.
     #[inline(always)]
-    pub fn receive_digest(&mut self) -> Result<SpongeDigest, Refused> {
+    pub fn receive_digest(&mut self) -> Result<Digest, Refused> {
         let digest = self.hint_digest()?;
-        self.transcript.absorb_digest(&digest);
+        self.said.digest(&digest);
         Ok(digest)
     }
 
@@ -407,11 +409,11 @@ impl<'a> Verifier<'a> {
 
     /// The next digest, which something said before binds. The caller has to compare it with that.
     #[inline(always)]
-    pub fn hint_digest(&mut self) -> Result<SpongeDigest, Refused> {
+    pub fn hint_digest(&mut self) -> Result<Digest, Refused> {
         let [digest] = self.hint_digests(1)? else {
             return Err(Refused::Length("fewer"));
         };
-        Ok(SpongeDigest(*digest))
+        Ok(Digest(*digest))
     }
 
     /// The next `count` digests, likewise.
@@ -460,7 +462,7 @@ pub mod work {
         /// Numbers that all cores try before the next ones. The first that will do is taken, so that proofs do not depend on the cores.
         const TRIED: u32 = 1 << 16;
         const LANES: u32 = packed::LANES as u32;
-        let said = &prover.transcript;
+        let said = &prover.said;
         let attempt = |first: u32| {
             let words = packed::first_words(&said.sponge, first);
             let mut numbers = (first..).zip(words);
@@ -475,9 +477,9 @@ pub mod work {
         });
         // One in 2^bits will do, and bits are at most 24
         let number = Goldilocks::from_u32(found.unwrap_or_default());
-        prover.transcript.absorb(&[number]);
+        prover.said.elements(&[number]);
         prover.hint(&[number]);
-        prover.transcript.squeeze();
+        prover.said.draw();
     }
 
     /// Checks the proof of work that the prover says next.
@@ -487,8 +489,8 @@ pub mod work {
         what: &'static str,
     ) -> Result<(), Refused> {
         verifier.receive(1)?;
-        let holds = begins_with_zeros(verifier.transcript.squeeze()[0], difficulty);
-        require(holds || verifier.transcript.is_deaf(), Refused::Work(what))
+        let holds = begins_with_zeros(verifier.said.draw()[0], difficulty);
+        require(holds || verifier.said.is_deaf(), Refused::Work(what))
     }
 
     fn begins_with_zeros(word: u64, difficulty: u32) -> bool {

@@ -215,7 +215,7 @@ impl Public for Seen {
 }
 
 /// Values of each sample that were drawn for it: a matrix whose columns and rows are the indices on two axes, or a row.
-pub struct DrawnValues {
+pub struct Drawn {
     axes: Vec<Axis>,
     /// Values in a row, and in all rows of a sample.
     width: usize,
@@ -224,7 +224,7 @@ pub struct DrawnValues {
     values: Vec<i16>,
 }
 
-impl Public for DrawnValues {
+impl Public for Drawn {
     fn axes(&self) -> &[Axis] {
         &self.axes
     }
@@ -236,12 +236,12 @@ impl Public for DrawnValues {
             _ => return Goldilocks::ZERO,
         };
         let number = row * self.width + column;
-        if column < self.width && number < self.size {
-            self.values
+        match column < self.width && number < self.size {
+            true => self
+                .values
                 .get(sample * self.size + number)
-                .map_or(Goldilocks::ZERO, |&value| value.into())
-        } else {
-            Goldilocks::ZERO
+                .map_or(Goldilocks::ZERO, |&value| value.into()),
+            false => Goldilocks::ZERO,
         }
     }
 
@@ -325,7 +325,7 @@ pub fn all(statement: &Statement, sizes: &Sizes) -> Vec<Box<dyn Public>> {
 }
 
 /// Noise, `[T, A, S]`.
-fn noise(statement: &Statement) -> DrawnValues {
+fn noise(statement: &Statement) -> Drawn {
     let dims = &statement.spec.dims;
     let width = dims.max_action_dim as usize;
     let size = width * dims.chunk as usize;
@@ -333,7 +333,7 @@ fn noise(statement: &Statement) -> DrawnValues {
     for sample in &statement.samples {
         values.extend_from_slice(&sample.draw.noise);
     }
-    DrawnValues {
+    Drawn {
         axes: vec![T, A, S],
         width,
         size,
@@ -342,7 +342,7 @@ fn noise(statement: &Statement) -> DrawnValues {
 }
 
 /// The embedding of flow times, `[F2, S]`: sines, then cosines.
-fn time_embedding(statement: &Statement) -> DrawnValues {
+fn time_embedding(statement: &Statement) -> Drawn {
     const HALF: i64 = 1 << (tables::TRIG_BITS - 1);
     let spec = &statement.spec;
     let width = 2 * spec.time_frequencies.len();
@@ -360,7 +360,7 @@ fn time_embedding(statement: &Statement) -> DrawnValues {
         }
         values.append(&mut cosines);
     }
-    DrawnValues {
+    Drawn {
         axes: vec![F2, S],
         width,
         size: width,

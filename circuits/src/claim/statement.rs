@@ -53,10 +53,9 @@ fn evaluator(header: &Header) -> Result<Evaluator<'_>, StatementError> {
 /// Checks that the specification is the one that the terms name, because the round fixes it.
 pub fn check_evaluation(header: &Header) -> Result<(), StatementError> {
     let (claimed, given) = (header.terms.evaluation, header.spec.digest());
-    if claimed == given {
-        Ok(())
-    } else {
-        Err(StatementError::Evaluation { claimed, given })
+    match claimed == given {
+        true => Ok(()),
+        false => Err(StatementError::Evaluation { claimed, given }),
     }
 }
 

@@ -36,10 +36,9 @@ impl From<Vec<Goldilocks>> for Column {
 /// The integer of least magnitude that an element stands for.
 fn integer(element: Goldilocks) -> i64 {
     let value = element.value();
-    if value > P / 2 {
-        value.wrapping_sub(P) as i64
-    } else {
-        value as i64
+    match value > P / 2 {
+        true => value.wrapping_sub(P) as i64,
+        false => value as i64,
     }
 }
 

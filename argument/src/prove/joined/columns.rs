@@ -59,10 +59,9 @@ pub fn round(pieces: Vec<Piece>, monomials: &TableMonomials, without_one: bool) 
         if point > 0 {
             tables.iter_mut().for_each(|[value, step]| value.add(step));
         }
-        if point == 1 && without_one {
-            Extension::ZERO
-        } else {
-            sum(&tables, monomials, count)
+        match point == 1 && without_one {
+            true => Extension::ZERO,
+            false => sum(&tables, monomials, count),
         }
     };
     (0..=monomials.degree()).map(value).collect()
