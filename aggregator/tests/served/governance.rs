@@ -1,5 +1,6 @@
 //! What members say over the network becomes rules. The aggregator finds out that an accepted contribution is false.
 
+use super::verified_again;
 use crate::Test;
 use std::sync::Arc;
 use tonic::{Code, Status};
@@ -280,22 +281,8 @@ fn a_disputed_contribution_is_verified_again() -> Test {
     let node = SigningNode::new(1);
     let earned = |aggregator: &Aggregator| aggregator.state().node(&node.id()).unwrap().credits;
     assert!(earned(&aggregator) > 0);
-    let governor = SigningNode::new(GOVERNOR);
-    let dispute = Dispute {
-        network: *aggregator.state().network(),
-        disputer: governor.id(),
-        contribution: accepted,
-        evidence: Evidence::Verification,
-    };
-    let body = Body::Disputed(Signed::new(dispute, &governor.key));
-    let entry = aggregator.say(&borsh::to_vec(&body)?)?.index;
-    assert_eq!(aggregator.go_on()?, Polled::Did(RoundStep::Resolve(entry)));
-    let last = aggregator.ledger().entry(aggregator.ledger().size() - 1)?;
-    let Body::DisputeResolved(resolved) = last.body else {
-        panic!("{last:?}");
-    };
-    assert_eq!(resolved.dispute, entry);
-    assert!(matches!(resolved.upheld, Some(RefusalCode::MalformedProof)));
+    let upheld = verified_again(&mut aggregator, accepted)?;
+    assert_eq!(upheld, Some(RefusalCode::MalformedProof));
     assert_eq!(earned(&aggregator), 0);
     let standing = aggregator.state().node(&node.id()).unwrap().standing;
     assert_eq!(standing, Standing::Suspended);

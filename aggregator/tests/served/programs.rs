@@ -1,5 +1,6 @@
 //! Another guest program, and the weights of an earlier round, by vote.
 
+use super::verified_again;
 use crate::Test;
 use std::fs;
 use std::path::Path;
@@ -10,7 +11,7 @@ use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::{Action, Ballot};
-use zk0_protocol::entries::signed::{Dispute, Evidence, Signed};
+use zk0_protocol::entries::signed::Signed;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::RefusalCode;
 use zk0_testkit::aggregator::operator::{proposed, voted, Operator};
@@ -141,21 +142,9 @@ fn a_dispute_is_decided_by_the_program_of_its_round() -> Test {
             drop(aggregator);
             aggregator = open(dir.path(), &clock);
         }
-        let governor = SigningNode::new(GOVERNOR);
-        let dispute = Dispute {
-            network: *aggregator.state().network(),
-            disputer: governor.id(),
-            contribution: accepted,
-            evidence: Evidence::Verification,
-        };
-        let body = Body::Disputed(Signed::new(dispute, &governor.key));
-        let entry = aggregator.say(&borsh::to_vec(&body)?)?.index;
-        assert_eq!(aggregator.go_on()?, Polled::Did(RoundStep::Resolve(entry)));
-        let Body::DisputeResolved(resolved) = aggregator.ledger().entry(entry + 1)?.body else {
-            panic!("the dispute is not resolved");
-        };
         // The proof is of the round's program, and only its claim is another.
-        assert_eq!(resolved.upheld, Some(RefusalCode::OtherClaim));
+        let upheld = verified_again(&mut aggregator, accepted)?;
+        assert_eq!(upheld, Some(RefusalCode::OtherClaim));
     }
     Ok(())
 }
