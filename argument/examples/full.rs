@@ -9,7 +9,7 @@ use std::time::Instant;
 use zk0_argument::claim::{Blind, Cost};
 use zk0_argument::expert::argument::{prove::prove, verify};
 use zk0_argument::expert::evaluation::layers::Expert;
-use zk0_argument::expert::witness::{evaluate, Common, SampleValues};
+use zk0_argument::expert::prover_values::{evaluate, Common, SampleValues};
 use zk0_argument::prove::progress::Phase;
 use zk0_argument::transcript::Refused;
 use zk0_circuits::model::draw::draw;
@@ -167,7 +167,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("expected {:?}", Cost::of(&spec, count, false));
     let common = Common::new(&statement, models);
     let folder = tempfile::tempdir()?;
-    let witness = |number: usize| {
+    let sample_values = |number: usize| {
         measured("values of a sample", || {
             SampleValues::of(&statement, &common, number, models, &samples)
         })
@@ -180,7 +180,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             &blind,
             Some(folder.path()),
             &tell,
-            witness,
+            sample_values,
         )
     })?;
     println!("{} bytes", 8 * proof.len());

@@ -4,8 +4,8 @@ use std::env;
 use std::error::Error;
 use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::sizes::Sizes;
-use zk0_argument::expert::statement::{Evaluated, Statement};
-use zk0_argument::layout::Layout;
+use zk0_argument::expert::statement::{EvaluatedSample, Statement};
+use zk0_argument::layout::LookupLayout;
 use zk0_argument::relation::{Atom, Count, Factor, Relations};
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::model::layout::expert_tensors;
@@ -20,7 +20,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let tensors = expert_tensors(&spec.dims).len();
     let evaluated = |number| {
         let draw = draw(&spec, &Digest([0; 32]), number, samples);
-        Evaluated {
+        EvaluatedSample {
             prefix: 177,
             frames: 50,
             draw,
@@ -60,7 +60,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!(
         "fractions: {:.1} M of 2^{}; look-ups by bits {by_size:?}",
         looked_up as f64 / 1e6,
-        Layout::new(r).variables
+        LookupLayout::new(r).variables
     );
     println!(
         "{} products, {} monomials, {} equalities",

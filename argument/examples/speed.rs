@@ -11,11 +11,11 @@ use zk0_argument::commitment::prove::{open, CodeMatrix, Committing, Hiding, Mess
 use zk0_argument::commitment::{Parameters, Rate};
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::fractions::{self, prove::Leaves};
-use zk0_argument::hash::{leaf, Digest};
-use zk0_argument::party::{Claim, Sources, Weighted};
+use zk0_argument::hash::{leaf, SpongeDigest};
+use zk0_argument::party::{Sources, ValueClaim, Weighted};
 use zk0_argument::prove::progress::silently;
 use zk0_argument::prove::{Instance, Proving, SourceValues};
-use zk0_argument::relation::{Part, Parts, Relations, Source};
+use zk0_argument::relation::{ColumnSource, Part, Parts, Relations};
 use zk0_argument::share::share;
 use zk0_argument::transcript::{Challenges, Pads, Prover, Refused};
 
@@ -33,7 +33,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         .parse()?;
     let pads =
         (1..1 << 12).map(|seed| Extension([small(seed), small(!seed)].map(Goldilocks::from_i64)));
-    let prover = Prover::new(&Digest([1, 2, 3, 4]), Pads::new(pads.collect()));
+    let prover = Prover::new(&SpongeDigest([1, 2, 3, 4]), Pads::new(pads.collect()));
     let proof = match what.as_str() {
         "commit" => commit(prover, size)?,
         "fractions" => sum(prover, size)?,
@@ -78,7 +78,7 @@ fn small(index: usize) -> i64 {
 fn commit(mut prover: Prover, size: u32) -> Result<Vec<u64>, Box<dyn Error>> {
     let parameters = Parameters::new(size - WIDTH.ilog2(), Rate::Quarter).ok_or("size")?;
     let values: Vec<i64> = measured("values", || (0..1 << size).map(small).collect());
-    let hiding = Blind::new([5; 32]).of_argument(&Digest([1, 2, 3, 4]))?;
+    let hiding = Blind::new([5; 32]).of_argument(&SpongeDigest([1, 2, 3, 4]))?;
     let committed = measured("commit", || {
         let columns = Column::cut(&values, 1 << parameters.variables(), WIDTH);
         let tails = (0..WIDTH).map(|column| hiding.elements(column, parameters.positions()));
@@ -182,9 +182,9 @@ fn shared(prover: Prover, size: u32) -> Result<Vec<u64>, Box<dyn Error>> {
     let claims = [0, 1, 3].map(|quarter| {
         let bits = size as usize - 2;
         let point = Part::Point(proving.challenges(bits));
-        Claim {
+        ValueClaim {
             about: Weighted {
-                source: Source(0),
+                source: ColumnSource(0),
                 offset: quarter << bits,
                 parts: vec![(0, parts.add(point))],
                 instances: None,
@@ -198,7 +198,7 @@ fn shared(prover: Prover, size: u32) -> Result<Vec<u64>, Box<dyn Error>> {
             &mut proving,
             &mut parts,
             &Sources {
-                all: &[(Source(0), size as usize)],
+                all: &[(ColumnSource(0), size as usize)],
                 instances: 0,
             },
             &claims,

@@ -6,7 +6,6 @@
 //! shows at the end.
 
 use crate::field::Extension;
-use crate::party::Secret;
 use crate::transcript::{require, Refused};
 use alloc::vec;
 use alloc::vec::Vec;
@@ -65,9 +64,10 @@ impl Form {
         }
         for &(unknown, coefficient) in &self.terms {
             // Many unknowns stand alone.
-            let product = match coefficient == Extension::ONE {
-                true => factor,
-                false => factor * coefficient,
+            let product = if coefficient == Extension::ONE {
+                factor
+            } else {
+                factor * coefficient
             };
             match unknown {
                 Unknown::Said(number) => sums.said[number as usize] += product,
@@ -95,6 +95,38 @@ impl From<Extension> for Form {
             known,
             terms: vec![],
         }
+    }
+}
+
+/// A value that the prover does not show: the value itself for the prover, and a [`Form`] for the verifier. A known one is both.
+pub trait Secret: Clone + Default + From<Extension> {
+    /// Adds `factor · other`.
+    fn add(&mut self, factor: Extension, other: &Self);
+
+    /// Adds a known value.
+    fn add_known(&mut self, value: Extension);
+
+    /// `factor · self`.
+    fn times(&self, factor: Extension) -> Self {
+        let mut product = Self::default();
+        product.add(factor, self);
+        product
+    }
+
+    /// `self − other`.
+    fn minus(mut self, other: &Self) -> Self {
+        self.add(-Extension::ONE, other);
+        self
+    }
+}
+
+impl Secret for Extension {
+    fn add_known(&mut self, value: Extension) {
+        *self += value;
+    }
+
+    fn add(&mut self, factor: Extension, other: &Self) {
+        *self += factor * *other;
     }
 }
 

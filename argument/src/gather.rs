@@ -5,10 +5,11 @@
 //! its own, to the values of all numerators and denominators at one point.
 
 use crate::field::Extension;
+use crate::form::Secret;
 use crate::fractions::LeafClaim;
-use crate::layout::Layout;
+use crate::layout::LookupLayout;
 use crate::multilinear::eq;
-use crate::party::{combine, Fold, Party, Secret};
+use crate::party::{combine, Fold, Party};
 use crate::transcript::Refused;
 use alloc::vec;
 use alloc::vec::Vec;
@@ -24,7 +25,7 @@ pub struct Gathered<V> {
 /// Makes one claim of the claims about each instance. There is one at least.
 pub fn gather<P: Party>(
     party: &mut P,
-    layout: &Layout,
+    layout: &LookupLayout,
     fold: &Fold,
     mut claims: Vec<LeafClaim<P::Value>>,
 ) -> Result<Gathered<P::Value>, Refused> {

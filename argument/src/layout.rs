@@ -30,7 +30,7 @@ pub fn from_largest(sizes: &[u8]) -> Vec<usize> {
 }
 
 /// Where the look-ups of one instance lie among the leaves of a sum of fractions.
-pub struct Layout {
+pub struct LookupLayout {
     /// The first leaf of each look-up: a multiple of its size.
     pub offsets: Vec<usize>,
     /// Binary logarithm of the size of each look-up.
@@ -41,7 +41,7 @@ pub struct Layout {
     pub variables: usize,
 }
 
-impl Layout {
+impl LookupLayout {
     /// Larger look-ups come first, so that each offset is a multiple of the size.
     pub fn new(relations: &Relations) -> Self {
         let size = |lookup: &Lookup| relations.size_of_one(&lookup.axes) as u8;
@@ -62,7 +62,7 @@ impl Layout {
     }
 }
 
-impl Layout {
+impl LookupLayout {
     /// For each look-up the multilinear polynomial that is 1 on its leaves and 0 on others, at `point`.
     pub fn places(&self, point: &[Extension]) -> Vec<Extension> {
         let mut places = vec![Extension::ZERO; self.order.len()];

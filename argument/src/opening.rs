@@ -15,9 +15,8 @@
 //! This is Cramer and Damgård (CRYPTO 98), as in Longfellow (Frigo and shelat, eprint 2024/2010), with one mask for the opening and the pads.
 
 use crate::field::{Extension, Goldilocks};
-use crate::form::{Equations, Form};
+use crate::form::{Equations, Form, Secret};
 use crate::multilinear::{eq, eq_table};
-use crate::party::Secret;
 use crate::sumcheck;
 use crate::transcript::{require, work, Challenges, Refused};
 use crate::verify::Verifying;
@@ -34,7 +33,7 @@ const FREE: usize = 4;
 const X: Extension = Extension([Goldilocks::ZERO, Goldilocks::ONE]);
 
 /// What is claimed of columns at a point: the sum of columns times these coefficients.
-pub struct Sum<V> {
+pub struct ColumnSum<V> {
     /// One for each column, but for those of [`RANDOM`].
     pub coefficients: Vec<Extension>,
     /// The sum.
@@ -42,7 +41,7 @@ pub struct Sum<V> {
 }
 
 /// What is opened.
-pub struct Opened {
+pub struct OpenedColumns {
     /// The weights of all columns.
     pub weights: Vec<Extension>,
     /// The point.
@@ -65,12 +64,12 @@ fn combination(challenges: &mut impl Challenges, columns: usize) -> Vec<Extensio
 }
 
 /// How many columns claims are about.
-fn count<V>(sums: &[Sum<V>]) -> usize {
+fn count<V>(sums: &[ColumnSum<V>]) -> usize {
     sums.first().map_or(0, |sum| sum.coefficients.len())
 }
 
 /// Adds the coefficients of all sums, times powers of `chi` from the first on.
-fn add_sums<V>(weights: &mut [Extension], sums: &[Sum<V>], chi: Extension) {
+fn add_sums<V>(weights: &mut [Extension], sums: &[ColumnSum<V>], chi: Extension) {
     let mut power = chi;
     for sum in sums {
         for (weight, &coefficient) in weights.iter_mut().zip(&sum.coefficients) {
@@ -90,7 +89,7 @@ fn with_mask(mut weights: Vec<Extension>, first: usize, psi: Extension) -> Vec<E
 fn values(
     verifying: &mut Verifying<'_, '_>,
     first: usize,
-    sums: &[Sum<Form>],
+    sums: &[ColumnSum<Form>],
 ) -> Result<(Vec<Extension>, [Extension; 2]), Refused> {
     let verifier = &mut *verifying.verifier;
     work::check_work(verifier, WORK, "the combination of columns")?;
@@ -118,7 +117,7 @@ fn values(
 pub fn equations(
     mut verifying: Verifying<'_, '_>,
     first: usize,
-    sums: &[Sum<Form>],
+    sums: &[ColumnSum<Form>],
 ) -> Result<Equations, Refused> {
     values(&mut verifying, first, sums)?;
     Ok(verifying.equations)
@@ -130,13 +129,13 @@ fn pair(numbers: Range<usize>) -> [usize; 2] {
 }
 
 /// What step 2 comes to: the sum of secret values, times these coefficients, and of what is known, is zero.
-struct Linear {
+struct LinearEquation {
     coefficients: Vec<Extension>,
     known: Extension,
 }
 
 /// What the prover says in step 2, and the challenges.
-struct Said<'a> {
+struct MaskedSums<'a> {
     tau: Extension,
     /// The number of the first mask.
     masks: usize,
@@ -147,9 +146,9 @@ struct Said<'a> {
     theta: Extension,
 }
 
-impl Linear {
+impl LinearEquation {
     /// For so many secret values.
-    fn new(equations: &Equations, said: &Said<'_>, count: usize) -> Self {
+    fn new(equations: &Equations, said: &MaskedSums<'_>, count: usize) -> Self {
         let mut combined = equations.combined(said.tau, count);
         let factors = said.factors.as_chunks::<2>().0;
         for (&alpha, [a, b]) in combined.gates.iter().zip(factors) {
@@ -200,7 +199,7 @@ impl Linear {
 #[doc(hidden)]
 pub struct End {
     /// What is opened then.
-    pub opened: Opened,
+    pub opened: OpenedColumns,
     /// The coefficients of pads, and what their sum is.
     pub omega: Vec<Extension>,
     /// See there.
@@ -221,8 +220,8 @@ pub fn verify(
     verifying: Verifying<'_, '_>,
     point: &[Extension],
     first: usize,
-    sums: &[Sum<Form>],
-) -> Result<Opened, Refused> {
+    sums: &[ColumnSum<Form>],
+) -> Result<OpenedColumns, Refused> {
     let end = read(verifying, point, first, sums)?;
     let holds = end.left == end.expected;
     require(
@@ -238,7 +237,7 @@ pub fn read(
     mut verifying: Verifying<'_, '_>,
     point: &[Extension],
     first: usize,
-    sums: &[Sum<Form>],
+    sums: &[ColumnSum<Form>],
 ) -> Result<End, Refused> {
     let (mut weights, there) = values(&mut verifying, first, sums)?;
     let Verifying {
@@ -254,7 +253,7 @@ pub fn read(
     require(room, Refused::Bounds("the number of samples"))?;
     let rho = verifier.challenge();
     let factors = verifier.receive_extension(count)?;
-    let said = Said {
+    let said = MaskedSums {
         tau,
         masks,
         sums,
@@ -262,7 +261,7 @@ pub fn read(
         factors,
         theta: verifier.challenge(),
     };
-    let linear = Linear::new(&equations, &said, pads);
+    let linear = LinearEquation::new(&equations, &said, pads);
     // A secret value is what it was said as but for its pad.
     let delta =
         Extension::dot_of_extensions(&linear.coefficients, verifier.padded()) + linear.known;
@@ -275,7 +274,7 @@ pub fn read(
     let expected = (eq(point, &at) + eta * linear.at(&at)) * value;
     weights[first + RANDOM - 1] = xi;
     Ok(End {
-        opened: Opened {
+        opened: OpenedColumns {
             weights,
             point: at,
             value,
@@ -310,7 +309,7 @@ pub mod prove {
         /// The point.
         pub point: &'a [Extension],
         /// The sums there. The prover needs their coefficients alone.
-        pub sums: &'a [Sum<()>],
+        pub sums: &'a [ColumnSum<()>],
     }
 
     /// Says all that is left but the opening. `equations` reads what was said up to then, as the verifier does. Returns the polynomial to open, and
@@ -366,7 +365,7 @@ pub mod prove {
         let said = factors.iter().zip(&masks);
         let said: Vec<Extension> = said.map(|(&factor, &mask)| factor + rho * mask).collect();
         prover.send_masked(&said);
-        let said = Said {
+        let said = MaskedSums {
             tau,
             masks: first_mask,
             sums: [count - 2, count - 1],
@@ -374,7 +373,7 @@ pub mod prove {
             factors: &said,
             theta: prover.challenge(),
         };
-        let omega = Linear::new(&equations, &said, count).coefficients;
+        let omega = LinearEquation::new(&equations, &said, count).coefficients;
         let entries = message.values.as_chunks::<2>().0.iter();
         let product: Extension = entries
             .zip(&omega)

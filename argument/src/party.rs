@@ -1,19 +1,20 @@
 //! What differs between the two sides of an argument, and what both speak of: claims, and sums that a sumcheck reduces.
 
 use crate::field::Extension;
+use crate::form::Secret;
 use crate::fractions::LeafClaim;
-use crate::layout::Layout;
-use crate::relation::{PartId, Parts, Relations, Source, COLUMNS};
+use crate::layout::LookupLayout;
+use crate::relation::{ColumnSource, PartId, Parts, Relations, COLUMNS};
 use crate::sumcheck::JoinedPoint;
 use crate::transcript::{Challenges, Refused};
-use crate::weights::Weights;
+use crate::weights::PointWeights;
 use alloc::vec::Vec;
 
 /// What a claim is about: `Σ_b w(b)·T(b)`, where T has the values of a source whose numbers are `offset` plus shifted indices.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Weighted {
     /// Where the values are.
-    pub source: Source,
+    pub source: ColumnSource,
     /// Number of the first value.
     pub offset: usize,
     /// For each axis where its index stands in the number of a value, and the weights.
@@ -24,43 +25,11 @@ pub struct Weighted {
 
 /// A claim about values that were committed to, or about others.
 #[derive(Clone, Debug)]
-pub struct Claim<V = Extension> {
+pub struct ValueClaim<V = Extension> {
     /// What it is about.
     pub about: Weighted,
     /// What the sum is.
     pub value: V,
-}
-
-/// A value that the prover does not show: the value itself for the prover, and a [`crate::form::Form`] for the verifier. A known one is both.
-pub trait Secret: Clone + Default + From<Extension> {
-    /// Adds `factor · other`.
-    fn add(&mut self, factor: Extension, other: &Self);
-
-    /// Adds a known value.
-    fn add_known(&mut self, value: Extension);
-
-    /// `factor · self`.
-    fn times(&self, factor: Extension) -> Self {
-        let mut product = Self::default();
-        product.add(factor, self);
-        product
-    }
-
-    /// `self − other`.
-    fn minus(mut self, other: &Self) -> Self {
-        self.add(-Extension::ONE, other);
-        self
-    }
-}
-
-impl Secret for Extension {
-    fn add_known(&mut self, value: Extension) {
-        *self += value;
-    }
-
-    fn add(&mut self, factor: Extension, other: &Self) {
-        *self += factor * *other;
-    }
 }
 
 /// The sum of `values` times 1, `gamma`, `gamma²`, …
@@ -78,9 +47,9 @@ pub fn combine<'a, V: Secret + 'a>(values: impl Iterator<Item = &'a V>, gamma: E
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Sum {
     /// Monomials with this number, with weights.
-    Monomials(usize, Weights),
+    Monomials(usize, PointWeights),
     /// The product with this number, with weights.
-    Product(usize, Weights),
+    Product(usize, PointWeights),
 }
 
 /// One of the two sides.
@@ -110,14 +79,14 @@ pub trait Party: Challenges {
     fn fractions(
         &mut self,
         instance: usize,
-        layout: &Layout,
+        layout: &LookupLayout,
         fold: &Fold,
     ) -> Result<LeafClaim<Self::Value>, Refused>;
     /// The sumcheck of `Σ coefficient · claim`, where the coefficients are powers of `gamma`, over the numerators and denominators of all
     /// instances. Returns its point, and the value there.
     fn gather(
         &mut self,
-        layout: &Layout,
+        layout: &LookupLayout,
         fold: &Fold,
         claims: &[LeafClaim<Self::Value>],
         gamma: Extension,
@@ -139,7 +108,7 @@ pub trait Party: Challenges {
         &mut self,
         parts: &Parts,
         sources: &Sources<'_>,
-        claims: &[Claim<Self::Value>],
+        claims: &[ValueClaim<Self::Value>],
         gamma: Extension,
     ) -> Result<(JoinedPoint, Self::Value), Refused>;
 }
@@ -148,7 +117,7 @@ pub trait Party: Challenges {
 #[derive(Clone, Copy, Debug)]
 pub struct Sources<'a> {
     /// Each with the binary logarithm of the number of its values.
-    pub all: &'a [(Source, usize)],
+    pub all: &'a [(ColumnSource, usize)],
     /// Variables of instances.
     pub instances: usize,
 }

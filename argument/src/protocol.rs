@@ -10,15 +10,16 @@
 //! A value that the prover claims is said when it is first needed. It is secret, unless everybody can compute it. [`crate::party::Party`] is what differs between the two sides.
 
 use crate::field::{Extension, Goldilocks};
+use crate::form::Secret;
 use crate::gather::{gather, Gathered};
-use crate::layout::Layout;
+use crate::layout::LookupLayout;
 use crate::operation;
-use crate::party::{Claim, Fold, Party, Secret, Sum, Weighted};
+use crate::party::{Fold, Party, Sum, ValueClaim, Weighted};
 use crate::relation::{
-    Atom, Axis, Count, Factor, Index, Linear, Part, Parts, Relations, MAX_FACTORS,
+    Atom, Axis, Count, Factor, Index, LinearSum, Part, Parts, Relations, MAX_FACTORS,
 };
 use crate::transcript::Refused;
-use crate::weights::{Known, Point, Weights};
+use crate::weights::{Known, Point, PointWeights};
 use alloc::vec;
 use alloc::vec::Vec;
 
@@ -31,7 +32,7 @@ struct Argument<'a, P: Party> {
     party: &'a mut P,
     relations: &'a Relations,
     parts: &'a mut Parts,
-    left: Left<P::Value>,
+    left: LeftClaims<P::Value>,
     monomials: Vec<(Sum, P::Value)>,
     products: Vec<(Sum, P::Value)>,
     /// Values of virtual tensors that were claimed.
@@ -41,11 +42,11 @@ struct Argument<'a, P: Party> {
 }
 
 /// Claims that are left to show.
-pub struct Left<V> {
+pub struct LeftClaims<V> {
     /// About secret values.
-    pub secret: Vec<Claim<V>>,
+    pub secret: Vec<ValueClaim<V>>,
     /// About values that everybody can have.
-    pub published: Vec<Claim>,
+    pub published: Vec<ValueClaim>,
 }
 
 /// Argues that the relations hold if the claims do that are returned. `parts` holds their weights.
@@ -53,12 +54,12 @@ pub fn argue<P: Party>(
     party: &mut P,
     relations: &Relations,
     parts: &mut Parts,
-) -> Result<Left<P::Value>, Refused> {
+) -> Result<LeftClaims<P::Value>, Refused> {
     let mut argument = Argument {
         party,
         relations,
         parts,
-        left: Left {
+        left: LeftClaims {
             secret: vec![],
             published: vec![],
         },
@@ -86,7 +87,7 @@ impl<P: Party> Argument<'_, P> {
             shift: self.party.challenge(),
             powers: [Extension::ONE, beta, beta * beta, beta * beta * beta],
         };
-        let layout = Layout::new(relations);
+        let layout = LookupLayout::new(relations);
         let adding = operation("sum of fractions");
         let leaves = (0..relations.count_of_instances())
             .map(|instance| self.party.fractions(instance, &layout, &fold));
@@ -137,8 +138,8 @@ impl<P: Party> Argument<'_, P> {
         &mut self,
         sum: &mut P::Value,
         factor: Extension,
-        linear: &Linear,
-        weights: &Weights,
+        linear: &LinearSum,
+        weights: &PointWeights,
     ) -> Result<(), Refused> {
         for term in linear {
             let scaled;
@@ -173,7 +174,7 @@ impl<P: Party> Argument<'_, P> {
         Ok(())
     }
 
-    fn scaled(&mut self, weights: &Weights, number: usize) -> Weights {
+    fn scaled(&mut self, weights: &PointWeights, number: usize) -> PointWeights {
         let (axis, factors) = &self.relations.coefficients[number];
         let mut scaled = *weights;
         for (_, part) in scaled.iter_mut().filter(|(of, _)| of == axis) {
@@ -183,7 +184,7 @@ impl<P: Party> Argument<'_, P> {
     }
 
     /// The product of the sums of the weights on some axes.
-    fn total(&self, weights: &Weights, which: impl Fn(Axis) -> bool) -> Extension {
+    fn total(&self, weights: &PointWeights, which: impl Fn(Axis) -> bool) -> Extension {
         let totals = weights.iter().filter(|(axis, _)| which(*axis));
         totals.fold(Extension::ONE, |product, &(_, part)| {
             match self.parts.get(part) {
@@ -194,7 +195,7 @@ impl<P: Party> Argument<'_, P> {
     }
 
     /// A public tensor with weights, which repeats along the other axes.
-    fn public(&mut self, number: usize, weights: &Weights) -> Extension {
+    fn public(&mut self, number: usize, weights: &PointWeights) -> Extension {
         let public = &self.relations.publics[number];
         let axes = public.axes();
         let own = weights.of(axes);
@@ -225,7 +226,7 @@ impl<P: Party> Argument<'_, P> {
         sum: &mut P::Value,
         factor: Extension,
         number: usize,
-        weights: &Weights,
+        weights: &PointWeights,
     ) -> Result<(), Refused> {
         if self.virtuals.get(number, weights).is_none() {
             let value = self.claimed(number, weights)?;
@@ -237,14 +238,14 @@ impl<P: Party> Argument<'_, P> {
         Ok(())
     }
 
-    fn virtual_at(&mut self, number: usize, weights: &Weights) -> Result<P::Value, Refused> {
+    fn virtual_at(&mut self, number: usize, weights: &PointWeights) -> Result<P::Value, Refused> {
         let mut value = P::Value::default();
         self.add_virtual(&mut value, Extension::ONE, number, weights)?;
         Ok(value)
     }
 
     /// A virtual tensor with weights, which is claimed.
-    fn claimed(&mut self, number: usize, weights: &Weights) -> Result<P::Value, Refused> {
+    fn claimed(&mut self, number: usize, weights: &PointWeights) -> Result<P::Value, Refused> {
         let relations = self.relations;
         let mut sum = P::Value::default();
         for view in &relations.virtuals[number].views {
@@ -292,17 +293,17 @@ impl<P: Party> Argument<'_, P> {
             if relations.published.contains(&tensor.source) {
                 let value = self.party.published(self.parts, &about)?;
                 sum.add_known(factor * value);
-                self.left.published.push(Claim { about, value });
+                self.left.published.push(ValueClaim { about, value });
             } else {
                 let value = self.party.value(self.parts, &about)?;
                 sum.add(factor, &value);
-                self.left.secret.push(Claim { about, value });
+                self.left.secret.push(ValueClaim { about, value });
             }
         }
         Ok(sum)
     }
 
-    fn product_at(&mut self, number: usize, weights: &Weights) -> Result<P::Value, Refused> {
+    fn product_at(&mut self, number: usize, weights: &PointWeights) -> Result<P::Value, Refused> {
         let product = &self.relations.products[number];
         let axes = [&product.left_axes, &product.right_axes, &product.shared];
         let own = weights.of(axes.into_iter().flatten());
@@ -321,7 +322,7 @@ impl<P: Party> Argument<'_, P> {
         Ok(value)
     }
 
-    fn monomials_at(&mut self, number: usize, weights: &Weights) -> Result<P::Value, Refused> {
+    fn monomials_at(&mut self, number: usize, weights: &PointWeights) -> Result<P::Value, Refused> {
         let monomials = &self.relations.monomials[number];
         let kept = &monomials.axes[..monomials.axes.len() - monomials.summed];
         let own = weights.of(kept);

@@ -1,8 +1,9 @@
 //! Claims about sources become one claim about each source: what its multilinear polynomial is at one point that all share.
 
 use crate::field::Extension;
+use crate::form::Secret;
 use crate::multilinear::eq_table;
-use crate::party::{Claim, Party, Secret, Sources, Weighted};
+use crate::party::{Party, Sources, ValueClaim, Weighted};
 use crate::relation::{Part, PartId, Parts};
 use crate::sumcheck::JoinedPoint;
 use crate::transcript::Refused;
@@ -18,7 +19,7 @@ pub fn share<P: Party>(
     party: &mut P,
     parts: &mut Parts,
     sources: &Sources<'_>,
-    claims: &[Claim<P::Value>],
+    claims: &[ValueClaim<P::Value>],
 ) -> Result<Shared<P::Value>, Refused> {
     let gamma = party.challenge();
     let (joined, value) = party.reduce_claims(parts, sources, claims, gamma)?;

@@ -103,9 +103,10 @@ impl JoinedPoint {
     /// variables that it does not have.
     pub fn absent(&self, variables: usize, over_instances: bool) -> Extension {
         let absent = self.absent[variables];
-        match over_instances {
-            true => absent,
-            false => absent * self.no_instances,
+        if over_instances {
+            absent
+        } else {
+            absent * self.no_instances
         }
     }
 }

@@ -9,7 +9,7 @@
 
 use crate::field::goldilocks::reduce;
 use crate::field::{Extension, Goldilocks};
-use crate::hash::{Digest, Domain, Sponge};
+use crate::hash::{Sponge, SpongeDigest, SpongeDomain};
 use alloc::vec::Vec;
 use core::ops::Range;
 
@@ -42,14 +42,11 @@ pub enum Refused {
 /// An error unless `holds`: every check of the verifier that a cheat would fail.
 #[inline(always)]
 pub fn require(holds: bool, otherwise: Refused) -> Result<(), Refused> {
-    match holds {
-        true => Ok(()),
-        false => Err(otherwise),
-    }
+    holds.then_some(()).ok_or(otherwise)
 }
 
 /// What prover and verifier share: all that was said, and challenges from it.
-struct Said {
+struct Transcript {
     sponge: Sponge,
     /// The sponge's digest was not drawn from yet.
     fresh: bool,
@@ -58,9 +55,9 @@ struct Said {
     deaf: bool,
 }
 
-impl Said {
-    fn new(statement: &Digest) -> Self {
-        let mut sponge = Sponge::new(Domain::Transcript, 0);
+impl Transcript {
+    fn new(statement: &SpongeDigest) -> Self {
+        let mut sponge = Sponge::new(SpongeDomain::Transcript, 0);
         sponge.absorb_digest(statement);
         Self {
             sponge,
@@ -79,7 +76,7 @@ impl Said {
     }
 
     #[inline(always)]
-    fn elements(&mut self, elements: &[Goldilocks]) {
+    fn absorb(&mut self, elements: &[Goldilocks]) {
         if elements.is_empty() || self.is_deaf() {
             return;
         }
@@ -88,7 +85,7 @@ impl Said {
     }
 
     #[inline(always)]
-    fn digest(&mut self, digest: &Digest) {
+    fn absorb_digest(&mut self, digest: &SpongeDigest) {
         if self.is_deaf() {
             return;
         }
@@ -98,7 +95,7 @@ impl Said {
 
     /// The next eight values, as words of two.
     #[inline(always)]
-    fn draw(&mut self) -> [u64; 4] {
+    fn squeeze(&mut self) -> [u64; 4] {
         if !self.fresh {
             self.sponge.permute();
         }
@@ -109,7 +106,7 @@ impl Said {
     #[inline(always)]
     fn challenge(&mut self) -> Extension {
         // Four times 24 bits modulo p: no element is likelier than another by more than 2^-32 of its probability.
-        let words = self.draw().map(bits);
+        let words = self.squeeze().map(bits);
         let coefficient =
             |low: u64, high: u64| reduce(low as u128 | (high as u128) << (2 * RANDOM_BITS));
         Extension([
@@ -126,12 +123,13 @@ fn bits(word: u64) -> u64 {
     (word & MASK) | (word >> 32 & MASK) << RANDOM_BITS
 }
 
-fn positions(said: &mut Said, count: usize, bits_of_each: u32) -> Vec<usize> {
+fn positions(transcript: &mut Transcript, count: usize, bits_of_each: u32) -> Vec<usize> {
     debug_assert!(bits_of_each <= 2 * RANDOM_BITS);
     let mask = (1u64 << bits_of_each) - 1;
     let mut positions = Vec::with_capacity(count.next_multiple_of(4));
     while positions.len() < count {
-        positions.extend(said.draw().map(|word| (bits(word) & mask) as usize));
+        let words = transcript.squeeze();
+        positions.extend(words.map(|word| (bits(word) & mask) as usize));
     }
     positions.truncate(count);
     positions
@@ -162,7 +160,7 @@ impl Pads {
 /// The prover's side: what it says is absorbed and kept.
 #[cfg(feature = "prove")]
 pub struct Prover {
-    said: Said,
+    transcript: Transcript,
     proof: Vec<u64>,
     pads: Pads,
     /// Something secret was not said, because there was no pad for it.
@@ -175,7 +173,7 @@ pub struct Prover {
 
 /// The verifier's side: it reads what the prover said.
 pub struct Verifier<'a> {
-    said: Said,
+    transcript: Transcript,
     proof: &'a [u64],
     read: usize,
     /// What secret values were said as, by the numbers of their pads. A mask is one that was said as zero.
@@ -199,31 +197,31 @@ pub trait Challenges {
 #[cfg(feature = "prove")]
 impl Challenges for Prover {
     fn challenge(&mut self) -> Extension {
-        self.said.challenge()
+        self.transcript.challenge()
     }
 
     fn positions(&mut self, count: usize, bits: u32) -> Vec<usize> {
-        positions(&mut self.said, count, bits)
+        positions(&mut self.transcript, count, bits)
     }
 }
 
 impl Challenges for Verifier<'_> {
     #[inline(always)]
     fn challenge(&mut self) -> Extension {
-        self.said.challenge()
+        self.transcript.challenge()
     }
 
     fn positions(&mut self, count: usize, bits: u32) -> Vec<usize> {
-        positions(&mut self.said, count, bits)
+        positions(&mut self.transcript, count, bits)
     }
 }
 
 #[cfg(feature = "prove")]
 impl Prover {
     /// Begins an argument for the statement with this digest.
-    pub fn new(statement: &Digest, pads: Pads) -> Self {
+    pub fn new(statement: &SpongeDigest, pads: Pads) -> Self {
         Self {
-            said: Said::new(statement),
+            transcript: Transcript::new(statement),
             proof: Vec::new(),
             pads,
             silent: false,
@@ -235,13 +233,13 @@ impl Prover {
     /// Challenges follow from the statement alone. Such an argument shows nothing; tests compare it with others.
     #[doc(hidden)]
     pub fn deaf(mut self) -> Self {
-        self.said.deaf = true;
+        self.transcript.deaf = true;
         self
     }
 
     fn send(&mut self, elements: &[Extension]) {
         let elements = Extension::coefficients(elements);
-        self.said.elements(elements);
+        self.transcript.absorb(elements);
         self.hint(elements);
     }
 
@@ -296,15 +294,15 @@ impl Prover {
     }
 
     /// A verifier that reads what was said up to now.
-    pub fn verifier(&self, statement: &Digest) -> Verifier<'_> {
+    pub fn verifier(&self, statement: &SpongeDigest) -> Verifier<'_> {
         let mut verifier = Verifier::new(statement, &self.proof);
-        verifier.said.deaf = self.said.deaf;
+        verifier.transcript.deaf = self.transcript.deaf;
         verifier
     }
 
     /// Says a digest.
-    pub fn send_digest(&mut self, digest: &Digest) {
-        self.said.digest(digest);
+    pub fn send_digest(&mut self, digest: &SpongeDigest) {
+        self.transcript.absorb_digest(digest);
         self.hint_digest(digest);
     }
 
@@ -315,7 +313,7 @@ impl Prover {
     }
 
     /// Adds a digest that something said before binds.
-    pub fn hint_digest(&mut self, digest: &Digest) {
+    pub fn hint_digest(&mut self, digest: &SpongeDigest) {
         self.proof.extend_from_slice(&digest.0);
     }
 
@@ -331,9 +329,9 @@ impl Prover {
 
 impl<'a> Verifier<'a> {
     /// Reads `proof` as an argument for the statement with this digest.
-    pub fn new(statement: &Digest, proof: &'a [u64]) -> Self {
+    pub fn new(statement: &SpongeDigest, proof: &'a [u64]) -> Self {
         Self {
-            said: Said::new(statement),
+            transcript: Transcript::new(statement),
             proof,
             read: 0,
             padded: Vec::new(),
@@ -344,7 +342,7 @@ impl<'a> Verifier<'a> {
     #[cfg(feature = "prove")]
     #[doc(hidden)]
     pub fn deaf(mut self) -> Self {
-        self.said.deaf = true;
+        self.transcript.deaf = true;
         self
     }
 
@@ -381,7 +379,7 @@ impl<'a> Verifier<'a> {
     #[inline(always)]
     pub fn receive(&mut self, count: usize) -> Result<&'a [Goldilocks], Refused> {
         let elements = self.hint(count)?;
-        self.said.elements(elements);
+        self.transcript.absorb(elements);
         Ok(elements)
     }
 
@@ -393,9 +391,9 @@ impl<'a> Verifier<'a> {
 
     /// The prover's next digest.
     #[inline(always)]
-    pub fn receive_digest(&mut self) -> Result<Digest, Refused> {
+    pub fn receive_digest(&mut self) -> Result<SpongeDigest, Refused> {
         let digest = self.hint_digest()?;
-        self.said.digest(&digest);
+        self.transcript.absorb_digest(&digest);
         Ok(digest)
     }
 
@@ -409,11 +407,11 @@ impl<'a> Verifier<'a> {
 
     /// The next digest, which something said before binds. The caller has to compare it with that.
     #[inline(always)]
-    pub fn hint_digest(&mut self) -> Result<Digest, Refused> {
+    pub fn hint_digest(&mut self) -> Result<SpongeDigest, Refused> {
         let [digest] = self.hint_digests(1)? else {
             return Err(Refused::Length("fewer"));
         };
-        Ok(Digest(*digest))
+        Ok(SpongeDigest(*digest))
     }
 
     /// The next `count` digests, likewise.
@@ -462,7 +460,7 @@ pub mod work {
         /// Numbers that all cores try before the next ones. The first that will do is taken, so that proofs do not depend on the cores.
         const TRIED: u32 = 1 << 16;
         const LANES: u32 = packed::LANES as u32;
-        let said = &prover.said;
+        let said = &prover.transcript;
         let attempt = |first: u32| {
             let words = packed::first_words(&said.sponge, first);
             let mut numbers = (first..).zip(words);
@@ -477,9 +475,9 @@ pub mod work {
         });
         // One in 2^bits will do, and bits are at most 24
         let number = Goldilocks::from_u32(found.unwrap_or_default());
-        prover.said.elements(&[number]);
+        prover.transcript.absorb(&[number]);
         prover.hint(&[number]);
-        prover.said.draw();
+        prover.transcript.squeeze();
     }
 
     /// Checks the proof of work that the prover says next.
@@ -489,8 +487,8 @@ pub mod work {
         what: &'static str,
     ) -> Result<(), Refused> {
         verifier.receive(1)?;
-        let holds = begins_with_zeros(verifier.said.draw()[0], difficulty);
-        require(holds || verifier.said.is_deaf(), Refused::Work(what))
+        let holds = begins_with_zeros(verifier.transcript.squeeze()[0], difficulty);
+        require(holds || verifier.transcript.is_deaf(), Refused::Work(what))
     }
 
     fn begins_with_zeros(word: u64, difficulty: u32) -> bool {

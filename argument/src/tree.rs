@@ -2,13 +2,13 @@
 //! opened rows meet near the root, so that a level further down saves more than it costs.
 
 use crate::field::Goldilocks;
-use crate::hash::{Climb, Digest};
+use crate::hash::{Climb, SpongeDigest};
 use crate::transcript::{require, Refused, Verifier};
 use alloc::vec::Vec;
 
 /// Reads the cap of a tree that has 2^`bits` digests there.
 #[inline(always)]
-pub fn receive_cap(verifier: &mut Verifier<'_>, bits: u32) -> Result<Vec<Digest>, Refused> {
+pub fn receive_cap(verifier: &mut Verifier<'_>, bits: u32) -> Result<Vec<SpongeDigest>, Refused> {
     (0..1 << bits).map(|_| verifier.receive_digest()).collect()
 }
 
@@ -17,7 +17,7 @@ pub fn receive_cap(verifier: &mut Verifier<'_>, bits: u32) -> Result<Vec<Digest>
 #[inline(always)]
 pub fn open<'a>(
     verifier: &mut Verifier<'a>,
-    cap: &[Digest],
+    cap: &[SpongeDigest],
     levels: u32,
     index: usize,
     widths: &[usize],
@@ -46,7 +46,7 @@ pub mod prove {
 
     /// The digests of a tree, from the rows' to the cap's.
     pub struct Tree {
-        levels: Vec<Vec<Digest>>,
+        levels: Vec<Vec<SpongeDigest>>,
     }
 
     impl Tree {
@@ -62,7 +62,7 @@ pub mod prove {
         }
 
         /// The tree over rows with these digests.
-        pub fn of_leaves(leaves: Vec<Digest>, cap: u32) -> Self {
+        pub fn of_leaves(leaves: Vec<SpongeDigest>, cap: u32) -> Self {
             let mut levels = vec![leaves];
             while let Some(last) = levels.last().filter(|last| last.len() > 1 << cap) {
                 levels.push(parents(last));
@@ -71,12 +71,12 @@ pub mod prove {
         }
 
         /// The cap.
-        pub fn cap(&self) -> &[Digest] {
+        pub fn cap(&self) -> &[SpongeDigest] {
             self.levels.last().map_or(&[], |last| last)
         }
 
         /// The digests of all rows.
-        pub fn leaves(&self) -> &[Digest] {
+        pub fn leaves(&self) -> &[SpongeDigest] {
             &self.levels[0]
         }
 
@@ -96,7 +96,7 @@ pub mod prove {
         }
 
         /// The digests beside the path from a row to the cap.
-        pub fn path(&self, index: usize) -> Vec<Digest> {
+        pub fn path(&self, index: usize) -> Vec<SpongeDigest> {
             let below_the_cap = self.levels[..self.levels.len() - 1].iter().enumerate();
             below_the_cap
                 .map(|(level, digests)| digests[index >> level ^ 1])
@@ -109,8 +109,8 @@ pub mod prove {
         rows: usize,
         width: usize,
         element: impl Fn(usize, usize) -> u64 + Sync,
-    ) -> Vec<Digest> {
-        let mut digests = vec![Digest::default(); rows];
+    ) -> Vec<SpongeDigest> {
+        let mut digests = vec![SpongeDigest::default(); rows];
         let blocks = digests.par_chunks_mut(packed::LANES).enumerate();
         blocks.for_each(|(block, digests)| {
             let first = block * packed::LANES;
@@ -120,8 +120,8 @@ pub mod prove {
     }
 
     /// The next level of a tree.
-    pub fn parents(digests: &[Digest]) -> Vec<Digest> {
-        let mut parents = vec![Digest::default(); digests.len() / 2];
+    pub fn parents(digests: &[SpongeDigest]) -> Vec<SpongeDigest> {
+        let mut parents = vec![SpongeDigest::default(); digests.len() / 2];
         let pairs = digests.par_chunks(2 * packed::LANES);
         let blocks = parents.par_chunks_mut(packed::LANES).zip(pairs);
         blocks.for_each(|(parents, pairs)| packed::nodes(pairs, parents));

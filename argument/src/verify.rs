@@ -4,8 +4,8 @@ use crate::field::Extension;
 use crate::form::{Equations, Form};
 use crate::fractions::{self, LeafClaim};
 use crate::gather::combined;
-use crate::layout::Layout;
-use crate::party::{combine, Claim, Fold, Party, Sources, Sum, Weighted};
+use crate::layout::LookupLayout;
+use crate::party::{combine, Fold, Party, Sources, Sum, ValueClaim, Weighted};
 use crate::relation::{Parts, Relations};
 use crate::sumcheck::{self, JoinedPoint};
 use crate::transcript::{require, work, Challenges, Refused, Verifier};
@@ -119,7 +119,7 @@ impl Party for Verifying<'_, '_> {
     fn fractions(
         &mut self,
         _: usize,
-        layout: &Layout,
+        layout: &LookupLayout,
         _: &Fold,
     ) -> Result<LeafClaim<Form>, Refused> {
         fractions::verify(self.verifier, layout.variables, &mut self.equations)
@@ -127,7 +127,7 @@ impl Party for Verifying<'_, '_> {
 
     fn gather(
         &mut self,
-        layout: &Layout,
+        layout: &LookupLayout,
         _: &Fold,
         claims: &[LeafClaim<Form>],
         gamma: Extension,
@@ -159,7 +159,7 @@ impl Party for Verifying<'_, '_> {
         &mut self,
         _: &Parts,
         sources: &Sources<'_>,
-        claims: &[Claim<Form>],
+        claims: &[ValueClaim<Form>],
         gamma: Extension,
     ) -> Result<(JoinedPoint, Form), Refused> {
         let claim = combine(claims.iter().map(|claim| &claim.value), gamma);

@@ -11,12 +11,12 @@ const MOST: usize = 8;
 
 /// The weights of the indices of some axes. They are copied often, so that they lie in one piece and not in a vector.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Weights {
+pub struct PointWeights {
     count: usize,
     all: [(Axis, PartId); MOST],
 }
 
-impl Weights {
+impl PointWeights {
     /// Adds an axis.
     pub fn push(&mut self, axis: Axis, part: PartId) {
         self.all[self.count] = (axis, part);
@@ -42,7 +42,7 @@ impl Weights {
     }
 }
 
-impl Deref for Weights {
+impl Deref for PointWeights {
     type Target = [(Axis, PartId)];
 
     fn deref(&self) -> &Self::Target {
@@ -50,19 +50,19 @@ impl Deref for Weights {
     }
 }
 
-impl DerefMut for Weights {
+impl DerefMut for PointWeights {
     fn deref_mut(&mut self) -> &mut Self::Target {
         &mut self.all[..self.count]
     }
 }
 
-impl PartialEq for Weights {
+impl PartialEq for PointWeights {
     fn eq(&self, other: &Self) -> bool {
         self.count == other.count && self.iter().zip(other.iter()).all(|(a, b)| a == b)
     }
 }
 
-impl Eq for Weights {}
+impl Eq for PointWeights {}
 
 /// A point of a sumcheck, whose first coordinates are those of a smaller tensor's axes.
 pub struct Point<'a> {
@@ -84,9 +84,14 @@ impl<'a> Point<'a> {
     }
 
     /// The parts of the axes, which lie one after the other from the first coordinate on.
-    pub fn weights(&mut self, relations: &Relations, parts: &mut Parts, axes: &[Axis]) -> Weights {
+    pub fn weights(
+        &mut self,
+        relations: &Relations,
+        parts: &mut Parts,
+        axes: &[Axis],
+    ) -> PointWeights {
         let mut start = 0;
-        let mut weights = Weights::default();
+        let mut weights = PointWeights::default();
         for &axis in axes {
             if relations.are_instances(axis) {
                 weights.push(axis, self.instances);
@@ -110,7 +115,7 @@ impl<'a> Point<'a> {
 }
 
 /// Values of tensors, each with some weights. There are few weights for each tensor.
-pub struct Known<V>(Vec<Vec<(Weights, V)>>);
+pub struct Known<V>(Vec<Vec<(PointWeights, V)>>);
 
 impl<V: Clone> Known<V> {
     /// For so many tensors.
@@ -119,13 +124,13 @@ impl<V: Clone> Known<V> {
     }
 
     /// The value of a tensor.
-    pub fn get(&self, number: usize, weights: &Weights) -> Option<&V> {
+    pub fn get(&self, number: usize, weights: &PointWeights) -> Option<&V> {
         let known = self.0[number].iter().find(|(of, _)| of == weights);
         known.map(|(_, value)| value)
     }
 
     /// Keeps a value.
-    pub fn insert(&mut self, number: usize, weights: Weights, value: V) {
+    pub fn insert(&mut self, number: usize, weights: PointWeights, value: V) {
         self.0[number].push((weights, value));
     }
 }

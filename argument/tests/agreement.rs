@@ -2,7 +2,7 @@
 
 use crate::models::Models;
 use rayon::prelude::*;
-use zk0_argument::expert::witness::{evaluate, Common, SampleValues, Unprovable};
+use zk0_argument::expert::prover_values::{evaluate, Common, SampleValues, Unprovable};
 use zk0_argument::prove::progress::silently;
 use zk0_argument::prove::{check_equalities, Computed, Tables};
 use zk0_circuits::model::spec::Dims;
@@ -87,14 +87,15 @@ fn agrees(seed: u64) -> Option<bool> {
     };
     let common = Common::new(&statement, weights);
     for number in 0..models.samples.len() {
-        let witness = SampleValues::of(&statement, &common, number, weights, &models.samples);
-        let witness = witness.unwrap_or_else(|error| panic!("seed {seed}: {error} ({spec:?})"));
+        let sample_values = SampleValues::of(&statement, &common, number, weights, &models.samples);
+        let sample_values =
+            sample_values.unwrap_or_else(|error| panic!("seed {seed}: {error} ({spec:?})"));
         let tables = Tables {
-            relations: &witness.expert.builder.relations,
-            sources: &witness.sources(&common),
+            relations: &sample_values.expert.builder.relations,
+            sources: &sample_values.sources(&common),
             computed: &Computed::default(),
         };
-        // The witness was only made if every look-up found its row.
+        // The values were only made if every look-up found its row.
         if let Err(violation) = check_equalities(&tables) {
             panic!("seed {seed}: {violation} ({spec:?})");
         }

@@ -7,7 +7,7 @@ use zk0_argument::claim::{
     check, committed, digest_of, make, most_samples, most_uses, ClaimInput, ClaimSource, NotMade,
     NotShown,
 };
-use zk0_argument::expert::witness::Unprovable;
+use zk0_argument::expert::prover_values::Unprovable;
 use zk0_argument::prove::progress::Phase;
 use zk0_argument::transcript::Refused;
 use zk0_circuits::claim::private_input::{Header, InputError};

@@ -8,12 +8,12 @@ use zk0_argument::commitment::prove::{
 };
 use zk0_argument::commitment::{verify, Parameters, Rate, Segment};
 use zk0_argument::field::{Extension, Goldilocks};
-use zk0_argument::hash::Digest;
+use zk0_argument::hash::SpongeDigest;
 use zk0_argument::multilinear::{eq_table, evaluate_extension};
 use zk0_argument::prove::progress::silently;
 use zk0_argument::transcript::{Challenges, Pads, Prover, Refused, Verifier};
 
-const STATEMENT: Digest = Digest([1, 2, 3, 4]);
+const STATEMENT: SpongeDigest = SpongeDigest([1, 2, 3, 4]);
 
 /// Values that look random.
 fn values(seed: u64, count: usize) -> Vec<Goldilocks> {

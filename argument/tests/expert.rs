@@ -5,11 +5,11 @@ use std::io;
 use zk0_argument::expert::argument::{prove::prove, verify, Verified};
 use zk0_argument::expert::builder::MAIN;
 use zk0_argument::expert::evaluation::layers::Expert;
+use zk0_argument::expert::prover_values::{evaluate, Common, SampleValues};
 use zk0_argument::expert::published::{digest as digest_of_words, Published};
 use zk0_argument::expert::sample;
 use zk0_argument::expert::sizes::{P, X};
 use zk0_argument::expert::statement::Statement;
-use zk0_argument::expert::witness::{evaluate, Common, SampleValues};
 use zk0_argument::field::Goldilocks;
 use zk0_argument::prove::progress::silently;
 use zk0_argument::prove::{check, check_equalities, Computed, Tables, Violation};
@@ -43,10 +43,10 @@ impl Made {
             evaluate(CONTEXT, &models.spec, weights, &models.samples, &silently).unwrap();
         let expert = Expert::new(&statement);
         let common = Common::new(&statement, weights);
-        let witness = |number| {
+        let sample_values = |number| {
             SampleValues::of(&statement, &common, number, weights, &models.samples).unwrap()
         };
-        let witnesses = (0..models.samples.len()).map(witness).collect();
+        let witnesses = (0..models.samples.len()).map(sample_values).collect();
         Self {
             models: weights.map(Clone::clone),
             statement,
@@ -61,27 +61,27 @@ impl Made {
     }
 
     fn check(&self) -> Result<(), Violation> {
-        self.witnesses.iter().try_for_each(|witness| {
+        self.witnesses.iter().try_for_each(|sample_values| {
             check(&Tables {
-                relations: &witness.expert.builder.relations,
-                sources: &witness.sources(&self.common),
+                relations: &sample_values.expert.builder.relations,
+                sources: &sample_values.sources(&self.common),
                 computed: &Computed::default(),
             })
         })
     }
 
     fn check_equalities(&self) -> Result<(), Violation> {
-        self.witnesses.iter().try_for_each(|witness| {
+        self.witnesses.iter().try_for_each(|sample_values| {
             check_equalities(&Tables {
-                relations: &witness.expert.builder.relations,
-                sources: &witness.sources(&self.common),
+                relations: &sample_values.expert.builder.relations,
+                sources: &sample_values.sources(&self.common),
                 computed: &Computed::default(),
             })
         })
     }
 
     fn proof(&self) -> Vec<u64> {
-        let witness = |number: usize| Ok::<_, io::Error>(self.witnesses[number].clone());
+        let sample_values = |number: usize| Ok::<_, io::Error>(self.witnesses[number].clone());
         let folder = std::env::temp_dir();
         let proof = prove(
             &self.statement,
@@ -89,7 +89,7 @@ impl Made {
             &BLIND,
             Some(&folder),
             &silently,
-            witness,
+            sample_values,
         );
         proof.unwrap()
     }
@@ -260,10 +260,10 @@ fn each_value_counts(mut made: Made) {
             let first = place.bits != made.expert.builder.sizes.of(P) && random.bits() & 1 == 0;
             number + (if first { 0 } else { middle } << place.shift)
         });
-        let witness = random.bits() as usize % 2;
-        made.witnesses[witness].main[number] += 1;
+        let sample_values = random.bits() as usize % 2;
+        made.witnesses[sample_values].main[number] += 1;
         assert!(made.check().is_err(), "value {number} of {}", tensor.name);
-        made.witnesses[witness].main[number] -= 1;
+        made.witnesses[sample_values].main[number] -= 1;
     }
     assert_eq!(made.check(), Ok(()));
 }

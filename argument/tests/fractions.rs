@@ -3,11 +3,11 @@
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::form::Equations;
 use zk0_argument::fractions::{prove, verify, LeafClaim};
-use zk0_argument::hash::Digest;
+use zk0_argument::hash::SpongeDigest;
 use zk0_argument::multilinear::eq_table;
 use zk0_argument::transcript::{Pads, Prover, Refused, Verifier};
 
-const STATEMENT: Digest = Digest([9, 8, 7, 6]);
+const STATEMENT: SpongeDigest = SpongeDigest([9, 8, 7, 6]);
 
 /// Fractions whose sum is zero: the last one makes it so.
 fn fractions(count: usize) -> (Vec<Extension>, Vec<Extension>) {

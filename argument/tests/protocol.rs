@@ -1,7 +1,7 @@
 //! A small statement that uses every kind of relation: what holds is accepted, and what is changed is refused.
 
 use zk0_argument::field::{Extension, Goldilocks};
-use zk0_argument::hash::Digest;
+use zk0_argument::hash::SpongeDigest;
 use zk0_argument::multilinear::{eq_table, evaluate};
 use zk0_argument::party::Sources;
 use zk0_argument::protocol::argue;
@@ -13,9 +13,9 @@ use zk0_argument::share::share;
 use zk0_argument::transcript::{Challenges, Pads, Prover, Refused, Verifier};
 use zk0_argument::verify::Verifying;
 
-const STATEMENT: Digest = Digest([1, 2, 3, 4]);
-const MAIN: Source = Source(0);
-const WEIGHTS: Source = Source(1);
+const STATEMENT: SpongeDigest = SpongeDigest([1, 2, 3, 4]);
+const MAIN: ColumnSource = ColumnSource(0);
+const WEIGHTS: ColumnSource = ColumnSource(1);
 /// Binary logarithm of the values of each source.
 const BITS: [usize; 2] = [12, 7];
 const SOURCES: Sources = Sources {
@@ -55,7 +55,7 @@ fn with(number: usize, term: Term) -> Term {
     }
 }
 
-fn tensor(source: Source, offset: usize, axes: &[u8]) -> Tensor {
+fn tensor(source: ColumnSource, offset: usize, axes: &[u8]) -> Tensor {
     Tensor::packed("a tensor", source, offset, axes)
 }
 
@@ -70,7 +70,7 @@ fn view(tensor: usize, indices: &[Index]) -> Virtual {
     }
 }
 
-fn range(name: &'static str, axes: &[Axis], value: Linear, bits: i64, count: Count) -> Lookup {
+fn range(name: &'static str, axes: &[Axis], value: LinearSum, bits: i64, count: Count) -> Lookup {
     Lookup {
         name,
         axes: axes.to_vec(),

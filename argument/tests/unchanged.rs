@@ -2,11 +2,11 @@
 
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::fractions::{self, prove::StoredFractions};
-use zk0_argument::hash::{leaf, Digest};
+use zk0_argument::hash::{leaf, SpongeDigest};
 use zk0_argument::sumcheck;
 use zk0_argument::transcript::{Challenges, Pads, Prover};
 
-const STATEMENT: Digest = Digest([5, 6, 7, 8]);
+const STATEMENT: SpongeDigest = SpongeDigest([5, 6, 7, 8]);
 
 /// Elements that look random.
 struct Elements(u64);

@@ -4,7 +4,7 @@ use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::published::Published;
 use zk0_argument::expert::statement::Statement;
 use zk0_argument::field::{Extension, Goldilocks};
-use zk0_argument::party::{Claim as ArgumentClaim, Weighted};
+use zk0_argument::party::{ValueClaim, Weighted};
 use zk0_argument::relation::{Part, Parts};
 use zk0_argument::transcript::Refused;
 use zk0_circuits::model::layout::Layout;
@@ -43,7 +43,7 @@ pub fn left(weights: [&QuantisedWeights; 2], seed: u32) -> (Vec<u8>, Digest) {
             parts: parts.collect(),
             instances: None,
         };
-        published.claims.push(ArgumentClaim {
+        published.claims.push(ValueClaim {
             about,
             value: Extension::ZERO,
         });

@@ -3,7 +3,7 @@
 use super::input::ClaimInput;
 use crate::expert::argument::verify;
 use crate::expert::published::Published;
-use crate::expert::statement::{Evaluated, Statement};
+use crate::expert::statement::{EvaluatedSample, Statement};
 use crate::operation;
 use crate::transcript::Refused;
 use alloc::vec::Vec;
@@ -48,7 +48,7 @@ pub fn check(input: &ClaimInput<'_>) -> Result<(Claim, Published), NotShown> {
     }
     let drawing = operation("noise and times");
     let evaluated = input.openings.iter().enumerate();
-    let evaluated = evaluated.map(|(position, opening)| Evaluated {
+    let evaluated = evaluated.map(|(position, opening)| EvaluatedSample {
         prefix: opening.prefix as usize,
         frames: opening.frames as usize,
         draw: draw(

@@ -42,18 +42,19 @@ pub fn digest_of(mode: Mode, spec: &EvalSpec, sample: &Sample, kept: &[u8]) -> D
     }
 }
 
-fn bytes_of(digests: &[hash::Digest]) -> Vec<u8> {
+fn bytes_of(digests: &[hash::SpongeDigest]) -> Vec<u8> {
     let words = digests.iter().flat_map(|digest| digest.0);
     words.flat_map(u64::to_le_bytes).collect()
 }
 
 /// The digests in bytes that are kept.
-pub(super) fn of_bytes(bytes: &[u8]) -> Vec<hash::Digest> {
+pub(super) fn of_bytes(bytes: &[u8]) -> Vec<hash::SpongeDigest> {
     let digests = bytes.as_chunks::<32>().0.iter();
     let word = |digest: &[u8; 32], word: usize| {
         u64::from_le_bytes(core::array::from_fn(|byte| digest[8 * word + byte]))
     };
-    let digests = digests.map(|digest| hash::Digest(core::array::from_fn(|at| word(digest, at))));
+    let digests =
+        digests.map(|digest| hash::SpongeDigest(core::array::from_fn(|at| word(digest, at))));
     digests.collect()
 }
 

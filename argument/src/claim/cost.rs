@@ -129,9 +129,12 @@ mod tests {
             [few, middle[tensor], many][which]
         };
         let models = (0..9).map(|which| {
-            let of = |tensor| match matrices.contains(&tensor) {
-                true => choice(tensor, which / 3),
-                false => choice(tensor, which % 3),
+            let of = |tensor| {
+                if matrices.contains(&tensor) {
+                    choice(tensor, which / 3)
+                } else {
+                    choice(tensor, which % 3)
+                }
             };
             (0..middle.len()).map(of).collect::<Vec<i16>>()
         });

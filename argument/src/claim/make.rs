@@ -6,8 +6,8 @@ use super::input::{ClaimInput, SampleOpening};
 use super::source::ClaimSource;
 use crate::expert::argument::prove::prove;
 use crate::expert::blinding::Blind;
-use crate::expert::witness::{evaluate, Common, SampleValues, Samples, Unprovable};
-use crate::hash::Digest;
+use crate::expert::prover_values::{evaluate, Common, SampleValues, Samples, Unprovable};
+use crate::hash::SpongeDigest;
 use crate::prove::progress::Phase;
 use std::borrow::Cow;
 use std::cell::RefCell;
@@ -43,7 +43,7 @@ impl<S: ClaimSource + ?Sized> Samples for ClaimSamples<'_, S> {
         self.source.sample(number)
     }
 
-    fn kept(&self, number: usize) -> io::Result<Option<Vec<Digest>>> {
+    fn kept(&self, number: usize) -> io::Result<Option<Vec<SpongeDigest>>> {
         let kept = self.source.kept(number)?;
         Ok((!kept.is_empty()).then(|| of_bytes(&kept)))
     }
@@ -91,8 +91,9 @@ pub fn make(
         evaluate(context(header), &header.spec, models, &samples, &tell).map_err(failed)?;
     conclude(&statement, header, None)?;
     let common = Common::new(&statement, models);
-    let witness = |number| SampleValues::of(&statement, &common, number, models, &samples);
-    let argument = prove(&statement, &common, blind, folder, &tell, witness).map_err(failed)?;
+    let sample_values = |number| SampleValues::of(&statement, &common, number, models, &samples);
+    let argument =
+        prove(&statement, &common, blind, folder, &tell, sample_values).map_err(failed)?;
     let openings = places.iter().zip(&statement.samples);
     let openings = openings.map(|((index, path), evaluated)| SampleOpening {
         index: *index,

@@ -1,6 +1,6 @@
 //! What a claim is made of. Its samples may be on disk: they are read one at a time.
 
-use crate::expert::witness::Models;
+use crate::expert::prover_values::Models;
 use std::borrow::Cow;
 use std::io;
 use zk0_circuits::claim::private_input::{Header, Opening};

@@ -27,27 +27,27 @@ pub mod prove;
 mod query;
 
 use crate::field::Extension;
-use crate::hash::Digest;
+use crate::hash::SpongeDigest;
 use crate::multilinear::eq_table;
 use crate::transcript::{require, work, Challenges, Refused, Verifier};
 use crate::tree;
 use alloc::vec::Vec;
 use parameters::{cap_bits, CAP, FOLDS, POSITION_WORK, SALT};
-use query::{Queries, Step};
+use query::{FoldStep, Queries};
 
 pub use parameters::{Parameters, Rate};
 
 /// A segment, as the verifier knows it.
 #[derive(Clone, Debug)]
 pub struct Segment {
-    cap: Vec<Digest>,
+    cap: Vec<SpongeDigest>,
     /// Columns of each matrix.
     widths: Vec<usize>,
 }
 
 impl Segment {
     /// The digests of the highest nodes of its tree.
-    pub fn cap(&self) -> &[Digest] {
+    pub fn cap(&self) -> &[SpongeDigest] {
         &self.cap
     }
 
@@ -82,7 +82,7 @@ pub fn verify(
             *challenge = verifier.challenge();
             claim += (*challenge - coordinate) * slope;
         }
-        steps.push(Step { cap, challenges });
+        steps.push(FoldStep { cap, challenges });
     }
     let rest = coordinates.as_slice();
     // What is left of tails follows the values.

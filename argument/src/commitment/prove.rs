@@ -13,7 +13,7 @@ mod stored;
 use super::parameters::{cap_bits, Parameters, CAP, FOLDS, POSITION_WORK, SALT, SIBLINGS};
 use crate::field::{Extension, Goldilocks};
 use crate::hash::packed::{self, SpongeCapacity, LANES};
-use crate::hash::Digest;
+use crate::hash::SpongeDigest;
 use crate::multilinear::{bind, eq_table};
 use crate::prove::progress::{Phase, Tell};
 use crate::transcript::work;
@@ -95,7 +95,7 @@ impl Committing {
         for coset in self.encoder.order() {
             let begun = &self.begun[coset * height..][..height];
             let values = last.coset(&self.encoder, coset);
-            let mut digests = vec![Digest::default(); height];
+            let mut digests = vec![SpongeDigest::default(); height];
             let blocks = digests.par_chunks_mut(SHARED.min(height)).enumerate();
             blocks.for_each(|(block, digests)| {
                 let first = block * SHARED;
@@ -149,7 +149,7 @@ impl CommittedSegment {
         parameters: &Parameters,
         matrix: CodeMatrix,
         hiding: Box<dyn Hiding>,
-        lowest: Vec<Digest>,
+        lowest: Vec<SpongeDigest>,
     ) -> Option<Self> {
         let missing = missing(parameters, matrix.width());
         let all = lowest.len() == 1 << (parameters.length() - missing);
@@ -162,7 +162,7 @@ impl CommittedSegment {
     }
 
     /// The digests of the lowest level that is kept of the tree: [`Self::again`] takes them.
-    pub fn lowest(&self) -> &[Digest] {
+    pub fn lowest(&self) -> &[SpongeDigest] {
         self.tree.leaves()
     }
 
@@ -185,7 +185,7 @@ impl CommittedSegment {
     }
 
     /// The digests of the highest nodes of its tree.
-    pub fn cap(&self) -> &[Digest] {
+    pub fn cap(&self) -> &[SpongeDigest] {
         self.tree.cap()
     }
 
@@ -259,9 +259,9 @@ impl CommittedSegment {
     }
 
     /// The digests of so many rows with their salts.
-    fn leaves(&self, group: &[u64], rows: usize) -> Vec<Digest> {
+    fn leaves(&self, group: &[u64], rows: usize) -> Vec<SpongeDigest> {
         let wide = self.width() + SALT;
-        let mut digests = vec![Digest::default(); rows];
+        let mut digests = vec![SpongeDigest::default(); rows];
         for (block, digests) in digests.chunks_mut(LANES).enumerate() {
             let element = |row: usize, column: usize| group[(block * LANES + row) * wide + column];
             let mut begun = vec![SpongeCapacity::new(wide); digests.len()];
@@ -282,7 +282,7 @@ impl CommittedSegment {
 /// A row that is opened, with its salt.
 struct OpenedRow {
     row: Vec<Goldilocks>,
-    path: Vec<Digest>,
+    path: Vec<SpongeDigest>,
 }
 
 /// A polynomial over the extension: its values, and the coefficients that follow them.

@@ -2,14 +2,14 @@
 
 use super::parameters::{cap_bits, FOLDS, SIBLINGS};
 use crate::field::{Extension, Goldilocks};
-use crate::hash::Digest;
+use crate::hash::SpongeDigest;
 use crate::transcript::{require, Refused, Verifier};
 use crate::tree;
 use alloc::vec::Vec;
 
 /// A codeword that was committed to, and the challenges that fold it into the next one.
-pub struct Step {
-    pub cap: Vec<Digest>,
+pub struct FoldStep {
+    pub cap: Vec<SpongeDigest>,
     pub challenges: [Extension; FOLDS],
 }
 
@@ -18,7 +18,7 @@ pub struct Queries<'a> {
     /// Binary logarithm of the first codeword's length.
     length: u32,
     /// The steps, and the weights of a leaf's coefficients in what it folds into.
-    steps: Vec<(Step, [Extension; SIBLINGS])>,
+    steps: Vec<(FoldStep, [Extension; SIBLINGS])>,
     message: &'a [Extension],
     /// The generator of the first codeword's points, squared 0, 1, … times, and the inverses.
     squares: Vec<Goldilocks>,
@@ -28,7 +28,7 @@ pub struct Queries<'a> {
 }
 
 impl<'a> Queries<'a> {
-    pub fn new(length: u32, steps: Vec<Step>, message: &'a [Extension]) -> Self {
+    pub fn new(length: u32, steps: Vec<FoldStep>, message: &'a [Extension]) -> Self {
         let generator = Goldilocks::root_of_unity(length);
         let squares =
             |first| core::iter::successors(Some(first), |&x| Some(x * x)).take(length as usize);

@@ -11,13 +11,13 @@ use super::statement::Statement;
 use crate::commitment::{self, Parameters, Segment};
 use crate::field::Extension;
 use crate::form::Form;
-use crate::hash::Digest;
+use crate::hash::SpongeDigest;
 use crate::multilinear::{eq_table, outer};
-use crate::opening::{self, Sum, RANDOM};
+use crate::opening::{self, ColumnSum, RANDOM};
 use crate::operation;
-use crate::party::{Claim, Party, Sources, Weighted};
+use crate::party::{Party, Sources, ValueClaim, Weighted};
 use crate::protocol::argue;
-use crate::relation::{Part, Parts, Source};
+use crate::relation::{ColumnSource, Part, Parts};
 use crate::share::share;
 use crate::sumcheck::JoinedPoint;
 use crate::transcript::{Refused, Verifier};
@@ -35,7 +35,7 @@ pub struct Shape {
     /// How many there are.
     pub samples: usize,
     /// Both sources with their variables.
-    pub sources: [(Source, usize); 2],
+    pub sources: [(ColumnSource, usize); 2],
 }
 
 impl Shape {
@@ -88,7 +88,7 @@ impl Shape {
 /// What a verifier learns.
 pub struct Verified {
     /// The digest of each sample. Whoever checks the argument compares it with what the node committed to.
-    pub samples: Vec<Digest>,
+    pub samples: Vec<SpongeDigest>,
     /// What is left to check.
     pub published: Published,
 }
@@ -100,7 +100,7 @@ fn nothing_behind<P: Party>(
     expert: &Expert,
     shape: &Shape,
     parts: &mut Parts,
-) -> Vec<Claim<P::Value>> {
+) -> Vec<ValueClaim<P::Value>> {
     let point = party.challenges(shape.sources[1].1);
     let instances = party.challenges(expert.builder.relations.bits_of_instances());
     let instances = parts.add(Part::Point(instances));
@@ -116,7 +116,7 @@ fn nothing_behind<P: Party>(
             instances: Some(instances),
         };
         let value = party.nothing(&about);
-        claims.push(Claim { about, value });
+        claims.push(ValueClaim { about, value });
         first += 1 << bits;
     }
     claims
@@ -124,7 +124,7 @@ fn nothing_behind<P: Party>(
 
 /// What was argued up to what is left to show of columns.
 #[doc(hidden)]
-pub struct Left<V> {
+pub struct LeftColumns<V> {
     /// The point of all columns and instances.
     pub point: JoinedPoint,
     /// The values of both sources there.
@@ -138,7 +138,7 @@ pub fn argued<P: Party>(
     party: &mut P,
     expert: &Expert,
     shape: &Shape,
-) -> Result<Left<P::Value>, Refused> {
+) -> Result<LeftColumns<P::Value>, Refused> {
     let (mut parts, relations) = (Parts::default(), &expert.builder.relations);
     let mut left = argue(party, relations, &mut parts)?;
     let sharing = operation("sharing");
@@ -150,7 +150,7 @@ pub fn argued<P: Party>(
     };
     let (point, values) = share(party, &mut parts, &sources, &left.secret)?;
     sharing.end();
-    Ok(Left {
+    Ok(LeftColumns {
         point,
         values,
         published: Published {
@@ -169,7 +169,7 @@ pub struct Argued<'a, 'v> {
     /// Where sums of columns are claimed.
     pub point: Vec<Extension>,
     /// These.
-    pub sums: Vec<Sum<Form>>,
+    pub sums: Vec<ColumnSum<Form>>,
 }
 
 impl<'a, 'v> Argued<'a, 'v> {
@@ -187,13 +187,13 @@ impl<'a, 'v> Argued<'a, 'v> {
         let samples = data.map(|(s, segment)| sample_digest(s.prefix, s.frames, segment.cap()));
         let samples = samples.collect();
         let mut verifying = Verifying::new(verifier);
-        let Left {
+        let LeftColumns {
             point,
             values,
             published,
         } = argued(&mut verifying, expert, shape)?;
         let sums = shape.coefficients(&point).into_iter().zip(values);
-        let sums = sums.map(|(coefficients, value)| Sum {
+        let sums = sums.map(|(coefficients, value)| ColumnSum {
             coefficients,
             value,
         });
@@ -215,7 +215,7 @@ pub fn verify(statement: &Statement, proof: &[u64]) -> Result<Verified, Refused>
 
 /// What was drawn in an argument.
 #[doc(hidden)]
-pub struct Drawn {
+pub struct DrawnPoints {
     /// Where values of columns are claimed.
     pub point: Vec<Extension>,
     /// The weights of all columns.
@@ -229,7 +229,7 @@ pub struct Drawn {
 pub fn verify_with(
     statement: &Statement,
     mut verifier: Verifier<'_>,
-) -> Result<(Verified, Drawn), Refused> {
+) -> Result<(Verified, DrawnPoints), Refused> {
     statement.check_bounds()?;
     let building = operation("relations");
     let expert = Expert::new(statement);
@@ -256,7 +256,7 @@ pub fn verify_with(
     )?;
     opening.end();
     verifier.finish()?;
-    let drawn = Drawn {
+    let drawn = DrawnPoints {
         point,
         weights: opened.weights,
         positions,
@@ -271,8 +271,8 @@ pub mod prove {
     use crate::commitment::prove::columns::Column;
     use crate::commitment::prove::{open, CodeMatrix, CommittedSegment, Committing, Hiding};
     use crate::expert::blinding::Blind;
+    use crate::expert::prover_values::{Common, SampleValues};
     use crate::expert::sample::prove::commit;
-    use crate::expert::witness::{Common, SampleValues};
     use crate::opening::prove::Claimed;
     use crate::prove::progress::{Phase, Tell};
     use crate::prove::{Instance, Proving, SourceValues};
@@ -293,18 +293,18 @@ pub mod prove {
         pub deaf: bool,
     }
 
-    /// Argues. `witness` gives the values of each sample, one after the other, and no more than one is in memory at a time: with a folder, what is
+    /// Argues. `sample_values` gives the values of each sample, one after the other, and no more than one is in memory at a time: with a folder, what is
     /// committed to is in files there, of half a gigabyte a sample at the published size. What is false is argued as if it were true, so that tests can see it refused.
     ///
     /// # Errors
-    /// `witness` fails, a file cannot be written, the system has no random bytes, or there are too many samples.
+    /// `sample_values` fails, a file cannot be written, the system has no random bytes, or there are too many samples.
     pub fn prove<E: From<io::Error>>(
         statement: &Statement,
         common: &Common,
         blind: &Blind,
         folder: Option<&Path>,
         tell: Tell<'_>,
-        witness: impl FnMut(usize) -> Result<SampleValues, E>,
+        sample_values: impl FnMut(usize) -> Result<SampleValues, E>,
     ) -> Result<Vec<u64>, E> {
         let hidden = Hidden {
             argument: Box::new(blind.of_argument(&statement.digest())?),
@@ -317,7 +317,7 @@ pub mod prove {
             hidden,
             folder,
             tell,
-            witness,
+            sample_values,
             |proving, expert, shape| argued(proving, expert, shape),
         )?;
         let words = prover.finish();
@@ -363,8 +363,12 @@ pub mod prove {
         hidden: Hidden<'_>,
         folder: Option<&Path>,
         tell: Tell<'_>,
-        mut witness: impl FnMut(usize) -> Result<SampleValues, E>,
-        argued: impl FnOnce(&mut Proving<'_>, &Expert, &Shape) -> Result<Left<Extension>, Refused>,
+        mut sample_values: impl FnMut(usize) -> Result<SampleValues, E>,
+        argued: impl FnOnce(
+            &mut Proving<'_>,
+            &Expert,
+            &Shape,
+        ) -> Result<LeftColumns<Extension>, Refused>,
     ) -> Result<Prover, E> {
         let expert = Expert::new(statement);
         let shape = Shape::new(&expert);
@@ -380,7 +384,7 @@ pub mod prove {
                 let samples = sample as f64 + part;
                 tell(Phase::Committing, samples / shape.samples as f64);
             };
-            let own = witness(sample)?;
+            let own = sample_values(sample)?;
             done(COMPUTING);
             experts.push(own.expert);
             let first = sample * shape.widths[0];
@@ -447,8 +451,8 @@ pub mod prove {
         let mut proving =
             Proving::new(prover, instances.collect(), shape.samples, tell).with_files_in(folder);
         let argued = argued(&mut proving, &expert, &shape);
-        let ended = argued.and_then(|Left { point, .. }| {
-            let sums = shape.coefficients(&point).map(|coefficients| Sum {
+        let ended = argued.and_then(|LeftColumns { point, .. }| {
+            let sums = shape.coefficients(&point).map(|coefficients| ColumnSum {
                 coefficients,
                 value: (),
             });

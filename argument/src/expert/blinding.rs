@@ -4,7 +4,7 @@ use crate::commitment::parameters::SALT;
 use crate::commitment::prove::Hiding;
 use crate::field::goldilocks::P;
 use crate::field::Goldilocks;
-use crate::hash::Digest;
+use crate::hash::SpongeDigest;
 use rand_chacha::rand_core::{RngCore, SeedableRng};
 use rand_chacha::ChaCha20Rng;
 use std::io;
@@ -30,7 +30,7 @@ impl Blind {
     ///
     /// # Errors
     /// The system has no random bytes.
-    pub fn of_argument(&self, statement: &Digest) -> io::Result<BlindingKeys> {
+    pub fn of_argument(&self, statement: &SpongeDigest) -> io::Result<BlindingKeys> {
         let mut fresh = [0; 32];
         getrandom::fill(&mut fresh).map_err(|error| io::Error::other(error.to_string()))?;
         let statement = zk0_circuits::Digest::from(*statement);
@@ -77,7 +77,7 @@ impl Hiding for BlindingKeys {
 mod tests {
     use super::*;
 
-    const STATEMENT: Digest = Digest([1, 2, 3, 4]);
+    const STATEMENT: SpongeDigest = SpongeDigest([1, 2, 3, 4]);
 
     fn hidden(keys: &BlindingKeys) -> Vec<Goldilocks> {
         let salts = keys.salts(0, 4).into_flattened();

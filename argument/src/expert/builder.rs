@@ -7,8 +7,8 @@ use crate::layout::from_largest;
 use crate::prove::filling::Filling;
 use crate::relation::along::Along;
 use crate::relation::{
-    Atom, Axis, Committed, Count, Equality, Factor, Index, Linear, Lookup, Monomials, Place,
-    Relations, Source, Tensor, Term, View, Virtual,
+    Atom, Axis, AxisPlace, ColumnSource, Committed, Count, Equality, Factor, Index, LinearSum,
+    Lookup, Monomials, Relations, Tensor, Term, View, Virtual,
 };
 #[cfg(feature = "prove")]
 use alloc::boxed::Box;
@@ -18,13 +18,13 @@ use alloc::vec::Vec;
 use rayon::prelude::*;
 
 /// What the prover commits to for each sample: the values of both evaluations.
-pub const MAIN: Source = Source(0);
+pub const MAIN: ColumnSource = ColumnSource(0);
 /// The samples.
-pub const DATA: Source = Source(1);
+pub const DATA: ColumnSource = ColumnSource(1);
 /// The weights of both models.
-pub const WEIGHTS: Source = Source(2);
+pub const WEIGHTS: ColumnSource = ColumnSource(2);
 /// Columns of tables.
-pub const TABLES: Source = Source(3);
+pub const TABLES: ColumnSource = ColumnSource(3);
 
 /// Tells the entries of a table from those of others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,7 +53,7 @@ impl Tag {
 
 /// A step with which the prover computes values.
 #[cfg(feature = "prove")]
-pub type Step = Box<dyn Fn(&mut Filling<'_>) + Send + Sync>;
+pub type TraceStep = Box<dyn Fn(&mut Filling<'_>) + Send + Sync>;
 
 /// Builds relations.
 pub struct Builder {
@@ -67,7 +67,7 @@ pub struct Builder {
     waiting: Vec<(usize, Vec<Axis>)>,
     /// How the prover computes the values, in this order.
     #[cfg(feature = "prove")]
-    pub steps: Vec<Step>,
+    pub steps: Vec<TraceStep>,
 }
 
 /// What becomes of values of the base that do not fit int16.
@@ -96,9 +96,12 @@ pub fn bits_of(values: usize) -> u8 {
 
 /// Axes with that of one model in place of both models'.
 fn of_one_model(axes: &[Axis], models: Axis) -> Vec<Axis> {
-    let own = axes.iter().map(|&axis| match axis == models {
-        true => Sizes::of_one_model(axis),
-        false => axis,
+    let own = axes.iter().map(|&axis| {
+        if axis == models {
+            Sizes::of_one_model(axis)
+        } else {
+            axis
+        }
     });
     own.collect()
 }
@@ -147,9 +150,9 @@ impl Builder {
     }
 
     /// A tensor of a source with these axes.
-    pub fn tensor(&mut self, name: &'static str, source: Source, axes: &[Axis]) -> Committed {
+    pub fn tensor(&mut self, name: &'static str, source: ColumnSource, axes: &[Axis]) -> Committed {
         let tensor = self.relations.tensors.len();
-        let places = axes.iter().map(|_| Place { shift: 0, bits: 0 });
+        let places = axes.iter().map(|_| AxisPlace { shift: 0, bits: 0 });
         self.relations.tensors.push(Tensor {
             name,
             source,
@@ -227,8 +230,8 @@ impl Builder {
         name: &'static str,
         axes: &[Axis],
         count: Count,
-        columns: [Linear; 3],
-        tag: Linear,
+        columns: [LinearSum; 3],
+        tag: LinearSum,
     ) {
         let [a, b, c] = columns;
         self.relations.lookups.push(Lookup {
@@ -245,7 +248,7 @@ impl Builder {
         name: &'static str,
         axes: &[Axis],
         count: Count,
-        value: Linear,
+        value: LinearSum,
         bits: &Along,
     ) {
         let bits = vec![self.scaled(bits, 1, Atom::One)];
@@ -258,7 +261,7 @@ impl Builder {
         name: &'static str,
         axes: &[Axis],
         count: Count,
-        value: Linear,
+        value: LinearSum,
         bits: &Along,
     ) {
         let limb = self.sizes.limb as i64;
@@ -293,7 +296,7 @@ impl Builder {
         name: &'static str,
         axes: &[Axis],
         count: Count,
-        value: Linear,
+        value: LinearSum,
         shift: &Along,
         saturating: Option<Saturating>,
     ) -> Committed {
@@ -311,7 +314,7 @@ impl Builder {
         result: Committed,
         axes: &[Axis],
         count: Count,
-        (value, plus): (Linear, Option<Committed>),
+        (value, plus): (LinearSum, Option<Committed>),
         (shift, bits): (&Along, Option<&Along>),
         saturating: Option<Saturating>,
     ) {
@@ -368,9 +371,12 @@ impl Builder {
         let own = of_one_model(axes, models);
         let half = self.sizes.count(Sizes::of_one_model(models));
         let base = self.map(models, |index| (index < half).then_some(index));
-        let indices = axes.iter().map(|&axis| match axis == models {
-            true => Index::Mapped(axis, base),
-            false => Index::Of(axis),
+        let indices = axes.iter().map(|&axis| {
+            if axis == models {
+                Index::Mapped(axis, base)
+            } else {
+                Index::Of(axis)
+            }
         });
         let indices: Vec<Index> = indices.collect();
         let limits = [(1, i16::MAX), (-1, i16::MIN)];
@@ -428,7 +434,7 @@ impl Builder {
     }
 
     /// A table: each row may be looked up any number of times. Each sample counts its own.
-    pub fn offer(&mut self, name: &'static str, axes: &[Axis], columns: [Linear; 3], tag: Tag) {
+    pub fn offer(&mut self, name: &'static str, axes: &[Axis], columns: [LinearSum; 3], tag: Tag) {
         let axes = [axes, &[S]].concat();
         let counts = self.commit(name, &axes);
         let tag = vec![times(tag.number(), Atom::One)];

@@ -12,6 +12,8 @@ pub mod argument;
 pub mod blinding;
 pub mod builder;
 pub mod evaluation;
+#[cfg(feature = "prove")]
+pub mod prover_values;
 pub mod publics;
 pub mod published;
 pub mod rotations;
@@ -22,5 +24,3 @@ pub mod statement;
 pub mod trace;
 mod weighted_rows;
 pub mod weights;
-#[cfg(feature = "prove")]
-pub mod witness;

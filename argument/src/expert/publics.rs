@@ -215,7 +215,7 @@ impl Public for Seen {
 }
 
 /// Values of each sample that were drawn for it: a matrix whose columns and rows are the indices on two axes, or a row.
-pub struct Drawn {
+pub struct DrawnValues {
     axes: Vec<Axis>,
     /// Values in a row, and in all rows of a sample.
     width: usize,
@@ -224,7 +224,7 @@ pub struct Drawn {
     values: Vec<i16>,
 }
 
-impl Public for Drawn {
+impl Public for DrawnValues {
     fn axes(&self) -> &[Axis] {
         &self.axes
     }
@@ -236,12 +236,12 @@ impl Public for Drawn {
             _ => return Goldilocks::ZERO,
         };
         let number = row * self.width + column;
-        match column < self.width && number < self.size {
-            true => self
-                .values
+        if column < self.width && number < self.size {
+            self.values
                 .get(sample * self.size + number)
-                .map_or(Goldilocks::ZERO, |&value| value.into()),
-            false => Goldilocks::ZERO,
+                .map_or(Goldilocks::ZERO, |&value| value.into())
+        } else {
+            Goldilocks::ZERO
         }
     }
 
@@ -325,7 +325,7 @@ pub fn all(statement: &Statement, sizes: &Sizes) -> Vec<Box<dyn Public>> {
 }
 
 /// Noise, `[T, A, S]`.
-fn noise(statement: &Statement) -> Drawn {
+fn noise(statement: &Statement) -> DrawnValues {
     let dims = &statement.spec.dims;
     let width = dims.max_action_dim as usize;
     let size = width * dims.chunk as usize;
@@ -333,7 +333,7 @@ fn noise(statement: &Statement) -> Drawn {
     for sample in &statement.samples {
         values.extend_from_slice(&sample.draw.noise);
     }
-    Drawn {
+    DrawnValues {
         axes: vec![T, A, S],
         width,
         size,
@@ -342,7 +342,7 @@ fn noise(statement: &Statement) -> Drawn {
 }
 
 /// The embedding of flow times, `[F2, S]`: sines, then cosines.
-fn time_embedding(statement: &Statement) -> Drawn {
+fn time_embedding(statement: &Statement) -> DrawnValues {
     const HALF: i64 = 1 << (tables::TRIG_BITS - 1);
     let spec = &statement.spec;
     let width = 2 * spec.time_frequencies.len();
@@ -360,7 +360,7 @@ fn time_embedding(statement: &Statement) -> Drawn {
         }
         values.append(&mut cosines);
     }
-    Drawn {
+    DrawnValues {
         axes: vec![F2, S],
         width,
         size: width,

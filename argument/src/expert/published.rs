@@ -7,9 +7,9 @@ use super::evaluation::linear::gated;
 use super::statement::packed;
 use super::weights::{Claimed, Matrices};
 use crate::field::{Extension, Goldilocks};
-use crate::hash::{digest_of_words, Domain};
-use crate::party::{Claim, Weighted};
-use crate::relation::{Part, PartId, Parts, Source, Tensor};
+use crate::hash::{digest_of_words, SpongeDomain};
+use crate::party::{ValueClaim, Weighted};
+use crate::relation::{ColumnSource, Part, PartId, Parts, Tensor};
 use crate::transcript::{require, Refused};
 use alloc::vec;
 use alloc::vec::Vec;
@@ -21,7 +21,7 @@ pub struct Published {
     /// The parts that claims name.
     pub parts: Parts,
     /// The claims.
-    pub claims: Vec<Claim>,
+    pub claims: Vec<ValueClaim>,
 }
 
 /// Most bits of an axis. The largest is that of the table of powers.
@@ -122,7 +122,7 @@ impl Published {
     fn about_weights<'e>(
         &self,
         expert: &'e Expert,
-        claim: &Claim,
+        claim: &ValueClaim,
     ) -> Result<Option<(&'e Matrices, Claimed)>, Refused> {
         if claim.about.source != WEIGHTS {
             return Ok(None);
@@ -154,7 +154,7 @@ impl Published {
         )
     }
 
-    fn of_table(&self, expert: &Expert, claim: &Claim) -> Result<Extension, Refused> {
+    fn of_table(&self, expert: &Expert, claim: &ValueClaim) -> Result<Extension, Refused> {
         let wrong = Refused::Equation("the place of a claim about a table");
         let about = &claim.about;
         let [(0, id)] = about.parts[..] else {
@@ -183,7 +183,7 @@ pub fn digest(scales: &[Vec<i16>; 2], claims: &[u64]) -> Digest {
         words.extend(packed(scales));
     }
     words.extend(claims);
-    digest_of_words(Domain::Published, &words).into()
+    digest_of_words(SpongeDomain::Published, &words).into()
 }
 
 /// The value of a row of a table.
@@ -227,9 +227,9 @@ impl<'a> Reader<'a> {
         Some(Extension::of_coefficients(coefficients).to_vec())
     }
 
-    fn claim(&mut self) -> Option<Claim> {
+    fn claim(&mut self) -> Option<ValueClaim> {
         let head = self.word()?;
-        let (source, parts) = (Source(head as u8), head >> 8);
+        let (source, parts) = (ColumnSource(head as u8), head >> 8);
         let offset = usize::try_from(self.word()?).ok()?;
         let parts = (parts <= self.0.len() as u64).then_some(parts)?;
         let part = |reader: &mut Self| {
@@ -245,7 +245,7 @@ impl<'a> Reader<'a> {
             parts,
             instances: None,
         };
-        Some(Claim { about, value })
+        Some(ValueClaim { about, value })
     }
 
     fn part(&mut self) -> Option<Part> {

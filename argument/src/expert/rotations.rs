@@ -145,9 +145,12 @@ impl Public for Rotations {
                 }
             }
         }
-        let folded = (0..half).map(|index| match self.sine {
-            true => dims[index + half] - dims[index],
-            false => dims[index + half] + dims[index],
+        let folded = (0..half).map(|index| {
+            if self.sine {
+                dims[index + half] - dims[index]
+            } else {
+                dims[index + half] + dims[index]
+            }
         });
         let folded: Vec<Halves> = folded.map(Halves::from).collect();
         let rows = self.table().chunks_exact(half).zip(positions);

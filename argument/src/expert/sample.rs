@@ -6,7 +6,7 @@
 
 use super::builder::{Builder, DATA};
 use super::sizes::{A, D, L, PC, S, T, V};
-use crate::hash::{digest_of_words, Digest, Domain};
+use crate::hash::{digest_of_words, SpongeDigest, SpongeDomain};
 use crate::relation::{Axis, Committed};
 use alloc::vec::Vec;
 
@@ -37,11 +37,11 @@ impl SampleTensors {
 }
 
 /// The digest of a sample: of the cap of its commitment, and of how much of it is read.
-pub(super) fn sample_digest(prefix: usize, frames: usize, cap: &[Digest]) -> Digest {
+pub(super) fn sample_digest(prefix: usize, frames: usize, cap: &[SpongeDigest]) -> SpongeDigest {
     let numbers = [prefix as u64, frames as u64];
     let cap = cap.iter().flat_map(|digest| digest.0);
     let words: Vec<u64> = numbers.into_iter().chain(cap).collect();
-    digest_of_words(Domain::Sample, &words)
+    digest_of_words(SpongeDomain::Sample, &words)
 }
 
 /// The prover's side.
@@ -71,7 +71,11 @@ pub mod prove {
     }
 
     /// The digest of a sample, which `blind` hides, and what is kept of its tree.
-    pub fn committed(spec: &EvalSpec, sample: &Sample, blind: &Blind) -> (Digest, Vec<Digest>) {
+    pub fn committed(
+        spec: &EvalSpec,
+        sample: &Sample,
+        blind: &Blind,
+    ) -> (SpongeDigest, Vec<SpongeDigest>) {
         let mut builder = Builder::new(Sizes::new(spec, 1));
         let tensors = SampleTensors::new(&mut builder);
         let used = builder.place()[DATA.0 as usize];
@@ -88,7 +92,7 @@ pub mod prove {
     }
 
     /// The digest of a sample with such lengths, of whose tree this is kept.
-    pub fn digest(prefix: usize, frames: usize, kept: &[Digest]) -> Digest {
+    pub fn digest(prefix: usize, frames: usize, kept: &[SpongeDigest]) -> SpongeDigest {
         let tree = Tree::of_leaves(kept.to_vec(), CAP);
         sample_digest(prefix, frames, tree.cap())
     }
@@ -102,7 +106,7 @@ pub mod prove {
         parameters: &Parameters,
         columns: Vec<Column>,
         lengths: (usize, usize),
-        kept: Option<Vec<Digest>>,
+        kept: Option<Vec<SpongeDigest>>,
         hiding: impl FnOnce(&zk0_circuits::Digest) -> Box<dyn Hiding>,
     ) -> Option<Commitment> {
         let hiding = hiding(&of_values(&columns, lengths));

@@ -1,6 +1,6 @@
 //! What an argument shows: the losses of two models on samples, by the evaluation of [`zk0_circuits::model::eval`].
 
-use crate::hash::{digest_of_words, Digest, Domain};
+use crate::hash::{digest_of_words, SpongeDigest, SpongeDomain};
 use crate::transcript::{require, Refused};
 use alloc::vec;
 use alloc::vec::Vec;
@@ -14,7 +14,7 @@ pub const MOST_SAMPLES: usize = 1 << 8;
 
 /// One evaluated sample, as both sides know it.
 #[derive(Clone, Debug)]
-pub struct Evaluated {
+pub struct EvaluatedSample {
     /// Valid tokens of the prefix.
     pub prefix: usize,
     /// Frames up to the last one that is not padding.
@@ -39,7 +39,7 @@ pub struct Statement {
     /// committed to. It is no part of what is shown: a statement that does not need it can have it.
     pub saturates: bool,
     /// The samples.
-    pub samples: Vec<Evaluated>,
+    pub samples: Vec<EvaluatedSample>,
 }
 
 /// Four values to a word. Zeros fill the last word.
@@ -61,7 +61,7 @@ impl Statement {
             spec: spec.clone(),
             scales,
             saturates: false,
-            samples: vec![Evaluated {
+            samples: vec![EvaluatedSample {
                 prefix: 1,
                 frames: 1,
                 draw: Draw {
@@ -85,7 +85,7 @@ impl Statement {
 
     /// A digest of all that the context does not determine, and of the context. In this order: the context; the number of scales, and those of both
     /// models, four to a word; whether the base saturates, and the number of samples in one word, and for each its prefix and frames in one word, and its losses.
-    pub fn digest(&self) -> Digest {
+    pub fn digest(&self) -> SpongeDigest {
         let context = self.context.0.as_chunks::<8>().0.iter();
         let mut words: Vec<u64> = context.map(|bytes| u64::from_le_bytes(*bytes)).collect();
         for scales in &self.scales {
@@ -97,7 +97,7 @@ impl Statement {
             words.push((sample.prefix as u64) << 32 | sample.frames as u64);
             words.extend(sample.losses);
         }
-        digest_of_words(Domain::Statement, &words)
+        digest_of_words(SpongeDomain::Statement, &words)
     }
 
     /// Checks the bounds that [`super::evaluation::layers::Expert`] relies on.

@@ -6,7 +6,7 @@ use crate::field::goldilocks::P;
 use crate::field::{Extension, Goldilocks};
 use crate::party::Weighted;
 use crate::relation::Committed;
-use crate::relation::{Axis, Part, Parts, Place, Tensor};
+use crate::relation::{Axis, AxisPlace, Part, Parts, Tensor};
 use alloc::vec::Vec;
 use zk0_circuits::model::layout::Layout;
 use zk0_circuits::QuantisedWeights;
@@ -55,7 +55,7 @@ impl Flat {
     }
 
     /// What `index` adds to the number of a value.
-    fn number(&self, mut index: usize, places: &[Place]) -> usize {
+    fn number(&self, mut index: usize, places: &[AxisPlace]) -> usize {
         let mut number = 0;
         for ((_, size), place) in self.axes.iter().zip(places) {
             number += (index % size) << place.shift;
@@ -106,9 +106,10 @@ const POSITIVE: u64 = (1 << 63) - (1 << 32);
 fn halves(element: Extension) -> [i32; 4] {
     let [a, b] = element.0.map(|coefficient| {
         let value = coefficient.value();
-        let signed = match value > POSITIVE {
-            true => value.wrapping_sub(P) as i64,
-            false => value as i64,
+        let signed = if value > POSITIVE {
+            value.wrapping_sub(P) as i64
+        } else {
+            value as i64
         };
         let low = signed as i32;
         [low, ((signed - low as i64) >> 32) as i32]

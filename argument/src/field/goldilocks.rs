@@ -99,9 +99,10 @@ impl Goldilocks {
     /// The element whose canonical value this is; `None` if it is not below p.
     #[inline(always)]
     pub const fn from_canonical(value: u64) -> Option<Self> {
-        match value < P {
-            true => Some(Self(value)),
-            false => None,
+        if value < P {
+            Some(Self(value))
+        } else {
+            None
         }
     }
 
@@ -110,9 +111,10 @@ impl Goldilocks {
     pub fn of_words(words: &[u64]) -> Result<&[Self], usize> {
         // The place is looked for in the rare case that there is one.
         let wrong = words.iter().fold(false, |wrong, &word| wrong | (word >= P));
-        match wrong {
-            false => Ok(Self::wrap_slice(words)),
-            true => Err(words.iter().position(|&word| word >= P).unwrap_or_default()),
+        if wrong {
+            Err(words.iter().position(|&word| word >= P).unwrap_or_default())
+        } else {
+            Ok(Self::wrap_slice(words))
         }
     }
 

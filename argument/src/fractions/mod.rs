@@ -11,8 +11,8 @@ mod leaves;
 pub mod prove;
 
 use crate::field::Extension;
+use crate::form::Secret;
 use crate::form::{Equations, Form};
-use crate::party::Secret;
 use crate::transcript::{Challenges, Refused, Verifier};
 use alloc::vec::Vec;
 

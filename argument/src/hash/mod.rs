@@ -26,11 +26,11 @@ const GROUP: usize = 11;
 /// The first half of a permutation's result: eight KoalaBear values, two to a word.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[repr(transparent)]
-pub struct Digest(pub [u64; RATE]);
+pub struct SpongeDigest(pub [u64; RATE]);
 
-impl From<Digest> for zk0_circuits::Digest {
+impl From<SpongeDigest> for zk0_circuits::Digest {
     /// The bytes of the words, little-endian.
-    fn from(digest: Digest) -> Self {
+    fn from(digest: SpongeDigest) -> Self {
         let mut bytes = [0; 32];
         for (bytes, word) in bytes.as_chunks_mut::<8>().0.iter_mut().zip(digest.0) {
             *bytes = word.to_le_bytes();
@@ -42,7 +42,7 @@ impl From<Digest> for zk0_circuits::Digest {
 /// What is hashed. It keeps the digests of different things apart; [`zk0_circuits::vm::poseidon2::Domain`] has those below.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
-pub enum Domain {
+pub enum SpongeDomain {
     /// A leaf of a tree: one row of a commitment.
     Leaf = 16,
     /// The transcript of an argument.
@@ -71,7 +71,7 @@ impl Clone for Sponge {
 impl Sponge {
     /// An empty state, but for the domain and a number that goes with it.
     #[inline(always)]
-    pub fn new(domain: Domain, number: usize) -> Self {
+    pub fn new(domain: SpongeDomain, number: usize) -> Self {
         let mut state = State::default();
         state.0[RATE] = domain as u64 | (number as u64) << 32;
         Self { state }
@@ -115,7 +115,7 @@ impl Sponge {
 
     /// Absorbs a digest, in one permutation.
     #[inline(always)]
-    pub fn absorb_digest(&mut self, digest: &Digest) {
+    pub fn absorb_digest(&mut self, digest: &SpongeDigest) {
         self.permute_with(digest.0);
     }
 
@@ -133,9 +133,9 @@ impl Sponge {
 
     /// The first half of the state.
     #[inline(always)]
-    pub fn digest(&self) -> Digest {
+    pub fn digest(&self) -> SpongeDigest {
         let [a, b, c, d, ..] = self.state.0;
-        Digest([a, b, c, d])
+        SpongeDigest([a, b, c, d])
     }
 }
 
@@ -156,21 +156,21 @@ fn uppers(elements: impl IntoIterator<Item = u64>) -> u64 {
 
 /// The digest of a list of elements.
 #[inline(always)]
-pub fn digest_of(domain: Domain, elements: &[Goldilocks]) -> Digest {
+pub fn digest_of(domain: SpongeDomain, elements: &[Goldilocks]) -> SpongeDigest {
     let mut sponge = Sponge::new(domain, elements.len());
     sponge.absorb(elements);
     sponge.digest()
 }
 
 /// The digest of a list of words. They need not be canonical values: the limbs of a word give it back, whatever it is.
-pub fn digest_of_words(domain: Domain, words: &[u64]) -> Digest {
+pub fn digest_of_words(domain: SpongeDomain, words: &[u64]) -> SpongeDigest {
     digest_of(domain, Goldilocks::wrap_slice(words))
 }
 
 /// The digest of a row.
 #[inline(always)]
-pub fn leaf(row: &[Goldilocks]) -> Digest {
-    digest_of(Domain::Leaf, row)
+pub fn leaf(row: &[Goldilocks]) -> SpongeDigest {
+    digest_of(SpongeDomain::Leaf, row)
 }
 
 /// A digest on its way up a tree. It stays in the state that is permuted: in the guest, moving digests takes longer than a permutation.
@@ -180,7 +180,7 @@ impl Climb {
     /// Begins with the digest of a row, whose pieces have these widths. What follows the last of them belongs to it.
     #[inline(always)]
     pub fn of_leaf(row: &[Goldilocks], widths: &[usize]) -> Self {
-        let mut sponge = Sponge::new(Domain::Leaf, row.len());
+        let mut sponge = Sponge::new(SpongeDomain::Leaf, row.len());
         let mut rest = row;
         if let Some((_, widths)) = widths.split_last() {
             for &width in widths {
@@ -208,7 +208,7 @@ impl Climb {
 
     /// Whether this is the digest.
     #[inline(always)]
-    pub fn is(&self, digest: &Digest) -> bool {
+    pub fn is(&self, digest: &SpongeDigest) -> bool {
         let pairs = self.0 .0.iter().zip(&digest.0);
         pairs.fold(0, |different, (a, b)| different | (a ^ b)) == 0
     }
@@ -219,11 +219,11 @@ impl Climb {
 /// Two pairs with one digest can be had by computing the permutation backwards, but not pairs of which one half is a digest that was given
 /// before, which is what a path in a tree asks for.
 #[inline(always)]
-pub fn node(left: &Digest, right: &Digest) -> Digest {
+pub fn node(left: &SpongeDigest, right: &SpongeDigest) -> SpongeDigest {
     let mut state = State::default();
     state.0[..RATE].copy_from_slice(&left.0);
     state.0[RATE..].copy_from_slice(&right.0);
     permute(&mut state);
     let [a, b, c, d, ..] = state.0;
-    Digest([a, b, c, d])
+    SpongeDigest([a, b, c, d])
 }

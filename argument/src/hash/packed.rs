@@ -5,7 +5,7 @@ mod avx512;
 mod portable;
 mod vectors;
 
-use super::{lower, uppers, Digest, Domain, Sponge, GROUP, RATE};
+use super::{lower, uppers, Sponge, SpongeDigest, SpongeDomain, GROUP, RATE};
 use portable::Portable;
 use vectors::Vectors;
 pub use vectors::LANES;
@@ -27,9 +27,9 @@ fn in_vectors<C: InVectors>(computation: C) -> C::Result {
 
 /// One half of all states.
 #[inline(always)]
-fn half<V: Vectors>(state: &V::State, first: usize) -> [Digest; LANES] {
+fn half<V: Vectors>(state: &V::State, first: usize) -> [SpongeDigest; LANES] {
     let words: [[u64; LANES]; RATE] = core::array::from_fn(|word| V::store(state, first + word));
-    core::array::from_fn(|lane| Digest(words.map(|words| words[lane])))
+    core::array::from_fn(|lane| SpongeDigest(words.map(|words| words[lane])))
 }
 
 /// The half of a row's state that nothing overwrites: what the row was up to now.
@@ -39,7 +39,7 @@ pub struct SpongeCapacity([u64; RATE]);
 impl SpongeCapacity {
     /// Of rows that have `width` elements in all.
     pub fn new(width: usize) -> Self {
-        Self([Domain::Leaf as u64 | (width as u64) << 32, 0, 0, 0])
+        Self([SpongeDomain::Leaf as u64 | (width as u64) << 32, 0, 0, 0])
     }
 }
 
@@ -64,10 +64,10 @@ struct Absorbing<'a, E> {
 }
 
 impl<E: Fn(usize, usize) -> u64> InVectors for Absorbing<'_, E> {
-    type Result = [Digest; LANES];
+    type Result = [SpongeDigest; LANES];
 
     #[inline(always)]
-    fn compute<V: Vectors>(self, _: V) -> [Digest; LANES] {
+    fn compute<V: Vectors>(self, _: V) -> [SpongeDigest; LANES] {
         let Self { begun, width, .. } = self;
         let last_row = begun.len() - 1;
         // Lanes that are not needed repeat the last row.
@@ -102,7 +102,7 @@ pub fn absorb(begun: &mut [SpongeCapacity], width: usize, element: impl Fn(usize
         element,
         half: RATE,
     });
-    for (begun, Digest(inner)) in begun.iter_mut().zip(inner) {
+    for (begun, SpongeDigest(inner)) in begun.iter_mut().zip(inner) {
         *begun = SpongeCapacity(inner);
     }
 }
@@ -112,7 +112,7 @@ pub fn finish(
     begun: &[SpongeCapacity],
     width: usize,
     element: impl Fn(usize, usize) -> u64,
-    results: &mut [Digest],
+    results: &mut [SpongeDigest],
 ) {
     let digests = in_vectors(Absorbing {
         begun,
@@ -125,7 +125,7 @@ pub fn finish(
 
 /// [`super::leaf`] for as many rows as there are places for digests, up to [`LANES`]. All have `width` elements; `element` gives the
 /// canonical value for a row and a column.
-pub fn leaves(width: usize, element: impl Fn(usize, usize) -> u64, results: &mut [Digest]) {
+pub fn leaves(width: usize, element: impl Fn(usize, usize) -> u64, results: &mut [SpongeDigest]) {
     let begun = vec![SpongeCapacity::new(width); results.len()];
     finish(&begun, width, element, results);
 }
@@ -161,13 +161,13 @@ pub fn first_words(sponge: &Sponge, first: u32) -> [u64; LANES] {
 }
 
 /// Hashes two digests in each lane.
-struct Nodes<'a>(&'a [Digest]);
+struct Nodes<'a>(&'a [SpongeDigest]);
 
 impl InVectors for Nodes<'_> {
-    type Result = [Digest; LANES];
+    type Result = [SpongeDigest; LANES];
 
     #[inline(always)]
-    fn compute<V: Vectors>(self, _: V) -> [Digest; LANES] {
+    fn compute<V: Vectors>(self, _: V) -> [SpongeDigest; LANES] {
         let last_pair = self.0.len() / 2 - 1;
         let pair_of = |lane: usize| &self.0[2 * lane.min(last_pair)..][..2];
         let mut state = V::zero();
@@ -181,7 +181,7 @@ impl InVectors for Nodes<'_> {
 }
 
 /// [`super::node`] for as many pairs as there are places for digests, up to [`LANES`].
-pub fn nodes(pairs: &[Digest], results: &mut [Digest]) {
+pub fn nodes(pairs: &[SpongeDigest], results: &mut [SpongeDigest]) {
     let digests = in_vectors(Nodes(pairs));
     results.copy_from_slice(&digests[..results.len()]);
 }
@@ -213,7 +213,7 @@ mod tests {
         for width in 0..40 {
             for count in 1..=LANES {
                 let rows = elements(width * count);
-                let mut digests = vec![Digest::default(); count];
+                let mut digests = vec![SpongeDigest::default(); count];
                 let element = |row: usize, column: usize| rows[width * row + column].value();
                 leaves(width, element, &mut digests);
                 let expected = (0..count).map(|row| leaf(&rows[width * row..][..width]));
@@ -224,7 +224,7 @@ mod tests {
 
     #[test]
     fn first_words_are_those_of_one_number_after_the_other() {
-        let mut sponge = Sponge::new(Domain::Transcript, 0);
+        let mut sponge = Sponge::new(SpongeDomain::Transcript, 0);
         sponge.absorb(&elements(11));
         for first in [0, 1 << 22, u32::MAX - LANES as u32] {
             let words = first_words(&sponge, first);
@@ -244,7 +244,7 @@ mod tests {
         let mut begun = vec![SpongeCapacity::new(11); LANES];
         absorb(&mut begun, 3, value);
         absorb(&mut begun, 6, |row, column| value(row, 3 + column));
-        let mut digests = vec![Digest::default(); LANES];
+        let mut digests = vec![SpongeDigest::default(); LANES];
         finish(
             &begun,
             2,
@@ -252,7 +252,7 @@ mod tests {
             &mut digests,
         );
         for (row, digest) in rows.chunks_exact(11).zip(digests) {
-            let mut sponge = Sponge::new(Domain::Leaf, 11);
+            let mut sponge = Sponge::new(SpongeDomain::Leaf, 11);
             for piece in [&row[..3], &row[3..9], &row[9..]] {
                 sponge.absorb(piece);
             }
@@ -263,12 +263,13 @@ mod tests {
     #[test]
     fn nodes_are_those_of_one_pair_after_the_other() {
         let rows = elements(2 * LANES);
-        let children: Vec<Digest> = rows.chunks(1).map(leaf).collect();
+        let children: Vec<SpongeDigest> = rows.chunks(1).map(leaf).collect();
         for count in 1..=LANES {
-            let mut digests = vec![Digest::default(); count];
+            let mut digests = vec![SpongeDigest::default(); count];
             nodes(&children[..2 * count], &mut digests);
             let pairs = children.as_chunks::<2>().0[..count].iter();
-            let expected: Vec<Digest> = pairs.map(|[left, right]| node(left, right)).collect();
+            let expected: Vec<SpongeDigest> =
+                pairs.map(|[left, right]| node(left, right)).collect();
             assert_eq!(digests, expected, "{count}");
             // What a processor without wider vectors computes
             assert_eq!(

@@ -4,7 +4,7 @@ use super::looked_up::{count, NotInTable};
 use super::tables::{Computed, Tables};
 use super::values::{numbers, packed, SourceValues, BLOCK};
 use crate::relation::along::Along;
-use crate::relation::{Atom, Axis, Committed, Count, Linear, Relations};
+use crate::relation::{Atom, Axis, Committed, Count, LinearSum, Relations};
 use rayon::prelude::*;
 
 /// Values of all sources. Those that are committed to are filled in.
@@ -43,7 +43,7 @@ impl Filling<'_> {
     }
 
     /// The values of a sum of terms.
-    pub fn linear(&self, linear: &Linear, axes: &[Axis]) -> Vec<i64> {
+    pub fn linear(&self, linear: &LinearSum, axes: &[Axis]) -> Vec<i64> {
         self.with(|tables| tables.linear(linear, axes))
     }
 
@@ -66,7 +66,7 @@ impl Filling<'_> {
     /// `plus + ⌊value / 2^shift⌋`, and zero where it does not count.
     pub fn shifted(
         &self,
-        (value, plus): (&Linear, Option<Committed>),
+        (value, plus): (&LinearSum, Option<Committed>),
         shift: &Along,
         count: Count,
         axes: &[Axis],

@@ -195,7 +195,7 @@ pub(super) fn interpolate(values: &[Extension]) -> Vec<Extension> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::hash::Digest;
+    use crate::hash::SpongeDigest;
     use crate::multilinear::evaluate_extension;
     use crate::sumcheck::verify_joined;
     use crate::transcript::{Pads, Verifier};
@@ -208,9 +208,12 @@ mod tests {
                 .wrapping_add(1442695040888963407);
             Goldilocks::from_i64((*seed >> 1) as i64)
         };
-        let element = |_| match small {
-            true => next().into(),
-            false => Extension([next(), next()]),
+        let element = |_| {
+            if small {
+                next().into()
+            } else {
+                Extension([next(), next()])
+            }
         };
         (0..1 << bits).map(element).collect()
     }
@@ -262,7 +265,7 @@ mod tests {
     #[test]
     fn the_verifier_comes_to_the_same_point() {
         let scale = Extension([9, 11].map(Goldilocks::from_u32));
-        let statement = Digest([5, 6, 7, 8]);
+        let statement = SpongeDigest([5, 6, 7, 8]);
         for bits in [2, 3, 9, 14] {
             let mut sums = sums(bits);
             sums[1].factor = scale;
@@ -308,7 +311,7 @@ mod tests {
         for bits in [20, 22] {
             let sums = sums(bits);
             let pads = Pads::new(table(&mut 7, 10, false));
-            let mut prover = Prover::new(&Digest([5, 6, 7, 8]), pads);
+            let mut prover = Prover::new(&SpongeDigest([5, 6, 7, 8]), pads);
             let begin = std::time::Instant::now();
             prove(&mut prover, sums, 4);
             println!("2^{bits}: {:.2?}", begin.elapsed());

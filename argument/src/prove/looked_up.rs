@@ -7,7 +7,7 @@ use super::values::{SourceValues, BLOCK};
 use crate::commitment::prove::columns::Column;
 use crate::field::{Extension, Goldilocks};
 use crate::fractions::prove::Leaves;
-use crate::layout::Layout;
+use crate::layout::LookupLayout;
 use crate::party::Fold;
 use crate::relation::{Atom, Count, Lookup, COLUMNS};
 use core::ops::Range;
@@ -210,7 +210,7 @@ pub struct Fractions<'a>(Vec<FractionPiece<'a>>);
 
 impl<'a> Fractions<'a> {
     /// Of one instance.
-    pub fn new(tables: &Tables<'a>, layout: &Layout, fold: &Fold) -> Self {
+    pub fn new(tables: &Tables<'a>, layout: &LookupLayout, fold: &Fold) -> Self {
         let lookups = tables.relations.lookups.iter().zip(&layout.offsets);
         let pieces = lookups.map(|(lookup, &offset)| {
             let reader = |column: usize| tables.reader(&lookup.entry[column], &lookup.axes);

@@ -8,9 +8,9 @@ use super::summed::{self, ProductFactors};
 use super::values::{contract, numbers, packed, value, BLOCK};
 use crate::field::{Extension, Goldilocks};
 use crate::fractions::{self, prove::halves, LeafClaim};
-use crate::layout::Layout;
+use crate::layout::LookupLayout;
 use crate::multilinear::{eq_table, evaluate_extension, outer};
-use crate::party::{Claim, Fold, Party, Sources, Sum, Weighted};
+use crate::party::{Fold, Party, Sources, Sum, ValueClaim, Weighted};
 use crate::prove::progress::{Phase, Tell};
 use crate::relation::{Parts, Relations};
 use crate::sumcheck::prove::products;
@@ -168,7 +168,7 @@ impl Party for Proving<'_> {
     fn fractions(
         &mut self,
         instance: usize,
-        layout: &Layout,
+        layout: &LookupLayout,
         fold: &Fold,
     ) -> Result<LeafClaim, Refused> {
         let low = layout.variables / 2;
@@ -188,7 +188,7 @@ impl Party for Proving<'_> {
 
     fn gather(
         &mut self,
-        layout: &Layout,
+        layout: &LookupLayout,
         fold: &Fold,
         claims: &[LeafClaim],
         gamma: Extension,
@@ -337,7 +337,7 @@ impl Party for Proving<'_> {
         &mut self,
         parts: &Parts,
         sources: &Sources<'_>,
-        claims: &[Claim],
+        claims: &[ValueClaim],
         gamma: Extension,
     ) -> Result<(JoinedPoint, Extension), Refused> {
         let variables = sources.instances;
@@ -358,7 +358,7 @@ impl Party for Proving<'_> {
         let mut joined = vec![];
         for &(source, bits) in sources.all {
             let mut weights = vec![Extension::ZERO; 1 << bits];
-            for (Claim { about, .. }, &power) in claims.iter().zip(&scales) {
+            for (ValueClaim { about, .. }, &power) in claims.iter().zip(&scales) {
                 if about.source == source {
                     let over = about.instances.map(|id| parts.get(id).at(&over));
                     let power = power * over.unwrap_or(Extension::ONE);

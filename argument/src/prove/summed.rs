@@ -9,7 +9,7 @@ use crate::commitment::prove::columns::Column;
 use crate::field::{Extension, Goldilocks};
 use crate::multilinear::outer;
 use crate::relation::{Axis, Factor, Index, Monomials, PartId, Parts, Relations};
-use crate::weights::Weights;
+use crate::weights::PointWeights;
 use rayon::prelude::*;
 use std::io;
 use std::path::Path;
@@ -18,7 +18,7 @@ use std::path::Path;
 pub fn own_weights(
     relations: &Relations,
     parts: &Parts,
-    weights: &Weights,
+    weights: &PointWeights,
 ) -> (Vec<PartId>, Vec<Extension>) {
     let (over, own): (Vec<_>, Vec<_>) = weights
         .iter()
@@ -41,7 +41,7 @@ impl ProductFactors {
         instances: &[Instance<'_>],
         parts: &Parts,
         number: usize,
-        weights: &Weights,
+        weights: &PointWeights,
     ) -> Self {
         let product = &relations.products[number];
         let ids = |axes: &[Axis]| -> Vec<PartId> {
@@ -169,7 +169,7 @@ pub fn grid(
     relations: &Relations,
     instances: &[Instance<'_>],
     parts: &Parts,
-    (number, weights): (usize, &Weights),
+    (number, weights): (usize, &PointWeights),
     folder: Option<&Path>,
 ) -> io::Result<(Grid, Vec<Extension>)> {
     let monomials = &relations.monomials[number];
@@ -184,9 +184,10 @@ pub fn grid(
         }
     };
     let columns = |factor: &Factor| -> io::Result<Vec<Column>> {
-        let different = match differs(relations, *factor) {
-            true => instances.len(),
-            false => 1,
+        let different = if differs(relations, *factor) {
+            instances.len()
+        } else {
+            1
         };
         let own = instances[..different].iter();
         own.map(|instance| column(instance, *factor)).collect()
@@ -206,7 +207,7 @@ pub fn monomials(
     relations: &Relations,
     instances: &[Instance<'_>],
     parts: &Parts,
-    (number, weights): (usize, &Weights),
+    (number, weights): (usize, &PointWeights),
     at: &[Extension],
 ) -> Joined {
     let monomials = &relations.monomials[number];

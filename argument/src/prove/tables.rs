@@ -5,7 +5,7 @@ use super::reading::{
 };
 use super::values::{SourceValues, BLOCK};
 use crate::relation::along::Along;
-use crate::relation::{self, Atom, Axis, Factor, Index, Linear, Relations, View};
+use crate::relation::{self, Atom, Axis, Factor, Index, LinearSum, Relations, View};
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -43,7 +43,7 @@ pub struct Tables<'a> {
 
 impl<'a> Tables<'a> {
     /// The values of a sum of terms on these axes.
-    pub fn linear(&self, linear: &Linear, axes: &[Axis]) -> Vec<i64> {
+    pub fn linear(&self, linear: &LinearSum, axes: &[Axis]) -> Vec<i64> {
         self.all(axes, &self.reader(linear, axes))
     }
 
@@ -75,7 +75,7 @@ impl<'a> Tables<'a> {
     }
 
     /// Reads the values of a sum of terms on these axes.
-    pub fn reader(&self, linear: &Linear, axes: &[Axis]) -> SumReader<'a> {
+    pub fn reader(&self, linear: &LinearSum, axes: &[Axis]) -> SumReader<'a> {
         let terms = linear.iter().map(|term| {
             let what = match term.atom {
                 Atom::One => What::One,
@@ -380,9 +380,10 @@ fn dot(a: &[i64], b: &[i64]) -> i64 {
 fn integer(element: crate::field::Goldilocks) -> i64 {
     const P: u64 = crate::field::goldilocks::P;
     let value = element.value();
-    match value > P / 2 {
-        true => -((P - value) as i64),
-        false => value as i64,
+    if value > P / 2 {
+        -((P - value) as i64)
+    } else {
+        value as i64
     }
 }
 

@@ -23,11 +23,11 @@ use public::Public;
 
 /// What a tensor's values are taken from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Source(pub u8);
+pub struct ColumnSource(pub u8);
 
 /// Where the index on an axis of a tensor stands in the number of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Place {
+pub struct AxisPlace {
     /// The index is shifted left by so many bits.
     pub shift: u8,
     /// Bits of the index.
@@ -40,11 +40,11 @@ pub struct Tensor {
     /// Names it in errors.
     pub name: &'static str,
     /// Where its values are.
-    pub source: Source,
+    pub source: ColumnSource,
     /// Number of its first value there.
     pub offset: usize,
     /// Where the index on each of its axes stands.
-    pub places: Vec<Place>,
+    pub places: Vec<AxisPlace>,
 }
 
 impl Tensor {
@@ -59,10 +59,10 @@ impl Tensor {
     }
 
     /// A tensor whose values lie in one piece, with axes of so many bits, from the one whose index changes fastest.
-    pub fn packed(name: &'static str, source: Source, offset: usize, axes: &[u8]) -> Self {
+    pub fn packed(name: &'static str, source: ColumnSource, offset: usize, axes: &[u8]) -> Self {
         let mut shift = 0;
         let places = axes.iter().map(|&bits| {
-            let place = Place { shift, bits };
+            let place = AxisPlace { shift, bits };
             shift += bits;
             place
         });
@@ -173,7 +173,7 @@ pub struct Summed {
     pub axes: Vec<Axis>,
 }
 
-/// What a term of a [`Linear`] multiplies.
+/// What a term of a [`LinearSum`] multiplies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Atom {
     /// 1.
@@ -202,7 +202,7 @@ pub struct Term {
 }
 
 /// A sum of terms.
-pub type Linear = Vec<Term>;
+pub type LinearSum = Vec<Term>;
 
 /// Columns of a table.
 pub const COLUMNS: usize = 4;
@@ -228,7 +228,7 @@ pub struct Lookup {
     /// Which entries count.
     pub count: Count,
     /// The columns of an entry.
-    pub entry: [Linear; COLUMNS],
+    pub entry: [LinearSum; COLUMNS],
 }
 
 /// A tensor that is zero.
@@ -239,7 +239,7 @@ pub struct Equality {
     /// Its axes, from the lowest.
     pub axes: Vec<Axis>,
     /// Its values.
-    pub linear: Linear,
+    pub linear: LinearSum,
 }
 
 /// The same statement about several instances. Each has sources of its own for what is committed to, so that a prover needs one of them in
@@ -260,7 +260,7 @@ pub struct Relations {
     /// Whether the statement is about several instances.
     pub instances: Option<Instances>,
     /// Sources whose values everybody can have. Claims about them are published.
-    pub published: Vec<Source>,
+    pub published: Vec<ColumnSource>,
     /// What was committed to.
     pub tensors: Vec<Tensor>,
     /// Maps from indices to indices.

@@ -4,8 +4,8 @@
 use super::lies::{self, known};
 use crate::models::{committed_to, Models, BLIND};
 use zk0_argument::claim::{check, context, make, ClaimInput, NotShown, SampleOpening};
+use zk0_argument::expert::prover_values::evaluate;
 use zk0_argument::expert::statement::{Statement, MOST_SAMPLES};
-use zk0_argument::expert::witness::evaluate;
 use zk0_argument::prove::progress::silently;
 use zk0_argument::transcript::Refused;
 use zk0_circuits::claim::private_input::InputError;

@@ -4,7 +4,7 @@ use super::lies::World;
 use bytemuck::TransparentWrapper;
 use zk0_argument::field::goldilocks::P;
 use zk0_argument::field::Goldilocks;
-use zk0_argument::hash::Digest;
+use zk0_argument::hash::SpongeDigest;
 use zk0_argument::transcript::{Pads, Prover, Refused, Verifier};
 use zk0_argument::tree::prove::Tree;
 use zk0_argument::tree::{open, receive_cap};
@@ -21,7 +21,7 @@ fn an_argument_that_ends_early_is_refused() {
     assert_eq!(told, Err(Refused::Length("fewer")));
 }
 
-const STATEMENT: Digest = Digest([3, 1, 4, 1]);
+const STATEMENT: SpongeDigest = SpongeDigest([3, 1, 4, 1]);
 
 /// A tree of two rows, of which the first is opened, and what a verifier says of it.
 fn opened(row: [u64; 4], change: impl FnOnce(&mut Vec<u64>)) -> Result<(), Refused> {

@@ -13,7 +13,7 @@ use zk0_argument::transcript::Refused;
 /// that the velocity does not follow from the residual stream: what is left over of the shift is in no table.
 fn perfect(samples: usize) -> (World, Known) {
     let mut world = World::random(samples, 21);
-    let mut witness = world.known.clone();
+    let mut known = world.known.clone();
     let first = &world.known.samples[0].expert;
     let relations = &first.builder.relations;
     let number = |tensor: usize, indices: &[usize]| relations.tensors[tensor].number(indices);
@@ -37,56 +37,56 @@ fn perfect(samples: usize) -> (World, Known) {
                 let action_value =
                     world.known.samples[0].data[number(actions, &[token, action, 0])];
                 let place = number(velocity, &[token, 1, action, 0]);
-                witness.samples[0].main[place] = noise[index] - action_value;
+                known.samples[0].main[place] = noise[index] - action_value;
             }
         }
     }
     world.statement.samples[0].losses[1] = 0;
     world.state();
-    (world, witness)
+    (world, known)
 }
 
 #[test]
 fn what_is_in_no_table_is_refused() {
-    let (world, witness) = perfect(1);
+    let (world, known) = perfect(1);
     assert_eq!(
-        world.told(&witness, Lie::Nothing),
+        world.told(&known, Lie::Nothing),
         refused("a sum of look-ups")
     );
 }
 
 #[test]
 fn a_root_that_is_not_the_sum_of_its_layer_is_refused() {
-    let (world, witness) = perfect(1);
+    let (world, known) = perfect(1);
     assert_eq!(
-        world.told(&witness, Lie::Root),
+        world.told(&known, Lie::Root),
         refused("a layer of a sum of look-ups")
     );
 }
 
 #[test]
 fn other_numerators_are_refused() {
-    let (world, witness) = perfect(1);
+    let (world, known) = perfect(1);
     assert_eq!(
-        world.told(&witness, Lie::Numerators),
+        world.told(&known, Lie::Numerators),
         refused("the leaves of a sum of look-ups")
     );
 }
 
 #[test]
 fn other_denominators_are_refused() {
-    let (world, witness) = perfect(1);
+    let (world, known) = perfect(1);
     assert_eq!(
-        world.told(&witness, Lie::Leaves),
+        world.told(&known, Lie::Leaves),
         refused("the leaves of a sum of look-ups")
     );
 }
 
 #[test]
 fn leaves_of_several_samples_that_are_others_at_their_point_are_refused() {
-    let (world, witness) = perfect(2);
+    let (world, known) = perfect(2);
     assert_eq!(
-        world.told(&witness, Lie::Gathered),
+        world.told(&known, Lie::Gathered),
         refused("the sumcheck of the leaves of sums")
     );
 }

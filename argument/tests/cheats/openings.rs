@@ -15,9 +15,9 @@ fn told(lie: Lie) -> Result<(), Refused> {
         samples: Models::new(&spec, 1, 42).samples,
         ..Models::new(&spec, 1, 41)
     });
-    let mut witness = tale.known.clone();
-    witness.samples[0].data = truth.known.samples[0].data.clone();
-    let prover = tale.prove(&witness, lie);
+    let mut sample_values = tale.known.clone();
+    sample_values.samples[0].data = truth.known.samples[0].data.clone();
+    let prover = tale.prove(&sample_values, lie);
     let told = tale.verify([&tale.models.base, &tale.models.update], prover.words());
     if let Ok(verified) = &told {
         let (sample, _) = &truth.models.samples[0];

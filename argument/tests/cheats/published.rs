@@ -6,8 +6,8 @@ use zk0_argument::expert::argument::verify;
 use zk0_argument::expert::builder::{TABLES, WEIGHTS};
 use zk0_argument::expert::published::Published;
 use zk0_argument::field::Extension;
-use zk0_argument::party::Claim;
-use zk0_argument::relation::Source;
+use zk0_argument::party::ValueClaim;
+use zk0_argument::relation::ColumnSource;
 use zk0_argument::transcript::Refused;
 
 /// The table of powers has another row, at a distance that no score has in this evaluation. What is shown then is no longer the evaluation.
@@ -33,7 +33,7 @@ fn an_argument_about_another_table_is_refused() {
 }
 
 /// An honest argument's claims, of which one is changed.
-fn told(source: Source, change: impl FnOnce(&mut Claim)) -> Result<(), Refused> {
+fn told(source: ColumnSource, change: impl FnOnce(&mut ValueClaim)) -> Result<(), Refused> {
     let world = World::random(1, 62);
     let proof = world.prove(&world.known, Lie::Nothing);
     let mut published = verify(&world.statement, proof.words())?.published;
@@ -68,7 +68,7 @@ fn a_claim_about_no_table_is_refused() {
 
 #[test]
 fn a_claim_about_another_source_is_refused() {
-    let told = told(TABLES, |claim| claim.about.source = Source(9));
+    let told = told(TABLES, |claim| claim.about.source = ColumnSource(9));
     assert_eq!(told, refused("the place of a claim about a table"));
 }
 

@@ -23,29 +23,29 @@ fn has_another_digest(truth: &Known, lie: Lie) -> bool {
 }
 
 /// The values of that argument.
-fn witness() -> (World, Known) {
+fn sample_values() -> (World, Known) {
     let world = World::of(Models::new(&EvalSpec::micro(), 1, 81));
-    let witness = world.known.clone();
-    (world, witness)
+    let sample_values = world.known.clone();
+    (world, sample_values)
 }
 
 #[test]
 fn an_honest_sample_has_the_digest_that_its_node_computes() {
-    assert!(!has_another_digest(&witness().1, Lie::Nothing));
+    assert!(!has_another_digest(&sample_values().1, Lie::Nothing));
 }
 
 /// A column is longer than the values of a sample. What lies behind them is in no relation.
 #[test]
 fn what_lies_behind_a_sample_is_zero() {
-    let (world, witness) = witness();
+    let (world, sample_values) = sample_values();
     let (used, end) = (
         world.expert.used[DATA.0 as usize],
-        witness.samples[0].data.len(),
+        sample_values.samples[0].data.len(),
     );
     for place in [used, (used + end) / 2, end - 1] {
-        let mut witness = witness.clone();
-        witness.samples[0].data[place] = 1;
-        assert!(!has_another_digest(&witness, Lie::Nothing));
+        let mut sample_values = sample_values.clone();
+        sample_values.samples[0].data[place] = 1;
+        assert!(!has_another_digest(&sample_values, Lie::Nothing));
     }
 }
 
@@ -54,7 +54,10 @@ fn what_lies_behind_a_sample_is_zero() {
 #[test]
 #[ignore = "a commitment determines values, and not its own digest: the cheat succeeds"]
 fn a_sample_that_is_hidden_otherwise_has_the_same_digest() {
-    let (sample, spec) = (witness().0.models.samples[0].0.clone(), EvalSpec::micro());
+    let (sample, spec) = (
+        sample_values().0.models.samples[0].0.clone(),
+        EvalSpec::micro(),
+    );
     let other = committed(&spec, &sample, &Blind::new([6; 32])).0;
     assert_eq!(other, committed(&spec, &sample, &BLIND).0);
 }

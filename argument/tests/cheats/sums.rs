@@ -52,9 +52,9 @@ fn told_with_true_weights(lie: Lie) -> Result<(), zk0_argument::transcript::Refu
     let losses = [&tale, &truth].map(|world| world.statement.samples[0].losses);
     assert_ne!(losses[0], losses[1]);
     assert_eq!(tale.statement.scales, truth.statement.scales);
-    let mut witness = tale.known.clone();
-    witness.common.weights = truth.known.common.weights.clone();
-    let prover = tale.prove(&witness, lie);
+    let mut sample_values = tale.known.clone();
+    sample_values.common.weights = truth.known.common.weights.clone();
+    let prover = tale.prove(&sample_values, lie);
     let weights = [&truth.models.base, &truth.models.update];
     tale.named(&prover, tale.verify(weights, prover.words()).map(drop))
 }

@@ -4,7 +4,7 @@
 use super::made::{alike, extension, Blinding, Made};
 use std::collections::BTreeMap;
 use zk0_argument::commitment::prove::Hiding;
-use zk0_argument::expert::argument::Drawn;
+use zk0_argument::expert::argument::DrawnPoints;
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::multilinear::eq_bits;
 use zk0_argument::opening::RANDOM;
@@ -107,7 +107,7 @@ fn explain([first, second]: [&Made; 2], blinding: &Blinding) -> (Vec<u64>, Blind
         add(&mut pads, pad, change);
     }
     // The second argument's value of g makes up for what the columns differ by, so that M has the same value.
-    let Drawn {
+    let DrawnPoints {
         point,
         weights,
         mut positions,

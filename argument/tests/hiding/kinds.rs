@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use zk0_argument::expert::argument::argued;
 use zk0_argument::field::Extension;
 use zk0_argument::fractions::LeafClaim;
-use zk0_argument::layout::Layout;
-use zk0_argument::party::{Claim, Fold, Party, Sources, Sum, Weighted};
+use zk0_argument::layout::LookupLayout;
+use zk0_argument::party::{Fold, Party, Sources, Sum, ValueClaim, Weighted};
 use zk0_argument::prove::Proving;
 use zk0_argument::relation::{Parts, Relations};
 use zk0_argument::sumcheck::JoinedPoint;
@@ -50,12 +50,12 @@ impl Party for Noting<'_, '_> {
         zero(what: &'static str, value: Extension) -> Result<(), Refused>;
         sum(relations: &Relations, parts: &Parts, sum: &Sum) -> Result<Extension, Refused>;
         work(bits: u32, what: &'static str) -> Result<(), Refused>;
-        fractions(instance: usize, layout: &Layout, fold: &Fold) -> Result<LeafClaim, Refused>;
-        gather(layout: &Layout, fold: &Fold, claims: &[LeafClaim], gamma: Extension) -> Result<(Vec<Extension>, Extension), Refused>;
+        fractions(instance: usize, layout: &LookupLayout, fold: &Fold) -> Result<LeafClaim, Refused>;
+        gather(layout: &LookupLayout, fold: &Fold, claims: &[LeafClaim], gamma: Extension) -> Result<(Vec<Extension>, Extension), Refused>;
         gathered(count: usize) -> Result<Vec<[Extension; 2]>, Refused>;
         reduce(relations: &Relations, parts: &Parts, sums: &[(Sum, Extension)], gamma: Extension, degree: usize)
             -> Result<(JoinedPoint, Extension), Refused>;
-        reduce_claims(parts: &Parts, sources: &Sources<'_>, claims: &[Claim<Extension>], gamma: Extension)
+        reduce_claims(parts: &Parts, sources: &Sources<'_>, claims: &[ValueClaim<Extension>], gamma: Extension)
             -> Result<(JoinedPoint, Extension), Refused>;
     }
 }

@@ -6,10 +6,10 @@ use std::io;
 use zk0_argument::commitment::parameters::{cap_bits, CAP, FOLDS, SALT, SIBLINGS};
 use zk0_argument::commitment::prove::Hiding;
 use zk0_argument::expert::argument::prove::{prove_with, Hidden};
-use zk0_argument::expert::argument::{argued, verify_with, Drawn, Left, Shape};
+use zk0_argument::expert::argument::{argued, verify_with, DrawnPoints, LeftColumns, Shape};
 use zk0_argument::expert::evaluation::layers::Expert;
+use zk0_argument::expert::prover_values::{evaluate, Common, SampleValues};
 use zk0_argument::expert::statement::Statement;
-use zk0_argument::expert::witness::{evaluate, Common, SampleValues};
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::prove::progress::silently;
 use zk0_argument::prove::Proving;
@@ -90,11 +90,11 @@ impl Made {
             evaluate(context, &models.spec, weights, &models.samples, &silently).unwrap();
         let expert = Expert::new(&statement);
         let common = Common::new(&statement, weights);
-        let witness = |number| {
+        let sample_values = |number| {
             SampleValues::of(&statement, &common, number, weights, &models.samples).unwrap()
         };
         Self {
-            witnesses: (0..models.samples.len()).map(witness).collect(),
+            witnesses: (0..models.samples.len()).map(sample_values).collect(),
             shape: Shape::new(&expert),
             statement,
             common,
@@ -113,16 +113,29 @@ impl Made {
         &self,
         blinding: &Blinding,
         deaf: bool,
-        argued: impl FnOnce(&mut Proving<'_>, &Expert, &Shape) -> Result<Left<Extension>, Refused>,
+        argued: impl FnOnce(
+            &mut Proving<'_>,
+            &Expert,
+            &Shape,
+        ) -> Result<LeftColumns<Extension>, Refused>,
     ) -> Prover {
-        let witness = |number: usize| Ok::<_, io::Error>(self.witnesses[number].clone());
+        let sample_values = |number: usize| Ok::<_, io::Error>(self.witnesses[number].clone());
         let hidden = Hidden {
             argument: Box::new(blinding.argument.clone()),
             sample: &|number, _| Box::new(blinding.samples[number].clone()),
             deaf,
         };
         let (statement, common) = (&self.statement, &self.common);
-        prove_with(statement, common, hidden, None, &silently, witness, argued).unwrap()
+        prove_with(
+            statement,
+            common,
+            hidden,
+            None,
+            &silently,
+            sample_values,
+            argued,
+        )
+        .unwrap()
     }
 
     /// The values of weights and tables.
@@ -134,7 +147,7 @@ impl Made {
     }
 
     /// What was drawn in an argument whose challenges follow from the statement alone.
-    pub fn drawn(&self, words: &[u64]) -> Drawn {
+    pub fn drawn(&self, words: &[u64]) -> DrawnPoints {
         let verifier = Verifier::new(&self.statement.digest(), words).deaf();
         verify_with(&self.statement, verifier).unwrap().1
     }

@@ -13,11 +13,11 @@ use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::form::Form;
 use zk0_argument::fractions::LeafClaim;
-use zk0_argument::hash::{Digest, Domain, Sponge};
-use zk0_argument::layout::Layout;
+use zk0_argument::hash::{Sponge, SpongeDigest, SpongeDomain};
+use zk0_argument::layout::LookupLayout;
 use zk0_argument::multilinear::{bind, eq_table, evaluate_extension};
 use zk0_argument::opening::{self, RANDOM};
-use zk0_argument::party::{Claim, Fold, Party, Sources, Sum, Weighted};
+use zk0_argument::party::{Fold, Party, Sources, Sum, ValueClaim, Weighted};
 use zk0_argument::prove::progress::silently;
 use zk0_argument::prove::{value, SourceValues};
 use zk0_argument::relation::{Parts, Relations};
@@ -89,7 +89,7 @@ impl Party for Computing<'_, '_> {
     fn fractions(
         &mut self,
         instance: usize,
-        layout: &Layout,
+        layout: &LookupLayout,
         fold: &Fold,
     ) -> Result<LeafClaim<Form>, Refused> {
         self.verifying.fractions(instance, layout, fold)
@@ -97,7 +97,7 @@ impl Party for Computing<'_, '_> {
 
     fn gather(
         &mut self,
-        layout: &Layout,
+        layout: &LookupLayout,
         fold: &Fold,
         claims: &[LeafClaim<Form>],
         gamma: Extension,
@@ -124,7 +124,7 @@ impl Party for Computing<'_, '_> {
         &mut self,
         parts: &Parts,
         sources: &Sources<'_>,
-        claims: &[Claim<Form>],
+        claims: &[ValueClaim<Form>],
         gamma: Extension,
     ) -> Result<(JoinedPoint, Form), Refused> {
         self.verifying.reduce_claims(parts, sources, claims, gamma)
@@ -244,7 +244,7 @@ fn simulate(made: &Made, count: usize) -> Vec<u64> {
     drawing.challenges(parameters.variables() - LAST as usize + 1);
     let length = codeword[0].len().ilog2();
     let positions = drawing.positions(parameters.positions(), length);
-    let leaves = vec![Digest::default(); 4 * height];
+    let leaves = vec![SpongeDigest::default(); 4 * height];
     let mut trees = vec![leaves; segments.len()];
     for (query, &position) in queries.iter().zip(&positions) {
         let row = |segment: usize| query.segments[segment].0.clone();
@@ -288,9 +288,9 @@ fn simulate(made: &Made, count: usize) -> Vec<u64> {
 }
 
 /// The digest of a row with its salt.
-fn leaf(row: &[u64], widths: &[usize]) -> Digest {
+fn leaf(row: &[u64], widths: &[usize]) -> SpongeDigest {
     let row = Goldilocks::of_words(row).unwrap();
-    let mut sponge = Sponge::new(Domain::Leaf, row.len());
+    let mut sponge = Sponge::new(SpongeDomain::Leaf, row.len());
     let mut rest = row;
     for &width in &widths[..widths.len() - 1] {
         let (now, later) = rest.split_at(width);

@@ -53,9 +53,10 @@ fn evaluator(header: &Header) -> Result<Evaluator<'_>, StatementError> {
 /// Checks that the specification is the one that the terms name, because the round fixes it.
 pub fn check_evaluation(header: &Header) -> Result<(), StatementError> {
     let (claimed, given) = (header.terms.evaluation, header.spec.digest());
-    match claimed == given {
-        true => Ok(()),
-        false => Err(StatementError::Evaluation { claimed, given }),
+    if claimed == given {
+        Ok(())
+    } else {
+        Err(StatementError::Evaluation { claimed, given })
     }
 }
 

@@ -3,7 +3,7 @@
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::path::Path;
 use zk0_argument::claim::{self, Blind, ClaimInput, ClaimSource, NotMade, NotShown};
-use zk0_argument::expert::witness::Unprovable;
+use zk0_argument::expert::prover_values::Unprovable;
 use zk0_circuits::claim::private_input::InputError;
 use zk0_circuits::claim::statement::check;
 use zk0_circuits::claim::statement_error::StatementError;

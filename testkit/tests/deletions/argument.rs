@@ -46,7 +46,7 @@ pub const REMOVALS: &[Removal] = &[
     argument("argument: a digest has one encoding", TRANSCRIPT, never!("cfg!(not(target_os = \"zkvm\"))"),
         "a_second_encoding_of_a_digest_is_refused"),
     // Proofs of work.
-    argument("argument: work has as many zeros as are asked for", TRANSCRIPT, forgiven!("require(holds || verifier.said.is_deaf(), Refused::Work(what))"),
+    argument("argument: work has as many zeros as are asked for", TRANSCRIPT, forgiven!("require(holds || verifier.transcript.is_deaf(), Refused::Work(what))"),
         "look_ups_without_work_are_refused"),
     argument("argument: work before look-ups are folded", PROTOCOL, forgiven!("self.party.work(WORK, \"look-ups\")"),
         "look_ups_without_work_are_refused"),

@@ -24,13 +24,6 @@ fn module(file: &str) -> Path {
     names
 }
 
-/// Uses that make a circle until the guest program of mode `succinct` changes the next time. `Secret` belongs into `form.rs`, but where a trait is
-/// declared changes the program's bytes, and with them its key and all proofs.
-const UNTIL_THE_NEXT_GUEST: [(&str, &str, &str); 2] = [
-    ("argument/src", "form", "party"),
-    ("argument/src", "fractions", "party"),
-];
-
 /// Which file uses which.
 fn edges(files: &Files) -> Edges {
     let modules: BTreeSet<_> = files.keys().map(|file| module(file)).collect();
@@ -134,14 +127,7 @@ fn no_files_of_a_crate_use_one_another_in_a_circle() {
     let circles: Vec<_> = crates
         .iter()
         .filter_map(|(folder, files)| {
-            let mut edges = edges(files);
-            for (_, from, to) in UNTIL_THE_NEXT_GUEST.iter().filter(|(at, ..)| at == folder) {
-                let used = edges.get_mut(&module(from)).expect("the file is there");
-                assert!(
-                    used.remove(&module(to)),
-                    "{from} does not use {to} any more"
-                );
-            }
+            let edges = edges(files);
             Some((folder, circle(&edges)?))
         })
         .map(|(folder, circle)| format!("{folder}: {}", circle.join(" uses ")))

@@ -36,9 +36,10 @@ impl From<Vec<Goldilocks>> for Column {
 /// The integer of least magnitude that an element stands for.
 fn integer(element: Goldilocks) -> i64 {
     let value = element.value();
-    match value > P / 2 {
-        true => value.wrapping_sub(P) as i64,
-        false => value as i64,
+    if value > P / 2 {
+        value.wrapping_sub(P) as i64
+    } else {
+        value as i64
     }
 }
 

@@ -128,9 +128,10 @@ fn add_products(
         for (sums, &digit) in own.iter_mut().zip(digits) {
             for (sum, &value) in sums.iter_mut().zip(values) {
                 // Both ways are exact. Without such an instruction, the first one is slow.
-                *sum = match cfg!(target_feature = "fma") {
-                    true => digit.mul_add(value, *sum),
-                    false => digit * value + *sum,
+                *sum = if cfg!(target_feature = "fma") {
+                    digit.mul_add(value, *sum)
+                } else {
+                    digit * value + *sum
                 };
             }
         }

@@ -1,6 +1,6 @@
 //! The whole evaluation, from the noised action to the loss.
 
-use super::linear::{add_residual, gate, Factor, Layer, Source, Which};
+use super::linear::{add_residual, gate, Layer, LayerSource, WeightedInput, Which};
 use super::norm::Norm;
 use crate::commitment::Parameters;
 use crate::expert::builder::{bits_of, one, power_of_two, times, Builder, Saturating};
@@ -11,7 +11,7 @@ use crate::expert::statement::Statement;
 use crate::expert::weights::{Flat, Matrices, Matrix};
 use crate::relation::along::Along;
 use crate::relation::Committed;
-use crate::relation::Factor as MonomialFactor;
+use crate::relation::Factor;
 use crate::relation::{Atom, Axis, Count, Equality, Index, Instances, Monomials};
 use alloc::vec;
 use alloc::vec::Vec;
@@ -67,7 +67,7 @@ fn source_bits(used: [usize; 4]) -> [u8; 4] {
 /// Builds the expert.
 pub(super) struct Building<'a> {
     pub builder: Builder,
-    pub source: Source<'a>,
+    pub source: LayerSource<'a>,
     weights: Vec<Matrices>,
 }
 
@@ -87,7 +87,7 @@ impl Expert {
         builder.relations.publics = crate::expert::publics::all(statement, &builder.sizes);
         let building = Building {
             builder,
-            source: Source {
+            source: LayerSource {
                 statement,
                 linears: &linears,
                 layout: &layout,
@@ -140,10 +140,7 @@ impl Building<'_> {
     /// Where the public tensor `read` is 0, a sample holds zero: otherwise one sample could be committed to in many ways.
     fn zero_unless(&mut self, tensor: Committed, axes: &[Axis], read: usize) {
         let r = &mut self.builder.relations;
-        let factors = vec![
-            MonomialFactor::Public(read),
-            MonomialFactor::Virtual(tensor.view),
-        ];
+        let factors = vec![Factor::Public(read), Factor::Virtual(tensor.view)];
         r.monomials.push(Monomials {
             axes: axes.to_vec(),
             summed: 0,
@@ -245,7 +242,7 @@ impl Building<'_> {
             is_gate: linear == TIME_MLP_IN,
             factors,
         };
-        let factor = |input, first, shared| Factor {
+        let factor = |input, first, shared| WeightedInput {
             input,
             columns: Flat::one(F2, width),
             first,
@@ -253,7 +250,7 @@ impl Building<'_> {
             summed: &[F2],
             shared,
         };
-        let input = vec![Factor {
+        let input = vec![WeightedInput {
             input: noised.view,
             columns: Flat::one(A, action),
             first: 0,
@@ -387,7 +384,7 @@ impl Building<'_> {
             row_axes: &[F],
             last: (N, self.matrices(place::OUT, 0)),
             is_gate: false,
-            factors: vec![Factor {
+            factors: vec![WeightedInput {
                 input: attended.view,
                 columns: query,
                 first: 0,
@@ -426,7 +423,7 @@ impl Building<'_> {
                 row_axes: &[G],
                 last: (N, self.matrices(place::GATE_UP, output)),
                 is_gate: output == 0,
-                factors: vec![Factor {
+                factors: vec![WeightedInput {
                     input: normed.view,
                     columns: Flat::one(F, width),
                     first: 0,
@@ -443,12 +440,7 @@ impl Building<'_> {
         b.relations.monomials.push(Monomials {
             axes: wide.to_vec(),
             summed: 0,
-            terms: vec![(
-                1,
-                [gate.view, halves[1].view]
-                    .map(MonomialFactor::Virtual)
-                    .to_vec(),
-            )],
+            terms: vec![(1, [gate.view, halves[1].view].map(Factor::Virtual).to_vec())],
         });
         let product = Atom::Monomials(b.relations.monomials.len() - 1);
         let shift = self.per_layer(|s| s.gate + s.up + SIGMOID_BITS as u8 - s.gated);
@@ -469,7 +461,7 @@ impl Building<'_> {
             row_axes: &[F],
             last: (N, self.matrices(place::DOWN, 0)),
             is_gate: false,
-            factors: vec![Factor {
+            factors: vec![WeightedInput {
                 input: gated.view,
                 columns: Flat::one(G, mlp),
                 first: 0,

@@ -27,7 +27,7 @@ pub struct Which {
 }
 
 /// What the layers are made of.
-pub struct Source<'a> {
+pub struct LayerSource<'a> {
     /// The statement.
     pub statement: &'a Statement,
     /// The evaluation's linear layers.
@@ -36,7 +36,7 @@ pub struct Source<'a> {
     pub layout: &'a Layout,
 }
 
-impl Source<'_> {
+impl LayerSource<'_> {
     /// The matrix, and the fraction bits of its layer's input.
     fn output(&self, which: Which) -> (Output, u8) {
         let linear = &self.linears[which.linear];
@@ -65,7 +65,7 @@ impl Source<'_> {
 }
 
 /// A product of inputs with weights.
-pub struct Factor<'a> {
+pub struct WeightedInput<'a> {
     /// The inputs' view.
     pub input: usize,
     /// Columns of the weights: the axes that are summed over.
@@ -97,12 +97,16 @@ pub struct Layer<'a> {
     /// Whether the outputs are looked up in a table of gates, which has int16 alone, wherever they count.
     pub is_gate: bool,
     /// What is multiplied: products of this kind are added.
-    pub factors: Vec<Factor<'a>>,
+    pub factors: Vec<WeightedInput<'a>>,
 }
 
 impl Layer<'_> {
     /// Adds the layer. Returns its outputs, and the weights.
-    pub fn add(self, builder: &mut Builder, source: &Source<'_>) -> (Committed, Vec<Matrices>) {
+    pub fn add(
+        self,
+        builder: &mut Builder,
+        source: &LayerSource<'_>,
+    ) -> (Committed, Vec<Matrices>) {
         let (last, which) = &self.last;
         let along = |f: &dyn Fn(Which) -> i64| {
             let numbers = which.iter().map(|which| which.map_or(0, f));
@@ -124,9 +128,10 @@ impl Layer<'_> {
             let shape = (factor.columns.clone(), self.rows.clone());
             let (matrices, committed) = Matrices::add(builder, self.name, shape, *last, all);
             weights.push(matrices);
-            let own = match factor.shared {
-                true => (self.row_axes.to_vec(), vec![*last]),
-                false => ([self.row_axes, &[*last]].concat(), vec![]),
+            let own = if factor.shared {
+                (self.row_axes.to_vec(), vec![*last])
+            } else {
+                ([self.row_axes, &[*last]].concat(), vec![])
             };
             builder.relations.products.push(Product {
                 left: factor.input,

@@ -1,14 +1,14 @@
 //! What comes of the residual stream: the velocity and the loss. And the tables that all of the evaluation looks things up in.
 
 use super::layers::{norm_shift, Building, HEAD_TENSORS, LAYER_TENSORS};
-use super::linear::{Factor, Layer};
+use super::linear::{Layer, WeightedInput};
 use super::norm::Norm;
 use crate::expert::builder::{one, times, Tag, TABLES};
 use crate::expert::publics::number;
 use crate::expert::sizes::*;
 use crate::expert::weights::Flat;
 use crate::relation::along::Along;
-use crate::relation::Factor as MonomialFactor;
+use crate::relation::Factor;
 use crate::relation::{Atom, Committed, Count, Equality, Index, Monomials};
 use alloc::vec;
 use alloc::vec::Vec;
@@ -55,7 +55,7 @@ impl Building<'_> {
             row_axes: &[A],
             last: Self::both(linear),
             is_gate: false,
-            factors: vec![Factor {
+            factors: vec![WeightedInput {
                 input: normed.view,
                 columns: Flat::one(F, dims.expert_width as usize),
                 first: 0,
@@ -68,7 +68,7 @@ impl Building<'_> {
 
     /// `Σ (velocity − noise + action)²` over what counts is the loss of each model on each sample.
     pub fn loss(&mut self, velocity: Committed, actions: Committed) {
-        use MonomialFactor::{Public, Virtual};
+        use Factor::{Public, Virtual};
         let (v, a, noise) = (
             Virtual(velocity.view),
             Virtual(actions.view),

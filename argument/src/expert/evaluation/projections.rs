@@ -2,14 +2,14 @@
 
 use super::attention::Attention;
 use super::layers::Building;
-use super::linear::{Factor, Layer, Which};
+use super::linear::{Layer, WeightedInput, Which};
 use crate::expert::builder::{times, Builder, Saturating};
 use crate::expert::publics::number;
 use crate::expert::sizes::*;
 use crate::expert::weights::Flat;
 use crate::relation::along::Along;
 use crate::relation::Committed;
-use crate::relation::Factor as MonomialFactor;
+use crate::relation::Factor;
 use crate::relation::{Atom, Axis, Count, Index, Monomials};
 use alloc::vec;
 use alloc::vec::Vec;
@@ -41,7 +41,7 @@ impl Building<'_> {
             row_axes: &[H, D],
             last: (N, self.matrices(place::QUERY, 0)),
             is_gate: false,
-            factors: vec![Factor {
+            factors: vec![WeightedInput {
                 input: normed.view,
                 columns: Flat::one(F, width),
                 first: 0,
@@ -68,7 +68,7 @@ impl Building<'_> {
                 row_axes: &[V, D],
                 last: (SN, self.matrices_of(SN, place::QUERY, output)),
                 is_gate: false,
-                factors: vec![Factor {
+                factors: vec![WeightedInput {
                     input,
                     columns: Flat::one(F, width),
                     first: 0,
@@ -149,7 +149,7 @@ impl Building<'_> {
             row_axes: &[V, D],
             last: (CN, self.matrices_of(CN, linear, 0)),
             is_gate: false,
-            factors: vec![Factor {
+            factors: vec![WeightedInput {
                 input,
                 columns: self.key_value((D2, V2)),
                 first: 0,
@@ -210,10 +210,7 @@ impl Building<'_> {
         });
         let other = b.view(plain.tensor, &indices);
         let term = |view, public| {
-            let factors = [
-                MonomialFactor::Virtual(view),
-                MonomialFactor::Public(public),
-            ];
+            let factors = [Factor::Virtual(view), Factor::Public(public)];
             (1, factors.to_vec())
         };
         b.relations.monomials.push(Monomials {

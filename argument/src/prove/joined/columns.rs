@@ -59,9 +59,10 @@ pub fn round(pieces: Vec<Piece>, monomials: &TableMonomials, without_one: bool) 
         if point > 0 {
             tables.iter_mut().for_each(|[value, step]| value.add(step));
         }
-        match point == 1 && without_one {
-            true => Extension::ZERO,
-            false => sum(&tables, monomials, count),
+        if point == 1 && without_one {
+            Extension::ZERO
+        } else {
+            sum(&tables, monomials, count)
         }
     };
     (0..=monomials.degree()).map(value).collect()

@@ -23,9 +23,10 @@ impl From<Vec<Goldilocks>> for MultilinearTable {
 impl From<Vec<Extension>> for MultilinearTable {
     /// Values that all are in the base field are taken for such.
     fn from(values: Vec<Extension>) -> Self {
-        match values.iter().all(|value| value.0[1] == Goldilocks::ZERO) {
-            true => Self::Base(values.par_iter().map(|value| value.0[0]).collect()),
-            false => Self::Extension(values),
+        if values.iter().all(|value| value.0[1] == Goldilocks::ZERO) {
+            Self::Base(values.par_iter().map(|value| value.0[0]).collect())
+        } else {
+            Self::Extension(values)
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::party::Lie;
 use zk0_argument::field::{Extension, Goldilocks};
 use zk0_argument::fractions::LeafClaim;
-use zk0_argument::layout::Layout;
+use zk0_argument::layout::LookupLayout;
 use zk0_argument::multilinear::{bind, eq_table};
 use zk0_argument::party::Fold;
 use zk0_argument::prove::Tables;
@@ -14,7 +14,7 @@ use zk0_argument::transcript::{Challenges, Prover};
 pub type Fractions = (Vec<Extension>, Vec<Extension>);
 
 /// The fractions of all look-ups.
-pub fn leaves(tables: &Tables<'_>, layout: &Layout, fold: &Fold) -> Fractions {
+pub fn leaves(tables: &Tables<'_>, layout: &LookupLayout, fold: &Fold) -> Fractions {
     let relations = tables.relations;
     let mut numerators = vec![Extension::ZERO; 1 << layout.variables];
     let mut denominators = vec![Extension::ONE; 1 << layout.variables];

@@ -18,9 +18,9 @@ use std::io;
 use zk0_argument::expert::argument::prove::{prove, unmet};
 use zk0_argument::expert::argument::{verify, Verified};
 use zk0_argument::expert::evaluation::layers::Expert;
+use zk0_argument::expert::prover_values::{evaluate, Common, SampleValues};
 use zk0_argument::expert::published::Published;
 use zk0_argument::expert::statement::Statement;
-use zk0_argument::expert::witness::{evaluate, Common, SampleValues};
 use zk0_argument::prove::progress::silently;
 use zk0_argument::prove::SourceValues;
 use zk0_argument::transcript::{Prover, Refused};
@@ -153,13 +153,22 @@ pub fn known(
     samples: &Vec<(Sample, Draw)>,
 ) -> Known {
     let common = Common::new(statement, models);
-    let witness = |number| SampleValues::of(statement, &common, number, models, samples).unwrap();
-    let samples = (0..samples.len()).map(witness).collect();
+    let sample_values =
+        |number| SampleValues::of(statement, &common, number, models, samples).unwrap();
+    let samples = (0..samples.len()).map(sample_values).collect();
     Known { common, samples }
 }
 
 /// The real prover's argument.
 pub fn honest(statement: &Statement, known: &Known) -> Vec<u64> {
-    let witness = |number: usize| Ok::<_, io::Error>(known.samples[number].clone());
-    prove(statement, &known.common, &BLIND, None, &silently, witness).unwrap()
+    let sample_values = |number: usize| Ok::<_, io::Error>(known.samples[number].clone());
+    prove(
+        statement,
+        &known.common,
+        &BLIND,
+        None,
+        &silently,
+        sample_values,
+    )
+    .unwrap()
 }

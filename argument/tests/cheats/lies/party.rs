@@ -11,9 +11,9 @@ use zk0_argument::expert::publics::number::LOSSES;
 use zk0_argument::expert::statement::Statement;
 use zk0_argument::field::Extension;
 use zk0_argument::fractions::LeafClaim;
-use zk0_argument::layout::Layout;
+use zk0_argument::layout::LookupLayout;
 use zk0_argument::multilinear::evaluate_extension;
-use zk0_argument::party::{Claim, Fold, Party, Sources, Sum, Weighted};
+use zk0_argument::party::{Fold, Party, Sources, Sum, ValueClaim, Weighted};
 use zk0_argument::prove::progress::silently;
 use zk0_argument::prove::{Computed, Instance, Proving, SourceValues, Tables};
 use zk0_argument::relation::{Atom, Part, Parts, Relations};
@@ -70,7 +70,13 @@ impl Liar<'_, '_> {
     }
 
     /// The fractions of an instance in the tale, which is world 0, or in truth.
-    fn leaves(&self, world: usize, instance: usize, layout: &Layout, fold: &Fold) -> Fractions {
+    fn leaves(
+        &self,
+        world: usize,
+        instance: usize,
+        layout: &LookupLayout,
+        fold: &Fold,
+    ) -> Fractions {
         let known = self.known[world];
         let sample = &known.samples[instance];
         let tables = Tables {
@@ -154,7 +160,7 @@ impl Party for Liar<'_, '_> {
     fn fractions(
         &mut self,
         instance: usize,
-        layout: &Layout,
+        layout: &LookupLayout,
         fold: &Fold,
     ) -> Result<LeafClaim, Refused> {
         if self.known[0].samples.len() > 1 {
@@ -177,7 +183,7 @@ impl Party for Liar<'_, '_> {
 
     fn gather(
         &mut self,
-        layout: &Layout,
+        layout: &LookupLayout,
         fold: &Fold,
         claims: &[LeafClaim],
         gamma: Extension,
@@ -195,7 +201,8 @@ impl Party for Liar<'_, '_> {
             return self.tell(tale, |proving| proving.gathered(count));
         };
         let values = (0..count).map(|instance| {
-            let layout = Layout::new(&self.known[1].samples[instance].expert.builder.relations);
+            let layout =
+                LookupLayout::new(&self.known[1].samples[instance].expert.builder.relations);
             let (numerators, denominators) = self.leaves(1, instance, &layout, &fold);
             [numerators, denominators].map(|values| evaluate_extension(&values, &self.point))
         });
@@ -221,7 +228,7 @@ impl Party for Liar<'_, '_> {
         &mut self,
         parts: &Parts,
         sources: &Sources<'_>,
-        claims: &[Claim],
+        claims: &[ValueClaim],
         gamma: Extension,
     ) -> Result<(JoinedPoint, Extension), Refused> {
         self.shared = true;
@@ -287,7 +294,16 @@ pub fn prove(statement: &Statement, known: [&Known; 2], lie: Lie) -> Prover {
         };
         argued(&mut liar, expert, shape)
     };
-    let witness = |number: usize| Ok::<_, io::Error>(truth.samples[number].clone());
+    let sample_values = |number: usize| Ok::<_, io::Error>(truth.samples[number].clone());
     let common = &truth.common;
-    prove_with(statement, common, hidden, None, &silently, witness, lying).unwrap()
+    prove_with(
+        statement,
+        common,
+        hidden,
+        None,
+        &silently,
+        sample_values,
+        lying,
+    )
+    .unwrap()
 }

@@ -52,15 +52,14 @@ pub fn turn(phase: u32) -> (i16, i16) {
     let (index, fraction) = ((position >> 20) as usize, (position & 0xf_ffff) as i64);
     // The table from its end on has the cosines.
     let entry = |index: usize| SINE[index] as i64;
-    let (sine, cosine) = match index < 1024 {
-        true => {
-            let (low, high) = (entry(index), entry(1024 - index));
-            (
-                (low << 20) + (entry(index + 1) - low) * fraction,
-                (high << 20) - (high - entry(1023 - index)) * fraction,
-            )
-        }
-        false => (entry(1024) << 20, entry(0) << 20),
+    let (sine, cosine) = if index < 1024 {
+        let (low, high) = (entry(index), entry(1024 - index));
+        (
+            (low << 20) + (entry(index + 1) - low) * fraction,
+            (high << 20) - (high - entry(1023 - index)) * fraction,
+        )
+    } else {
+        (entry(1024) << 20, entry(0) << 20)
     };
     let rounded = |value: i64, negative: bool| {
         let value = (value + (1 << 20)) >> 21;

@@ -5,7 +5,7 @@
 
 use crate::attacks::attack::{Attack, Defence, Outcome, Proof};
 use zk0_argument::field::{Extension, Goldilocks};
-use zk0_argument::hash::Digest;
+use zk0_argument::hash::SpongeDigest;
 use zk0_argument::multilinear::bind;
 use zk0_argument::sumcheck::verify;
 use zk0_argument::transcript::{require, Challenges, Pads, Prover, Refused, Verifier};
@@ -22,8 +22,8 @@ pub const ATTACK: Attack = Attack {
         out: &[SourceChange {
             file: "argument/src/transcript.rs",
             replacements: &[(
-                "    fn elements(&mut self, elements: &[Goldilocks]) {\n",
-                "    fn elements(&mut self, elements: &[Goldilocks]) {
+                "    fn absorb(&mut self, elements: &[Goldilocks]) {\n",
+                "    fn absorb(&mut self, elements: &[Goldilocks]) {
         if OUT {
             return;
         }\n",
@@ -33,7 +33,7 @@ pub const ATTACK: Attack = Attack {
     carry_out,
 };
 
-const STATEMENT: Digest = Digest([3, 1, 4, 1]);
+const STATEMENT: SpongeDigest = SpongeDigest([3, 1, 4, 1]);
 const VARIABLES: usize = 6;
 
 /// Numbers of which the verifier can compute everything itself.

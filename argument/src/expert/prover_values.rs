@@ -5,12 +5,12 @@ use super::evaluation::layers::Expert;
 use super::published::tables;
 use super::sample::prove::frames;
 use super::sizes::{Sizes, L, M, N, T};
-use super::statement::{Evaluated, Statement};
+use super::statement::{EvaluatedSample, Statement};
 use super::trace::{trace, LinearSums, Traced, EMBEDDED};
 use crate::prove::filling::Filling;
 use crate::prove::progress::{Phase, Tell};
 use crate::prove::{Computed, NotInTable, SourceValues};
-use crate::relation::{Source, Tensor};
+use crate::relation::{ColumnSource, Tensor};
 use std::borrow::Cow;
 use std::io;
 use std::rc::Rc;
@@ -93,7 +93,7 @@ pub struct SampleValues {
     /// The sample.
     pub data: Vec<i64>,
     /// What is kept of the tree of its commitment, if that is known.
-    pub kept: Option<Vec<crate::hash::Digest>>,
+    pub kept: Option<Vec<crate::hash::SpongeDigest>>,
 }
 
 /// The samples that an argument is about. They are read one at a time.
@@ -111,7 +111,7 @@ pub trait Samples {
     ///
     /// # Errors
     /// It cannot be read.
-    fn kept(&self, _number: usize) -> io::Result<Option<Vec<crate::hash::Digest>>> {
+    fn kept(&self, _number: usize) -> io::Result<Option<Vec<crate::hash::SpongeDigest>>> {
         Ok(None)
     }
 }
@@ -186,7 +186,7 @@ pub fn evaluate(
         let sample = read(samples, number)?;
         let both = both_traced(spec, models, number, (&sample, draw))?;
         saturates |= both.iter().any(|traced| traced.saturates);
-        evaluated.push(Evaluated {
+        evaluated.push(EvaluatedSample {
             prefix: sample.prefix(),
             frames: frames(spec, &sample),
             draw: (*draw).clone(),
@@ -244,7 +244,7 @@ impl Common {
 }
 
 /// How many values a source has.
-fn length(expert: &Expert, source: Source) -> usize {
+fn length(expert: &Expert, source: ColumnSource) -> usize {
     1 << expert.source_bits[source.0 as usize]
 }
 
