@@ -1,13 +1,13 @@
 //! Takes part in a network: registers the recording, and then trains, commits, proves and submits in each round.
 
-use crate::client::watching::OpenRound;
+use crate::client::watching::{OpenRound, Waited};
 use crate::client::NodeClient;
 use crate::client_error::NodeError;
 use crate::error::ParticipantError;
 use crate::recording::registering::Registering;
 use crate::recording::OpenRecording;
 use crate::state_files::{self, lock::StateLock};
-use crate::turn::{Entered, LocalTraining, Turn};
+use crate::turn::{unfinished, Entered, LocalTraining, Turn};
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::PathBuf;
@@ -175,7 +175,18 @@ impl Participant {
                 }
                 Err(error) => return Err(error),
             }
-            let closed = node.wait_for_close(round).await?;
+            let mut watch = node.until_closed(round);
+            let closed = loop {
+                match node.wait_for_close(&mut watch).await? {
+                    Waited::Closed(closed) => break closed,
+                    Waited::Lost => {
+                        if let Err(error) = turn.send_again(node).await {
+                            tracing::error!("round {round}: a file that the aggregator has lost cannot be sent again: {error}");
+                        }
+                    }
+                }
+            };
+            unfinished::remove(&self.state)?;
             let count = closed.contributors.len() as u64;
             let averaged = counted(
                 count,

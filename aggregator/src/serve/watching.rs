@@ -1,5 +1,6 @@
 //! Nodes that follow a round. A node is told when the round has come further, so that it need not ask again and again.
 
+use crate::round::lost_files;
 use crate::round::presence::Following;
 use crate::round::request_error::RequestError;
 use crate::serve::federation_service::encode;
@@ -44,6 +45,7 @@ impl Service {
                 .round()
                 .filter(|open| round.is_none_or(|round| round == open.number()))
                 .zip(node);
+            let contributed = open.map(|(open, node)| lost_files::contributed(aggregator, open, node));
             let info = RoundInfo {
                 invited: open.is_some_and(|(open, node)| state.may_contribute(open, &node)),
                 now_ms: aggregator.now_ms(),
@@ -51,9 +53,9 @@ impl Service {
                 ..RoundInfo::default()
             };
             let entries = aggregator.round(round, published);
-            Ok((info, entries, contribution, published))
+            Ok((info, entries, contribution, contributed, published))
         });
-        let (info, entries, contribution, published) = seen.await?;
+        let (info, entries, contribution, contributed, published) = seen.await?;
         let Some(entries) = entries else {
             return Ok(info);
         };
@@ -66,7 +68,9 @@ impl Service {
             // Its checkpoint ends with the entry, as a node needs it to verify cosignatures of the closing.
             let closing = entries.commitments_closed;
             let closing = closing.map(|index| ledger.first_receipt(index));
+            let lost = contributed.map_or(Ok(Vec::new()), |files| files.lost(&ledger));
             Ok(RoundInfo {
+                lost: lost?.iter().map(|file| file.0.to_vec()).collect(),
                 opened: receipt(Some(entries.opened))?,
                 commitments_closed: closing.transpose()?.map(Into::into),
                 randomness: receipt(entries.randomness)?,
@@ -137,9 +141,9 @@ impl Service {
     }
 }
 
-/// What a follower has not heard: an entry, or that it may contribute. The clock always moves on, and an entry has a newer receipt whenever the ledger
+/// What a follower has not heard: an entry, that it may contribute, or that a file of its contribution is lost. The clock always moves on, and an entry has a newer receipt whenever the ledger
 /// has grown, so these are no news.
-fn news(info: &RoundInfo) -> ([Option<u64>; 5], bool) {
+fn news(info: &RoundInfo) -> ([Option<u64>; 5], bool, Vec<Vec<u8>>) {
     let entries = [
         &info.opened,
         &info.commitments_closed,
@@ -148,5 +152,5 @@ fn news(info: &RoundInfo) -> ([Option<u64>; 5], bool) {
         &info.contribution,
     ];
     let indices = entries.map(|entry| entry.as_ref().map(|receipt| receipt.index));
-    (indices, info.invited)
+    (indices, info.invited, info.lost.clone())
 }
