@@ -134,7 +134,9 @@ impl Participant {
                 opened: &opened,
                 eval_samples: eval_samples(self.eval_samples, &opened, held, most)?,
             };
-            match play(&turn, node).await {
+            let played = play(&turn, node).await;
+            let accepted = matches!(played, Ok(None));
+            match played {
                 Ok(None) => tracing::info!("round {round}: accepted"),
                 Ok(Some(reason)) => tracing::warn!("round {round}: refused: {reason}"),
                 // Where only a file has failed, the node ends, and goes on with its update when it is started again.
@@ -187,6 +189,10 @@ impl Participant {
                 }
             };
             unfinished::remove(&self.state)?;
+            let counts = closed.contributors.iter().any(|one| one.node == node.id());
+            if accepted && !counts {
+                tracing::error!("round {round} has closed without the contribution of this node, which it had accepted: the aggregator has lost a file of it");
+            }
             let count = closed.contributors.len() as u64;
             let averaged = counted(
                 count,

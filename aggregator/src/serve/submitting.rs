@@ -33,9 +33,8 @@ impl Service {
         let pending = match self.admission(begin, answer).await? {
             Admission::Recorded(answer) => {
                 let asked = signed.clone();
-                let lost = move |aggregator: &mut Aggregator| {
-                    Ok(aggregator.lost_proof(&asked.statement))
-                };
+                let lost =
+                    move |aggregator: &mut Aggregator| Ok(aggregator.lost_proof(&asked.statement));
                 if let Some(lost) = self.with(lost).await? {
                     let put = move || lost.put(&proof);
                     self.storing(info_span!("keep blobs"), put).await?;

@@ -1,6 +1,5 @@
 //! Nodes that follow a round. A node is told when the round has come further, so that it need not ask again and again.
 
-use crate::round::lost_files;
 use crate::round::presence::Following;
 use crate::round::request_error::RequestError;
 use crate::serve::federation_service::encode;
@@ -45,7 +44,7 @@ impl Service {
                 .round()
                 .filter(|open| round.is_none_or(|round| round == open.number()))
                 .zip(node);
-            let contributed = open.map(|(open, node)| lost_files::contributed(aggregator, open, node));
+            let contributed = open.map(|(open, node)| aggregator.contributed(open, node));
             let info = RoundInfo {
                 invited: open.is_some_and(|(open, node)| state.may_contribute(open, &node)),
                 now_ms: aggregator.now_ms(),
@@ -53,9 +52,10 @@ impl Service {
                 ..RoundInfo::default()
             };
             let entries = aggregator.round(round, published);
-            Ok((info, entries, contribution, contributed, published))
+            let lost_from = (contributed, aggregator.ledger().blobs().clone());
+            Ok((info, entries, contribution, lost_from, published))
         });
-        let (info, entries, contribution, contributed, published) = seen.await?;
+        let (info, entries, contribution, (contributed, blobs), published) = seen.await?;
         let Some(entries) = entries else {
             return Ok(info);
         };
@@ -68,9 +68,11 @@ impl Service {
             // Its checkpoint ends with the entry, as a node needs it to verify cosignatures of the closing.
             let closing = entries.commitments_closed;
             let closing = closing.map(|index| ledger.first_receipt(index));
-            let lost = contributed.map_or(Ok(Vec::new()), |files| files.lost(&ledger));
+            let lost = contributed.and_then(|contributed| contributed.lost(&blobs));
+            let lost = lost.into_iter().flat_map(|lost| lost.files);
+            let lost = lost.map(|file| file.0.to_vec());
             Ok(RoundInfo {
-                lost: lost?.iter().map(|file| file.0.to_vec()).collect(),
+                lost: lost.collect(),
                 opened: receipt(Some(entries.opened))?,
                 commitments_closed: closing.transpose()?.map(Into::into),
                 randomness: receipt(entries.randomness)?,
