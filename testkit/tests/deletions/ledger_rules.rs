@@ -141,6 +141,13 @@ pub const REMOVALS: &[Removal] = &[
         "a_program_that_does_not_exist_is_refused_and_the_ledger_goes_on"),
     protocol("no vote takes effect in an open round", VOTES, skipped!("return Err(RuleViolation::RoundStillOpen(round.number()));"),
         "a_program_changes_between_rounds_and_not_in_one"),
+    // Governors.
+    protocol("a governor has no say in its removal", VOTES, skipped!("electorate.remove(&removed);"),
+        "a_governor_has_no_say_in_its_removal_and_the_others_need_more_than_half_of_all_weight"),
+    protocol("half of the weight removes nobody", "protocol/src/rules/open_proposal.rs", never!("tally.for_it < self.least_for"),
+        "a_governor_has_no_say_in_its_removal_and_the_others_need_more_than_half_of_all_weight"),
+    protocol("a removal that does more is a vote as any other", VOTES, always!("other_rules == **rules"),
+        "only_the_removal_of_one_governor_goes_without_its_vote"),
     // Lost files.
     protocol("files are lost of accepted contributions", LOST, always!("matches!(commit.decision, Some(Decision::Accepted { .. }))"),
         "only_files_of_accepted_contributions_to_the_open_round_are_lost_and_once"),
