@@ -10,6 +10,7 @@
 //! their verification has sealed ([`zk0_verifier::combine::sealed`]).
 
 mod found;
+mod left_out;
 mod saved;
 
 use crate::account::{Account, CheckKind, Checked, NotChecked, SkipReason};
@@ -411,9 +412,11 @@ impl Recheck for Auditor {
                     )
                 });
             }
+            Body::ContributionLeftOut(lost) => self.leave_out(index, lost),
             // The replay verifies closings and randomness: they are rules of the state machine.
             Body::CommitmentsClosed(_)
             | Body::RandomnessDrawn(_)
+            | Body::FilesLost(_)
             | Body::Genesis(_)
             | Body::NodeEnrolled(_)
             | Body::UpdateCommitted(_)

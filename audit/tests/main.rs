@@ -2,6 +2,7 @@
 
 mod depths_and_threads;
 mod dishonest_aggregator;
+mod left_out;
 mod programs;
 mod pruning;
 mod restoring;

@@ -1,5 +1,5 @@
 //! The one binary. Its exit codes are 0 for success, 1 for a failure (an audit that fails, a refusal, an error), and 2 for a wrong command
-//! line. `zk0 audit replay` also has 3 for an incomplete audit. It, `zk0 audit watch`, `zk0 audit recording` and `zk0 audit verify-proof`
+//! line, or for a ledger that `zk0 aggregator serve` must not serve, because the log has signed another history. `zk0 audit replay` also has 3 for an incomplete audit. It, `zk0 audit watch`, `zk0 audit recording` and `zk0 audit verify-proof`
 //! have 4 for an error, which is no verdict.
 
 #[cfg(all(target_os = "linux", target_arch = "x86_64", target_feature = "avx2"))]
@@ -7,6 +7,8 @@ mod processor;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
+#[cfg(feature = "full")]
+use zk0::aggregator::log_store::OtherHistory;
 #[cfg(feature = "full")]
 use zk0::serve::online;
 use zk0::{audit, ledger, logging, output, settings};
@@ -108,6 +110,8 @@ fn main() -> ExitCode {
             }
             match &cli.command {
                 Command::Audit(command) => command.error_code(&error),
+                #[cfg(feature = "full")]
+                Command::Full(_) if error.is::<OtherHistory>() => ExitCode::from(2),
                 _ => ExitCode::FAILURE,
             }
         }

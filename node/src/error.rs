@@ -193,6 +193,12 @@ pub enum ParticipantError {
         /// The round.
         round: u64,
     },
+    /// The aggregator has lost a file of the node's contribution, and the node has not kept it.
+    #[error("round {round}: the node has no update of this round in its state folder")]
+    NotKept {
+        /// The round.
+        round: u64,
+    },
     /// The control variates of a round by SCAFFOLD rest on weights that cannot be downloaded.
     #[error("round {round}: the node leaves the round out, because it cannot compute its control variates for SCAFFOLD: the weights {blob} cannot be downloaded: {error}. It needs them until the control variates begin again, in round {begins}")]
     NoControlVariates {

@@ -1,13 +1,13 @@
 //! Takes part in a network: registers the recording, and then trains, commits, proves and submits in each round.
 
-use crate::client::watching::OpenRound;
+use crate::client::watching::{OpenRound, Waited};
 use crate::client::NodeClient;
 use crate::client_error::NodeError;
 use crate::error::ParticipantError;
 use crate::recording::registering::Registering;
 use crate::recording::OpenRecording;
 use crate::state_files::{self, lock::StateLock};
-use crate::turn::{Entered, LocalTraining, Turn};
+use crate::turn::{unfinished, Entered, LocalTraining, Turn};
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::PathBuf;
@@ -134,7 +134,9 @@ impl Participant {
                 opened: &opened,
                 eval_samples: eval_samples(self.eval_samples, &opened, held, most)?,
             };
-            match play(&turn, node).await {
+            let played = play(&turn, node).await;
+            let accepted = matches!(played, Ok(None));
+            match played {
                 Ok(None) => tracing::info!("round {round}: accepted"),
                 Ok(Some(reason)) => tracing::warn!("round {round}: refused: {reason}"),
                 // Where only a file has failed, the node ends, and goes on with its update when it is started again.
@@ -175,7 +177,22 @@ impl Participant {
                 }
                 Err(error) => return Err(error),
             }
-            let closed = node.wait_for_close(round).await?;
+            let mut watch = node.until_closed(round);
+            let closed = loop {
+                match node.wait_for_close(&mut watch).await? {
+                    Waited::Closed(closed) => break closed,
+                    Waited::Lost => {
+                        if let Err(error) = turn.send_again(node).await {
+                            tracing::error!("round {round}: a file that the aggregator has lost cannot be sent again: {error}");
+                        }
+                    }
+                }
+            };
+            unfinished::remove(&self.state)?;
+            let counts = closed.contributors.iter().any(|one| one.node == node.id());
+            if accepted && !counts {
+                tracing::error!("round {round} has closed without the contribution of this node, which it had accepted: the aggregator has lost a file of it");
+            }
             let count = closed.contributors.len() as u64;
             let averaged = counted(
                 count,

@@ -115,12 +115,7 @@ impl Turn<'_> {
         prover: &mut ProvingClient,
     ) -> Result<Option<Refusal>, ParticipantError> {
         let round = self.opened.round;
-        let part = RoundParticipation {
-            network: *node.network(),
-            round,
-            base: self.opened.base.blob,
-            dataset: self.entered.evaluation.commitment.root,
-        };
+        let part = self.participation(node);
         if let Some(decided) = Decided::read(self.state, &part)? {
             tracing::info!("round {round}: the node's contribution is decided already; it waits until the round has closed");
             return Ok(decided.refusal.map(Refusal::from));
@@ -198,6 +193,33 @@ impl Turn<'_> {
         };
         decided.keep(self.state)?;
         Ok(refusal)
+    }
+
+    fn participation(&self, node: &NodeClient) -> RoundParticipation {
+        RoundParticipation {
+            network: *node.network(),
+            round: self.opened.round,
+            base: self.opened.base.blob,
+            dataset: self.entered.evaluation.commitment.root,
+        }
+    }
+
+    /// Sends the update and the proof once more, because the aggregator has lost one of them.
+    ///
+    /// # Errors
+    /// The node has not kept them, or the aggregator does not take them.
+    pub async fn send_again(&self, node: &mut NodeClient) -> Result<(), ParticipantError> {
+        let (round, part) = (self.opened.round, self.participation(node));
+        let kept = UnfinishedUpdate::read(self.state, &part, self.weights_limit())?;
+        let kept = kept.ok_or(ParticipantError::NotKept { round })?;
+        tracing::warn!(
+            "round {round}: the aggregator has lost a file of the node's contribution, and the node sends its files again"
+        );
+        node.upload(round, kept.file).await?;
+        if let Some(ProvenClaim { claim, proof }) = ProvenClaim::in_round(self.state, &part)? {
+            self.submit(node, claim, proof).await?;
+        }
+        Ok(())
     }
 
     /// Has the claim about an update proven. In mode `succinct`, the node keeps the argument, and goes on with one that it has kept.

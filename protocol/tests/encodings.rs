@@ -3,7 +3,7 @@
 
 use std::fs;
 use std::path::PathBuf;
-use zk0_protocol::entries::entry::MomentsComputed;
+use zk0_protocol::entries::entry::{LostContribution, MomentsComputed};
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::{
@@ -81,6 +81,15 @@ fn entries() {
             round: 3,
             moments: digest(0x30),
         }),
+    );
+    let lost = LostContribution {
+        round: 3,
+        node: id(0),
+    };
+    check_entry("entries/files-lost", Body::FilesLost(lost));
+    check_entry(
+        "entries/contribution-left-out",
+        Body::ContributionLeftOut(lost),
     );
     check_entry(
         "entries/randomness-drawn",

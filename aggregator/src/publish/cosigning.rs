@@ -1,9 +1,10 @@
 //! Asking witnesses for cosignatures (C2SP tlog-witness, `add-checkpoint`). All witnesses are asked at once, until the quorum of the
 //! policy is met or the time is over.
 
+use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{mpsc, Arc};
-use std::thread;
+use std::thread::{self, ScopedJoinHandle};
 use std::time::{Duration, Instant};
 use tracing::{info_span, instrument};
 use zk0_circuits::Digest;
@@ -52,12 +53,29 @@ pub enum CosigningError {
     /// The file that says whose certificates count cannot be used.
     #[error(transparent)]
     Authorities(#[from] AuthoritiesError),
+    /// A witness has cosigned more of the log, or another history of it.
+    #[error("witness {name} {why}")]
+    OtherHistory { name: String, why: NotCosigned },
     /// Too few witnesses have cosigned in time.
     #[error("too few witnesses have cosigned: the policy asks for {wanted}; {}", .refused.join("; "))]
     NoQuorum {
         wanted: String,
         refused: Vec<String>,
     },
+}
+
+/// Why a witness does not cosign.
+#[derive(Debug, thiserror::Error)]
+pub enum NotCosigned {
+    /// It has cosigned a later checkpoint.
+    #[error("has cosigned {last} entries of this log, but it has {size} now: the log was rolled back, or an old checkpoint was submitted")]
+    Behind { last: u64, size: u64 },
+    /// It answers with this status and this text. 409 and 422 stand for a tree that does not continue the one that it has cosigned.
+    #[error("refuses (status {0}): {1}")]
+    Status(u16, String),
+    /// It cannot be asked, or gives another answer than the specification has.
+    #[error("{0}")]
+    Failed(String),
 }
 
 /// A checkpoint that witnesses have cosigned.
@@ -157,6 +175,37 @@ impl Witnesses {
         self.collect(checkpoint, prove, all, wanted)
     }
 
+    /// Asks all witnesses whether the log goes on from what they have cosigned. `checkpoint` is its newest one. Returns how many know.
+    ///
+    /// # Errors
+    /// A witness has cosigned more entries, or others.
+    pub fn continues(
+        &self,
+        checkpoint: &[u8],
+        prove: &ConsistencyProver,
+    ) -> Result<usize, CosigningError> {
+        let size = Parsed::read(checkpoint)?.checkpoint.size;
+        let answers: Vec<_> = thread::scope(|scope| {
+            let ask =
+                |client| scope.spawn(move || CosigningClient::ask(client, checkpoint, size, prove));
+            let asked: Vec<_> = self.clients.iter().map(|client| ask(&**client)).collect();
+            asked.into_iter().map(ScopedJoinHandle::join).collect()
+        });
+        let mut known = 0;
+        for (client, answer) in self.clients.iter().zip(answers) {
+            let name = client.witness.name.clone();
+            match answer {
+                Ok(Ok(_)) => known += 1,
+                Ok(Err(why @ (NotCosigned::Behind { .. } | NotCosigned::Status(409 | 422, _)))) => {
+                    return Err(CosigningError::OtherHistory { name, why })
+                }
+                Ok(Err(why)) => tracing::warn!("witness {name} {why}"),
+                Err(panic) => resume_unwind(panic),
+            }
+        }
+        Ok(known)
+    }
+
     #[instrument(name = "publish a checkpoint", skip_all)]
     fn collect(
         &self,
@@ -172,7 +221,8 @@ impl Witnesses {
             let (client, sender) = (client.clone(), sender.clone());
             let (checkpoint, prove) = (checkpoint.to_vec(), prove.clone());
             if client.busy.swap(true, Ordering::AcqRel) {
-                let _ = sender.send((at, Err("has not answered an earlier request".into())));
+                let why = "has not answered an earlier request";
+                let _ = sender.send((at, Err(NotCosigned::Failed(why.into()))));
                 continue;
             }
             let span = info_span!("ask a witness", zk0.witness = client.witness.name);
@@ -219,39 +269,39 @@ impl CosigningClient {
         checkpoint: &[u8],
         size: u64,
         prove: &ConsistencyProver,
-    ) -> Result<(Vec<u8>, Cosignature), String> {
+    ) -> Result<(Vec<u8>, Cosignature), NotCosigned> {
+        let failed = |why: &str| NotCosigned::Failed(why.into());
         let note = Parsed::read(checkpoint)
-            .map_err(|error| error.to_string())?
+            .map_err(|error| failed(&error.to_string()))?
             .note;
         for _ in 0..ATTEMPTS {
-            let old = self.known.load(Ordering::Acquire);
-            if old > size {
-                return Err(format!(
-                    "has cosigned {old} entries of this log, but it has {size} now: the log was rolled back, or an old \
-                     checkpoint was submitted"
-                ));
+            let last = self.known.load(Ordering::Acquire);
+            if last > size {
+                return Err(NotCosigned::Behind { last, size });
             }
-            let proof = if old == 0 || old == size {
+            let proof = if last == 0 || last == size {
                 Vec::new()
             } else {
-                prove(old, size)?
+                prove(last, size).map_err(NotCosigned::Failed)?
             };
             let request = AddCheckpoint {
-                old,
+                old: last,
                 proof,
                 checkpoint: checkpoint.into(),
             };
             let (status, answer) = self
                 .post(&request.encode())
-                .map_err(|error| format!("cannot be asked: {error}"))?;
+                .map_err(|error| failed(&format!("cannot be asked: {error}")))?;
             let text = || String::from_utf8_lossy(&answer).trim().to_owned();
             match status {
                 200 => {
-                    let signature = cosigner::find(&answer, &self.witness.key, &note)
-                        .ok_or("answered without a valid cosignature of this checkpoint")?;
+                    let signature =
+                        cosigner::find(&answer, &self.witness.key, &note).ok_or_else(|| {
+                            failed("answered without a valid cosignature of this checkpoint")
+                        })?;
                     let cosignature = signature.signature().try_into();
-                    let cosignature =
-                        cosignature.map_err(|_| "answered with a cosignature of another length")?;
+                    let cosignature = cosignature
+                        .map_err(|_| failed("answered with a cosignature of another length"))?;
                     self.known.store(size, Ordering::Release);
                     return Ok((signature.to_bytes(), cosignature));
                 }
@@ -259,13 +309,11 @@ impl CosigningClient {
                 // another tree of this size.
                 status => match (status, text().parse()) {
                     (409, Ok(last)) => self.known.store(last, Ordering::Release),
-                    _ => {
-                        return Err(format!("refuses (status {status}): {}", short(&text())));
-                    }
+                    _ => return Err(NotCosigned::Status(status, short(&text()))),
                 },
             }
         }
-        Err("names another size each time it is asked".into())
+        Err(failed("names another size each time it is asked"))
     }
 
     /// Sends a body. Returns the status and the body of the answer.

@@ -3,6 +3,7 @@
 
 use crate::round::accepted::{verify_all, Accepted};
 use crate::round::ledger_index::still_valid;
+use crate::round::lost_files::ContributedFiles;
 use crate::round::request_error::RequestError;
 use std::fmt::Display;
 use std::io::{sink, Write};
@@ -26,6 +27,8 @@ pub struct ToClose {
     pub contributions: Vec<VerifiedContribution>,
     /// What was accepted, too. Of these, a blob was lost when the aggregator was started.
     pub lost: Vec<Accepted>,
+    /// The files of all that was accepted.
+    pub accepted: Vec<ContributedFiles>,
     /// The blobs of the ledger.
     pub blobs: Blobs,
     /// The ledger's folder.
@@ -42,6 +45,12 @@ pub struct ComputedClosing {
 }
 
 impl ToClose {
+    /// The files of accepted contributions that are lost.
+    pub fn lost_files(&self) -> Vec<ContributedFiles> {
+        let all = self.accepted.iter().cloned();
+        all.filter_map(|files| files.lost(&self.blobs)).collect()
+    }
+
     /// Computes the end of the round, and keeps the file of its new weights. If a file is missing or has changed on disk, the round cannot
     /// close now, and this returns why.
     pub fn compute(self) -> Result<Result<ComputedClosing, String>, RequestError> {
@@ -51,6 +60,7 @@ impl ToClose {
             lost,
             blobs,
             dir,
+            ..
         } = self;
         let get = |digest: &Digest, limit| blobs.get(digest, limit);
         let blocked = |what: &str, why: &dyn Display| {

@@ -3,6 +3,7 @@
 use crate::publish::beacon::BeaconServers;
 use crate::round::closing::{ComputedClosing, ToClose};
 use crate::round::dispute::Disputed;
+use crate::round::lost_files::ContributedFiles;
 use crate::round::phase::RoundStep;
 use crate::round::public_samples::UncheckedSamples;
 use crate::round::request_error::RequestError;
@@ -59,6 +60,8 @@ pub enum JobResult {
     SamplesChecked(Box<UncheckedSamples>),
     /// The randomness of a round.
     Randomness(u64, Drawing),
+    /// These files of accepted contributions are lost, so that the open round cannot close.
+    FilesLost(Vec<ContributedFiles>),
     /// The end of the open round.
     Closing(Box<ComputedClosing>),
     /// What is wrong with the contribution that the dispute of this entry is about, if anything is.
@@ -91,6 +94,10 @@ impl RoundJob {
                 }
             },
             Self::ComputeClosing(to_close) => {
+                let lost = to_close.lost_files();
+                if !lost.is_empty() {
+                    return Ok(Ok(JobResult::FilesLost(lost)));
+                }
                 let computed = to_close.compute()?.map_err(Polled::Blocked);
                 computed.map(|computed| JobResult::Closing(Box::new(computed)))
             }

@@ -39,6 +39,8 @@ pub struct LedgerIndex {
     /// The entries that accepted contributions, by round and node, in rounds by SCAFFOLD since its control variates began with 0: a node
     /// computes its own from them.
     by_scaffold: BTreeMap<(u64, NodeId), u64>,
+    /// The proofs that the open round has accepted.
+    pub(super) proofs: BTreeMap<NodeId, Digest>,
     /// The last round that opened, if it is by SCAFFOLD.
     open_by_scaffold: Option<u64>,
 }
@@ -79,9 +81,16 @@ impl LedgerIndex {
                 let node = submission.statement.claim.terms.node;
                 self.decisions.insert(node, index);
                 let accepted = matches!(body, Body::ContributionAccepted(_));
+                if accepted {
+                    self.proofs.insert(node, submission.statement.proof);
+                }
                 if let (true, Some(round)) = (accepted, self.open_by_scaffold) {
                     self.by_scaffold.insert((round, node), index);
                 }
+            }
+            Body::ContributionLeftOut(lost) => {
+                self.by_scaffold.remove(&(lost.round, lost.node));
+                self.proofs.remove(&lost.node);
             }
             Body::CommitmentsClosed(_) | Body::RandomnessDrawn(_) | Body::RoundClosed(_) => {
                 if let Some(round) = self.rounds.last_mut() {
@@ -91,6 +100,9 @@ impl LedgerIndex {
                         _ => &mut round.closed,
                     };
                     *place = Some(index);
+                }
+                if let Body::RoundClosed(_) = body {
+                    self.proofs.clear();
                 }
             }
             Body::Proposed(_) => {
@@ -196,8 +208,13 @@ impl HistoryFold for IndexFold {
         self.index.observe_program(before);
         self.index.observe(index, &entry.body);
         self.accepted.extend(Accepted::of(before, entry));
-        if let Body::RoundClosed(_) = &entry.body {
-            self.accepted.clear();
+        match &entry.body {
+            Body::ContributionLeftOut(lost) => {
+                self.accepted
+                    .retain(|accepted| accepted.node() != lost.node);
+            }
+            Body::RoundClosed(_) => self.accepted.clear(),
+            _ => {}
         }
     }
 }

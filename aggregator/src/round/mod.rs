@@ -9,6 +9,7 @@ pub mod founding;
 pub mod intake;
 pub mod job;
 pub mod ledger_index;
+pub mod lost_files;
 mod needed_blobs;
 pub mod phase;
 pub mod polling;

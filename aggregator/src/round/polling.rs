@@ -101,6 +101,7 @@ impl Aggregator {
                     state: self.state().clone(),
                     contributions: self.contributions.clone(),
                     lost: self.lost.clone(),
+                    accepted: self.all_contributed(),
                     blobs: self.ledger.blobs().clone(),
                     dir: self.ledger.dir().into(),
                 };
@@ -124,6 +125,11 @@ impl Aggregator {
                 }
                 Err(error) => return Err(error),
             },
+            JobResult::FilesLost(files) => {
+                if let Some(why) = self.lose(&files)? {
+                    return Ok(Polled::Blocked(why));
+                }
+            }
             JobResult::Closing(computed) => {
                 let closed = info_span!("record").in_scope(|| self.close(*computed))?;
                 if let Some(round) = closed {

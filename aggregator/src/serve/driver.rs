@@ -47,6 +47,8 @@ impl Service {
                     if said != why {
                         tracing::error!("{why}; this is tried again every {BLOCKED_RETRY:?}");
                         said = why;
+                        // A file may be lost: those who follow the round learn which ones of theirs are.
+                        self.stage.send_modify(|_| ());
                     }
                     sleep(BLOCKED_RETRY).await;
                 }

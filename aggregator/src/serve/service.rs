@@ -175,7 +175,7 @@ impl Service {
 
     /// From now on, a quorum of `witnesses` has to cosign a checkpoint before anything that it covers is published, and before a
     /// receipt for it is given out. The ledger's folder keeps their policy.
-    pub async fn witnessed(mut self, witnesses: Witnesses) -> Result<Self, RequestError> {
+    pub async fn witnessed(mut self, witnesses: Arc<Witnesses>) -> Result<Self, RequestError> {
         let policy = witnesses.policy().clone();
         let published = self
             .with(move |aggregator| {
@@ -194,7 +194,7 @@ impl Service {
             })
             .await?;
         self.publishing = Some(Publishing {
-            witnesses: Arc::new(witnesses),
+            witnesses,
             wanted: Arc::new(Notify::new()),
             published: watch::Sender::new(published),
         });

@@ -31,7 +31,16 @@ impl Service {
             move |aggregator: &Aggregator| aggregator.begin_submission(&compared, arrived_ms);
         let answer = move |receipt, body| SubmissionAnswer::of(&asked, receipt, body);
         let pending = match self.admission(begin, answer).await? {
-            Admission::Recorded(answer) => return Ok(answer),
+            Admission::Recorded(answer) => {
+                let asked = signed.clone();
+                let lost =
+                    move |aggregator: &mut Aggregator| Ok(aggregator.lost_proof(&asked.statement));
+                if let Some(lost) = self.with(lost).await? {
+                    let put = move || lost.put(&proof);
+                    self.storing(info_span!("keep blobs"), put).await?;
+                }
+                return Ok(answer);
+            }
             Admission::New(pending) => pending,
         };
         let span = info_span!("check the signature");

@@ -12,6 +12,7 @@ use tokio::sync::{OwnedMutexGuard, OwnedSemaphorePermit};
 use tokio::task::JoinSet;
 use tokio::time::{timeout_at, Instant};
 use tonic::{Status, Streaming};
+use tracing::info_span;
 use zk0_ledger::blobs::partial::PartialBlob;
 use zk0_protocol::entries::signed::UploadRequest;
 use zk0_protocol::request_head::{Method, RequestContent};
@@ -62,20 +63,27 @@ impl Service {
             return Ok(());
         };
         let newest = self.uploads.begin(upload.node);
+        let uploads = staging.of(upload.round, &upload.node);
         if stored {
-            match incoming.next().await? {
-                None => {
-                    self.take_stored(incoming.ends, newest, staging, upload)
-                        .await
-                }
-                Some(_) => Err(malformed(
+            if incoming.next().await?.is_some() {
+                return Err(malformed(
                     "nothing follows the request of an update that is in the store",
-                )),
+                ));
             }
+            let ends = incoming.ends;
+            self.take_stored(ends, newest, staging, upload.clone())
+                .await?;
         } else {
-            self.receive_data(incoming, newest, staging, upload, begins)
-                .await
+            self.receive_data(incoming, newest, staging, upload.clone(), begins)
+                .await?;
         }
+        // Who commits next has it taken with the commitment.
+        let lost = self.with(move |aggregator| Ok(aggregator.lost_update(&upload)));
+        if let Some(lost) = lost.await? {
+            let take = move || lost.take(&uploads);
+            self.storing(info_span!("keep blobs"), take).await?;
+        }
+        Ok(())
     }
 
     /// A place for a file that is sent or received.

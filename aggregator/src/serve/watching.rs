@@ -44,6 +44,7 @@ impl Service {
                 .round()
                 .filter(|open| round.is_none_or(|round| round == open.number()))
                 .zip(node);
+            let contributed = open.map(|(open, node)| aggregator.contributed(open, node));
             let info = RoundInfo {
                 invited: open.is_some_and(|(open, node)| state.may_contribute(open, &node)),
                 now_ms: aggregator.now_ms(),
@@ -51,9 +52,10 @@ impl Service {
                 ..RoundInfo::default()
             };
             let entries = aggregator.round(round, published);
-            Ok((info, entries, contribution, published))
+            let lost_from = (contributed, aggregator.ledger().blobs().clone());
+            Ok((info, entries, contribution, lost_from, published))
         });
-        let (info, entries, contribution, published) = seen.await?;
+        let (info, entries, contribution, (contributed, blobs), published) = seen.await?;
         let Some(entries) = entries else {
             return Ok(info);
         };
@@ -66,7 +68,11 @@ impl Service {
             // Its checkpoint ends with the entry, as a node needs it to verify cosignatures of the closing.
             let closing = entries.commitments_closed;
             let closing = closing.map(|index| ledger.first_receipt(index));
+            let lost = contributed.and_then(|contributed| contributed.lost(&blobs));
+            let lost = lost.into_iter().flat_map(|lost| lost.files);
+            let lost = lost.map(|file| file.0.to_vec());
             Ok(RoundInfo {
+                lost: lost.collect(),
                 opened: receipt(Some(entries.opened))?,
                 commitments_closed: closing.transpose()?.map(Into::into),
                 randomness: receipt(entries.randomness)?,
@@ -137,9 +143,9 @@ impl Service {
     }
 }
 
-/// What a follower has not heard: an entry, or that it may contribute. The clock always moves on, and an entry has a newer receipt whenever the ledger
+/// What a follower has not heard: an entry, that it may contribute, or that a file of its contribution is lost. The clock always moves on, and an entry has a newer receipt whenever the ledger
 /// has grown, so these are no news.
-fn news(info: &RoundInfo) -> ([Option<u64>; 5], bool) {
+fn news(info: &RoundInfo) -> ([Option<u64>; 5], bool, Vec<Vec<u8>>) {
     let entries = [
         &info.opened,
         &info.commitments_closed,
@@ -148,5 +154,5 @@ fn news(info: &RoundInfo) -> ([Option<u64>; 5], bool) {
         &info.contribution,
     ];
     let indices = entries.map(|entry| entry.as_ref().map(|receipt| receipt.index));
-    (indices, info.invited)
+    (indices, info.invited, info.lost.clone())
 }

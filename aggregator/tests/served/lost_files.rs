@@ -10,7 +10,7 @@ use std::time::Duration;
 use zk0_aggregator::round::closing::ComputedClosing;
 use zk0_aggregator::{Aggregator, Config, JobResult, Polled, RoundStep};
 use zk0_circuits::Digest;
-use zk0_protocol::entries::entry::{MomentsComputed, RoundClosed};
+use zk0_protocol::entries::entry::{LostContribution, MomentsComputed, RoundClosed};
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::Body;
 use zk0_testkit::aggregator::operator::Operator;
@@ -187,6 +187,42 @@ fn an_aggregator_starts_without_a_file_of_its_open_round_and_names_it() {
         fs::rename(dir.path().join("aside"), &path).unwrap();
         let why = aggregator.go_on().unwrap_err().to_string();
         assert!(why.contains("does not verify any more"), "{why}");
+    }
+}
+
+#[test]
+fn a_round_closes_without_a_contribution_whose_files_do_not_come_back() {
+    for restarted in [false, true] {
+        let dir = tempfile::tempdir().unwrap();
+        let node = SigningNode::new(1);
+        let time_ms = accepted(dir.path(), &[&node]);
+        fs::remove_file(blob(dir.path(), &weights(1))).unwrap();
+        let clock = Arc::new(ManualClock::at(time_ms));
+        let open = || Aggregator::open(dir.path(), None, log_key(), clock.clone(), CONFIG).unwrap();
+        let mut aggregator = open();
+        let (round, node) = (0, node.id());
+        let lost = LostContribution { round, node };
+        let newest = |aggregator: &Aggregator| {
+            let ledger = aggregator.ledger();
+            ledger.entry(ledger.size() - 1).unwrap().body
+        };
+        assert!(matches!(aggregator.go_on().unwrap(), Polled::Blocked(_)));
+        assert_eq!(newest(&aggregator), Body::FilesLost(lost));
+        let asked = aggregator.ledger().size();
+        clock.advance(aggregator.state().rules().submit_window_ms);
+        if restarted {
+            drop(aggregator);
+            aggregator = open();
+        }
+        assert!(matches!(aggregator.go_on().unwrap(), Polled::Blocked(_)));
+        assert_eq!(aggregator.ledger().size(), asked, "it is recorded once");
+        clock.advance(1);
+        let closed = Polled::Did(RoundStep::Close(0));
+        assert_eq!(aggregator.go_on().unwrap(), closed);
+        let left_out = aggregator.ledger().entry(asked).unwrap().body;
+        assert_eq!(left_out, Body::ContributionLeftOut(lost));
+        drop(aggregator);
+        open();
     }
 }
 

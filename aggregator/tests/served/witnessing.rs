@@ -6,12 +6,14 @@ use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 use tokio::net::TcpListener;
+use tokio::task::spawn_blocking;
 use tonic::Code;
-use zk0_aggregator::publish::cosigning::CosigningError;
+use zk0_aggregator::publish::cosigning::{ConsistencyProver, CosigningError, Witnesses};
 use zk0_aggregator::Config;
 use zk0_ledger::published::publication::{Publication, PublicationError};
 use zk0_ledger::published::reader::PublishedLog;
 use zk0_ledger::witness_store::hash;
+use zk0_ledger::Ledger;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::WitnessPolicy;
@@ -234,6 +236,47 @@ async fn a_witness_that_answers_nonsense_or_not_at_all_costs_no_more_than_the_de
     let nowhere = WitnessPolicy::parse(&format!("witness W {}\nquorum W\n", stranger.key()));
     let error = cosigned(&nowhere.unwrap(), &ledger).await.unwrap_err();
     assert!(matches!(error, CosigningError::NoAddress(_)));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_witness_tells_an_older_ledger_and_another_one_from_the_newest() {
+    let (mut witnesses, policy) = three().await;
+    let dirs: Vec<_> = (0..5).map(|_| tempfile::tempdir().unwrap()).collect();
+    let logs = [&[1, 2][..], &[1, 2, 3], &[1], &[1, 9], &[1, 9, 4]];
+    let logs = logs.iter().zip(&dirs);
+    let logs: Vec<_> = logs.map(|(nodes, dir)| ledger(dir.path(), nodes)).collect();
+    let [newest, longer, older, forked, longer_fork] = <[_; 5]>::try_from(logs).ok().unwrap();
+    let check = async |ledger: &Ledger| {
+        let (checkpoint, reader) = (ledger.checkpoint().to_vec(), ledger.reader().clone());
+        let policy = policy.clone();
+        let checked = spawn_blocking(move || {
+            let prove: ConsistencyProver = Arc::new(move |old, new| {
+                let proof = reader.consistency_between(old, new);
+                proof.map_err(|error| error.to_string())
+            });
+            let witnesses = Witnesses::new(policy, DEADLINE).unwrap();
+            let known = witnesses.continues(&checkpoint, &prove);
+            known.map_err(|error| error.to_string())
+        });
+        checked.await.unwrap()
+    };
+    assert_eq!(check(&newest).await, Ok(3));
+    for (wrong, why) in [
+        (&older, "rolled back"),
+        (&forked, "status 409"),
+        (&longer_fork, "status 422"),
+    ] {
+        let error = check(wrong).await.unwrap_err();
+        assert!(error.contains(why), "{error}");
+    }
+    assert_eq!(check(&newest).await, Ok(3));
+    assert_eq!(check(&longer).await, Ok(3));
+    witnesses[0].off().await;
+    assert_eq!(check(&longer).await, Ok(2));
+    for witness in &mut witnesses[1..] {
+        witness.off().await;
+    }
+    assert_eq!(check(&longer).await, Ok(0));
 }
 
 /// Speaks to the witness over HTTP as any client of the specification does.

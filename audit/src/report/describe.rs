@@ -67,6 +67,14 @@ pub fn describe(entry: &Entry) -> String {
         Body::MomentsComputed(computed) => {
             format!("the moments of round {} were computed", computed.round)
         }
+        Body::FilesLost(lost) => format!(
+            "a file of the accepted contribution of node {} in round {} is lost, and the aggregator asks the node for it",
+            lost.node, lost.round
+        ),
+        Body::ContributionLeftOut(lost) => format!(
+            "round {} leaves out the accepted contribution of node {}, because a file of it is lost",
+            lost.round, lost.node
+        ),
         Body::Voted(signed) => format!(
             "{} voted {} on proposal {}",
             signed.statement.voter,
@@ -170,6 +178,8 @@ pub fn kind(body: &Body) -> &'static str {
         Body::KeyRotated { .. } => "key changed",
         Body::NodeLeft(_) => "left",
         Body::MomentsComputed(_) => "moments",
+        Body::FilesLost(_) => "files lost",
+        Body::ContributionLeftOut(_) => "left out",
         Body::Proposed(_) => "proposal",
         Body::Voted(_) => "vote",
         Body::ProposalSettled(_) => "proposal settled",
@@ -222,6 +232,9 @@ fn about(body: &Body) -> (Option<u64>, Vec<NodeId>) {
         Body::CommitmentsClosed(closed) => (Some(closed.round), vec![]),
         Body::RandomnessDrawn(drawn) => (Some(drawn.round), vec![]),
         Body::MomentsComputed(computed) => (Some(computed.round), vec![]),
+        Body::FilesLost(lost) | Body::ContributionLeftOut(lost) => {
+            (Some(lost.round), vec![lost.node])
+        }
         Body::UpdateCommitted(signed) => {
             (Some(signed.statement.round), vec![signed.statement.node])
         }
@@ -340,7 +353,9 @@ pub fn details(body: &Body) -> Vec<(&'static str, String)> {
         Body::KeyRotated { .. }
         | Body::NodeLeft(_)
         | Body::ProposalSettled(_)
-        | Body::DisputeResolved(_) => Vec::new(),
+        | Body::DisputeResolved(_)
+        | Body::FilesLost(_)
+        | Body::ContributionLeftOut(_) => Vec::new(),
         Body::Proposed(signed) => vec![
             ("title", signed.statement.title.clone()),
             ("text", signed.statement.text.clone()),

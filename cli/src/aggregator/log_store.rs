@@ -3,8 +3,9 @@
 //! The files are written beside the rounds, which do not wait for them. If that fails, the log says so, and it is tried again.
 
 use crate::blob_store::BlobStoreOptions;
-use anyhow::{bail, Result};
+use anyhow::{bail, Context, Result};
 use std::collections::BTreeSet;
+use std::fmt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tokio::sync::oneshot;
@@ -14,7 +15,11 @@ use zk0_bucket::public_log::PublicLog;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::published::export::export_to;
+use zk0_ledger::published::export_place::ExportTarget;
 use zk0_ledger::published::publication::{Publication, PublicationError};
+use zk0_ledger::Ledger;
+use zk0_protocol::tlog::checkpoint::MAX_NOTE_BYTES;
+use zk0_protocol::WitnessPolicy;
 
 /// How often the log is looked at.
 const TICK: Duration = Duration::from_secs(1);
@@ -40,6 +45,25 @@ pub struct LogStore {
     before: Option<Publication>,
     /// The damaged blobs that the log has named.
     named: BTreeSet<Digest>,
+}
+
+/// Why a ledger must not be served: the log has signed another history, or more of it. A start again cannot help, so the exit code is 2.
+#[derive(Debug)]
+pub struct OtherHistory(String);
+
+impl OtherHistory {
+    /// What is wrong, with what helps.
+    pub fn of(what: &str) -> Self {
+        Self(format!(
+            "{what}. Either its folder came back from an earlier state, or another aggregator runs on a copy of it. Stop the other one; restore the newest backup with `zk0 ledger restore`, or copy what is published with `zk0 ledger import`"
+        ))
+    }
+}
+
+impl fmt::Display for OtherHistory {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
 }
 
 impl LogStoreOptions {
@@ -73,6 +97,27 @@ impl LogStoreOptions {
 }
 
 impl LogStore {
+    /// Refuses a ledger that does not go on from what the store has: its folder came back from an earlier state, or another aggregator runs on
+    /// a copy of it. Whoever serves it would sign a second history.
+    pub fn check(&self, ledger: &Ledger) -> Result<()> {
+        let Some(text) = self.place.checkpoint(MAX_NOTE_BYTES as u64 + 1)? else {
+            return Ok(());
+        };
+        let (name, dir) = (self.place.name(), self.dir.display());
+        let key = ledger.state().genesis().verifier_key()?;
+        let there = WitnessPolicy::none().open(&text, &key).with_context(|| {
+            format!("the checkpoint in --log-store {name} is not one of this log: use another bucket or prefix")
+        })?;
+        ledger
+            .reader()
+            .continues(&there.checkpoint)
+            .with_context(|| {
+                OtherHistory::of(&format!(
+                    "the ledger in {dir} does not go on from what is published in {name}"
+                ))
+            })
+    }
+
     /// Writes what is published, until `stopped` is ready, and then what is left. How long that takes depends on the store.
     pub async fn follow(mut self, mut stopped: oneshot::Receiver<()>) -> Result<()> {
         let (mut wait, mut said) = (TICK, None);

@@ -4,7 +4,7 @@ mod checkpoints_folder;
 mod enrolment;
 mod hub_uploads;
 mod init;
-mod log_store;
+pub mod log_store;
 mod metrics;
 mod network_edge;
 mod policy_folders;

@@ -1,7 +1,7 @@
 //! `zk0 aggregator serve`: run the rounds of a network.
 
 use super::hub_uploads::HubUploadOptions;
-use super::log_store::LogStoreOptions;
+use super::log_store::{LogStoreOptions, OtherHistory};
 use super::metrics::{serve_metrics, MetricsOptions};
 use super::network_edge::NetworkEdge;
 use super::policy_folders::PolicyFolderOptions;
@@ -18,11 +18,11 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
-use tokio::task::JoinHandle;
-use tokio::time::timeout;
+use tokio::task::{spawn_blocking, JoinHandle};
+use tokio::time::{sleep, timeout};
 use zk0_aggregator::publish::beacon::BeaconServers;
 use zk0_aggregator::publish::chosen_witnesses::chosen_witnesses;
-use zk0_aggregator::publish::cosigning::Witnesses;
+use zk0_aggregator::publish::cosigning::{ConsistencyProver, Witnesses};
 use zk0_aggregator::publish::http;
 use zk0_aggregator::publish::log_server::LogServer;
 use zk0_aggregator::{Aggregator, Config, Service, SystemClock};
@@ -105,6 +105,9 @@ pub struct AggregatorServeOptions {
 /// after the next start.
 const LAST_FILES: Duration = Duration::from_secs(10);
 
+/// How often witnesses are asked at the start, if none answers.
+const WITNESSES_APART: Duration = Duration::from_secs(5);
+
 /// Runs the command.
 pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
     let config = Config {
@@ -127,16 +130,25 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
     let log_store = options
         .log_store
         .open(&options.dir, &blobs, &options.store)?;
+    if let Some(log_store) = &log_store {
+        log_store.check(aggregator.ledger())?;
+    }
     let uploads = options.uploads.open(options.folders.out())?;
     let certificate = options.edge.certificate()?;
     let (limits, log_limits) = options.edge.limits(options.log_listen.is_some());
     online_until(ENDING, async {
-        let stop = interrupted();
+        let mut stop = Box::pin(interrupted());
         // Nothing says that the aggregator listens before it has all of its addresses.
         let (listener, address) = listening(options.listen)?;
         let log_listener = listening_if(options.log_listen)?;
         let metrics_listener = listening_if(options.metrics.metrics)?;
         let network = *aggregator.state().network();
+        let checkpoint = aggregator.ledger().checkpoint().to_vec();
+        let reader = aggregator.ledger().reader().clone();
+        let prove: ConsistencyProver = Arc::new(move |old, new| {
+            let proof = reader.consistency_between(old, new);
+            proof.map_err(|error| error.to_string())
+        });
         let patience = Duration::from_secs(options.beacon_seconds);
         let beacons = if options.beacons.is_empty() {
             BeaconServers::public(patience)
@@ -159,7 +171,11 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
             let patience = Duration::from_secs(options.witness_seconds);
             let authorities =
                 Authorities::of_system("--witness-ca").in_file(options.witness_ca.clone());
-            let witnesses = Witnesses::believing(policy, patience, &authorities)?;
+            let witnesses = Arc::new(Witnesses::believing(policy, patience, &authorities)?);
+            tokio::select! {
+                () = &mut stop => return Ok(()),
+                checked = not_behind(&witnesses, checkpoint, prove) => checked?,
+            }
             service = service.witnessed(witnesses).await?;
         }
         tracing::info!(listening = %address, "the aggregator of network {network} listens on {address}");
@@ -195,6 +211,31 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
         }
         served.context("the aggregator")
     })
+}
+
+/// Waits until a witness has answered that the log goes on from what it has cosigned. Nothing is signed before.
+///
+/// # Errors
+/// A witness has cosigned more entries, or others.
+async fn not_behind(
+    witnesses: &Arc<Witnesses>,
+    checkpoint: Vec<u8>,
+    prove: ConsistencyProver,
+) -> Result<()> {
+    loop {
+        let (witnesses, checkpoint) = (witnesses.clone(), checkpoint.clone());
+        let prove = prove.clone();
+        match spawn_blocking(move || witnesses.continues(&checkpoint, &prove)).await? {
+            Ok(0) => tracing::warn!(
+                "no witness answers, so nobody knows whether this ledger is the newest one: nothing is signed before one answers, and they are asked again every {WITNESSES_APART:?}"
+            ),
+            Ok(_) => return Ok(()),
+            Err(error) => return Err(error).context(OtherHistory::of(
+                "the ledger does not go on from what a witness has cosigned",
+            )),
+        }
+        sleep(WITNESSES_APART).await;
+    }
 }
 
 /// Starts to serve the log's files.

@@ -3,7 +3,10 @@
 use super::founded;
 use super::serving;
 use crate::harness::serving::Serving;
-use crate::harness::{fails, prints, words};
+use crate::harness::{ends, fails, logged, prints, words, zk0};
+use std::fs;
+use std::path::Path;
+use zk0_testkit::aggregator::copy_of;
 use zk0_testkit::s3::S3;
 
 #[test]
@@ -33,6 +36,47 @@ pub fn is_mirrored((blobs, log): (&str, &str), variables: &[(String, String)], u
     assert!(!said.contains("missing"), "{said}");
     assert!(prints(&["ledger", "fsck", &mirror]).contains("WHOLE"));
     assert!(prints(&["audit", "replay", url]).contains("VERIFIED"));
+}
+
+/// A folder that came back from an earlier state would sign a second history.
+#[test]
+fn an_aggregator_does_not_start_on_an_older_state_than_is_published() {
+    let network = founded();
+    let log = format!("file://{}", network.path("public"));
+    let ledger = network.path("ledger");
+    let runs = |rounds: &str, more: &[&str]| {
+        let more = [&["--rounds", rounds], more].concat();
+        let mut aggregator = Serving::start(&words(&serving(&network, &more)));
+        network.closes(rounds.parse().unwrap());
+        assert!(aggregator.terminate().success());
+    };
+    runs("1", &["--log-store", &log]);
+    let snapshot = copy_of(Path::new(&ledger));
+    runs("2", &["--log-store", &log]);
+    let published = network.entries();
+    for forked in [false, true] {
+        fs::remove_dir_all(&ledger).unwrap();
+        let copied = copy_of(snapshot.path());
+        fs::rename(copied.path(), &ledger).unwrap();
+        if forked {
+            runs("3", &[]);
+        }
+        let before = network.entries();
+        let arguments = serving(&network, &["--log-store", &log]);
+        let said = logged(&ends(2, zk0(&words(&arguments))));
+        assert!(
+            said.contains("does not go on from what is published"),
+            "{said}"
+        );
+        let why = if forked {
+            "have root"
+        } else {
+            "was rolled back"
+        };
+        assert!(said.contains(why), "{said}");
+        assert_eq!(network.entries(), before, "nothing is signed");
+        assert_ne!(before, published);
+    }
 }
 
 #[test]

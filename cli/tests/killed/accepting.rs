@@ -12,24 +12,25 @@ use tempfile::TempDir;
 use tokio::runtime::Runtime;
 use tokio::task::JoinHandle;
 use zk0_circuits::{Digest, NodeId};
+use zk0_node::client::watching::Waited;
 use zk0_node::client::{NodeClient, SubmissionDecision};
 use zk0_protocol::entries::entry::{Body, Entry, RoundClosed};
 use zk0_testkit::own_port::OwnPort;
 
 /// The recorded network, served by a real process behind a relay.
-struct Served {
-    recorded: Recorded,
-    members: Arc<Vec<Member>>,
-    dir: TempDir,
+pub(super) struct Served {
+    pub(super) recorded: Recorded,
+    pub(super) members: Arc<Vec<Member>>,
+    pub(super) dir: TempDir,
     aggregator: Process,
     /// Where the aggregator listens, and goes on listening when it is started again.
     port: OwnPort,
     relay: Relay,
-    runtime: Runtime,
+    pub(super) runtime: Runtime,
 }
 
 impl Served {
-    fn start() -> Self {
+    pub(super) fn start() -> Self {
         let recorded = Recorded::read();
         let dir = tempfile::tempdir().unwrap();
         recorded.found(dir.path());
@@ -49,7 +50,7 @@ impl Served {
     }
 
     /// Kills the aggregator, if it runs, and starts it again.
-    fn restart(&mut self) {
+    pub(super) fn restart(&mut self) {
         self.aggregator.kill();
         self.relay.let_through();
         let (dir, count) = (self.dir.path(), self.members.len());
@@ -59,6 +60,13 @@ impl Served {
 
     fn network(&self) -> Digest {
         self.recorded.genesis().network_id()
+    }
+
+    /// The client of a member, behind the relay.
+    pub(super) async fn client(&self, member: &Member) -> NodeClient {
+        let (url, key) = (self.relay.url.clone(), self.recorded.key(member));
+        let client = NodeClient::connect(url, self.network(), key);
+        client.await.unwrap()
     }
 
     /// Lets each member play its part in round 0.
@@ -77,10 +85,8 @@ impl Served {
 
     /// Submits again what a member has submitted.
     fn again(&self, member: &Member) -> SubmissionDecision {
-        let (url, key) = (self.relay.url.clone(), self.recorded.key(member));
-        let network = self.network();
         self.runtime.block_on(async {
-            let mut node = NodeClient::connect(url, network, key).await.unwrap();
+            let mut node = self.client(member).await;
             let claim = member.submission.claim.clone();
             node.submit(claim, member.proof.clone()).await.unwrap()
         })
@@ -88,11 +94,13 @@ impl Served {
 
     /// How the round has closed, as a node learns it.
     fn closed(&self) -> RoundClosed {
-        let (url, key) = (self.relay.url.clone(), self.recorded.key(&self.members[0]));
-        let network = self.network();
         self.runtime.block_on(async {
-            let mut node = NodeClient::connect(url, network, key).await.unwrap();
-            node.wait_for_close(0).await.unwrap()
+            let mut node = self.client(&self.members[0]).await;
+            let mut watch = node.until_closed(0);
+            match node.wait_for_close(&mut watch).await.unwrap() {
+                Waited::Closed(closed) => closed,
+                Waited::Lost => panic!("a file is lost"),
+            }
         })
     }
 
@@ -112,7 +120,14 @@ fn serving(recorded: &Recorded, dir: &Path, listen: &str, nodes: usize) -> Proce
 }
 
 /// A member's part in round 0, with the proof that it once made.
-async fn part(member: &Member, node: &mut NodeClient) -> SubmissionDecision {
+pub(super) async fn part(member: &Member, node: &mut NodeClient) -> SubmissionDecision {
+    until_submission(member, node).await;
+    let claim = member.submission.claim.clone();
+    node.submit(claim, member.proof.clone()).await.unwrap()
+}
+
+/// A member's part in round 0, as far as its submission.
+pub(super) async fn until_submission(member: &Member, node: &mut NodeClient) {
     let (registration, leaves) = (member.registration.clone(), member.leaves.clone());
     node.register(registration, leaves).await.unwrap();
     let opened = node.wait_for_round(0).await.unwrap().opened;
@@ -122,9 +137,7 @@ async fn part(member: &Member, node: &mut NodeClient) -> SubmissionDecision {
     let (commitment, _) = committed.await.unwrap();
     let (challenge, _) = node.wait_for_challenge(&opened, &commitment).await.unwrap();
     // Otherwise the proof would be of another claim.
-    let claim = member.submission.claim.clone();
-    assert_eq!(challenge, claim.terms.challenge);
-    node.submit(claim, member.proof.clone()).await.unwrap()
+    assert_eq!(challenge, member.submission.claim.terms.challenge);
 }
 
 /// Whose submissions are decided by these entries.

@@ -3,6 +3,7 @@
 
 mod accepting;
 mod locked;
+mod lost_files;
 mod proving;
 mod refused;
 mod registering;

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use tlog_tiles::tlog::{prove_record, prove_tree};
 use zk0_circuits::Digest;
 use zk0_protocol::entries::entry::Entry;
+use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::receipt::Receipt;
 
 /// Reads a log that is open for writing. Clones read the same database.
@@ -62,6 +63,14 @@ impl LedgerReader {
     pub fn checkpoint_at(&self, size: u64) -> Result<Vec<u8>, LedgerError> {
         let missing = LedgerError::NoCheckpointAt(size);
         self.store.checkpoint(size)?.ok_or(missing)
+    }
+
+    /// Whether the log goes on from `signed`, a checkpoint that it has signed: its entries are the first ones here.
+    ///
+    /// # Errors
+    /// [`LedgerError::RolledBack`] if entries are missing here, [`LedgerError::Forked`] if others are here.
+    pub fn continues(&self, signed: &Checkpoint) -> Result<(), LedgerError> {
+        self.store.known_tree(signed).map(drop)
     }
 
     /// RFC 6962 consistency proof from the tree of the first `old` entries to that of the first `new`.

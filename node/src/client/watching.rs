@@ -28,6 +28,21 @@ impl FollowedRound {
     }
 }
 
+/// A node that waits until a round is closed.
+pub struct WaitForClose {
+    round: u64,
+    followed: FollowedRound,
+}
+
+/// What a node that waits for the close of a round learns.
+#[derive(Clone, Debug)]
+pub enum Waited {
+    /// The round is closed, like this.
+    Closed(RoundClosed),
+    /// The aggregator has lost a file of the node's contribution, and the round cannot close without it.
+    Lost,
+}
+
 /// A round that is open, and to which the node may contribute.
 #[derive(Clone, Debug)]
 pub struct OpenRound {
@@ -65,16 +80,29 @@ impl NodeClient {
         }
     }
 
-    /// Waits until `round` is closed, and returns its close.
-    pub async fn wait_for_close(&mut self, round: u64) -> Result<RoundClosed, NodeError> {
-        let mut watch = FollowedRound::of(Some(round), Vec::new());
+    /// Waits until `round` is closed, and returns its close, or until the aggregator names files of this node's contribution that it has lost.
+    pub async fn wait_for_close(&mut self, watch: &mut WaitForClose) -> Result<Waited, NodeError> {
         loop {
-            if let Some(closed) = self.next_stage(&mut watch).await?.closed {
-                match self.entry(closed)?.1.body {
-                    Body::RoundClosed(closed) if closed.round == round => return Ok(closed),
-                    _ => return Err(unexpected("the close of the round", "another entry")),
-                }
+            let info = self.next_stage(&mut watch.followed).await?;
+            if let Some(closed) = info.closed {
+                return match self.entry(closed)?.1.body {
+                    Body::RoundClosed(closed) if closed.round == watch.round => {
+                        Ok(Waited::Closed(closed))
+                    }
+                    _ => Err(unexpected("the close of the round", "another entry")),
+                };
             }
+            if !info.lost.is_empty() {
+                return Ok(Waited::Lost);
+            }
+        }
+    }
+
+    /// Begins to wait until `round` is closed.
+    pub fn until_closed(&self, round: u64) -> WaitForClose {
+        WaitForClose {
+            round,
+            followed: FollowedRound::of(Some(round), self.id().0.to_vec()),
         }
     }
 

@@ -85,10 +85,9 @@ impl Decided {
         Ok(kept.filter(|kept| kept.of == *of))
     }
 
-    /// Keeps the decision, and removes what it makes unnecessary.
+    /// Keeps the decision. Update and proof stay until the round has closed, because the aggregator may lose them.
     pub fn keep(&self, state: &Path) -> Result<(), ParticipantError> {
-        keep(&Self::path(state), self)?;
-        remove(state)
+        keep(&Self::path(state), self)
     }
 }
 
@@ -146,14 +145,33 @@ impl ProvenClaim {
         Ok(kept.filter(|kept| kept.claim.terms == *terms))
     }
 
+    /// The claim of this part that was kept with its proof, if there is one.
+    pub fn in_round(
+        state: &Path,
+        of: &RoundParticipation,
+    ) -> Result<Option<Self>, ParticipantError> {
+        let kept: Option<Self> = read(&Self::path(state), MAX_CLAIM_BYTES)?;
+        Ok(kept.filter(|ProvenClaim { claim, .. }| {
+            let Terms {
+                network,
+                round,
+                base,
+                dataset,
+                ..
+            } = &claim.terms;
+            (*network, *round, base.blob, dataset.root)
+                == (of.network, of.round, of.base, of.dataset)
+        }))
+    }
+
     /// Keeps the claim with its proof. They are on disk when this returns.
     pub fn keep(&self, state: &Path) -> Result<(), ParticipantError> {
         keep(&Self::path(state), self)
     }
 }
 
-/// Removes the update, the claim and the proof.
-fn remove(state: &Path) -> Result<(), ParticipantError> {
+/// Removes the update, the claim and the proof of a round that has closed.
+pub fn remove(state: &Path) -> Result<(), ParticipantError> {
     for path in [
         UnfinishedUpdate::path(state),
         claim_path(state),

@@ -141,7 +141,9 @@ fn check_body(body: &Body, keys: &KnownKeys) -> Result<(), RuleViolation> {
         | Body::DisputeResolved(_)
         | Body::CommitmentsClosed(_)
         | Body::RandomnessDrawn(_)
-        | Body::MomentsComputed(_) => {}
+        | Body::MomentsComputed(_)
+        | Body::FilesLost(_)
+        | Body::ContributionLeftOut(_) => {}
     }
     Ok(())
 }

@@ -82,6 +82,19 @@ pub enum Body {
     NodeLeft(Signed<Leaving>),
     /// The moments of a round by FedAdam were computed. The closing of the round follows.
     MomentsComputed(MomentsComputed),
+    /// The aggregator has lost a file of an accepted contribution to the open round, and asks its node for it from now on.
+    FilesLost(LostContribution),
+    /// The node was asked for as long as the rules ask for, and the file has not come back. The round closes without the contribution.
+    ContributionLeftOut(LostContribution),
+}
+
+/// An accepted contribution of which a file is lost: its update, or its proof.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct LostContribution {
+    /// The round, which is open.
+    pub round: u64,
+    /// Who contributed.
+    pub node: NodeId,
 }
 
 /// The moments of a round by FedAdam were computed.

@@ -78,7 +78,9 @@ fn used_after(entry: &Entry) -> Option<NodeId> {
         | Body::DisputeResolved(_)
         | Body::CommitmentsClosed(_)
         | Body::RandomnessDrawn(_)
-        | Body::MomentsComputed(_) => None,
+        | Body::MomentsComputed(_)
+        | Body::FilesLost(_)
+        | Body::ContributionLeftOut(_) => None,
     }
 }
 

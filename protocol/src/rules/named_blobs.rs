@@ -108,6 +108,8 @@ pub fn named_blobs(body: &Body) -> Vec<NamedBlob> {
         | Body::DisputeResolved(_)
         | Body::CommitmentsClosed(_)
         | Body::RandomnessDrawn(_)
+        | Body::FilesLost(_)
+        | Body::ContributionLeftOut(_)
         | Body::NodeLeft(_) => Vec::new(),
     }
 }

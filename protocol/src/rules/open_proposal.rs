@@ -27,6 +27,8 @@ pub struct OpenProposal {
     pub threshold_bps: u32,
     /// Likewise.
     pub veto_bps: u32,
+    /// The least weight for it, beside quorum and threshold; 0 but where a governor is to be removed who does not vote on it.
+    pub least_for: u128,
     /// Last moment for a vote, Unix milliseconds.
     pub voting_ends_ms: u64,
     /// Last moment for a veto, Unix milliseconds. After it the proposal has to be settled before the next round opens.
@@ -123,7 +125,9 @@ impl OpenProposal {
         let (vetoes, veto) = share(tally.vetoes, self.veto_bps);
         if taken_part < quorum * tally.electorate {
             Some(Outcome::NoQuorum)
-        } else if for_it <= threshold * (tally.for_it + tally.against) {
+        } else if for_it <= threshold * (tally.for_it + tally.against)
+            || tally.for_it < self.least_for
+        {
             Some(Outcome::Rejected)
         } else if vetoes >= veto * tally.electorate {
             Some(Outcome::Vetoed)

@@ -129,6 +129,8 @@ pub struct Round {
     pub randomness: Option<Randomness>,
     /// SHA-256 of the moments that the round ends with, once they are computed.
     pub moments: Option<Digest>,
+    /// Since when the aggregator asks nodes for a file of their accepted contributions that it has lost, in Unix milliseconds.
+    pub lost: BTreeMap<NodeId, u64>,
 }
 
 /// The randomness of the open round.
@@ -171,6 +173,8 @@ pub enum Decision {
     },
     /// It was rejected.
     Rejected,
+    /// It was accepted, and the aggregator has lost a file of it.
+    LeftOut,
 }
 
 impl State {
@@ -366,10 +370,10 @@ impl State {
         *self.retired.get(id).unwrap_or(id)
     }
 
-    /// The digest of the state: [`tagged_sha256`] of its borsh encoding under `zk0/state/v6`. Equal histories give equal digests.
+    /// The digest of the state: [`tagged_sha256`] of its borsh encoding under `zk0/state/v7`. Equal histories give equal digests.
     pub fn digest(&self) -> Digest {
         let bytes = borsh::to_vec(self).expect("writing to a Vec cannot fail");
-        tagged_sha256("zk0/state/v6", &[&bytes])
+        tagged_sha256("zk0/state/v7", &[&bytes])
     }
 }
 

@@ -64,6 +64,21 @@ pub enum RuleViolation {
         what: &'static str,
         done: &'static str,
     },
+    /// A file can be lost only of an accepted contribution.
+    #[error(
+        "round {round} has accepted no contribution of node {node} of which a file could be lost"
+    )]
+    NotAccepted { round: u64, node: NodeId },
+    /// A node is asked for a lost file before its contribution is left out.
+    #[error("round {round} cannot leave out the contribution of node {node}: no entry records that a file of it is lost")]
+    NotAskedFor { round: u64, node: NodeId },
+    /// The node may still send the lost file.
+    #[error("round {round} cannot leave out the contribution of node {node} yet: the node is asked for its files for another {early_ms} ms")]
+    LeftOutEarly {
+        round: u64,
+        node: NodeId,
+        early_ms: u64,
+    },
     /// The commitments have to close before the randomness is drawn.
     #[error("the randomness of round {0} cannot be drawn before its commitments are closed")]
     NotClosed(u64),

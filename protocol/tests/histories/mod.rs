@@ -10,6 +10,7 @@ use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use steps::{attempt, step, wait, Step};
 use zk0_circuits::Digest;
+use zk0_protocol::entries::entry::ENTRY_VERSION;
 use zk0_protocol::entries::known_keys::KnownKeys;
 use zk0_protocol::entries::proposal::{Action, Outcome};
 use zk0_protocol::entries::signed::Evidence;
@@ -92,7 +93,7 @@ fn name(reason: &RuleViolation) -> String {
 }
 
 /// All that an accepted entry can be. Each must occur in random histories, because otherwise they do not test it.
-const ALL: [&str; 40] = [
+const ALL: [&str; 42] = [
     "enrolled",
     "registered",
     "opened to all",
@@ -104,6 +105,8 @@ const ALL: [&str; 40] = [
     "closed with unanswered commitments",
     "accepted",
     "rejected",
+    "files lost",
+    "left out",
     "closed",
     "closed without contributors",
     "result taken",
@@ -167,6 +170,8 @@ fn happened(body: &Body, before: &State, after: &State) -> Vec<&'static str> {
         }
         Body::NodeLeft(_) => vec!["left"],
         Body::MomentsComputed(_) => vec!["moments"],
+        Body::FilesLost(_) => vec!["files lost"],
+        Body::ContributionLeftOut(_) => vec!["left out"],
         Body::CommitmentsClosed(_) => vec!["commitments closed"],
         Body::RandomnessDrawn(_) => vec!["drawn"],
         Body::KeyRotated { .. } => match before.round() {
@@ -294,6 +299,7 @@ proptest! {
                         accepted.push(statement.claim.terms.node);
                     }
                 }
+                Body::ContributionLeftOut(lost) => accepted.retain(|node| *node != lost.node),
                 Body::RoundClosed(closed) => {
                     accepted.sort();
                     let contributors: Vec<_> = closed.contributors.iter().map(|one| one.node).collect();
@@ -307,9 +313,9 @@ proptest! {
     #[test]
     fn decoding_any_bytes_is_an_entry_or_an_error(
         bytes in prop::collection::vec(any::<u8>(), 0..600),
-        body in 0..19u8,
+        body in 0..21u8,
     ) {
-        let mut entry = vec![1, 0];
+        let mut entry = ENTRY_VERSION.to_le_bytes().to_vec();
         entry.extend([0; 8]);
         entry.push(body);
         entry.extend(&bytes);

@@ -8,8 +8,8 @@ use zk0_circuits::{Claim, Digest, Losses, NodeId, Terms, WeightsDigest};
 use zk0_protocol::challenge::drawing::Drawing;
 use zk0_protocol::challenge::vrf::VrfProof;
 use zk0_protocol::entries::entry::{
-    CommitmentsClosed, Contributor, DisputeResolved, ProposalSettled, RandomnessDrawn, RoundClosed,
-    RoundOpened,
+    CommitmentsClosed, Contributor, DisputeResolved, LostContribution, ProposalSettled,
+    RandomnessDrawn, RoundClosed, RoundOpened, ENTRY_VERSION,
 };
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::program::Program;
@@ -324,6 +324,14 @@ fn any_body() -> impl Strategy<Value = Body> {
         1 => (any_u64(), any_digest()).prop_map(|(round, commitments)| {
             Body::CommitmentsClosed(CommitmentsClosed { round, commitments })
         }),
+        1 => (any_u64(), any_node(), any::<bool>()).prop_map(|(round, node, out)| {
+            let lost = LostContribution { round, node };
+            if out {
+                Body::ContributionLeftOut(lost)
+            } else {
+                Body::FilesLost(lost)
+            }
+        }),
         1 => (any_u64(), any_drawing())
             .prop_map(|(round, drawing)| Body::RandomnessDrawn(RandomnessDrawn { round, drawing })),
         1 => (any_u64(), any_weights(), contributors).prop_map(|(round, global, contributors)| {
@@ -348,7 +356,7 @@ fn any_body() -> impl Strategy<Value = Body> {
 
 /// An entry with any time and usually with this version.
 pub fn nonsense() -> impl Strategy<Value = Entry> {
-    let version = prop_oneof![1 => 0..3u16, 5 => Just(1)];
+    let version = prop_oneof![1 => 0..5u16, 5 => Just(ENTRY_VERSION)];
     (version, any_u64(), any_body()).prop_map(|(version, time_ms, body)| Entry {
         version,
         time_ms,

@@ -5,7 +5,7 @@ use ed25519_dalek::SigningKey;
 use proptest::prelude::*;
 use std::sync::LazyLock;
 use zk0_circuits::{Disclosure, Losses, NodeId};
-use zk0_protocol::entries::entry::{DisputeResolved, ProposalSettled};
+use zk0_protocol::entries::entry::{DisputeResolved, LostContribution, ProposalSettled};
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::member::Standing;
 use zk0_protocol::entries::program::Program;
@@ -46,6 +46,7 @@ pub enum Step {
     Draw,
     Accept(u8, u8),
     Reject(u8),
+    Lose(u8, bool),
     Close(u8),
     Propose(u8, u8, u8),
     Vote(u8, u8, Ballot),
@@ -76,6 +77,7 @@ fn sensible() -> impl Strategy<Value = Step> {
         24 => Just(Step::Draw),
         32 => two().prop_map(|(by, gain)| Step::Accept(by, gain)),
         4 => any::<u8>().prop_map(Step::Reject),
+        12 => (any::<u8>(), any::<bool>()).prop_map(|(by, out)| Step::Lose(by, out)),
         12 => any::<u8>().prop_map(Step::Close),
         16 => (any::<u8>(), 0..21u8, any::<u8>()).prop_map(|(by, what, whom)| Step::Propose(by, what, whom)),
         80 => (any::<u8>(), 0..6u8, ballot).prop_map(|(by, which, ballot)| Step::Vote(by, which, ballot)),
@@ -266,6 +268,18 @@ fn round(step: &Step, state: &State, now: u64) -> Option<Body> {
             Body::ContributionRejected {
                 submission: sign(submission),
                 reason,
+            }
+        }
+        Step::Lose(by, out) => {
+            let contributors = state.contributors();
+            let lost = LostContribution {
+                round: state.round()?.number(),
+                node: pick(*by, contributors.iter().map(|one| one.node)),
+            };
+            if *out {
+                Body::ContributionLeftOut(lost)
+            } else {
+                Body::FilesLost(lost)
             }
         }
         Step::Close(global) => {

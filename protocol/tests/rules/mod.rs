@@ -8,6 +8,7 @@ mod disputes;
 mod evaluation_sets;
 mod founding;
 mod full_rounds;
+mod lost_files;
 mod members;
 mod presence;
 mod required_witnesses;

@@ -4,8 +4,9 @@ use super::{change, other_rules};
 use zk0_protocol::entries::entry::DisputeResolved;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::entries::signed::{Dispute, Evidence, Proposal, Vote};
+use zk0_protocol::rules::governance::Governor;
 use zk0_protocol::rules::open_proposal::Tally;
-use zk0_protocol::{Body, Refusal, RefusalCode, RuleViolation, Signed};
+use zk0_protocol::{Body, Refusal, RefusalCode, RuleViolation, Rules, Signed};
 use zk0_testkit::network::votes::*;
 use zk0_testkit::network::*;
 
@@ -88,6 +89,77 @@ fn the_end_of_a_vote_follows_from_the_weights() {
         chain.apply(settled(0, end.clone()));
         let changed = chain.state.rules() == &other_rules();
         assert_eq!(changed, end == Outcome::Executed, "{what}");
+    }
+}
+
+/// The rules without governor `of`, or with another one of this weight in its place.
+fn without(of: u8, replacement: Option<u64>) -> Rules {
+    let mut rules = genesis().rules;
+    let governors = &mut rules.governance.governors;
+    let removed = governors.iter().position(|one| one.key == governor(of));
+    let removed = governors.remove(removed.unwrap());
+    if let Some(weight) = replacement {
+        governors.push(Governor {
+            key: id(40),
+            weight,
+            ..removed
+        });
+        governors.sort_by_key(|one| one.key);
+    }
+    rules
+}
+
+/// A stolen key cannot keep its place, and no half of the weight can remove the other half. Governors 0, 1 and 2 have weights 5, 3 and 2.
+#[test]
+fn a_governor_has_no_say_in_its_removal_and_the_others_need_more_than_half_of_all_weight() {
+    for replacement in [None, Some(3), Some(1)] {
+        let mut chain = Chain::new();
+        let removal = Action::ChangeRules(Box::new(without(1, replacement)));
+        chain.apply(proposed(&chain.state, 0, removal));
+        let against = voted(&chain.state, 1, 0, Ballot::Against);
+        assert_eq!(chain.refusal(against), RuleViolation::NoVote(governor(1)));
+        chain.apply(voted(&chain.state, 0, 0, Ballot::For));
+        chain.apply(voted(&chain.state, 2, 0, Ballot::For));
+        chain.wait(VOTING);
+        let veto = voted(&chain.state, 1, 0, Ballot::Veto);
+        assert_eq!(chain.refusal(veto), RuleViolation::NoVote(governor(1)));
+        chain.wait(TIME_LOCK);
+        chain.apply(settled(0, Outcome::Executed));
+        assert_eq!(chain.state.rules(), &without(1, replacement));
+    }
+    // Governor 0 alone has half of all weight, and so have the two others.
+    for (removed, by) in [(1, &[0][..]), (0, &[1, 2])] {
+        let mut chain = Chain::new();
+        let removal = Action::ChangeRules(Box::new(without(removed, None)));
+        chain.apply(proposed(&chain.state, by[0], removal));
+        for governor in by {
+            chain.apply(voted(&chain.state, *governor, 0, Ballot::For));
+        }
+        chain.wait(VOTING + TIME_LOCK);
+        chain.apply(settled(0, Outcome::Rejected));
+    }
+}
+
+/// Whoever changes anything else with it, or gives the new governor more weight, needs a vote as any other.
+#[test]
+fn only_the_removal_of_one_governor_goes_without_its_vote() {
+    let more = |change: fn(&mut Rules)| {
+        let mut rules = without(1, None);
+        change(&mut rules);
+        rules
+    };
+    for rules in [
+        more(|rules| rules.min_eval_samples = 7),
+        more(|rules| rules.governance.veto_bps = 9000),
+        more(|rules| drop(rules.governance.governors.pop())),
+        more(|rules| rules.governance.governors[0].weight = 1),
+        without(1, Some(4)),
+    ] {
+        let mut chain = Chain::new();
+        let action = Action::ChangeRules(Box::new(rules));
+        chain.apply(proposed(&chain.state, 0, action));
+        chain.apply(voted(&chain.state, 1, 0, Ballot::Against));
+        assert_eq!(chain.state.proposals()[&0].least_for, 0);
     }
 }
 

@@ -126,7 +126,7 @@ impl Network {
         }
         if let Some(policy) = &self.policy {
             let witnesses = Witnesses::new(policy.clone(), Duration::from_secs(2)).unwrap();
-            service = service.witnessed(witnesses).await.unwrap();
+            service = service.witnessed(Arc::new(witnesses)).await.unwrap();
         }
         service
     }

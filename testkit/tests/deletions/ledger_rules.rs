@@ -7,6 +7,7 @@ const ROUNDS: &str = "protocol/src/rules/apply/rounds.rs";
 const RANDOMNESS: &str = "protocol/src/rules/apply/randomness.rs";
 const RESULTS: &str = "protocol/src/rules/apply/results.rs";
 const MEMBERS: &str = "protocol/src/rules/apply/members.rs";
+const LOST: &str = "protocol/src/rules/apply/lost_files.rs";
 const VOTES: &str = "protocol/src/rules/apply/votes.rs";
 const BINDINGS: &str = "protocol/src/rules/bindings.rs";
 const DRAWING: &str = "protocol/src/challenge/drawing.rs";
@@ -140,6 +141,29 @@ pub const REMOVALS: &[Removal] = &[
         "a_program_that_does_not_exist_is_refused_and_the_ledger_goes_on"),
     protocol("no vote takes effect in an open round", VOTES, skipped!("return Err(RuleViolation::RoundStillOpen(round.number()));"),
         "a_program_changes_between_rounds_and_not_in_one"),
+    // Governors.
+    protocol("a governor has no say in its removal", VOTES, skipped!("electorate.remove(&removed);"),
+        "a_governor_has_no_say_in_its_removal_and_the_others_need_more_than_half_of_all_weight"),
+    protocol("half of the weight removes nobody", "protocol/src/rules/open_proposal.rs", never!("tally.for_it < self.least_for"),
+        "a_governor_has_no_say_in_its_removal_and_the_others_need_more_than_half_of_all_weight"),
+    protocol("a removal that does more is a vote as any other", VOTES, always!("other_rules == **rules"),
+        "only_the_removal_of_one_governor_goes_without_its_vote"),
+    // Lost files.
+    protocol("files are lost of accepted contributions", LOST, always!("matches!(commit.decision, Some(Decision::Accepted { .. }))"),
+        "only_files_of_accepted_contributions_to_the_open_round_are_lost_and_once"),
+    protocol("a loss is recorded once", LOST, never!("open.lost.contains_key(&lost.node)"),
+        "only_files_of_accepted_contributions_to_the_open_round_are_lost_and_once"),
+    protocol("a node is asked before its contribution is left out", LOST,
+        instead!("*since.ok_or(RuleViolation::NotAskedFor { round, node })?", "since.copied().unwrap_or_default()"),
+        "a_contribution_is_left_out_after_its_node_was_asked_for_as_long_as_submissions_take"),
+    protocol("a node is asked for as long as submissions take", LOST, instead!("self.rules.submit_window_ms", "0"),
+        "a_contribution_is_left_out_after_its_node_was_asked_for_as_long_as_submissions_take"),
+    protocol("what is left out does not count", LOST, skipped!("self.decide(&lost.node, Decision::LeftOut);"),
+        "a_contribution_is_left_out_after_its_node_was_asked_for_as_long_as_submissions_take"),
+    protocol("who is left out gets no strike", ROUNDS, instead!("Decision::Accepted { .. } | Decision::LeftOut", "Decision::Accepted { .. }"),
+        "a_contribution_is_left_out_after_its_node_was_asked_for_as_long_as_submissions_take"),
+    protocol("moments of what is left out are computed again", LOST, skipped!("open.moments = None;"),
+        "moments_that_were_computed_with_a_contribution_go_with_it"),
     // Files of weights.
     weights("a file has its one header", FORMAT, never!("file.header() != self.header"), "another_spelling_of_the_same_file_is_refused"),
     weights("a tensor has its one scale", SCALE, never!("bits < limits.1 && 2 * largest <= MAX_MAGNITUDE"),

@@ -339,7 +339,8 @@ impl Aggregator {
     }
 
     /// Begins an upload. Whoever may not commit may not upload. This says where it waits: the caller reads and writes there, away from the
-    /// aggregator. `None` if the node has committed to this very update, so that all of it is here: a node that was started again asks for that.
+    /// aggregator. `None` if the node has committed to this very update, and all of it is here: a node that was started again asks for that.
+    /// An update that was lost since is uploaded again.
     pub fn begin_upload(&self, request: &UploadRequest) -> Result<Option<Staging>, RequestError> {
         let (state, limit) = (
             self.state(),
@@ -354,9 +355,10 @@ impl Aggregator {
         } = request;
         let open = state.round().filter(|open| open.number() == *round);
         let committed = open.and_then(|open| open.commits.get(node));
-        let is_here = committed.is_some_and(|commit| commit.update.blob == *blob);
-        if is_here && network == state.network() {
-            return Ok(None);
+        let is_committed = committed.is_some_and(|commit| commit.update.blob == *blob);
+        if is_committed && network == state.network() {
+            let is_lost = self.lost_update(request).is_some();
+            return Ok(is_lost.then(|| self.staging.clone()));
         }
         state.check_may_commit(network, *round, node)?;
         if *size > limit {

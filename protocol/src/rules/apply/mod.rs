@@ -11,6 +11,7 @@
 //! - [`disputes`]: disputes about accepted contributions.
 
 mod disputes;
+mod lost_files;
 mod members;
 mod moments;
 mod randomness;
@@ -135,6 +136,8 @@ impl State {
             Body::RandomnessDrawn(drawn) => self.check_drawn(drawn, now),
             Body::NodeLeft(signed) => self.check_leaving(&signed.statement),
             Body::MomentsComputed(computed) => self.check_moments(computed, now),
+            Body::FilesLost(lost) => self.check_files_lost(lost),
+            Body::ContributionLeftOut(lost) => self.check_left_out(lost, now),
         }
     }
 
@@ -173,6 +176,8 @@ impl State {
             Body::RandomnessDrawn(drawn) => self.draw(drawn, index, now),
             Body::NodeLeft(signed) => self.stand(&signed.statement.node, Standing::Left),
             Body::MomentsComputed(computed) => self.compute_moments(computed),
+            Body::FilesLost(lost) => self.lose_files(lost, now),
+            Body::ContributionLeftOut(lost) => self.leave_out(lost),
         }
         self.entries = index.saturating_add(1);
         self.time_ms = now;

@@ -289,6 +289,7 @@ impl State {
             closing: None,
             randomness: None,
             moments: None,
+            lost: BTreeMap::new(),
         });
     }
 
@@ -341,7 +342,7 @@ impl State {
         self.decide(node, Decision::Rejected);
     }
 
-    fn decide(&mut self, node: &NodeId, decision: Decision) {
+    pub(super) fn decide(&mut self, node: &NodeId, decision: Decision) {
         if let Some(commit) = self
             .round
             .as_mut()
@@ -362,7 +363,10 @@ impl State {
         self.keep_moments(&round);
         if round.randomness.is_some() {
             for (node, commit) in &round.commits {
-                let accepted = matches!(commit.decision, Some(Decision::Accepted { .. }));
+                let accepted = matches!(
+                    commit.decision,
+                    Some(Decision::Accepted { .. } | Decision::LeftOut)
+                );
                 if let Some(node) = self.nodes.get_mut(node) {
                     let rule = &self.rules.unanswered;
                     node.record.observe(rule, round.number(), accepted);

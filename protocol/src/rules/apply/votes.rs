@@ -89,12 +89,14 @@ impl State {
     pub(super) fn propose(&mut self, proposal: &Proposal, now: u64) {
         let governance = &self.rules.governance;
         let (voting_ends_ms, veto_ends_ms) = self.vote_ends(now).unwrap_or((u64::MAX, u64::MAX));
+        let (electorate, least_for) = self.voters_on(&proposal.action);
         let open = OpenProposal {
             digest: proposal.digest(),
             proposer: proposal.proposer,
             title: proposal.title.clone(),
             action: proposal.action.clone(),
-            electorate: self.electorate(),
+            electorate,
+            least_for,
             quorum_bps: governance.quorum_bps,
             threshold_bps: governance.threshold_bps,
             veto_bps: governance.veto_bps,
@@ -105,6 +107,39 @@ impl State {
         };
         self.proposals.insert(proposal.number, open);
         self.next_proposal = proposal.number.saturating_add(1);
+    }
+
+    /// Who may vote on an action, and the least weight for it. A governor who is to be removed does not vote, because somebody may have
+    /// stolen its key. The others need more than half of all weight, or else one of two could remove the other.
+    fn voters_on(&self, action: &Action) -> (BTreeMap<NodeId, u64>, u128) {
+        let mut electorate = self.electorate();
+        let Some(removed) = self.removed_governor(action) else {
+            return (electorate, 0);
+        };
+        let all: u128 = electorate.values().map(|weight| u128::from(*weight)).sum();
+        electorate.remove(&removed);
+        (electorate, all / 2 + 1)
+    }
+
+    /// The governor whom an action removes, or replaces by one with no more weight, if it does nothing else.
+    fn removed_governor(&self, action: &Action) -> Option<NodeId> {
+        let Action::ChangeRules(rules) = action else {
+            return None;
+        };
+        let (now, then) = (
+            &self.rules.governance.governors,
+            &rules.governance.governors,
+        );
+        let mut other_rules = self.rules.clone();
+        other_rules.governance.governors.clone_from(then);
+        let mut gone = now.iter().filter(|one| !then.contains(one));
+        let mut new = then.iter().filter(|one| !now.contains(one));
+        let (removed, replacement) = (gone.next()?, new.next());
+        let replaces = replacement.is_none_or(|one| {
+            one.weight <= removed.weight && now.iter().all(|known| known.key != one.key)
+        });
+        let is_all = gone.next().is_none() && new.next().is_none() && other_rules == **rules;
+        (replaces && is_all).then_some(removed.key)
     }
 
     pub(super) fn check_vote(&self, vote: &Vote, now: u64) -> Result<(), RuleViolation> {

@@ -1,0 +1,29 @@
+//! Contributions that a round leaves out, because the aggregator has lost a file of them. Nothing rests on them, so nothing of them has to be at
+//! hand. An audit reports each one.
+
+use crate::auditor::Auditor;
+use crate::checks::RecordedClaim;
+use zk0_ledger::replay::Finding;
+use zk0_protocol::entries::entry::LostContribution;
+
+impl Auditor {
+    /// Takes a contribution out of the open round. Entry `index` records that.
+    pub(super) fn leave_out(&mut self, index: u64, lost: &LostContribution) {
+        self.finish_all();
+        let LostContribution { round, node } = *lost;
+        let whose = |recorded: &RecordedClaim| recorded.submission.statement.claim.terms.node;
+        let accepted = self
+            .accepted
+            .iter()
+            .find(|recorded| whose(recorded) == node);
+        let accepted = accepted.map(|recorded| recorded.index);
+        self.missing
+            .retain(|missing| Some(missing.index) != accepted);
+        self.accepted.retain(|recorded| whose(recorded) != node);
+        self.contributions.retain(|one| one.node() != node);
+        self.found.push(Finding::note(
+            index,
+            format!("round {round} leaves out the accepted contribution of node {node}: the operator states that a file of it was lost"),
+        ));
+    }
+}
