@@ -21,7 +21,7 @@ mkdir -p "$out" && cd "$out"
 if [ ! -d network ]; then
     [ -f log.key ] || "$zk0" aggregator keygen log.key
     "$zk0" aggregator rules | python3 -c 'import json, sys; print(json.dumps(json.load(sys.stdin) | {"commit_window_ms": 1000, "max_update_bytes": 1 << 22}))' >rules.json
-    "$zk0" aggregator init network --name rollout-example --key log.key --policy run/lerobot --rules rules.json --mode succinct
+    "$zk0" aggregator init network --name rollout-example --key log.key --policy run/lerobot --rules rules.json --rules-never-change --mode succinct
 fi
 if [ ! -d round-0 ]; then
     "$zk0" aggregator serve network --key log.key --listen 127.0.0.1:0 --min-nodes 0 --rounds 1 2>>aggregator.log &

@@ -136,7 +136,7 @@ pub fn found(
     fs::write(path("rules.json"), rules.to_string()).unwrap();
     let (ledger, rules) = (path("ledger"), path("rules.json"));
     let founding = ["aggregator", "init", &ledger, "--name", "members"];
-    let with = ["--key", &key, "--rules", &rules];
+    let with = ["--key", &key, "--rules", &rules, "--rules-never-change"];
     let named = members.iter().map(|one| format!("m{}={}", one.0, one.id()));
     let named: Vec<_> = named.flat_map(|name| ["--node".to_owned(), name]).collect();
     let named: Vec<_> = named.iter().map(String::as_str).collect();

@@ -67,6 +67,10 @@ pub struct Init {
     rules: Option<PathBuf>,
     #[command(flatten)]
     common: CommonRules,
+    /// Found a network whose rules nobody can ever change: no vote revokes a node, replaces a key that is lost or stolen, names another guest
+    /// program or goes back to earlier weights. Without this option, the rules have to name governors.
+    #[arg(long)]
+    rules_never_change: bool,
     #[command(flatten)]
     public: PublicSampleOptions,
 }
@@ -91,6 +95,21 @@ fn check_samples(mode: Mode, spec: &EvalSpec, least: u32) -> Result<()> {
     Ok(())
 }
 
+/// Whether somebody can change the rules, or whether it is wanted that nobody can.
+fn check_governors(rules: &Rules, never_change: bool) -> Result<()> {
+    let governance = &rules.governance;
+    let is_fixed = governance.governors.is_empty() && governance.credits_per_vote == 0;
+    match (is_fixed, never_change) {
+        (true, false) => bail!(
+            "the rules name no governors, so nobody could ever revoke a node, replace a stolen key, or change a rule: add --governor NAME=IDENTITY (`zk0 governance keygen` makes a key and prints its identity), or --rules-never-change if that is what you want"
+        ),
+        (false, true) => bail!(
+            "the rules can be changed by governors or by credits: leave out --rules-never-change, or the governors"
+        ),
+        _ => Ok(()),
+    }
+}
+
 /// Founds the network.
 pub fn found(options: &Init) -> Result<()> {
     let key = keys::read(&options.key)?;
@@ -109,6 +128,7 @@ pub fn found(options: &Init) -> Result<()> {
     let dims = dims(&file.policy.config)?;
     // Every file of these weights has the same size, whatever the ranges are.
     let mut rules = options.rules(Format::new(&EvalSpec::new(dims))?.file_bytes())?;
+    check_governors(&rules, options.rules_never_change)?;
     let named = rules.public_samples.as_ref();
     options.public.check(weights(&file.policy), named)?;
     for recording in options.calibrate.iter().chain(options.public.recordings()) {

@@ -30,6 +30,17 @@ use zk0_smolvla::policy::policy_file::{self, PolicyFile};
 use zk0_testkit::until;
 use zk0_tls::server_certificate::ServerCertificate;
 
+/// The option of a network that nobody governs, unless these options of `zk0 aggregator init` name governors.
+fn unless_governed(options: &[&str]) -> Option<&'static str> {
+    let governors = |file: &&str| {
+        let rules: Value = serde_json::from_str(&fs::read_to_string(file).ok()?).ok()?;
+        Some(rules["governance"]["governors"].as_array()?.len())
+    };
+    let in_file = options.iter().any(|option| governors(option) > Some(0));
+    let is_governed = in_file || options.contains(&"--governor");
+    (!is_governed).then_some("--rules-never-change")
+}
+
 /// A folder for a ledger, a node and their keys.
 pub struct LocalNetwork {
     dir: TempDir,
@@ -81,6 +92,7 @@ impl LocalNetwork {
         arguments.extend(["--name".into(), "own-policy".into()]);
         arguments.extend(["--key".into(), self.path("log.key")]);
         arguments.extend(more.iter().map(|word| (*word).to_owned()));
+        arguments.extend(unless_governed(more).map(str::to_owned));
         arguments
     }
 

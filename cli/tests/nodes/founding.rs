@@ -80,3 +80,24 @@ fn a_key_that_others_can_read_is_warned_of_once() {
     let said = fails(&words(&network.founding(&[])));
     assert!(!said.contains("chmod"), "{said}");
 }
+
+#[test]
+fn a_network_that_nobody_can_govern_is_founded_only_on_request() {
+    let network = LocalNetwork::new();
+    let forever = "--rules-never-change".to_owned();
+    let mut founding = network.founding(&[]);
+    assert_eq!(founding.pop(), Some(forever.clone()));
+    let refused = fails(&words(&founding));
+    assert!(refused.contains("--governor NAME=IDENTITY"), "{refused}");
+    let governor = keys::generate(Path::new(&network.path("governor.key"))).unwrap();
+    founding.extend(["--governor".to_owned(), format!("me={governor}")]);
+    let both = [founding.clone(), vec![forever]].concat();
+    let refused = fails(&words(&both));
+    assert!(
+        refused.contains("leave out --rules-never-change"),
+        "{refused}"
+    );
+    assert!(!Path::new(&network.path("ledger")).exists());
+    logs(&words(&founding));
+    assert_eq!(network.genesis().rules.governance.governors.len(), 1);
+}
