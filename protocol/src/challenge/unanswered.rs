@@ -62,6 +62,9 @@ impl UnansweredRule {
     }
 }
 
+/// A node that has not committed in so many rounds in a row, although it might have, is not waited for. It may still commit in time.
+pub const AWAITED_ROUNDS: u32 = 3;
+
 /// What became of a node's last commitments.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct CommitRecord {
@@ -70,6 +73,8 @@ pub struct CommitRecord {
     failed: u64,
     /// The first round in which the node may commit again.
     resumes: u64,
+    /// In how many rounds in a row the node might have committed and has not.
+    idle: u32,
 }
 
 impl CommitRecord {
@@ -85,6 +90,20 @@ impl CommitRecord {
             fewer => (1 << fewer) - 1,
         };
         (self.failed & looked_at).count_ones()
+    }
+
+    /// Whether a round waits for the node's commitment.
+    pub fn is_awaited(&self) -> bool {
+        self.idle < AWAITED_ROUNDS
+    }
+
+    /// Takes a round into account, which is over and in which the node has committed, or might have.
+    pub(crate) fn observe_round(&mut self, committed: bool) {
+        self.idle = if committed {
+            0
+        } else {
+            self.idle.saturating_add(1)
+        };
     }
 
     /// Takes a commitment of `round` into account, whose round is over.

@@ -109,7 +109,7 @@ impl Model<'_> {
             .any(|(_, one)| self.node(*one) == self.node(key))
     }
 
-    fn may_commit(&self, key: u8, opened: usize) -> bool {
+    pub fn may_commit(&self, key: u8, opened: usize) -> bool {
         let then = self.until(opened);
         let round = then.all(|event| *event == Event::Opened).len();
         self.active(key)
@@ -131,7 +131,10 @@ impl Model<'_> {
         let shut = self.time_in_round(&Event::Shut);
         let drawn = self.time_in_round(&Event::Drawn);
         let awaited = || {
-            let may = |opened| (0..KEYS).any(|key| self.may_commit(key, opened) && !committed(key));
+            let awaits = |key| !(0..KEYS).any(committed) || !self.is_idle(self.node(key));
+            let may = |opened| {
+                (0..KEYS).any(|key| self.may_commit(key, opened) && !committed(key) && awaits(key))
+            };
             since <= COMMIT_WINDOW && round.is_some_and(may)
         };
         match event {

@@ -148,6 +148,30 @@ impl<'a> Model<'a> {
         round < resumes
     }
 
+    /// Whether a node might have committed in each of the last three rounds in which it might have, and has not.
+    pub fn is_idle(&self, node: u8) -> bool {
+        let openings = self.all(|event| *event == Event::Opened);
+        let mut idle = 0;
+        for (opened, closed) in openings.into_iter().zip(self.closings()) {
+            let then = self.until(closed);
+            let own = |key: &u8| then.node(*key) == node;
+            let events = &self.history[opened..closed];
+            let has = |key: u8| {
+                let committed = Event::Committed(key);
+                events.iter().any(|(_, event)| *event == committed)
+            };
+            if (0..KEYS).filter(own).any(has) {
+                idle = 0;
+            } else if (0..KEYS)
+                .filter(own)
+                .any(|key| then.may_commit(key, opened))
+            {
+                idle += 1;
+            }
+        }
+        idle >= 3
+    }
+
     /// Returns where a proposal was made, by whom, and for what.
     pub fn proposal(&self, number: usize) -> Option<(usize, Who, Change)> {
         let events = self.history.iter().enumerate();

@@ -56,6 +56,42 @@ fn a_closing_lists_who_committed_and_submitted_nothing() {
     chain.apply(Body::RoundClosed(right));
 }
 
+/// A round whose commitments close as soon as the rules allow it after the commitments of these nodes. Returns whether that is before the deadline.
+fn closes_early(chain: &mut Chain, committing: &[u8]) -> bool {
+    chain.open();
+    let number = 2 * chain.state.next_round() as u8;
+    for node in committing {
+        chain.apply(committed(
+            &chain.state,
+            *node,
+            weights(0x10 + number + node),
+        ));
+    }
+    let early = chain.state.next_commitments_closed(chain.time_ms + 1);
+    chain.draw();
+    for node in committing {
+        chain.apply(accepted(&chain.state, *node));
+    }
+    chain.close(weights(0x50));
+    early.is_some()
+}
+
+#[test]
+fn a_node_that_was_idle_in_three_rounds_is_not_waited_for_until_it_commits() {
+    let mut chain = network();
+    for _ in 0..3 {
+        assert!(!closes_early(&mut chain, &[1]));
+    }
+    assert!(closes_early(&mut chain, &[1]));
+    // While nobody has committed, the round waits for everybody.
+    chain.open();
+    assert_eq!(chain.state.next_commitments_closed(chain.time_ms + 1), None);
+    chain.close(*chain.state.global());
+    // The node may still commit, and is waited for after that.
+    assert!(closes_early(&mut chain, &[0, 1]));
+    assert!(!closes_early(&mut chain, &[1]));
+}
+
 #[test]
 fn a_refused_claim_was_answered_but_counts_as_none() {
     let mut chain = network();

@@ -141,6 +141,8 @@ pub const REMOVALS: &[Removal] = &[
         "a_program_that_does_not_exist_is_refused_and_the_ledger_goes_on"),
     protocol("no vote takes effect in an open round", VOTES, skipped!("return Err(RuleViolation::RoundStillOpen(round.number()));"),
         "a_program_changes_between_rounds_and_not_in_one"),
+    protocol("a round waits for all before the first commitment", RANDOMNESS, never!("round.commits.is_empty() || known.record.is_awaited()"),
+        "a_node_that_was_idle_in_three_rounds_is_not_waited_for_until_it_commits"),
     // Governors.
     protocol("a governor has no say in its removal", VOTES, skipped!("electorate.remove(&removed);"),
         "a_governor_has_no_say_in_its_removal_and_the_others_need_more_than_half_of_all_weight"),

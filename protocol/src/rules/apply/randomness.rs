@@ -7,14 +7,14 @@
 use crate::challenge::closing::{commitments, CommitmentsClosing};
 use crate::challenge::drawing::DrawContext;
 use crate::entries::entry::{CommitmentsClosed, RandomnessDrawn};
-use crate::rules::state::{Randomness, Round, State};
+use crate::rules::state::{Node, Randomness, Round, State};
 use crate::rules::upper_bounds::MAX_COMMITS;
 use crate::rules::violation::RuleViolation;
 use zk0_circuits::{Digest, NodeId};
 
 impl State {
     /// The entry that closes the commitments of the open round, if they may close at `time_ms`: when their deadline is over, and
-    /// earlier once every node that may commit has committed.
+    /// earlier once every node that may commit has committed. Once one has committed, nodes that were idle lately are not waited for.
     pub fn next_commitments_closed(&self, time_ms: u64) -> Option<CommitmentsClosed> {
         let round = self.round.as_ref()?;
         let closed = CommitmentsClosed {
@@ -139,9 +139,11 @@ impl State {
         if over || round.commits.len() >= MAX_COMMITS {
             return None;
         }
-        let mut nodes = self.nodes.keys();
-        let awaited = nodes
-            .find(|node| self.may_contribute(round, node) && !round.commits.contains_key(node))?;
+        let awaits = |known: &Node| round.commits.is_empty() || known.record.is_awaited();
+        let mut nodes = self.nodes.iter();
+        let (awaited, _) = nodes.find(|(node, known)| {
+            awaits(known) && self.may_contribute(round, node) && !round.commits.contains_key(node)
+        })?;
         Some(*awaited)
     }
 

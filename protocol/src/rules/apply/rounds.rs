@@ -361,6 +361,7 @@ impl State {
         };
         self.earlier_base = Some(round.opened.base);
         self.keep_moments(&round);
+        self.observe_round(&round);
         if round.randomness.is_some() {
             for (node, commit) in &round.commits {
                 let accepted = matches!(
@@ -391,6 +392,18 @@ impl State {
                     verified_again: false,
                 },
             );
+        }
+    }
+
+    /// Notes who has committed in a round that is over, and who might have.
+    fn observe_round(&mut self, round: &Round) {
+        let may =
+            |node: &&NodeId| round.commits.contains_key(node) || self.may_contribute(round, node);
+        let observed: Vec<_> = self.nodes.keys().filter(may).copied().collect();
+        for id in observed {
+            if let Some(node) = self.nodes.get_mut(&id) {
+                node.record.observe_round(round.commits.contains_key(&id));
+            }
         }
     }
 
