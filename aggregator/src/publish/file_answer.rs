@@ -23,6 +23,15 @@ pub(super) fn begins(method: &Method, headers: &HeaderMap) -> Option<u64> {
     number.then(|| first.parse().unwrap_or(u64::MAX))
 }
 
+/// The answer about a file of `length` bytes, without the file.
+pub(super) fn file_head(length: u64, kind: &'static str) -> Response {
+    let about = [
+        (ACCEPT_RANGES, "bytes".to_owned()),
+        (CONTENT_LENGTH, length.to_string()),
+    ];
+    (about, answer(200, kind, IMMUTABLE, Body::empty())).into_response()
+}
+
 /// The answer with a file of `length` bytes that never changes, or with its rest.
 pub(super) async fn file_answer(
     mut file: impl AsyncRead + AsyncSeek + Unpin + Send + 'static,

@@ -2,7 +2,7 @@
 //! or without one.
 
 use crate::line::WorkQueue;
-use crate::publish::file_answer::{begins, file_answer};
+use crate::publish::file_answer::{begins, file_answer, file_head};
 use crate::publish::http::{answer, text, HttpLimits, Router, IMMUTABLE, NO_CACHE, TEXT};
 use axum::extract::State;
 use axum::http::header::RETRY_AFTER;
@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use tokio::fs::File;
 use tokio::task::spawn_blocking;
+use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::published::publication::{Content, Publication, PublicationError};
 use zk0_protocol::tlog::layout::Resource;
@@ -116,6 +117,14 @@ impl LogServer {
         }
     }
 
+    /// How many bytes a published blob has. The store of the blobs is not read.
+    fn blob_size(&self, blob: &Digest) -> Result<Option<u64>, PublicationError> {
+        match self.recent()?.blob_size(blob) {
+            Some(size) => Ok(Some(size)),
+            None => Ok(self.newest()?.blob_size(blob)),
+        }
+    }
+
     /// Keeps the folder small.
     fn shrink(&self) {
         let Some(limit) = self.cache_bytes else {
@@ -147,6 +156,16 @@ async fn read(
         tracing::error!("{error}");
         text(500, "the log cannot be read; its operator's log says why\n")
     };
+    const NOT_PUBLISHED: &str = "this file is not published, or not yet\n";
+    if let (&Method::HEAD, Resource::Blob(blob)) = (&method, &resource) {
+        let (reader, blob) = (server.clone(), *blob);
+        return match spawn_blocking(move || reader.blob_size(&blob)).await {
+            Ok(Ok(Some(size))) => file_head(size, kind),
+            Ok(Ok(None)) => text(404, NOT_PUBLISHED),
+            Ok(Err(error)) => failed(&error),
+            Err(error) => failed(&error),
+        };
+    }
     let place = match &resource {
         Resource::Blob(blob) if !server.blobs.is_here(blob) => match server.reading.place().await {
             Some(place) => Some(place),
@@ -192,7 +211,7 @@ async fn read(
             };
             sent.unwrap_or_else(|error| failed(&format_args!("{path}: {error}")))
         }
-        Ok(None) => text(404, "this file is not published, or not yet\n"),
+        Ok(None) => text(404, NOT_PUBLISHED),
         Err(PublicationError::NotCosigned(_)) => text(
             503,
             "nothing is published before the witnesses have cosigned a checkpoint\n",

@@ -101,10 +101,32 @@ async fn few_downloads_wait_for_the_store_and_the_others_are_told_to_come_again(
     assert!(base.unwrap() == weights(0));
 }
 
+/// Serves the log of a network.
+async fn log_of(network: &Network) -> SocketAddr {
+    let blobs = network
+        .service()
+        .with(|aggregator| Ok(aggregator.ledger().blobs().clone()));
+    let server = LogServer::new(network.dir.path()).with_blobs(blobs.await.unwrap());
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let log = listener.local_addr().unwrap();
+    let limits = HttpLimits::default();
+    tokio::spawn(http::serve(
+        listener,
+        server.router(limits),
+        limits,
+        pending(),
+    ));
+    log
+}
+
 /// Asks for a file of the log.
 async fn asking(log: SocketAddr, path: &str) -> TcpStream {
+    asking_by(log, "GET", path).await
+}
+
+async fn asking_by(log: SocketAddr, method: &str, path: &str) -> TcpStream {
     let mut stream = TcpStream::connect(log).await.unwrap();
-    let request = format!("GET /{path} HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n");
+    let request = format!("{method} /{path} HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n");
     stream.write_all(request.as_bytes()).await.unwrap();
     stream
 }
@@ -114,6 +136,31 @@ async fn answer(mut stream: TcpStream) -> String {
     let mut answer = String::new();
     stream.read_to_string(&mut answer).await.unwrap();
     answer
+}
+
+/// Otherwise strangers would have the aggregator read whole files, and send nothing for them.
+#[tokio::test(flavor = "multi_thread")]
+async fn the_size_of_a_file_is_told_without_the_store() {
+    let Some(s3) = S3::start() else { return };
+    let network = started(&s3, &SigningNode::new(1), SECONDS).await;
+    let log = log_of(&network).await;
+    emptied(&network);
+    s3.network.fail_always(Fault::Silent);
+    let path = format!("blobs/sha256/{}", network.genesis.initial.blob);
+    let size = weights(0).len();
+    for (path, expected) in [
+        (&path, format!("content-length: {size}\r\n")),
+        (
+            &format!("blobs/sha256/{}", Digest([9; 32])),
+            "HTTP/1.1 404".into(),
+        ),
+    ] {
+        let told = answer(asking_by(log, "HEAD", path).await);
+        let told = timeout(AT_ONCE, told).await.expect("nothing came");
+        assert!(told.contains(&expected), "{told}");
+        assert!(told.ends_with("\r\n\r\n"), "{told}");
+    }
+    s3.network.mend();
 }
 
 /// Here, the machine has few threads for reading the disk.
@@ -128,19 +175,7 @@ fn readers_of_the_log_who_have_left_hold_no_threads() {
         .unwrap();
     runtime.block_on(async {
         let network = started(&s3, &SigningNode::new(1), SECONDS).await;
-        let blobs = network
-            .service()
-            .with(|aggregator| Ok(aggregator.ledger().blobs().clone()));
-        let server = LogServer::new(network.dir.path()).with_blobs(blobs.await.unwrap());
-        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        let log = listener.local_addr().unwrap();
-        let limits = HttpLimits::default();
-        tokio::spawn(http::serve(
-            listener,
-            server.router(limits),
-            limits,
-            pending(),
-        ));
+        let log = log_of(&network).await;
         let answers = async || {
             let answer = timeout(AT_ONCE, answer(asking(log, "checkpoint").await));
             let answer = answer.await.expect("nothing came");

@@ -186,6 +186,12 @@ impl Publication {
         self.gathered.disclosed.public()
     }
 
+    /// How many bytes a public blob has; `None` if it is not public, or is not kept. The store of the blobs is not read.
+    pub fn blob_size(&self, blob: &Digest) -> Option<u64> {
+        let access = self.gathered.disclosed.access(blob);
+        (access == BlobAccess::Public).then(|| self.blobs.size(blob))?
+    }
+
     /// The blobs beside the ledger.
     pub fn blobs(&self) -> Blobs {
         self.blobs.clone()
