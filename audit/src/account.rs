@@ -1,4 +1,4 @@
-//! What an audit checked, and what it did not check: the number of checks of each kind, and one line for each kind that was left out.
+//! What an audit checked and left out.
 
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::Serialize;
@@ -12,31 +12,31 @@ use zk0_protocol::counted::counted;
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum CheckKind {
-    /// The guest program is the one of this release, or one that the auditor named.
+    /// The guest program is this release's, or named by the auditor.
     Program,
-    /// The parameters of the evaluation are those of this release, or some that the auditor named.
+    /// The evaluation's parameters are this release's, or named by the auditor.
     Evaluation,
-    /// The file of the whole initial policy is the one that the genesis names.
+    /// The file of the whole initial policy is the genesis's.
     Policy,
-    /// The leaves of a dataset hash to the committed root, and no two are the same.
+    /// A dataset's leaves hash to the committed root, and all differ.
     Datasets,
-    /// The file of the weights that a round starts from holds the numbers that the ledger names.
+    /// A round's starting weights file holds the numbers that the ledger names.
     Bases,
-    /// The SP1 proof of an accepted contribution verifies.
+    /// An accepted contribution's SP1 proof verifies.
     Proofs,
-    /// The bytes of an update are the weights that were proven, and the proof's products are those with them.
+    /// An update's bytes are the proven weights, and the proof's products are theirs.
     Updates,
-    /// The recorded reason of a refusal is the one that verification gives.
+    /// Verification gives a refusal's recorded reason.
     Refusals,
-    /// An average, computed again, is the recorded one.
+    /// The average, computed again, is the recorded one.
     Averages,
-    /// A round's result, evaluated again on the public samples, has the recorded losses and outcome.
+    /// A round's result has the recorded losses on the public samples, and the recorded outcome.
     Results,
-    /// The file of global weights is the one that the ledger names.
+    /// The file of global weights is the ledger's.
     Globals,
-    /// The file of a round's moments is the one that the ledger names.
+    /// The file of a round's moments is the ledger's.
     Moments,
-    /// A dispute that verification decides was decided rightly.
+    /// Verification decides a dispute as recorded.
     Disputes,
 }
 
@@ -46,53 +46,53 @@ pub enum CheckKind {
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum SkipReason {
-    /// The audit is light: it reads no weights and no lists of drawn frames.
+    /// A light audit reads no weights or lists of drawn frames.
     Light,
-    /// A blob that the check reads is not at hand.
+    /// A blob for the check is missing.
     NotAtHand,
-    /// A blob that the check reads is not at hand, and the log's operator has signed that it was pruned.
+    /// A blob for the check is missing, and the log's operator signed its pruning.
     Pruned,
-    /// The check needs something that was not verified.
+    /// The check needs an unverified part.
     RestsOnOthers,
-    /// The network's founder chose something that this release does not know.
+    /// The network's founder chose something unknown to this release.
     OthersChoice,
-    /// This release has no verifier of the SP1 release that the proof is of.
+    /// This release has no verifier for the proof's SP1 release.
     NoVerifier,
 }
 
 /// How much was checked.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Checked {
-    /// Datasets whose leaves hash to the committed root, with no two the same.
+    /// Datasets whose leaves hash to the committed root and all differ.
     pub datasets: u64,
-    /// Proofs of accepted contributions that verify.
+    /// Verified proofs of accepted contributions.
     pub proofs: u64,
-    /// Updates whose bytes are the weights that were proven.
+    /// Updates whose bytes are the proven weights.
     pub updates: u64,
-    /// Refusals whose reason is the one that verification gives.
+    /// Refusals whose reason verification gives.
     pub refusals: u64,
-    /// Global weights that have the same digest when they are computed again.
+    /// Global weights with the same digest when computed again.
     pub averages: u64,
-    /// Results of rounds whose losses on the public samples are the recorded ones when they are computed again.
+    /// Results of rounds with the recorded losses on the public samples.
     pub results: u64,
-    /// Disputes that were decided as verification decides them here.
+    /// Disputes that verification decides as recorded.
     pub disputes: u64,
-    /// Checks that were left out.
+    /// Checks left out.
     pub not_checked: u64,
 }
 
-/// Checks of one kind that were left out for one reason.
+/// Checks of one kind, left out for one reason.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct NotChecked {
     /// The kind of check.
     pub what: CheckKind,
     /// The reason.
     pub why: SkipReason,
-    /// How many checks.
+    /// Number of checks.
     pub count: u64,
-    /// The entry of the first of them.
+    /// The first one's entry.
     pub first_entry: u64,
-    /// What the first of them would have checked.
+    /// What it would have checked.
     pub example: String,
 }
 
@@ -104,18 +104,18 @@ pub struct Account {
 }
 
 impl Account {
-    /// Counts a check that passed.
+    /// Counts a passed check.
     pub fn passed(&mut self, what: CheckKind) {
         *self.passed.entry(what).or_default() += 1;
     }
 
-    /// Counts a check of entry `index` that was left out.
+    /// Counts a check of entry `index` left out.
     pub fn left_out(&mut self, what: CheckKind, why: SkipReason, index: u64, example: String) {
         let place = self.left_out.entry((what, why));
         place.or_insert((0, index, example)).0 += 1;
     }
 
-    /// Adds what another account counted later.
+    /// Adds a later account.
     pub fn add(&mut self, later: Self) {
         for (what, count) in later.passed {
             *self.passed.entry(what).or_default() += count;
@@ -140,7 +140,7 @@ impl Account {
         }
     }
 
-    /// What was left out, a line for each kind and reason.
+    /// What was left out, by kind and reason.
     pub fn not_checked(&self) -> Vec<NotChecked> {
         let line = |(&(what, why), (count, index, example)): (
             &(CheckKind, SkipReason),
@@ -159,7 +159,7 @@ impl Account {
 }
 
 impl NotChecked {
-    /// The finding in the report.
+    /// The report's finding.
     pub fn finding(&self) -> Finding {
         Finding::not_checked(None, self.to_string())
     }

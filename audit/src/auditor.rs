@@ -1,13 +1,11 @@
-//! What an auditor checks beyond the ledger's own rules: proofs, refusals, datasets and averages. The auditor uses the functions by
-//! which the aggregator decided, on the blobs that are at hand.
+//! What an auditor checks beyond the ledger's rules, with the aggregator's functions and the blobs at hand.
 //!
-//! Once a round has closed, it is a fault if the proof or the update of an accepted contribution is missing, unless the log's operator has
-//! signed that it was pruned. Until then both are private, and only the aggregator has them. The audit reports everything else that is not at hand as not checked, and so it does
-//! with what a light audit leaves out, one line for each kind. What was not checked is never called verified.
+//! After a round has closed, a missing proof or update of an accepted contribution is a fault, unless the log's operator signed its
+//! pruning. Until then only the aggregator has both, because they are private. Everything else that is missing, or left out by a light
+//! audit, is reported as not checked, and never called verified.
 //!
-//! Several threads verify proofs and weights while the replay goes on. At most twice as many contributions as there are threads
-//! are begun and not yet reported. For the average of a round, the weights of its contributions are read from their files again, which
-//! their verification has sealed ([`zk0_verifier::combine::sealed`]).
+//! Several threads verify proofs and weights during the replay. At most twice as many contributions as threads are begun and not yet
+//! reported. A round's average reads the weights again from files that their verification has sealed ([`zk0_verifier::combine::sealed`]).
 
 mod found;
 mod left_out;
@@ -38,40 +36,39 @@ use zk0_protocol::rules::state::State;
 use zk0_protocol::RefusalCode;
 use zk0_verifier::{Evaluation, ProgramKey, VerifiedContribution};
 
-/// Verifies contributions and averages again during a replay: hand it to [`zk0_ledger::replay::replay`].
+/// Verifies contributions and averages again during a replay ([`zk0_ledger::replay::replay`]).
 pub struct Auditor {
     depth: Depth,
     named: TrustedPrograms,
-    /// What was checked, without the contributions that the open round accepted.
+    /// What was checked, without the open round's contributions.
     account: Account,
-    /// What was checked of the contributions that the open round accepted.
+    /// What was checked of the open round's contributions.
     open: Account,
     /// What the open round accepted.
     accepted: Vec<RecordedClaim>,
-    /// The contributions among them that verify.
+    /// Those that verify.
     contributions: Vec<VerifiedContribution>,
-    /// What is not at hand of them.
+    /// Their missing blobs.
     missing: Vec<Missing>,
-    /// What the open round refused, and why, where the proof or the update is not at hand. Both are private until the round closes.
+    /// Refusals of the open round whose proof or update is missing, because they are still private.
     refused: Vec<(RecordedClaim, RefusalCode)>,
-    /// Accepted contributions that may still be disputed, and of which this audit has not found that they verify: what verification
-    /// says, or `None` where not all of it was checked.
+    /// Accepted contributions open to dispute that do not verify here: the refusal, or `None` if not all was checked.
     doubtful: BTreeMap<u64, Option<RefusalCode>>,
-    /// What the log's operator says about blobs that are no longer kept.
+    /// The operator's statement about blobs no longer kept.
     pruning: Option<Pruning>,
-    /// The rounds whose average nobody can compute again from these blobs, because some of them were pruned.
+    /// The rounds whose average cannot be repeated, because blobs were pruned.
     unrepeatable: Rounds,
     queue: Queue<JobOutcome>,
     found: Found,
 }
 
-/// The outcome of a job of the queue.
+/// The outcome of a job.
 enum JobOutcome {
-    /// The check of an entry.
+    /// An entry's check.
     Check(u64, Check),
-    /// The checks of an accepted contribution.
+    /// An accepted contribution's checks.
     Accepted(u64, Box<Examined>),
-    /// The check of a refusal in the open round.
+    /// A refusal's check in the open round.
     Refused(Box<(RecordedClaim, RefusalCode)>, Check),
 }
 
@@ -82,13 +79,13 @@ impl Default for Auditor {
 }
 
 impl Auditor {
-    /// An audit of this depth, by as many threads as there are cores.
+    /// An audit of this depth, with as many threads as cores.
     pub fn new(depth: Depth) -> Self {
         let threads = thread::available_parallelism().unwrap_or(NonZeroUsize::MIN);
         Self::with_threads(depth, threads)
     }
 
-    /// An audit by `threads` threads.
+    /// An audit with `threads` threads.
     pub fn with_threads(depth: Depth, threads: NonZeroUsize) -> Self {
         Self {
             depth,
@@ -107,23 +104,22 @@ impl Auditor {
         }
     }
 
-    /// The audit of an auditor who answers for these.
+    /// The audit of an auditor who named these.
     pub fn naming(self, named: TrustedPrograms) -> Self {
         Self { named, ..self }
     }
 
-    /// The audit of a copy that the auditor has made of a ledger, and can make again: a blob that is damaged there is not called a fault of the
-    /// ledger before it was copied again ([`Auditor::damaged`]).
+    /// The audit of the auditor's own copy of a ledger. Blobs damaged there ([`Auditor::damaged`]) are copied again before they are faults.
     pub fn of_copy(self) -> Self {
         let found = self.found.in_copy();
         Self { found, ..self }
     }
 
-    /// Goes on from what an audit of the same depth, by an auditor who named the same, has saved with [`Recheck::save`]. What the open round accepted is verified again,
-    /// because the average takes only what was verified.
+    /// Continues from [`Recheck::save`] of an audit with the same depth and named programs. The open round's contributions are verified
+    /// again, because the average takes only verified ones.
     ///
     /// # Errors
-    /// The audit cannot go on from there, for this reason. One is that a blob is there now which was missing or damaged then.
+    /// Why not: for example, a blob is there now that was missing or damaged.
     pub fn go_on(self, saved: &[u8], blobs: &Blobs) -> Result<Self, String> {
         let (_, _, account, accepted, doubtful, unrepeatable, refused, awaited) =
             saved::read(saved, self.depth, &self.named)?;
@@ -141,22 +137,22 @@ impl Auditor {
         Ok(auditor)
     }
 
-    /// How much has been checked so far.
+    /// What was checked so far.
     pub fn checked(&self) -> Checked {
         self.whole_account().checked()
     }
 
-    /// The blobs that are damaged in the auditor's own copy of the ledger.
+    /// The damaged blobs in the auditor's copy of the ledger.
     pub fn damaged(&self) -> &BTreeSet<Digest> {
         self.found.damaged()
     }
 
-    /// What could not be read so far, because a disk fails or the auditor's copy is damaged. There is no verdict about it.
+    /// What could not be read so far, because of a disk or the auditor's copy. It gets no verdict.
     pub fn not_read(&self) -> Option<Finding> {
         self.found.not_read()
     }
 
-    /// What has been left out so far, by kind and reason.
+    /// What was left out so far, by kind and reason.
     pub fn not_checked(&self) -> Vec<NotChecked> {
         self.whole_account().not_checked()
     }
@@ -192,7 +188,7 @@ impl Auditor {
         });
     }
 
-    /// Begins a check of the blobs of entry `index`. A light audit reads no blobs here, so the check takes no time.
+    /// Begins a check of entry `index`'s blobs. A light audit reads none here.
     fn check(&mut self, index: u64, check: impl FnOnce() -> Check + Send + 'static) {
         match self.depth {
             Depth::Light => self.queue.push(JobOutcome::Check(index, check())),
@@ -242,7 +238,7 @@ impl Auditor {
         }
     }
 
-    /// Checks again the refusals whose blobs were not at hand while their round was open.
+    /// Checks refusals again whose blobs were missing before.
     fn check_refused(&mut self, closed: &RoundClosed, blobs: &Blobs) {
         for (recorded, reason) in std::mem::take(&mut self.refused) {
             let waiver = PruningWaiver::of(self.pruning, closed.round, recorded.index);
@@ -255,7 +251,7 @@ impl Auditor {
         self.finish_all();
     }
 
-    /// Checks the end of a round: what it refused, the average over what it accepted, its evaluation, and that every accepted contribution has a proof and an update.
+    /// Checks a round's end: refusals, average, evaluation, and each accepted contribution's proof and update.
     fn closed(&mut self, before: &State, index: u64, closed: &RoundClosed, blobs: &Blobs) {
         self.finish_all();
         self.check_refused(closed, blobs);
@@ -413,7 +409,7 @@ impl Recheck for Auditor {
                 });
             }
             Body::ContributionLeftOut(lost) => self.leave_out(index, lost),
-            // The replay verifies closings and randomness: they are rules of the state machine.
+            // The state machine's rules verify closings and randomness.
             Body::CommitmentsClosed(_)
             | Body::RandomnessDrawn(_)
             | Body::FilesLost(_)

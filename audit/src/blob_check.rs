@@ -1,4 +1,4 @@
-//! Checks the blobs in a ledger's folder: each has the SHA-256 that is its name. [`crate::auditor`] checks proofs and averages.
+//! Checks that each blob in a ledger's folder has the SHA-256 of its name.
 
 use crate::checks::pruning_waiver::PruningWaiver;
 use zk0_ledger::blobs::{BlobError, Blobs};
@@ -10,12 +10,12 @@ use zk0_protocol::pruning::Pruning;
 use zk0_protocol::rules::named_blobs::{named_blobs, NamedBlob};
 use zk0_protocol::rules::state::State;
 
-/// Checks the blobs that the ledger names during a replay: hand it to [`zk0_ledger::replay::replay`].
+/// Checks the ledger's blobs during a replay ([`zk0_ledger::replay::replay`]).
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BlobCheck {
-    /// What the log's operator says about blobs that are no longer kept.
+    /// The operator's statement about blobs no longer kept.
     pruning: Option<Pruning>,
-    /// How many of those are not here.
+    /// How many of those are missing.
     pruned: u64,
 }
 

@@ -1,6 +1,5 @@
-//! The checks themselves; [`closings`] has those of the end of a round, [`check`] their outcomes, and [`waiver`] says what is not
-//! called missing because it was pruned. Each is a function of what the ledger says and of the blobs at
-//! hand, and uses the functions by which the aggregator decided.
+//! The checks: functions of the ledger and its blobs, with the aggregator's functions. [`closings`] checks a round's end, [`check`] has the
+//! outcomes, and [`pruning_waiver`] waives pruned blobs.
 
 pub mod check;
 pub mod closings;
@@ -31,7 +30,7 @@ use zk0_verifier::{
 
 pub use crate::checks::check::Check;
 
-/// A recorded claim, and what its verification reads of the state before it.
+/// A recorded claim, and what verification needs of the state before it.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct RecordedClaim {
     pub index: u64,
@@ -40,12 +39,12 @@ pub struct RecordedClaim {
     pub context: ClaimContext,
 }
 
-/// A blob of an accepted contribution that is not at hand. The aggregator holds it back while the round is open.
+/// A missing blob of an accepted contribution, withheld while the round is open.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Missing {
-    /// The check that needs it.
+    /// The check.
     pub what: CheckKind,
-    /// What the blob holds.
+    /// The blob's content.
     pub kind: BlobKind,
     /// The blob.
     pub blob: Digest,
@@ -55,20 +54,20 @@ pub struct Missing {
     pub name: String,
 }
 
-/// What an audit found about an accepted contribution.
+/// An audit's result for an accepted contribution.
 #[derive(Debug, Default)]
 pub struct Examined {
     pub checks: Vec<Check>,
-    /// The contribution, if all of it verifies.
+    /// The contribution, if it verifies in full.
     pub verified: Option<VerifiedContribution>,
-    /// What verification says against it, if it does.
+    /// The refusal, if verification gives one.
     pub refused: Option<RefusalCode>,
-    /// What is not at hand of the proof and the update.
+    /// A missing proof or update.
     pub missing: Option<Missing>,
 }
 
 impl RecordedClaim {
-    /// Verifies again the contribution that the ledger accepted.
+    /// Verifies the accepted contribution again.
     pub fn accepted(&self, depth: Depth, blobs: &Blobs) -> Examined {
         let node = self.node();
         let but =
@@ -164,7 +163,7 @@ impl RecordedClaim {
         }
     }
 
-    /// Checks that the recorded reason of a refusal is the one that verification gives.
+    /// Checks that verification gives a refusal's recorded reason.
     pub fn rejected(
         &self,
         reason: &RefusalCode,
@@ -179,7 +178,7 @@ impl RecordedClaim {
         let failed = |found: &dyn Display| Check::Failed(but(found));
         let unread = |error: &Unreadable<BlobError>| unreadable(&error.error, but(error));
         match reason {
-            // The ledger's own rules have checked these.
+            // The ledger's rules checked these.
             RefusalCode::Late { .. } | RefusalCode::Binding(_) => {
                 return Check::Passed(CheckKind::Refusals)
             }
@@ -260,7 +259,7 @@ impl RecordedClaim {
         at_hand(weights)
     }
 
-    /// Verifies the contribution, or only its claim where the weights are not read.
+    /// Verifies the contribution, or only its claim if the weights are not read.
     fn verify(
         &self,
         proof: Vec<u8>,
@@ -275,17 +274,17 @@ impl RecordedClaim {
     }
 }
 
-/// A blob that is not at hand.
+/// A missing blob.
 #[derive(Clone, Copy, Debug)]
 struct Absent {
     kind: BlobKind,
     blob: Digest,
 }
 
-/// What was read, or the blob that is not at hand; it is an error if something else is wrong.
+/// What was read, or the missing blob; an error if something else is wrong.
 type AtHand<T> = Result<Result<T, Absent>, Unreadable<BlobError>>;
 
-/// What is said of a blob that is not at hand is for the caller to decide.
+/// The caller decides about a missing blob.
 fn at_hand<T>(read: Result<T, Unreadable<BlobError>>) -> AtHand<T> {
     match read {
         Err(Unreadable {
@@ -296,8 +295,8 @@ fn at_hand<T>(read: Result<T, Unreadable<BlobError>>) -> AtHand<T> {
     }
 }
 
-/// Checks that a dispute about entry `contribution` was decided as verification says. `found` is what this audit found when the
-/// contribution was accepted: `None` if it verifies, `Some(None)` if not all of it was checked.
+/// Checks that verification decides a dispute about entry `contribution` as recorded. `found` is this audit's result for it: `None` if it
+/// verifies, `Some(None)` if not all was checked.
 pub fn disputed(
     contribution: u64,
     found: Option<&Option<RefusalCode>>,
@@ -325,8 +324,7 @@ pub fn disputed(
     }
 }
 
-/// Checks that the network proves with the guest program of this release, or with one that the auditor named. `key` is that of the
-/// genesis, or of the program that a vote put in force.
+/// Checks that the guest program is this release's, or named by the auditor. `key` is the genesis's, or one put in force by vote.
 pub fn program(genesis: &Genesis, key: &[u8], named: &TrustedPrograms) -> Check {
     let own = verifying_key(genesis.mode);
     if key == own || named.programs.contains(key) {
@@ -341,7 +339,7 @@ pub fn program(genesis: &Genesis, key: &[u8], named: &TrustedPrograms) -> Check 
     ))
 }
 
-/// Checks that the network evaluates with the parameters of this release, or with some that the auditor named.
+/// Checks that the evaluation's parameters are this release's, or named by the auditor.
 pub fn evaluation(genesis: &Genesis, named: &TrustedPrograms) -> Check {
     let spec = match EvalSpec::decode(&genesis.evaluation) {
         Ok(spec) => spec,
@@ -367,7 +365,7 @@ pub fn evaluation(genesis: &Genesis, named: &TrustedPrograms) -> Check {
     )
 }
 
-/// Checks that a blob of this kind is the one that the ledger names.
+/// Checks that a blob of this kind is the ledger's.
 pub fn whole(
     what: CheckKind,
     kind: &BlobKind,
@@ -392,7 +390,7 @@ pub fn whole(
     }
 }
 
-/// Checks that the list of a registration has exactly the drawn frames, and that their distinct leaves hash to the root.
+/// Checks that a registration's list has exactly the drawn frames, and that their distinct leaves hash to the root.
 pub fn dataset(
     registration: &DatasetRegistration,
     rules: &Rules,
@@ -430,7 +428,7 @@ pub fn dataset(
     }
 }
 
-/// Checks that the file of the weights that a round starts from, of at most `limit` bytes, holds the numbers that the ledger names.
+/// Checks that a round's starting weights file, of at most `limit` bytes, holds the numbers that the ledger names.
 pub fn base(
     evaluation: Result<Evaluation, Refusal>,
     limit: u64,

@@ -2,22 +2,22 @@
 
 use borsh::{BorshDeserialize, BorshSerialize};
 
-/// How much an audit reads.
+/// An audit's depth.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, BorshSerialize, BorshDeserialize,
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum Depth {
-    /// Entries and proofs, but no weights and no lists of drawn frames. A light audit does not check that updates are what was proven (in
-    /// mode `succinct`, a proof depends on that), and it checks neither averages nor datasets.
+    /// Entries and proofs, without weights and lists of drawn frames. Does not check averages, datasets, or that updates are what was
+    /// proven, on which a proof in mode `succinct` depends.
     Light,
-    /// Everything that is at hand.
+    /// Everything at hand.
     #[default]
     Full,
 }
 
 impl Depth {
-    /// The depth of an audit that is light, or is not.
+    /// [`Self::Light`] or [`Self::Full`].
     pub fn of(light: bool) -> Self {
         if light {
             Self::Light

@@ -1,5 +1,4 @@
-//! Finds the ledger to audit. A ledger's folder is read where it lies. An export or a served log is fetched into a mirror, with as
-//! many blobs as the audit reads.
+//! Finds the ledger to audit. Reads a ledger's folder in place, and fetches an export or a served log into a mirror.
 
 pub mod temporary;
 
@@ -29,7 +28,7 @@ use zk0_protocol::{Body, Entry};
 pub enum WantedBlobs {
     /// None.
     Entries,
-    /// The proofs, which are what a light audit reads.
+    /// The proofs, for a light audit.
     Proofs,
     /// All.
     Everything,
@@ -44,21 +43,21 @@ impl From<Depth> for WantedBlobs {
     }
 }
 
-/// A ledger's folder that can be read.
+/// A readable ledger's folder.
 pub struct Located {
     /// The folder.
     pub dir: PathBuf,
-    /// Whether it is the ledger's own folder. Its newest entries may not be published yet.
+    /// Whether it is the ledger's own folder, whose newest entries may be unpublished.
     pub lies_here: bool,
-    /// Fetches again what is missing in the folder; `None` if nothing was fetched.
+    /// Fetches what is missing; `None` if nothing was fetched.
     pub fetch_again: Option<Box<dyn Fn() -> Result<()>>>,
     _made: Option<Temporary>,
 }
 
-/// Finds `ledger`. If it is not a ledger's folder, fetches it to `keep`, or to a temporary folder.
+/// Finds `ledger`. Fetches a ledger elsewhere to `keep`, or to a temporary folder.
 ///
 /// # Errors
-/// [`WrongUsage`] if `keep` or `trust` does not fit the ledger; otherwise the ledger cannot be read, or [something is wrong](is_fault).
+/// [`WrongUsage`] if `keep` or `trust` does not fit the ledger; otherwise the ledger is unreadable, or [something is wrong](is_fault).
 pub fn locate(
     ledger: &str,
     keep: Option<&Path>,
@@ -131,7 +130,7 @@ pub fn locate(
     })
 }
 
-/// The network that the first entry of the ledger in `dir` founds; `None` if that cannot be read, which a replay reports.
+/// The network founded by the ledger in `dir`, if its first entry is readable.
 pub fn network_of(dir: &Path) -> Option<Digest> {
     let store = Store::open_read_only(&folder::database(dir)).ok()?;
     let founder = store.entry(0).ok()??;
@@ -141,7 +140,7 @@ pub fn network_of(dir: &Path) -> Option<Digest> {
     }
 }
 
-/// Refuses a ledger in `dir` of another network than the auditor has named.
+/// Refuses a ledger of another network than the auditor named.
 fn check_network(ledger: &str, dir: &Path, expected: Option<&Digest>) -> Result<(), WrongUsage> {
     let Some(expected) = expected else {
         return Ok(());
@@ -154,7 +153,7 @@ fn check_network(ledger: &str, dir: &Path, expected: Option<&Digest>) -> Result<
     }
 }
 
-/// Brings the mirror in `dir` up to date, with the blobs that are wanted.
+/// Updates the mirror in `dir`, with the wanted blobs.
 pub fn fetch(
     source: &dyn LogSource,
     dir: &Path,
@@ -173,7 +172,7 @@ pub fn fetch(
         WantedBlobs::Entries => {
             mirror(&selection, dir, policy, network)?;
         }
-        // The entries say which proofs there are, and new entries may come meanwhile.
+        // The entries name the proofs, and new entries may come meanwhile.
         WantedBlobs::Proofs => {
             mirror(&selection, dir, policy, network)?;
             loop {
@@ -187,7 +186,7 @@ pub fn fetch(
     Ok(())
 }
 
-/// Whether the log served something wrong, and not just nothing.
+/// Whether the log served something wrong, not nothing.
 pub fn is_wrong(error: &MirrorError) -> bool {
     match error {
         MirrorError::Published(error) => !matches!(
@@ -195,7 +194,7 @@ pub fn is_wrong(error: &MirrorError) -> bool {
             PublishedError::Source(_)
                 | PublishedError::Missing(..)
                 | PublishedError::NoCheckpoint
-                // Something else answers under this address, such as a page for browsers.
+                // Another service has this address, for example with a page for browsers.
                 | PublishedError::Checkpoint(CheckpointError::NoNote(_))
         ),
         MirrorError::Ledger(error) => matches!(
@@ -215,7 +214,7 @@ pub fn is_wrong(error: &MirrorError) -> bool {
     }
 }
 
-/// What is wrong with a log that is being updated, if it has fewer entries than an earlier audit has seen: it was rolled back all the same.
+/// What is wrong if a log being updated has fewer entries than an earlier audit saw: a rollback all the same.
 pub fn rolled_back(error: &anyhow::Error, saved: &SavedReplay) -> Option<String> {
     error.chain().find_map(|cause| match cause.downcast_ref()? {
         MirrorError::BeingUpdated { network, size, .. }
@@ -230,7 +229,7 @@ pub fn rolled_back(error: &anyhow::Error, saved: &SavedReplay) -> Option<String>
     })
 }
 
-/// Whether `error` says that something is wrong with the log, and not just that it cannot be read.
+/// Whether `error` means that the log is wrong, not only unreadable.
 pub fn is_fault(error: &anyhow::Error) -> bool {
     let mut causes = error.chain();
     causes.any(|cause| cause.downcast_ref::<MirrorError>().is_some_and(is_wrong))
@@ -250,7 +249,7 @@ fn proofs(dir: &Path) -> Result<BTreeSet<Digest>, MirrorError> {
     Ok(proofs)
 }
 
-/// A log of which only some blobs are fetched.
+/// A log with a selection of blobs.
 struct Selection<'a> {
     source: &'a dyn LogSource,
     blobs: BTreeSet<Digest>,

@@ -1,4 +1,4 @@
-//! Checks that a ledger's folder is whole: entries, rules, tree, checkpoints, and the blobs that are there. It checks no proofs.
+//! Checks that a ledger's folder is whole: entries, rules, tree, checkpoints and present blobs, but no proofs.
 
 use crate::blob_check::BlobCheck;
 use std::path::Path;
@@ -6,18 +6,18 @@ use zk0_ledger::folder;
 use zk0_ledger::published::publication::{Publication, PublicationError};
 use zk0_ledger::replay::{replay, ReplayReport, Verdict};
 
-/// What the check found.
+/// The check's result.
 pub struct Fsck {
-    /// The replay of the entries, with what it found in the blobs.
+    /// The entries' replay, with findings about blobs.
     pub report: ReplayReport,
-    /// The number of published entries; or why the folder cannot be published.
+    /// The number of published entries, or why the folder cannot be published.
     pub published: Result<u64, PublicationError>,
 }
 
 impl Fsck {
-    /// Whether nothing is damaged.
+    /// Whether all is undamaged.
     pub fn is_whole(&self) -> bool {
-        // A sound folder whose rules ask for witnesses publishes nothing before they have cosigned.
+        // If the rules ask for witnesses, a sound folder publishes nothing before they cosign.
         let published = matches!(
             self.published,
             Ok(_) | Err(PublicationError::NotCosigned(_))
@@ -26,7 +26,7 @@ impl Fsck {
     }
 }
 
-/// Whether `dir` is an export, which is no ledger's folder and has no database to check.
+/// Whether `dir` is an export, which has no database to check.
 pub fn is_export(dir: &Path) -> bool {
     dir.join("tile").is_dir() && !folder::database(dir).exists()
 }

@@ -1,4 +1,4 @@
-//! Reads a checkpoint that somebody has: from a file, a folder, or an address.
+//! Reads a known checkpoint from a file, a folder, or an address.
 
 use crate::log_source::source;
 use anyhow::{Context, Result};
@@ -7,11 +7,11 @@ use zk0_files::bounded_file;
 use zk0_ledger::folder;
 use zk0_protocol::tlog::checkpoint::MAX_NOTE_BYTES;
 
-/// The text of a checkpoint. `from` is a file, a folder with a file `checkpoint`, the address of a served log, or the address of a
-/// checkpoint. `ca` is as in [`Trust::ca`](crate::log_source::Trust::ca).
+/// A checkpoint's text. `from` is a file, a folder with a file `checkpoint`, or the address of a served log or a checkpoint. For `ca` see
+/// [`Trust::ca`](crate::log_source::Trust::ca).
 ///
 /// # Errors
-/// Nothing is there, it cannot be read, or it is too long for a checkpoint.
+/// Nothing is there, or it is unreadable or too long.
 pub fn known_checkpoint(from: &str, ca: Option<&Path>) -> Result<Vec<u8>> {
     if from.starts_with("http://") || from.starts_with("https://") {
         let base = from.strip_suffix("/checkpoint").unwrap_or(from);

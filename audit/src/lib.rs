@@ -1,15 +1,12 @@
-//! Audits a ledger, for somebody who trusts nobody.
+//! Audits a ledger without trust in anyone.
 //!
-//! A short tour:
-//! - [`auditor`]: what an audit checks beyond the ledger's own rules, entry by entry: proofs, refusals, datasets and averages
-//!   ([`checks`]). Several threads do the checks ([`queue`]), and an account says what was checked and what was not ([`account`]).
-//!   [`depth`] says how much an audit reads, and [`named`] what the auditor answers for.
-//! - [`blob_check`]: checks that the blobs of a ledger's folder have the digests that the ledger names.
-//! - [`log_source`]: finds logs by their address or folder. [`fetch`]: fetches what an audit reads, into [`fetch::temporary`] folders where
-//!   nobody names one.
-//! - [`run`]: one run of an audit. [`watch`]: one run after another, each over what is new.
-//! - [`verified_entries`]: an audit of a ledger's folder that hands out the entries. [`fsck`]: a check that a folder is whole.
-//!   [`known_checkpoint`]: reads a checkpoint that somebody has.
+//! - [`auditor`]: what an audit checks beyond the ledger's rules, entry by entry: proofs, refusals, datasets and averages ([`checks`]).
+//!   Several threads check ([`queue`]), and [`account`] records what was checked and what was not. [`depth`]: how much an audit reads.
+//!   [`trusted_programs`]: what the auditor answers for.
+//! - [`blob_check`]: checks the digests of blobs in a ledger's folder.
+//! - [`log_source`]: finds logs by address or folder. [`fetch`]: fetches what an audit reads, by default into [`fetch::temporary`] folders.
+//! - [`run`]: one audit. [`watch`]: repeated audits of what is new.
+//! - [`verified_entries`]: audits a folder and returns the entries. [`fsck`]: checks a folder. [`known_checkpoint`]: reads a checkpoint.
 //! - [`report`]: the verdict, the history in numbers, and the page for a browser.
 
 pub mod account;

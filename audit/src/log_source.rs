@@ -1,4 +1,4 @@
-//! Finds logs by their address or folder, and says whose signatures an auditor trusts.
+//! Finds logs by address or folder, and holds whose signatures an auditor trusts.
 
 use anyhow::{bail, Result};
 use std::fmt;
@@ -17,16 +17,15 @@ use zk0_protocol::{Body, Entry, Genesis, VerifierKey, WitnessPolicy};
 /// Whom an auditor trusts.
 #[derive(Clone, Debug, Default)]
 pub struct Trust {
-    /// The network that the log has to be of; `None` if the auditor does not know its id.
+    /// The log's network; `None` if the auditor does not know its id.
     pub network: Option<Digest>,
-    /// The witnesses whose cosignatures have to be on the checkpoint. `None` asks for those that the network's rules name, where the
-    /// whole log is read.
+    /// The witnesses who must have cosigned the checkpoint. `None` takes those of the network's rules, where the whole log is read.
     pub witness_policy: Option<WitnessPolicy>,
-    /// The PEM file with the authorities that count where a log is read over HTTPS; by default those that the system trusts.
+    /// The PEM file of authorities for logs over HTTPS; by default the system's.
     pub ca: Option<PathBuf>,
 }
 
-/// What the auditor has told us does not fit the ledger, or does not exist. Nothing was audited, so this says nothing about the ledger.
+/// The auditor's options do not fit the ledger, or name something that does not exist. Nothing was audited.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WrongUsage(pub String);
 
@@ -39,7 +38,7 @@ impl fmt::Display for WrongUsage {
 impl std::error::Error for WrongUsage {}
 
 impl WrongUsage {
-    /// The auditor has named the network `expected`, but `ledger` is of the network `found`.
+    /// `ledger` is of the network `found`, not of `expected`, which the auditor named.
     pub fn other_network(ledger: &str, found: &Digest, expected: &Digest) -> Self {
         Self(format!(
             "{ledger} is of network {found}, but --network names {expected}: nothing was checked. Choose the right folder or address. If \
@@ -48,13 +47,13 @@ impl WrongUsage {
     }
 }
 
-/// A log under an address. If something else answers there, the error says so.
+/// A log at an address. The error states if something else answers there.
 struct Address(Web);
 
 impl LogSource for Address {
     fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError> {
         self.0.open(path).map_err(|mut error| {
-            // The aggregator's own port speaks HTTP/2, in which no log is served.
+            // The aggregator's own port speaks HTTP/2 and serves no log.
             if error.why.contains("http parse fail") {
                 error.why.push_str(
                     ". This is not a published log. If it is the aggregator's own port, ask the operator for the address of the log \
@@ -66,10 +65,10 @@ impl LogSource for Address {
     }
 }
 
-/// Finds a log by its address or folder. `ca` is as in [`Trust::ca`].
+/// Finds a log by address or folder. For `ca` see [`Trust::ca`].
 ///
 /// # Errors
-/// There is no such folder, or it cannot be published. [`WrongUsage`] if the address or `ca` cannot be used.
+/// No such folder, or it cannot be published. [`WrongUsage`] if the address or `ca` is unusable.
 pub fn source(text: &str, ca: Option<&Path>) -> Result<Box<dyn LogSource>> {
     if text.starts_with("http://") || text.starts_with("https://") {
         let web = Web::at(text, ca).map_err(|error| WrongUsage(error.to_string()))?;
@@ -86,7 +85,7 @@ pub fn source(text: &str, ca: Option<&Path>) -> Result<Box<dyn LogSource>> {
     }
 }
 
-/// Reads the genesis of a log. Without `network`, nothing shows that it is the genesis of the network that was meant.
+/// Reads a log's genesis. Without `network`, it may be another network's.
 pub fn genesis(source: &dyn LogSource, network: Option<&Digest>) -> Result<Genesis> {
     let genesis = founder(&first_entry(source)?)?;
     let found = genesis.network_id();
@@ -98,11 +97,11 @@ pub fn genesis(source: &dyn LogSource, network: Option<&Digest>) -> Result<Genes
     }
 }
 
-/// Reads the genesis of the log at an address or in a folder. Of a ledger's folder this reads the first entry itself, which need not be
-/// published yet: the operator of a witness needs the log's key before the witness cosigns anything.
+/// Reads the genesis of the log at an address or in a folder, even if a ledger's folder has not published it: a witness's operator needs
+/// the log's key before the first cosignature.
 ///
 /// # Errors
-/// Those of [`source`]; or the first entry cannot be read, or is not a genesis.
+/// Those of [`source`]; or the first entry is unreadable or not a genesis.
 pub fn genesis_at(from: &str, ca: Option<&Path>) -> Result<Genesis> {
     let dir = Path::new(from);
     let database = folder::database(dir);
@@ -114,7 +113,7 @@ pub fn genesis_at(from: &str, ca: Option<&Path>) -> Result<Genesis> {
     founder(&first)
 }
 
-/// The genesis in the bytes of a log's first entry.
+/// The genesis in a log's first entry.
 fn founder(first: &[u8]) -> Result<Genesis> {
     match Entry::decode(first)?.body {
         Body::Genesis(genesis) => Ok(genesis),
@@ -122,7 +121,7 @@ fn founder(first: &[u8]) -> Result<Genesis> {
     }
 }
 
-/// Opens a published log, checks the signatures of its newest checkpoint, and reads from the log.
+/// Opens a published log, checks its newest checkpoint's signatures, and reads from it.
 pub fn open_log<T, E>(
     from: &str,
     trust: &Trust,

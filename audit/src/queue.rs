@@ -1,4 +1,4 @@
-//! Checks that take long. A bounded number of threads does them, and their outcomes come out in the order in which they were begun.
+//! Long checks on a bounded number of threads. Outcomes come out in the order of the starts.
 
 use std::collections::VecDeque;
 use std::num::NonZeroUsize;
@@ -17,7 +17,7 @@ enum QueueSlot<T> {
 }
 
 impl<T: Send + 'static> Queue<T> {
-    /// A queue that holds at most twice as many checks as `threads`.
+    /// A queue of at most twice as many checks as `threads`.
     pub fn new(threads: NonZeroUsize) -> Self {
         Self {
             slots: VecDeque::new(),
@@ -25,10 +25,10 @@ impl<T: Send + 'static> Queue<T> {
         }
     }
 
-    /// Starts `check` on another thread. When the queue is full (see [`Queue::is_full`]), take the first outcome out before.
+    /// Starts `check` on another thread. If the queue [is full](Queue::is_full), first take an outcome out.
     pub fn begin(&mut self, check: impl FnOnce() -> T + Send + 'static) {
         let (done, outcome) = sync_channel(1);
-        // If no thread can be started, this thread does the check.
+        // Without a new thread, this thread does the check.
         let check = std::sync::Arc::new(std::sync::Mutex::new(Some(check)));
         let taken = check.clone();
         let run = move || {
@@ -47,17 +47,17 @@ impl<T: Send + 'static> Queue<T> {
         self.slots.push_back(slot);
     }
 
-    /// Adds an outcome that took no time.
+    /// Adds an outcome that is known at once.
     pub fn push(&mut self, outcome: T) {
         self.slots.push_back(QueueSlot::Done(outcome));
     }
 
-    /// Whether an outcome has to be taken out before the next check begins.
+    /// Whether an outcome must come out before the next check begins.
     pub fn is_full(&self) -> bool {
         self.slots.len() >= self.most
     }
 
-    /// The first outcome, if the check is done. It is an error if its thread panicked.
+    /// The first outcome, if ready. An error if its thread panicked.
     pub fn take_ready(&mut self) -> Option<Result<T, Panicked>> {
         let outcome = match self.slots.front()? {
             QueueSlot::Done(_) => return self.take(),
@@ -71,7 +71,7 @@ impl<T: Send + 'static> Queue<T> {
         Some(outcome)
     }
 
-    /// The first outcome. Waits until the check is done.
+    /// Waits for the first outcome.
     pub fn take(&mut self) -> Option<Result<T, Panicked>> {
         Some(match self.slots.pop_front()? {
             QueueSlot::Done(outcome) => Ok(outcome),
@@ -80,7 +80,7 @@ impl<T: Send + 'static> Queue<T> {
     }
 }
 
-/// The thread of a check panicked, so there is no outcome.
+/// A check's thread panicked, so it has no outcome.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Panicked;
 

@@ -1,4 +1,4 @@
-//! One run of an audit over a ledger's folder: from the first entry, or from where an earlier run ended.
+//! One audit of a ledger's folder, from the first entry or an earlier run's end.
 
 use crate::auditor::Auditor;
 use crate::depth::Depth;
@@ -20,7 +20,7 @@ use zk0_ledger::replay::{
 use zk0_ledger::Blobs;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 
-/// Checks before an audit, which may take hours, that a state file can be where the auditor wants it.
+/// Checks, before an audit of perhaps hours, that a state file can be written there.
 ///
 /// # Errors
 /// There is no such folder, or the path names a folder.
@@ -43,42 +43,40 @@ pub struct Audit<'a> {
     pub depth: Depth,
     /// What the auditor answers for.
     pub named: TrustedPrograms,
-    /// The network that the ledger has to be of; `None` for any.
+    /// The ledger's network; `None` for any.
     pub network: Option<Digest>,
-    /// How many threads; `None` for as many as there are cores.
+    /// The number of threads; `None` for the number of cores.
     pub threads: Option<NonZeroUsize>,
-    /// The state file, which keeps what was verified. `None` to start from the first entry and keep nothing.
+    /// The state file of what was verified. `None` starts from the first entry and keeps nothing.
     pub state_file: Option<SaveOptions>,
-    /// What the caller has seen of the log before. The log has to continue it, whatever the state file knows.
+    /// A checkpoint that the caller has seen. The log has to continue it, whatever the state file has.
     pub seen: Option<Checkpoint>,
-    /// Copies again what is missing in the folder, where the auditor has copied it from a served log or an export. `None` where the ledger is
-    /// read where it lies: then a damaged blob is a fault.
+    /// Copies missing blobs again from a served log or an export. `None` if the ledger is read in place: then a damaged blob is a fault.
     pub fetch_again: Option<&'a dyn Fn() -> Result<()>>,
-    /// Called from several threads with the number of verified entries and of all entries. `None` if nobody watches.
+    /// Called from several threads with the numbers of verified and of all entries.
     pub progress: Option<&'a (dyn Fn(u64, u64) + Sync)>,
 }
 
 impl Audit<'_> {
-    /// Audits the ledger in `dir`. Where the audit cannot go on from the state file, it starts from the first entry, and the log says why.
-    /// What the state file says of the log has to hold all the same.
+    /// Audits the ledger in `dir`. If the audit cannot continue from the state file, it starts from the first entry and logs the reason.
+    /// The log still has to match the state file.
     ///
-    /// A blob that is damaged in the auditor's own copy is fetched again before anybody judges.
+    /// A damaged blob in the auditor's own copy is fetched again before the verdict.
     ///
     /// # Errors
-    /// The ledger or the state file cannot be read, or a blob of it cannot, and nothing else is wrong. [`WrongUsage`] if they are of different
-    /// networks.
+    /// The ledger, a blob or the state file is unreadable, and nothing else is wrong. [`WrongUsage`] if they are of different networks.
     pub fn run(&self, dir: &Path) -> Result<Audited> {
         let (mut audited, mut auditor) = self.once(dir)?;
         if let Some(fetch_again) = self.fetch_again.filter(|_| !auditor.damaged().is_empty()) {
             match mend(&Blobs::at(dir), auditor.damaged(), fetch_again) {
                 Ok(()) => (audited, auditor) = self.once(dir)?,
                 Err(error) if audited.holds() => return Err(error),
-                // What is wrong is said, whatever else could not be fetched.
+                // Faults are reported, whatever could not be fetched.
                 Err(error) => tracing::warn!("what is damaged is not fetched again: {error:#}"),
             }
         }
         match not_read(&auditor, &audited.report) {
-            // What is wrong is said, whatever else could not be read.
+            // Faults are reported, whatever could not be read.
             Some(not_read) if audited.holds() => Err(unjudged(&not_read)),
             _ => Ok(audited),
         }
@@ -88,7 +86,7 @@ impl Audit<'_> {
     fn once(&self, dir: &Path) -> Result<(Audited, Auditor)> {
         let saved = self.saved(dir)?;
         let opened = match replay::open(dir) {
-            // Whoever has seen entries there knows that they are lost.
+            // An earlier audit saw entries there, so they are lost.
             Err(LedgerError::Unfinished(_)) if saved.is_some() || self.seen.is_some() => None,
             opened => opened?,
         };
@@ -134,7 +132,7 @@ impl Audit<'_> {
         }
     }
 
-    /// What the state file holds about the ledger in `dir`, if it can be read.
+    /// What the state file holds about the ledger in `dir`, if readable.
     fn saved(&self, dir: &Path) -> Result<Option<SavedReplay>> {
         let Some(SaveOptions { path, .. }) = &self.state_file else {
             return Ok(None);
@@ -162,10 +160,10 @@ impl Audit<'_> {
     }
 }
 
-/// Copies the damaged blobs of a copy again.
+/// Copies a copy's damaged blobs again.
 ///
 /// # Errors
-/// A damaged file cannot be removed, or the copy cannot be brought up to date.
+/// A damaged file cannot be removed, or the copy cannot be updated.
 pub fn mend(
     blobs: &Blobs,
     damaged: &BTreeSet<Digest>,
@@ -180,12 +178,12 @@ pub fn mend(
     fetch_again()
 }
 
-/// What a disk has kept from being checked; `None` if everything could be read.
+/// What a disk kept from being checked; `None` if all was read.
 pub(crate) fn not_read(auditor: &Auditor, report: &ReplayReport) -> Option<Finding> {
     report.unread.clone().or_else(|| auditor.not_read())
 }
 
-/// Why there is no verdict, although nothing is known to be wrong.
+/// Why there is no verdict, although no fault is known.
 pub fn unjudged(not_read: &Finding) -> anyhow::Error {
     let place = not_read.index.map(|index| format!("entry {index}: "));
     anyhow!(

@@ -1,4 +1,4 @@
-//! The entries of a ledger's folder, for programs that go on with them after an audit.
+//! A ledger folder's entries, for programs that use them after an audit.
 
 use crate::auditor::Auditor;
 use crate::depth::Depth;
@@ -10,7 +10,7 @@ use std::path::Path;
 use zk0_circuits::Digest;
 use zk0_protocol::Entry;
 
-/// The id of the network whose ledger is in `dir`.
+/// The network's id of the ledger in `dir`.
 ///
 /// # Errors
 /// There is no ledger.
@@ -25,10 +25,10 @@ pub fn network_id(dir: &Path) -> Result<Digest> {
     Ok(id.parse()?)
 }
 
-/// Audits the ledger in `dir` in full. Returns the entries that were verified, and the result of the audit.
+/// Audits the ledger in `dir` in full. Returns the verified entries and the result.
 ///
 /// # Errors
-/// The ledger cannot be read, or a blob of it cannot, and nothing else is wrong.
+/// The ledger or a blob is unreadable, and nothing else is wrong.
 pub fn verified_entries(dir: &Path) -> Result<(Vec<Entry>, Audited)> {
     let mut auditor = Auditor::new(Depth::Full);
     let report = zk0_ledger::replay(dir, None, &mut auditor);

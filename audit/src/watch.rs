@@ -1,5 +1,4 @@
-//! Audits a log again and again. What was seen once has to stay: the watch raises an alarm when the log forks, is rolled back or breaks a
-//! rule.
+//! Audits a log repeatedly. The watch raises an alarm when the log forks, is rolled back or breaks a rule.
 
 use crate::fetch::temporary::Temporary;
 use crate::fetch::{fetch, is_fault, rolled_back};
@@ -17,30 +16,30 @@ use zk0_ledger::replay::{SaveOptions, SavedReplay, Verdict};
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::Entry;
 
-/// The result of one look at the log.
+/// The result of a look at the log.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Look {
-    /// The log continues what was seen before, and nothing new is wrong.
+    /// The log continues what was seen, and nothing new is wrong.
     Continues,
-    /// The log cannot be trusted, for these reasons. There is at least one.
+    /// Reasons, at least one, not to trust the log.
     Alarm(Vec<String>),
 }
 
-/// What a watch reports while it looks.
+/// What a watch reports.
 #[derive(Debug)]
 pub enum WatchEvent<'a> {
-    /// The first look has checked the whole log.
+    /// The first look checked the whole log.
     First {
         /// Whether everything was checked.
         verdict: Verdict,
-        /// How many entries the log has.
+        /// The number of entries.
         entries: u64,
         /// The network's id.
         network: &'a str,
     },
-    /// A new entry has been verified.
+    /// A new entry is verified.
     New {
-        /// Its index, from 0.
+        /// The index, from 0.
         index: u64,
         /// The entry.
         entry: &'a Entry,
@@ -50,7 +49,7 @@ pub enum WatchEvent<'a> {
 /// Which log to watch, and how.
 #[derive(Clone, Debug)]
 pub struct WatchOptions {
-    /// A ledger's directory, an export of one, or the address of a served log.
+    /// A ledger's folder, an export, or a served log's address.
     pub ledger: String,
     /// Whom to trust.
     pub trust: Trust,
@@ -58,28 +57,28 @@ pub struct WatchOptions {
     pub depth: Depth,
     /// What the auditor answers for.
     pub named: TrustedPrograms,
-    /// The file that remembers what was seen; `None` to forget it at the end.
+    /// The file of what was seen; `None` to forget it at the end.
     pub state: Option<PathBuf>,
-    /// The directory that keeps what is fetched; `None` to remove it at the end.
+    /// The folder of what is fetched; `None` to remove it at the end.
     pub mirror: Option<PathBuf>,
 }
 
 /// A watch over one log.
 pub struct LogWatch {
     options: WatchOptions,
-    /// Where the log is fetched to; `None` when it is read where it lies.
+    /// The log's mirror; `None` when it is read in place.
     mirror: Option<PathBuf>,
     state: PathBuf,
-    /// The newest log that was verified. The state file may not know it, because it could not be written or somebody has removed it.
+    /// The newest verified log. The state file may lack it, if not written or removed.
     seen: Option<Checkpoint>,
     _made: Temporary,
 }
 
 impl LogWatch {
-    /// Begins to watch. Nothing is fetched yet.
+    /// Begins to watch, without a fetch.
     ///
     /// # Errors
-    /// The state file cannot be read, there is no folder to watch, or the options contradict one another.
+    /// The state file is unreadable, there is no folder to watch, or options conflict.
     pub fn begin(options: WatchOptions) -> Result<Self> {
         if let Some(state) = &options.state {
             check_state_file(state)?;
@@ -104,14 +103,14 @@ impl LogWatch {
             ),
         };
         if !lies_here {
-            // A watch waits for a log that gives no answer, but not for a folder whose name is mistyped.
+            // A watch waits for a log that does not answer, but not for a folder with a mistyped name.
             source(&options.ledger, options.trust.ca.as_deref())?;
         }
         let state = options
             .state
             .clone()
             .unwrap_or_else(|| made.path().join("state"));
-        // Without the state file, nobody would notice a rollback: whoever runs this has to know.
+        // Without the state file, a rollback would go unnoticed, so the user must know.
         SavedReplay::read(&state).context(
             "the state file cannot be read: remove it to start again, but then a fork or a rollback since then goes unnoticed",
         )?;
@@ -124,11 +123,11 @@ impl LogWatch {
         })
     }
 
-    /// Fetches what is new, verifies it, and reports it to `seen`. `progress` hears how many entries of how many are verified.
+    /// Fetches and verifies what is new, and reports it to `seen`. `progress` gets the numbers of verified and of all entries.
     ///
     /// # Errors
-    /// The log gives no answer, or the file system fails. If the state file cannot be written, that is an error, too: the next watch would
-    /// not notice a rollback. This watch remembers what it has seen.
+    /// The log does not answer, or the file system fails. An unwritten state file is an error, too: the next watch would not notice a
+    /// rollback. This watch remembers what it has seen.
     pub fn look(
         &mut self,
         progress: Option<&(dyn Fn(u64, u64) + Sync)>,
@@ -170,7 +169,7 @@ impl LogWatch {
             progress,
         };
         let audited = match audit.run(&dir) {
-            // What was seen once has to stay, so another network is an alarm here.
+            // What was seen must stay, so another network is an alarm here.
             Err(error) if error.is::<WrongUsage>() => return Ok(alarm(&error)),
             Err(error) if is_fault(&error) => return Ok(alarm(&error)),
             audited => audited?,
@@ -196,7 +195,7 @@ impl LogWatch {
         }
     }
 
-    /// Remembers which log was verified.
+    /// Remembers the verified log.
     fn remember(&mut self, audited: &Audited) {
         if let Some(root) = audited.root.as_deref().and_then(|root| root.parse().ok()) {
             let size = audited.entries;
@@ -204,7 +203,7 @@ impl LogWatch {
         }
     }
 
-    /// Brings the mirror in `dir` up to date.
+    /// Updates the mirror in `dir`.
     fn fetch(&self, dir: &Path) -> Result<()> {
         let Trust {
             network,
@@ -223,12 +222,12 @@ impl LogWatch {
     }
 }
 
-/// The log cannot be trusted for one reason.
+/// One reason not to trust the log.
 fn alarm(why: &impl ToString) -> Look {
     Look::Alarm(vec![why.to_string()])
 }
 
-/// Reports what the audit verified and the watch had not seen before.
+/// Reports what the audit verified and the watch had not seen.
 fn report(
     dir: &Path,
     before: Option<u64>,

@@ -1,8 +1,7 @@
-//! Writing a file whole or not at all.
+//! Writes a file whole or not at all.
 //!
-//! A file is written under a temporary name in the same folder and then renamed. Under its own name there is the old content or
-//! the new one, never a part of it, whenever the process is killed. A process that is killed can leave the temporary file behind;
-//! its name ends with [`UNFINISHED`].
+//! A file is written under a temporary name in the same folder and then renamed. Its own name always has the old content or the new one,
+//! even if the process is killed. That can leave the temporary file, whose name ends with [`UNFINISHED`].
 
 use crate::random_number::random_number;
 use std::ffi::OsString;
@@ -13,25 +12,25 @@ use std::path::{Path, PathBuf};
 
 /// The end of a temporary file's name.
 pub const UNFINISHED: &str = ".unfinished";
-/// Who may read a file: everybody whom the process lets, or its owner alone.
+/// File modes: for everybody within the umask, or for the owner alone.
 const SHARED: u32 = 0o666;
 const PRIVATE: u32 = 0o600;
-/// Bytes that are given to the operating system at once.
+/// Bytes per write to the operating system.
 const BUFFER: usize = 1 << 20;
 
-/// What a power failure may take away.
+/// What a power failure may destroy.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Durability {
-    /// Nothing: the call returns when the file and its name are on the disk.
+    /// Nothing: the file and its name are on the disk when the call returns.
     OnDisk,
-    /// The file. This is for a cache whose readers check a checksum and can make the content again.
+    /// The file. For a cache whose readers check a checksum and can make the content again.
     Cache,
 }
 
-/// Writes the file `path` with what `fill` writes, and gives what `fill` gives. An existing file is replaced.
+/// Writes or replaces the file `path` with what `fill` writes, and returns what `fill` returns.
 ///
 /// # Errors
-/// The error of the file system or of `fill`. The file `path` is as it was before, and the temporary file is removed.
+/// The file system's or `fill`'s error. The file `path` is unchanged, and the temporary file is removed.
 pub fn write<T>(
     path: &Path,
     durability: Durability,
@@ -49,7 +48,7 @@ fn write_as<T>(
     let unfinished = temporary(path)?;
     let written = write_and_rename(&unfinished, path, mode, durability, fill);
     if written.is_err() {
-        // The first error is the one to report.
+        // Only the first error is reported.
         let _ = fs::remove_file(&unfinished);
     }
     written
@@ -79,7 +78,7 @@ fn write_and_rename<T>(
     Ok(filled)
 }
 
-/// Writes the file `path` with these bytes, as [`write()`] does. It is on disk when this returns.
+/// As [`write()`] with `bytes`. The file is on disk when this returns.
 ///
 /// # Errors
 /// Those of [`write()`].
@@ -87,7 +86,7 @@ pub fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
     write(path, Durability::OnDisk, |out| out.write_all(bytes))
 }
 
-/// Writes a file as [`replace`] does. Its owner alone may read it.
+/// As [`replace`], but only the owner may read the file.
 ///
 /// # Errors
 /// Those of [`write()`].
@@ -97,30 +96,30 @@ pub fn replace_private(path: &Path, bytes: &[u8]) -> io::Result<()> {
     })
 }
 
-/// Moves a finished file to its place: its bytes reach the disk before its name does.
+/// Renames a finished file: its bytes reach the disk before its name does.
 ///
 /// # Errors
-/// The error of the file system.
+/// The file system's error.
 pub fn put_in_place(file: &File, from: &Path, to: &Path) -> io::Result<()> {
     file.sync_all()?;
     fs::rename(from, to)?;
     sync_folder(folder_of(to))
 }
 
-/// Gives a finished folder its name `to`, and waits until the name is on the disk. The files in it must be there already.
+/// Renames a finished folder, and waits until the name is on the disk. Its files must be on the disk already.
 ///
 /// # Errors
-/// The error of the file system.
+/// The file system's error.
 pub fn rename_folder(from: &Path, to: &Path) -> io::Result<()> {
     sync_folder(from)?;
     fs::rename(from, to)?;
     sync_folder(folder_of(to))
 }
 
-/// Makes a folder, and the missing ones above it. Their names are on the disk when this returns. A folder that is there stays as it is.
+/// Makes a folder and the missing ones above it, with their names on the disk. An existing folder stays.
 ///
 /// # Errors
-/// The error of the file system.
+/// The file system's error.
 pub fn create_folder(path: &Path) -> io::Result<()> {
     if path.is_dir() {
         return Ok(());
@@ -134,15 +133,15 @@ pub fn create_folder(path: &Path) -> io::Result<()> {
     sync_folder(folder_of(path))
 }
 
-/// Waits until the names in a folder are on the disk.
+/// Waits until a folder's names are on the disk.
 ///
 /// # Errors
-/// The error of the file system.
+/// The file system's error.
 pub fn sync_folder(folder: &Path) -> io::Result<()> {
     File::open(folder)?.sync_all()
 }
 
-/// The folder that a file or a folder lies in.
+/// The folder of a file or a folder.
 pub fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -210,7 +209,7 @@ mod tests {
         assert!(write(Path::new("/"), Durability::OnDisk, |_| Ok(())).is_err());
     }
 
-    /// In a container, the process that is started again has the id of the one that was killed.
+    /// In a container, a restarted process has the id of the killed one.
     #[test]
     fn what_a_killed_process_of_the_same_id_left_is_in_nobodys_way() {
         let dir = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Files that are read up to a limit, so that a file that is too long costs no memory.
+//! Reads files up to a limit, so that a file that is too long costs no memory.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -23,8 +23,8 @@ pub fn read_if_there(path: &Path, limit: u64) -> io::Result<Option<Vec<u8>>> {
     }
 }
 
-/// Reads the first `most` bytes of a file; `None` if there is no such file. This is for formats whose own reader refuses what is too
-/// long: it gets one byte more than it takes.
+/// Reads the first `most` bytes of a file; `None` if there is no such file. For formats whose own reader refuses what is too long: give it
+/// one byte more than it takes.
 ///
 /// # Errors
 /// The file cannot be read.
@@ -37,7 +37,7 @@ pub fn start_if_there(path: &Path, most: u64) -> io::Result<Option<Vec<u8>>> {
     Ok(Some(bytes))
 }
 
-/// Reads what is left of a file or a stream, if that is at most `limit` bytes.
+/// Reads the rest of a file or a stream of at most `limit` bytes.
 ///
 /// # Errors
 /// Those of [`read`].

@@ -1,8 +1,8 @@
-//! How every crate of zk0 writes and reads its own files on disk.
+//! How all crates of zk0 write and read their files.
 //!
-//! - [`atomic_file`]: a file is written whole or not at all, and is on disk before anybody is told so.
-//! - [`bounded_file`]: a file is read up to a limit, so that a file that is too long costs no memory.
-//! - [`random_number`]: numbers for names that no other process uses.
+//! - [`atomic_file`]: writes a file whole or not at all.
+//! - [`bounded_file`]: reads a file up to a limit.
+//! - [`random_number`]: numbers for unique names.
 
 pub mod atomic_file;
 pub mod bounded_file;

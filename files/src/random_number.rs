@@ -1,11 +1,11 @@
-//! Random numbers for the names of files.
+//! Random numbers for unique names of files.
 //!
-//! A process id is not enough for a name that nobody else uses. Processes in several containers have the same id and may share a folder, and a
-//! process that is started again in its container has the id of the one before, which may have left files behind.
+//! A process id is not enough: containers that share a folder can have processes with the same id, and a restarted process has the id of
+//! the one before, which may have left files.
 
 use std::io;
 
-/// A number that nobody else draws.
+/// A number that no other process draws.
 ///
 /// # Errors
 /// The system gives no random bytes.

@@ -1,4 +1,4 @@
-//! Requests to the Hub, and what its answers mean.
+//! Requests to the Hub, and what answers mean.
 
 use crate::error::{Failure, PublishError};
 use crate::target::PublishTarget;
@@ -9,31 +9,31 @@ use std::time::Duration;
 use ureq::http::{Response, StatusCode};
 use ureq::Body;
 
-/// How long a connection may take.
+/// Time limit for connecting.
 const CONNECTING: Duration = Duration::from_secs(20);
-/// How long nothing may be sent or received.
+/// Longest silence.
 const SILENCE: Duration = Duration::from_secs(120);
-/// Largest answer that is read.
+/// Largest answer read.
 const MAX_ANSWER: u64 = 4 << 20;
-/// How much of an error's text is shown.
+/// Bytes of an error's text shown.
 const MAX_SAID: usize = 300;
 
-/// Asks the Hub.
+/// The Hub's client.
 pub struct Client<'t> {
     agent: ureq::Agent,
-    /// Where everything goes.
+    /// The target.
     pub target: &'t PublishTarget,
 }
 
-/// What is sent.
+/// A request.
 pub struct Sent<'a> {
-    /// In words, for errors.
+    /// Its name in errors.
     pub what: &'a str,
-    /// To which address.
+    /// Its address.
     pub url: &'a str,
-    /// As which type.
+    /// Its type.
     pub content_type: &'a str,
-    /// The content.
+    /// Its content.
     pub body: &'a [u8],
 }
 
@@ -45,7 +45,7 @@ impl<'t> Client<'t> {
             .timeout_per_read(Some(SILENCE))
             .timeout_per_write(Some(SILENCE))
             .timeout_recv_response(Some(SILENCE))
-            // An answer with an error status is an answer, and not an error of the client.
+            // An error status is an answer, too.
             .http_status_as_error(false)
             .user_agent(concat!("zk0/", env!("CARGO_PKG_VERSION")))
             .build()
@@ -53,7 +53,7 @@ impl<'t> Client<'t> {
         Self { agent, target }
     }
 
-    /// An address of the Hub's API about the repository.
+    /// An API address about the repository.
     pub fn model(&self, rest: &str) -> String {
         let PublishTarget {
             endpoint,
@@ -63,7 +63,7 @@ impl<'t> Client<'t> {
         format!("{endpoint}/api/models/{repository}{rest}")
     }
 
-    /// Asks for the status of a GET.
+    /// The status of a GET.
     pub fn status(&self, what: &str, url: &str) -> Result<StatusCode, Failure> {
         let asked = self.agent.get(url).header("authorization", self.bearer());
         let answer = asked.call().map_err(|error| failed(what, &error))?;
@@ -77,7 +77,7 @@ impl<'t> Client<'t> {
             .post(sent.url)
             .header("authorization", self.bearer())
             .header("content-type", sent.content_type);
-        // Git LFS asks for its own type back.
+        // Git LFS wants its own type back.
         let asked = if sent.content_type.ends_with("lfs+json") {
             asked.header("accept", sent.content_type)
         } else {
@@ -103,7 +103,7 @@ impl<'t> Client<'t> {
         })
     }
 
-    /// Puts a file where large files go. The address is signed; the token goes nowhere but to the Hub.
+    /// Puts a file into the large files' storage. The address is signed; the token goes only to the Hub.
     pub fn put(
         &self,
         what: &str,
@@ -118,7 +118,7 @@ impl<'t> Client<'t> {
         asked.send(file).map_err(|error| failed(what, &error))
     }
 
-    /// What a request came to that has to succeed.
+    /// The answer, if the request succeeded.
     pub fn succeeded(&self, what: &str, answer: Response<Body>) -> Result<Response<Body>, Failure> {
         if answer.status().is_success() {
             Ok(answer)
@@ -127,7 +127,7 @@ impl<'t> Client<'t> {
         }
     }
 
-    /// The content of a successful answer.
+    /// A successful answer's content.
     pub fn json<T: DeserializeOwned>(
         &self,
         what: &str,
@@ -137,7 +137,7 @@ impl<'t> Client<'t> {
         serde_json::from_slice(&bytes).map_err(|error| self.unusable(what, error.to_string()))
     }
 
-    /// The failure of an answer that the API does not allow.
+    /// The failure for an answer outside the API.
     pub fn unusable(&self, what: &str, why: String) -> Failure {
         Failure::Final(PublishError::Answer {
             endpoint: self.target.endpoint.clone(),
@@ -146,7 +146,7 @@ impl<'t> Client<'t> {
         })
     }
 
-    /// The failure that an answer with an error's status stands for.
+    /// The failure for an error status.
     pub fn refused(&self, what: &str, answer: Response<Body>) -> Failure {
         let status = answer.status();
         let said = said(answer);
@@ -162,7 +162,7 @@ impl<'t> Client<'t> {
                 repository,
                 said,
             },
-            // The Hub is slow, limits requests, or fails; or somebody else committed since it was asked for what it has (412).
+            // The Hub is slow, limits requests or fails; or someone else committed since its state was read (412).
             408 | 412 | 429 | 500..=599 => {
                 return Failure::Temporary {
                     what: what.into(),
@@ -183,7 +183,7 @@ impl<'t> Client<'t> {
     }
 }
 
-/// No answer came, or not all of it.
+/// No answer, or not all of it.
 fn failed(what: &str, error: &ureq::Error) -> Failure {
     Failure::Temporary {
         what: what.into(),
@@ -196,7 +196,7 @@ fn read(answer: Response<Body>) -> Result<Vec<u8>, ureq::Error> {
     body.into_with_config().limit(MAX_ANSWER).read_to_vec()
 }
 
-/// What an error says, in one line.
+/// An error's text, in one line.
 fn said(answer: Response<Body>) -> String {
     let reason = answer.status().canonical_reason().unwrap_or("no reason");
     let bytes = read(answer).unwrap_or_default();

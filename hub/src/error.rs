@@ -1,4 +1,4 @@
-//! Why a folder is not published, and what to do.
+//! Why a folder is not published, and the remedy.
 
 use crate::repository::Repository;
 use std::io;
@@ -7,20 +7,20 @@ use std::path::PathBuf;
 /// Why a folder is not published.
 #[derive(Debug, thiserror::Error)]
 pub enum PublishError {
-    /// Nobody says who writes.
+    /// There is no token.
     #[error("there is no token for the Hub: set HF_TOKEN to one that may write to {repository} (https://huggingface.co/settings/tokens)")]
     NoToken {
         /// The repository.
         repository: Repository,
     },
-    /// The token is not valid.
+    /// The token is invalid.
     #[error("{endpoint} does not accept the token (HTTP 401: {said}): set HF_TOKEN to a valid token that may write to {repository} (https://huggingface.co/settings/tokens)")]
     Token {
         /// The Hub.
         endpoint: String,
         /// The repository.
         repository: Repository,
-        /// What the Hub says.
+        /// The Hub's text.
         said: String,
     },
     /// The token may not write there.
@@ -30,17 +30,17 @@ pub enum PublishError {
         endpoint: String,
         /// The repository.
         repository: Repository,
-        /// What the Hub says.
+        /// The Hub's text.
         said: String,
     },
-    /// The Hub, or the way to it, does not work now.
+    /// The Hub or the network fails now.
     #[error("{what} failed {tries} times, the last time because {why}: try again later; what has arrived is not uploaded again")]
     Unavailable {
-        /// What was asked for.
+        /// The request.
         what: String,
         /// How often.
         tries: u32,
-        /// Why it failed the last time.
+        /// The last failure.
         why: String,
     },
     /// The Hub refuses something else.
@@ -48,35 +48,35 @@ pub enum PublishError {
     Refused {
         /// The Hub.
         endpoint: String,
-        /// What was asked for.
+        /// The request.
         what: String,
-        /// The status of its answer.
+        /// The answer's status.
         status: u16,
-        /// What it says.
+        /// The Hub's text.
         said: String,
     },
-    /// The Hub's answer is not what its API promises.
+    /// The answer does not follow the Hub's API.
     #[error("the answer of {endpoint} to {what} cannot be used: {why}; is it a Hugging Face Hub?")]
     Answer {
         /// The Hub.
         endpoint: String,
-        /// What was asked for.
+        /// The request.
         what: String,
-        /// What is wrong.
+        /// The fault.
         why: String,
     },
-    /// A file cannot be read, or cannot be published.
+    /// A file cannot be read or published.
     #[error("{path}: {why}")]
     File {
         /// The file.
         path: PathBuf,
-        /// What is wrong.
+        /// The fault.
         why: String,
     },
 }
 
 impl PublishError {
-    /// Of a file that cannot be read.
+    /// Of an unreadable file.
     pub(crate) fn at(path: &std::path::Path) -> impl Fn(io::Error) -> Self + '_ {
         |error| Self::File {
             path: path.into(),
@@ -88,14 +88,14 @@ impl PublishError {
 /// Why a request failed.
 #[derive(Debug)]
 pub enum Failure {
-    /// It may go better later. Says what was asked for, and why it failed.
+    /// A retry may help.
     Temporary {
-        /// What was asked for.
+        /// The request.
         what: String,
-        /// Why it failed.
+        /// The reason.
         why: String,
     },
-    /// It will not go better.
+    /// A retry does not help.
     Final(PublishError),
 }
 

@@ -1,5 +1,5 @@
-//! Large files: [Git LFS' batch API](https://github.com/git-lfs/git-lfs/blob/main/docs/api/batch.md) says which of them the Hub lacks, and where
-//! they go. Each goes there by one PUT (LFS' transfer "basic"), for which the Hub's limit is 5 GB.
+//! Large files: [Git LFS' batch API](https://github.com/git-lfs/git-lfs/blob/main/docs/api/batch.md) tells which the Hub lacks, and where
+//! they go. Each goes there by one PUT (LFS' transfer "basic"), at most 5 GB on the Hub.
 
 use crate::client::{Client, Sent};
 use crate::error::{Failure, PublishError};
@@ -42,7 +42,7 @@ struct LfsAction {
     header: BTreeMap<String, Value>,
 }
 
-/// Uploads those of `files` that the Hub lacks. Returns how many.
+/// Uploads those of `files` that the Hub lacks; returns how many.
 ///
 /// # Errors
 /// See [`Failure`].
@@ -113,7 +113,7 @@ fn upload_one(client: &Client, file: &LocalFile, actions: &Actions) -> Result<bo
     tracing::info!("{what}");
     let answer = client.put(&what, &upload.href, &headers, &content)?;
     if answer.status().as_u16() == 403 {
-        // The signed address has expired. The next try gets another one.
+        // The signed address has expired; the next try gets another.
         let why = "the storage does not take it (HTTP 403)".into();
         return Err(Failure::Temporary { what, why });
     }
@@ -125,7 +125,7 @@ fn upload_one(client: &Client, file: &LocalFile, actions: &Actions) -> Result<bo
         .href
         .starts_with(&format!("{}/", client.target.endpoint))
     {
-        // Nobody else may get the token.
+        // Only the Hub may see the token.
         let why = format!("it asks to verify the file at {}", verify.href);
         return Err(client.unusable(&what, why));
     }

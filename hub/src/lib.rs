@@ -1,10 +1,10 @@
-//! Publishes folders as models on the Hugging Face Hub, by its HTTP API: the one that Python's `huggingface_hub` uses without Xet.
+//! Publishes folders as models on the Hugging Face Hub, by the HTTP API that Python's `huggingface_hub` uses without Xet.
 //!
-//! - [`repository`]: the name of a repository. [`target`]: on which Hub it is, and who writes.
-//! - [`local_file`]: the files that are published, with their digests.
-//! - [`publish`]: creates the repository, uploads what is missing, and commits. Nothing is lost if that is cut at any moment: the commit is the
-//!   last request, and a second run uploads what is missing.
-//! - [`lfs`]: large files. [`client`]: requests, and what answers mean. [`error`]: what went wrong, and what to do.
+//! - [`repository`]: a repository's name. [`target`]: its Hub, and who writes.
+//! - [`local_file`]: the files to publish, with digests.
+//! - [`publish`]: creates the repository, uploads what is missing, and commits. An interruption loses nothing: the commit is the last
+//!   request, and a second run continues.
+//! - [`lfs`]: large files. [`client`]: requests and answers. [`error`]: faults and remedies.
 
 pub mod client;
 pub mod error;

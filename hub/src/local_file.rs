@@ -1,4 +1,4 @@
-//! The files of a folder, with the digests by which the Hub knows what it has.
+//! A folder's files, with the digests that the Hub compares.
 
 use crate::error::PublishError;
 use sha1::Sha1;
@@ -7,10 +7,10 @@ use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// Bytes of a file from which the Hub decides whether it is large or binary.
+/// First bytes of a file, which tell the Hub whether it is large or binary.
 const SAMPLE: usize = 512;
 
-/// Most files of a folder. A policy folder has about ten.
+/// Most files in a folder. A policy folder has about ten.
 const MAX_FILES: usize = 250;
 
 /// A file to publish.
@@ -24,9 +24,9 @@ pub struct LocalFile {
     pub size: u64,
     /// Its first bytes.
     pub sample: Vec<u8>,
-    /// SHA-256 of its content in hexadecimal: what the Hub knows a large file by.
+    /// SHA-256 of its content in hexadecimal, the Hub's key of a large file.
     pub sha256: String,
-    /// SHA-1 of it as a git blob in hexadecimal: what the Hub knows any other file by.
+    /// SHA-1 as a git blob in hexadecimal, the Hub's key of any other file.
     pub git_sha1: String,
 }
 
@@ -66,10 +66,10 @@ impl LocalFile {
     }
 }
 
-/// The files of `folder` by name. Folders in it are left out.
+/// The files of `folder` by name, without subfolders.
 ///
 /// # Errors
-/// A file cannot be read, there is none, or there are too many.
+/// A file is unreadable, there is none, or there are too many.
 pub fn files_of(folder: &Path) -> Result<Vec<LocalFile>, PublishError> {
     let failed = PublishError::at(folder);
     let wrong = |why: String| PublishError::File {
@@ -79,7 +79,7 @@ pub fn files_of(folder: &Path) -> Result<Vec<LocalFile>, PublishError> {
     let mut names = Vec::new();
     for entry in fs::read_dir(folder).map_err(&failed)? {
         let entry = entry.map_err(&failed)?;
-        // This follows links.
+        // Follows links.
         if !fs::metadata(entry.path()).is_ok_and(|about| about.is_file()) {
             continue;
         }
@@ -115,7 +115,7 @@ mod tests {
         let files = files_of(dir.path()).unwrap();
         let names: Vec<_> = files.iter().map(|file| file.name.as_str()).collect();
         assert_eq!(names, ["a", "b"]);
-        // The example of "Git Internals", by `git hash-object`.
+        // From "Git Internals", by `git hash-object`.
         assert_eq!(
             files[0].git_sha1,
             "bd9dbf5aae1a3862dd1526723246b20206e5fc37"

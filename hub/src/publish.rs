@@ -1,4 +1,4 @@
-//! Publishes a folder: creates the repository, uploads what is missing, and commits.
+//! Publishes a folder.
 
 use crate::client::{Client, Sent};
 use crate::error::{Failure, PublishError};
@@ -12,21 +12,21 @@ use std::fs;
 use std::path::Path;
 use std::thread::sleep;
 
-/// The most bytes of all files that travel within the commit. The Hub wants files of 10 MB and more apart from it.
+/// Most bytes of files within a commit. The Hub wants files from 10 MB apart from it.
 const MAX_INLINE: u64 = 64 << 20;
 
 /// What was published.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PublishedCommit {
-    /// The commit; `None` if the repository had everything already.
+    /// The commit; `None` if nothing changed.
     pub commit: Option<String>,
     /// Files that the commit changes.
     pub changed: usize,
-    /// Large files that were uploaded, and not there before.
+    /// Large files that were uploaded.
     pub uploaded: usize,
 }
 
-/// What the Hub says of a file before the upload.
+/// The Hub's answer about a file before the upload.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 struct PreuploadFile {
@@ -34,7 +34,7 @@ struct PreuploadFile {
     upload_mode: UploadMode,
     #[serde(default)]
     should_ignore: bool,
-    /// What the repository has under this name.
+    /// The repository's content under this name.
     oid: Option<String>,
 }
 
@@ -56,11 +56,10 @@ struct CommitResponse {
     commit_oid: String,
 }
 
-/// Publishes the files of `folder` as the newest commit of the repository. What may go better later is tried again, as often as the target's
-/// patience says.
+/// Publishes the files of `folder` as the repository's newest commit. Temporary failures are retried as often as the target allows.
 ///
 /// # Errors
-/// See [`PublishError`]. The repository is then what it was before, or it has the whole commit.
+/// See [`PublishError`]. The repository is then unchanged, or has the whole commit.
 pub fn publish(
     target: &PublishTarget,
     folder: &Path,
@@ -80,7 +79,7 @@ pub fn publish(
     })
 }
 
-/// Calls `attempt` until it succeeds, fails for good, or has failed as often as it may.
+/// Calls `attempt` until it succeeds, fails for good, or has no tries left.
 fn patiently<T>(
     patience: RetryPolicy,
     mut attempt: impl FnMut() -> Result<T, Failure>,
@@ -103,14 +102,14 @@ fn patiently<T>(
     }
 }
 
-/// A file that the repository does not have as it is here.
+/// A file that differs in the repository.
 struct FileChange<'f> {
     file: &'f LocalFile,
-    /// Whether it goes where large files go. Otherwise it travels within the commit.
+    /// Whether it goes to the large files' storage, or within the commit.
     large: bool,
 }
 
-/// Each step may be repeated: it does nothing that was done already.
+/// Each step can be repeated: it skips what is done.
 fn once(
     client: &Client,
     files: &[LocalFile],
@@ -129,7 +128,7 @@ fn once(
     Ok(Some((commit, changes.len())))
 }
 
-/// Creates the repository, unless it is there.
+/// Creates the repository, unless it exists.
 fn create(client: &Client) -> Result<(), Failure> {
     let what = "creating the repository";
     let target = client.target;
@@ -144,16 +143,16 @@ fn create(client: &Client) -> Result<(), Failure> {
     let url = format!("{}/api/repos/create", target.endpoint);
     let answer = client.post_json(what, &url, &body)?;
     match answer.status().as_u16() {
-        // It is there already.
+        // It exists.
         409 => Ok(()),
-        // A token may be allowed to write to a repository that is there, and not to create any. The Hub answers 401 to a token for that
-        // repository alone, 403 without the right, and 402 where the account would have to pay (`create_repo` of huggingface_hub 1.33).
+        // A token may write to an existing repository without the right to create one. The Hub answers 401 to a token for that repository
+        // alone, 403 without the right, and 402 where the account would have to pay (`create_repo` of huggingface_hub 1.33).
         401..=403 if client.status(what, &client.model(""))?.is_success() => Ok(()),
         _ => client.succeeded(what, answer).map(drop),
     }
 }
 
-/// The files that the repository lacks, or has in another version.
+/// The files that the repository lacks or has in another version.
 fn changes<'f>(client: &Client, files: &'f [LocalFile]) -> Result<Vec<FileChange<'f>>, Failure> {
     let what = "asking how files are to be uploaded";
     let asked = files.iter().map(|file| {
@@ -171,10 +170,10 @@ fn changes<'f>(client: &Client, files: &'f [LocalFile]) -> Result<Vec<FileChange
         let Some(mode) = found.files.iter().find(|mode| mode.path == file.name) else {
             return Err(client.unusable(what, format!("it lacks {}", file.name)));
         };
-        // The storage of large files takes no empty ones.
+        // The large files' storage takes no empty ones.
         let large = mode.upload_mode == UploadMode::Lfs && file.size > 0;
         let here = if large { &file.sha256 } else { &file.git_sha1 };
-        // The repository's .gitignore may leave a file out.
+        // The repository's .gitignore may exclude a file.
         if !mode.should_ignore && mode.oid.as_ref() != Some(here) {
             changes.push(FileChange { file, large });
         }
@@ -182,7 +181,7 @@ fn changes<'f>(client: &Client, files: &'f [LocalFile]) -> Result<Vec<FileChange
     Ok(changes)
 }
 
-/// Commits the changes, all or none. Returns the commit's id.
+/// Commits all changes or none; returns the commit's id.
 fn commit(client: &Client, changes: &[FileChange], summary: &str) -> Result<String, Failure> {
     let what = "the commit";
     let inline = changes.iter().filter(|change| !change.large);

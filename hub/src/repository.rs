@@ -1,9 +1,9 @@
-//! The name of a model's repository on the Hub.
+//! The name of a repository on the Hub.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// Longest name of an owner or of a model. The Hub allows 96 characters.
+/// Longest name of an owner or model. The Hub allows 96 characters.
 const MAX_NAME: usize = 96;
 
 /// A model's repository: `owner/name`.
@@ -15,7 +15,7 @@ pub struct Repository {
     pub name: String,
 }
 
-/// The text is not the name of a repository.
+/// The text does not name a repository.
 #[derive(Debug, thiserror::Error)]
 #[error("{0:?} does not name a repository on the Hub; write owner/name")]
 pub struct InvalidName(String);

@@ -1,4 +1,4 @@
-//! Which repository on which Hub, who writes, and how patiently.
+//! Which repository on which Hub, who writes, how many tries.
 
 use crate::error::PublishError;
 use crate::repository::Repository;
@@ -9,22 +9,22 @@ use std::time::Duration;
 pub struct PublishTarget {
     /// The Hub's address, such as `https://huggingface.co`.
     pub endpoint: String,
-    /// A token that may write to the repository.
+    /// A token with write access.
     pub token: String,
     /// The repository.
     pub repository: Repository,
-    /// Whether a repository that is made is private.
+    /// Whether a new repository is private.
     pub private: bool,
-    /// How patient to be.
+    /// Retries.
     pub patience: RetryPolicy,
 }
 
-/// How often everything is tried that may go better later.
+/// How often temporary failures are retried.
 #[derive(Clone, Copy, Debug)]
 pub struct RetryPolicy {
     /// Tries in all.
     pub tries: u32,
-    /// How long to wait before the second one. Each further wait is twice as long.
+    /// The wait before the second try; it doubles each time.
     pub first_wait: Duration,
 }
 
@@ -39,7 +39,7 @@ impl Default for RetryPolicy {
 }
 
 impl PublishTarget {
-    /// The repository at `endpoint`, by default that of Hugging Face.
+    /// The repository at `endpoint`, by default Hugging Face.
     ///
     /// # Errors
     /// There is no token.

@@ -1,17 +1,17 @@
 //! Every dimension of a SmolVLA policy.
 //!
-//! Field meanings follow LeRobot's `SmolVLAConfig` and transformers' `SmolVLMConfig`
-//! ([`LeRobotConfig`](crate::policy_folder::LeRobotConfig) reads both). What is the same in all SmolVLA models is a constant here, not a field.
+//! Fields follow LeRobot's `SmolVLAConfig` and transformers' `SmolVLMConfig` ([`LeRobotConfig`](crate::policy_folder::LeRobotConfig) reads
+//! both). What all SmolVLA models share is a constant here.
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-/// Base of the rotary embedding. LeRobot uses 10,000 whatever `rope_theta` says.
+/// Base of the rotary embedding. LeRobot ignores `rope_theta`.
 pub const ROPE_BASE: f32 = 10_000.0;
 /// Epsilon of the published model's RMSNorms ([`PolicyConfig::rms_norm_eps`]).
 pub const RMS_NORM_EPS: f64 = 1e-5;
-/// Epsilon of the LayerNorms of the vision tower.
+/// Epsilon of the vision tower's LayerNorms.
 pub const LAYER_NORM_EPS: f64 = 1e-6;
 /// Colour channels of an image.
 pub const CHANNELS: usize = 3;
@@ -20,9 +20,9 @@ pub const CHANNELS: usize = 3;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VisionConfig {
-    /// Height and width of the square input, in pixels.
+    /// Height and width of the square input, pixels.
     pub image_size: usize,
-    /// Height and width of a patch, in pixels.
+    /// Height and width of a patch, pixels.
     pub patch_size: usize,
     /// Hidden width.
     pub width: usize,
@@ -32,11 +32,11 @@ pub struct VisionConfig {
     pub layers: usize,
     /// Attention heads.
     pub heads: usize,
-    /// Pixel-shuffle factor of the connector: `shuffle x shuffle` patches become one token.
+    /// The connector's pixel shuffle: `shuffle x shuffle` patches become one token.
     pub shuffle: usize,
 }
 
-/// The language layers (SmolLM2), only those that SmolVLA keeps.
+/// The language layers (SmolLM2) that SmolVLA keeps.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TextConfig {
@@ -66,12 +66,12 @@ pub struct ExpertConfig {
     pub mlp_width: usize,
 }
 
-/// How a layer of the expert meets the prefix.
+/// How an expert layer meets the prefix.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LayerKind {
-    /// One attention over the prefix's keys and the expert's own, causal among the action tokens.
+    /// One attention over the keys of prefix and expert, causal among the action tokens.
     Joint,
-    /// Attention over the prefix alone, its keys and values passed through the expert's own projections.
+    /// Attention over the prefix alone, its keys and values projected again by the expert.
     Cross,
 }
 
@@ -87,8 +87,7 @@ pub struct PolicyConfig {
     pub text: TextConfig,
     /// Action expert.
     pub expert: ExpertConfig,
-    /// Layer `i` is [`LayerKind::Joint`] when `i` is a multiple of this, else [`LayerKind::Cross`]; with 0 all layers are the
-    /// latter.
+    /// Layer `i` is [`LayerKind::Joint`] if `i` is a multiple of this, else (and for 0) [`LayerKind::Cross`].
     pub self_attn_every: usize,
     /// Action frames predicted at once.
     pub chunk_size: usize,
@@ -96,9 +95,9 @@ pub struct PolicyConfig {
     pub state_dim: usize,
     /// Real action dimensions of the robot.
     pub action_dim: usize,
-    /// State dimensions of the network; the rest is zero.
+    /// State dimensions of the network, padded with zeros.
     pub max_state_dim: usize,
-    /// Action dimensions of the network; the rest is zero.
+    /// Action dimensions of the network, padded with zeros.
     pub max_action_dim: usize,
     /// Longest instruction, in tokens.
     pub max_language_tokens: usize,
@@ -106,16 +105,16 @@ pub struct PolicyConfig {
     pub min_period: f64,
     /// Longest period of the time embedding.
     pub max_period: f64,
-    /// Prefixes are filled up to this many tokens with masked ones; 0 leaves them as long as they are.
+    /// Masked tokens fill prefixes up to this length; 0: no filling.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub prefix_length: usize,
-    /// Names of the camera slots in the order of the prefix (LeRobot's image features), or none: then cameras go by name.
+    /// Camera slots in the order of the prefix (LeRobot's image features). Where empty, cameras go by name.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub camera_names: Vec<String>,
-    /// What the policy calls cameras that a recording calls otherwise (LeRobot's `rename_map`): its own whole names, by the recording's.
+    /// The policy's whole camera name by the recording's, where they differ (LeRobot's `rename_map`).
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub rename_map: BTreeMap<String, String>,
-    /// Epsilon of the RMSNorms of the text layers and of the expert, whose configuration LeRobot copies from theirs.
+    /// Epsilon of the text layers' RMSNorms and of the expert's, which LeRobot copies.
     #[serde(default = "published_eps", skip_serializing_if = "is_published_eps")]
     pub rms_norm_eps: f64,
 }
@@ -124,7 +123,7 @@ fn published_eps() -> f64 {
     RMS_NORM_EPS
 }
 
-/// A file of the published epsilon does not name it: policy files, and with them a genesis' digests, stay what they were.
+/// The published epsilon is left out of the file, so that a genesis keeps its digests.
 fn is_published_eps(eps: &f64) -> bool {
     *eps == RMS_NORM_EPS
 }
@@ -134,7 +133,7 @@ fn is_zero(number: &usize) -> bool {
 }
 
 impl PolicyConfig {
-    /// Kind of the expert's layer `i`.
+    /// Kind of expert layer `i`.
     pub fn layer_kind(&self, i: usize) -> LayerKind {
         if self.self_attn_every > 0 && i.is_multiple_of(self.self_attn_every) {
             LayerKind::Joint
@@ -153,23 +152,23 @@ impl PolicyConfig {
         self.text.kv_heads * self.text.head_dim
     }
 
-    /// Patches of one image. Pixels that fill no whole patch, at the right and at the bottom, are not read.
+    /// Patches of one image. Pixels beyond the last whole patch, right and bottom, are not read.
     pub fn patches(&self) -> usize {
         let side = self.vision.image_size / self.vision.patch_size;
         side * side
     }
 
-    /// Tokens that one camera adds to the prefix.
+    /// Tokens of one camera in the prefix.
     pub fn tokens_per_camera(&self) -> usize {
         self.patches() / (self.vision.shuffle * self.vision.shuffle)
     }
 
-    /// The longest possible prefix: all cameras, the longest instruction, one state token.
+    /// Longest prefix: all cameras, the longest instruction, one state token.
     pub fn max_prefix_tokens(&self) -> usize {
         self.cameras * self.tokens_per_camera() + self.max_language_tokens + 1
     }
 
-    /// Elements of one action chunk, padded to the network's action dimensions.
+    /// Elements of an action chunk, padded to the network's dimensions.
     pub fn chunk_elements(&self) -> usize {
         self.chunk_size * self.max_action_dim
     }

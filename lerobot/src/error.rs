@@ -1,4 +1,4 @@
-//! What can be wrong with a stored policy: its configuration, its tensors, its tokenizer.
+//! What can be wrong with a stored policy: configuration, tensors, tokenizer.
 
 use std::path::{Path, PathBuf};
 
@@ -6,27 +6,27 @@ use zk0_tensors::TensorError;
 
 use crate::lfs_pointer;
 
-/// Why the files of a policy cannot be read or written.
+/// Why a policy's files cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum StoredPolicyError {
-    /// A configuration is not JSON of the expected form, or it asks for something that is not implemented.
+    /// A configuration is bad JSON, or needs something that is not implemented.
     #[error("policy configuration: {0}")]
     Config(String),
-    /// A file of weights, or a tensor in it, cannot be used.
+    /// A weights file, or a tensor in it, is unusable.
     #[error("weights: {0}; the file is damaged or belongs to another model or profile: fetch or write it again")]
     Tensor(#[from] TensorError),
-    /// A file or folder cannot be read or written, or its content is wrong.
+    /// A file or folder cannot be read or written, or has wrong content.
     #[error("{}: {cause}", .path.display())]
     AtPath {
-        /// Which file or folder.
+        /// The file or folder.
         path: PathBuf,
-        /// What is wrong, and what to do.
+        /// The fault and the remedy.
         cause: String,
     },
-    /// The tokenizer inside a policy file cannot be used, or it belongs to another policy.
+    /// A policy file's tokenizer is unusable, or another policy's.
     #[error("the policy file's tokenizer {0}")]
     Tokenizer(String),
-    /// A number is too large for the type that it is to be written in.
+    /// A number is too large for the type to write.
     #[error("tensor `{name}` holds a number too large for {dtype}; write it in F32")]
     TooLarge {
         /// LeRobot's name of the tensor.
@@ -34,23 +34,23 @@ pub enum StoredPolicyError {
         /// The type.
         dtype: String,
     },
-    /// The statistics to be written do not fit the policy.
+    /// The statistics to write do not fit the policy.
     #[error("statistics of `{feature}` have {found} dimensions, the policy has {expected}")]
     Statistics {
         /// LeRobot's name of the feature.
         feature: &'static str,
-        /// Dimensions of the policy.
+        /// The policy's dimensions.
         expected: usize,
-        /// Dimensions of the statistics.
+        /// The statistics' dimensions.
         found: usize,
     },
 }
 
-/// Result of everything that reads or writes a policy's files.
+/// Result of reading or writing a policy's files.
 pub type Result<T> = std::result::Result<T, StoredPolicyError>;
 
 impl StoredPolicyError {
-    /// An error about the file or folder `path`. A file that Git LFS has not fetched is called that, whatever its reader found wrong.
+    /// An error about the file or folder `path`. Names a file that Git LFS has not fetched.
     pub fn file(path: &Path, cause: impl std::fmt::Display) -> Self {
         Self::AtPath {
             path: path.to_path_buf(),
@@ -58,7 +58,7 @@ impl StoredPolicyError {
         }
     }
 
-    /// Adds the path of the file whose content is wrong, unless the error already names one.
+    /// Adds the path of the wrong file, unless the error names one.
     pub fn within(self, path: &Path) -> Self {
         match self {
             Self::AtPath { .. } => self,

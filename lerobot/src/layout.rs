@@ -1,19 +1,19 @@
-//! Which tensors a policy has: LeRobot's names and the shapes that follow from the configuration.
+//! A policy's tensors: LeRobot's names, and shapes from the configuration.
 
 use crate::config::{LayerKind, PolicyConfig, CHANNELS};
 
 pub use zk0_tensors::TensorShapes;
 
-/// Where the expert's layers live.
+/// The expert's layers.
 pub const EXPERT: &str = "model.vlm_with_expert.lm_expert";
-/// Where the frozen vision-language model lives.
+/// The frozen vision-language model.
 pub const VLM: &str = "model.vlm_with_expert.vlm.model";
 /// The projection of states into the prefix.
 pub const STATE_PROJ: &str = "model.state_proj";
-/// The language model's head: part of the state dict, but never used by the policy.
+/// The language model's head: in the state dict, but unused by the policy.
 pub const LM_HEAD: &str = "model.vlm_with_expert.vlm.lm_head.weight";
 
-/// The tensors that training changes: the expert with its final norm, and the action and time projections.
+/// Tensors that training changes: the expert, its final norm, and action and time projections.
 pub fn expert_layout(config: &PolicyConfig) -> TensorShapes {
     let mut layout = TensorShapes::new();
     let width = config.expert.width;
@@ -49,7 +49,7 @@ pub fn expert_layout(config: &PolicyConfig) -> TensorShapes {
     layout
 }
 
-/// The tensors that stay as they are: vision tower, connector, language layers and the state projection.
+/// Tensors that stay: vision tower, connector, language layers, state projection.
 pub fn frozen_layout(config: &PolicyConfig) -> TensorShapes {
     let mut layout = TensorShapes::new();
     let (vision, text) = (&config.vision, &config.text);
@@ -120,8 +120,8 @@ pub fn frozen_layout(config: &PolicyConfig) -> TensorShapes {
     layout
 }
 
-/// What training changes: the expert alone, so that a frame's prefix is computed once, or with the state projection, as
-/// LeRobot does by default (`train_state_proj`). The gradient of the latter runs through the frozen language layers.
+/// What training changes: the expert alone, so that a frame's prefix is computed once, or also the state projection, LeRobot's default
+/// (`train_state_proj`), with a gradient through the frozen language layers.
 pub fn trainable_layout(config: &PolicyConfig, train_state_proj: bool) -> TensorShapes {
     let mut layout = expert_layout(config);
     if train_state_proj {
@@ -130,7 +130,7 @@ pub fn trainable_layout(config: &PolicyConfig, train_state_proj: bool) -> Tensor
     layout
 }
 
-/// All tensors of a state dict: those of the policy, and the language model's head.
+/// All tensors of a state dict: the policy's and the language model's head.
 pub fn state_dict_layout(config: &PolicyConfig) -> TensorShapes {
     let mut layout = policy_layout(config);
     let text = &config.text;
@@ -149,7 +149,7 @@ fn state_layout(config: &PolicyConfig) -> TensorShapes {
     layout
 }
 
-/// All tensors of the policy.
+/// All of the policy's tensors.
 pub fn policy_layout(config: &PolicyConfig) -> TensorShapes {
     let mut layout = frozen_layout(config);
     layout.extend(expert_layout(config));
@@ -166,7 +166,7 @@ fn layer_norm(layout: &mut TensorShapes, name: &str, width: usize) {
     layout.insert(format!("{name}.bias"), vec![width]);
 }
 
-/// A Llama layer without biases; `kv_in` is what its key and value projections read.
+/// A Llama layer without biases; key and value projections read `kv_in` values.
 fn decoder_layer(
     layout: &mut TensorShapes,
     name: &str,

@@ -1,13 +1,13 @@
-//! Files of Git LFS that were not fetched: a clone then has a few lines of text where weights, videos or tables should be.
+//! Files that Git LFS did not fetch: a clone has a few lines of text in place of weights, videos or tables.
 
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-/// How each pointer begins (<https://github.com/git-lfs/git-lfs/blob/main/docs/spec.md>).
+/// How pointers begin (<https://github.com/git-lfs/git-lfs/blob/main/docs/spec.md>).
 const START: &[u8] = b"version https://git-lfs.github.com/spec/v";
 
-/// What to tell of a file that could not be read as what it should be, if it is such a pointer.
+/// What to report of an unreadable file, if it is a pointer.
 pub(crate) fn explain(path: &Path) -> Option<String> {
     let mut start = [0; START.len()];
     File::open(path).ok()?.read_exact(&mut start).ok()?;

@@ -1,20 +1,20 @@
-//! Which dimensions a policy can have.
+//! The dimensions that policies can have.
 
 use crate::config::PolicyConfig;
 use crate::error::{Result, StoredPolicyError};
 use crate::layout::policy_layout;
 
-/// The largest dimension. The published model stays well below it.
+/// The largest dimension, well above the published model's.
 const LIMIT: usize = 1 << 17;
-/// The largest number of cameras or layers.
+/// Most cameras or layers.
 const COUNT_LIMIT: usize = 256;
-/// The most tokens of a fixed prefix. SmolLM2 was made for no more.
+/// Most tokens of a fixed prefix, SmolLM2's maximum.
 const PREFIX_LIMIT: usize = 8192;
-/// The most parameters: four times those of the published model.
+/// Most parameters: four times the published model's.
 const PARAMETER_LIMIT: u128 = 1 << 31;
 
 impl PolicyConfig {
-    /// Refuses dimensions that no network can have.
+    /// Refuses impossible dimensions.
     ///
     /// # Errors
     /// [`StoredPolicyError::Config`] names the dimension or the rule.

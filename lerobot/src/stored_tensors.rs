@@ -1,4 +1,4 @@
-//! A safetensors file on disk. Errors name it.
+//! A safetensors file on disk; errors name it.
 
 use std::fs::File;
 use std::ops::Deref;
@@ -19,7 +19,7 @@ impl StoredTensors {
     /// Opens a file and reads its header.
     ///
     /// # Errors
-    /// [`StoredPolicyError::AtPath`] when it cannot be read, is not safetensors, or is cut short.
+    /// [`StoredPolicyError::AtPath`] when it is unreadable, cut, or not safetensors.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref().to_path_buf();
         let source = File::open(&path).map_err(|e| StoredPolicyError::file(&path, e))?;
@@ -29,7 +29,7 @@ impl StoredTensors {
         }
     }
 
-    /// Where it is.
+    /// The file's path.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -37,16 +37,16 @@ impl StoredTensors {
     /// A tensor as finite `f32` numbers.
     ///
     /// # Errors
-    /// [`StoredPolicyError::AtPath`] when it is missing, of a type that is not read, not finite, or reading fails.
+    /// [`StoredPolicyError::AtPath`] when it is missing, unreadable, not finite, or of an unsupported type.
     pub fn read(&self, name: &str) -> Result<TensorData> {
         let tensor = self.file.read(name).and_then(|tensor| tensor.finite(name));
         tensor.map_err(|wrong| at(&self.path, wrong))
     }
 
-    /// The bytes of a tensor, in blocks.
+    /// A tensor's bytes, in blocks.
     ///
     /// # Errors
-    /// [`StoredPolicyError::AtPath`] when it is missing, or reading fails.
+    /// [`StoredPolicyError::AtPath`] when it is missing or unreadable.
     pub(crate) fn blocks(&self, name: &str) -> Result<impl Iterator<Item = Result<Vec<u8>>> + '_> {
         let blocks = self.file.blocks(name).map_err(|e| at(&self.path, e))?;
         Ok(blocks.map(|block| block.map_err(|e| at(&self.path, e))))

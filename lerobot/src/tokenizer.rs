@@ -1,4 +1,4 @@
-//! Instructions as token ids: a trained tokenizer from a `tokenizer.json`, used as LeRobot uses it for SmolVLA.
+//! Instructions as token ids: a trained `tokenizer.json`, used as LeRobot does for SmolVLA.
 
 use std::io::ErrorKind;
 use std::panic::{catch_unwind, AssertUnwindSafe};
@@ -11,12 +11,12 @@ use zk0_files::bounded_file;
 use crate::config::PolicyConfig;
 use crate::error::{Result, StoredPolicyError};
 
-/// Turns an instruction into token ids below the policy's vocabulary, at most `max_language_tokens` of them. Threads share it.
+/// Turns an instruction into at most `max_language_tokens` token ids below the policy's vocabulary. Threads share it.
 pub trait Tokenizer: Send + Sync {
-    /// Token ids of one instruction, without padding.
+    /// An instruction's token ids, without padding.
     ///
     /// # Errors
-    /// The instruction cannot be turned into tokens that the policy reads.
+    /// The instruction does not give tokens that the policy reads.
     fn tokens(&self, task: &str) -> Result<Vec<u32>>;
 }
 
@@ -25,11 +25,10 @@ const MAX_FILE: u64 = 64 << 20;
 
 /// The `tokenizers` library's tokenizer, for one policy.
 ///
-/// LeRobot's conventions: an instruction that does not end with a line break gets one; special tokens are added where the file
-/// says so; what is longer than `max_language_tokens` (LeRobot's `tokenizer_max_length`) is cut off on the right. Truncation and
-/// padding that the file itself asks for do not apply: LeRobot overrides them too.
+/// As in LeRobot, an instruction gets a final line break if it lacks one, special tokens follow the file, and what exceeds
+/// `max_language_tokens` (LeRobot's `tokenizer_max_length`) is cut on the right. The file's own truncation and padding do not apply.
 pub struct TrainedTokenizer {
-    /// The file it was read from; `None` for one that came within a policy file.
+    /// The file; `None` if it came within a policy file.
     path: Option<PathBuf>,
     definition: String,
     inner: tokenizers::Tokenizer,
@@ -38,11 +37,11 @@ pub struct TrainedTokenizer {
 }
 
 impl TrainedTokenizer {
-    /// Reads a `tokenizer.json` for the vocabulary and instruction length of a policy.
+    /// Reads a `tokenizer.json` for a policy's vocabulary and instruction length.
     ///
     /// # Errors
-    /// [`StoredPolicyError::AtPath`]: the file cannot be read, is larger than 64 MiB, is no tokenizer, or one that gives other tokens
-    /// each time (BPE dropout).
+    /// [`StoredPolicyError::AtPath`]: the file is unreadable, larger than 64 MiB, not a tokenizer, or gives other tokens each time (BPE
+    /// dropout).
     pub fn read(path: impl Into<PathBuf>, config: &PolicyConfig) -> Result<Self> {
         let path = path.into();
         let made = load(&path).and_then(|definition| Self::of(definition, config));
@@ -55,7 +54,7 @@ impl TrainedTokenizer {
         }
     }
 
-    /// Of the text of a `tokenizer.json`, as a policy file holds it.
+    /// From the text of a `tokenizer.json` in a policy file.
     ///
     /// # Errors
     /// [`StoredPolicyError::Tokenizer`], for the reasons of [`Self::read`].
@@ -63,7 +62,7 @@ impl TrainedTokenizer {
         Self::of(definition.to_owned(), config).map_err(StoredPolicyError::Tokenizer)
     }
 
-    /// The text of the `tokenizer.json` that it was read from.
+    /// The text of its `tokenizer.json`.
     pub fn definition(&self) -> &str {
         &self.definition
     }
@@ -113,7 +112,6 @@ impl Tokenizer for TrainedTokenizer {
     }
 }
 
-/// The text of a file.
 fn load(path: &Path) -> std::result::Result<String, String> {
     let json = bounded_file::read(path, MAX_FILE).map_err(|e| match e.kind() {
         ErrorKind::FileTooLarge => too_large(),
@@ -151,7 +149,7 @@ fn build(definition: &str, limit: usize) -> std::result::Result<tokenizers::Toke
     Ok(tokenizer)
 }
 
-/// Runs a step of the library and turns a panic into an error: the file may come from anybody.
+/// Turns a panic of the library into an error: the file may come from anyone.
 fn guarded<T>(step: impl FnOnce() -> tokenizers::Result<T>) -> std::result::Result<T, String> {
     match catch_unwind(AssertUnwindSafe(step)) {
         Ok(Ok(value)) => Ok(value),
@@ -166,7 +164,7 @@ mod tests {
     use crate::policy_folder::LeRobotConfig;
     use serde_json::{json, Value};
 
-    /// A policy that reads four tokens and knows 128.
+    /// A policy with four tokens, vocabulary 128.
     fn config() -> PolicyConfig {
         let folder = concat!(
             env!("CARGO_MANIFEST_DIR"),
@@ -179,7 +177,7 @@ mod tests {
         config
     }
 
-    /// A byte-level BPE of a few letters, `Ġ` being the space and `Ċ` the line break.
+    /// A byte-level BPE of a few letters; `Ġ` is the space, `Ċ` the line break.
     fn definition() -> Value {
         json!({
             "version": "1.0", "truncation": null, "padding": null, "added_tokens": [],
@@ -216,7 +214,7 @@ mod tests {
 
     #[test]
     fn what_is_too_long_is_cut_on_the_right_whatever_the_file_says() {
-        // The policy reads four tokens, so the line break is cut off too. LeRobot does the same.
+        // The policy reads four tokens: the line break is cut, too, as in LeRobot.
         assert_eq!(tokens(&definition(), "red red red red red"), [6, 7, 7, 7]);
         let mut other = definition();
         other["truncation"] =

@@ -1,10 +1,10 @@
-//! Blobs: bytes that are named by their SHA-256.
+//! Blobs: bytes named by their SHA-256.
 
 use sha2::{Digest as _, Sha256};
 use std::borrow::Cow;
 use zk0_circuits::Digest;
 
-/// Bytes with their SHA-256, which is computed once: only [`Blob::of`] makes one.
+/// Bytes with their SHA-256, computed once. Only [`Blob::of`] makes one.
 ///
 /// ```compile_fail
 /// use zk0_protocol::blob::Blob;
@@ -52,7 +52,7 @@ impl<'a> From<&'a Blob<'_>> for Blob<'a> {
     }
 }
 
-/// SHA-256 of bytes: how blobs are addressed.
+/// SHA-256 of bytes, the address of a blob.
 pub fn blob_digest(bytes: &[u8]) -> Digest {
     Digest(Sha256::digest(bytes).into())
 }

@@ -1,9 +1,9 @@
-//! The evaluation set of a dataset: which frames of a recording a node commits to, and the list of their leaves.
+//! The evaluation set of a dataset: the frames of a recording that a node commits to, and their leaves.
 //!
-//! A recording has far more frames than a node can commit to. So a registration names all episodes, and a hash of them draws the frames
-//! whose samples it commits to. Nobody chooses these frames. Anybody can draw them again from the registration.
+//! A recording has more frames than a node can commit to. So a registration names all episodes, and their hash draws the frames.
+//! No node chooses them, and anybody can redraw them.
 //!
-//! Frames are counted from 0 through the episodes in the order in which the registration names them.
+//! Frames are counted from 0 through the episodes, in the registration's order.
 
 use crate::entries::signed::{DatasetRegistration, RegisteredEpisode};
 use std::collections::BTreeSet;
@@ -14,7 +14,7 @@ use zk0_circuits::Digest;
 /// Bytes of a [`DrawnLeaf`] in a list.
 pub const DRAWN_LEAF_BYTES: usize = 40;
 
-/// A frame that was drawn, and the leaf of its sample.
+/// A drawn frame and the leaf of its sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DrawnLeaf {
     /// The frame.
@@ -23,22 +23,21 @@ pub struct DrawnLeaf {
     pub leaf: Digest,
 }
 
-/// Why a registration, or its list of drawn frames, does not describe an evaluation set. The texts are data of the ledger: see
-/// [`crate::Refusal`].
+/// Why a registration or its list is refused. The texts are data of the ledger: see [`crate::Refusal`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EvaluationSetError {
-    /// The registration draws another number of frames than the rules ask for.
+    /// It does not draw the rules' number of frames.
     #[error("its evaluation set draws {given} frames, but the rules ask for {rule}")]
     Frames {
-        /// What the registration says.
+        /// Frames in the registration.
         given: u32,
-        /// What the rules say.
+        /// Frames by the rules.
         rule: u32,
     },
     /// An episode has no frames.
     #[error("episode {0} has no frames")]
     EmptyEpisode(Digest),
-    /// It counts more samples than frames are drawn.
+    /// It counts more samples than drawn frames.
     #[error("it counts {samples} samples, but only {drawn} frames are drawn")]
     TooManySamples {
         /// Samples in the commitment.
@@ -46,7 +45,7 @@ pub enum EvaluationSetError {
         /// Frames drawn.
         drawn: u64,
     },
-    /// The list does not have one record for each drawn frame.
+    /// The list does not have one record for each frame.
     #[error(
         "the list of drawn frames has {bytes} bytes, but {drawn} frames are drawn, of {DRAWN_LEAF_BYTES} bytes each"
     )]
@@ -56,17 +55,17 @@ pub enum EvaluationSetError {
         /// Frames drawn.
         drawn: u64,
     },
-    /// The list has a frame that was not drawn, or the drawn frames in another order.
+    /// The list has a frame that was not drawn for this place.
     #[error("frame {listed} stands at place {place} of the list, but the hash of the episodes draws frame {drawn} there: nobody chooses the frames")]
     NotDrawn {
-        /// The place, counted from 0.
+        /// The place, from 0.
         place: usize,
         /// The frame in the list.
         listed: u64,
-        /// The frame that was drawn.
+        /// The drawn frame.
         drawn: u64,
     },
-    /// The list has another number of distinct leaves than the commitment counts.
+    /// The commitment has another count than the distinct leaves.
     #[error("the drawn frames have {distinct} distinct samples, but the dataset commitment counts {samples}")]
     Count {
         /// Distinct leaves in the list.
@@ -79,14 +78,13 @@ pub enum EvaluationSetError {
     Draw(#[from] DrawError),
 }
 
-/// Draws the frames of an evaluation set, in ascending order: `count` of them, or all frames if there are no more than `count`.
+/// Draws the frames of an evaluation set, in ascending order: `count` of them, or all if there are no more.
 ///
-/// The seed is [`tagged_sha256`] under `zk0/evaluation-set/v1` of the network's id and of the episodes, each as its digest and its number
-/// of frames (32-bit little-endian). [`sample_indices`] draws distinct frames from it. The first `n` of them do not depend on `count`, so
-/// a larger count adds frames, and takes none away.
+/// The seed is [`tagged_sha256`] under `zk0/evaluation-set/v1` of the network's id and the episodes, each as digest and number of
+/// frames (32-bit little-endian). [`sample_indices`] draws distinct frames from it. A larger count only adds frames.
 ///
 /// # Errors
-/// `count` is 0, or larger than [`sample_indices`] draws.
+/// `count` is 0, or above the limit of [`sample_indices`].
 pub fn draw(
     network: &Digest,
     episodes: &[RegisteredEpisode],
@@ -107,7 +105,7 @@ pub fn draw(
     Ok(drawn)
 }
 
-/// The frames of all episodes together.
+/// The frames of all episodes.
 pub fn total(episodes: &[RegisteredEpisode]) -> u64 {
     episodes
         .iter()
@@ -116,13 +114,12 @@ pub fn total(episodes: &[RegisteredEpisode]) -> u64 {
 }
 
 impl DatasetRegistration {
-    /// How many frames its evaluation set draws.
+    /// How many frames are drawn.
     pub fn drawn(&self) -> u64 {
         total(&self.episodes).min(self.evaluation_frames.into())
     }
 
-    /// Checks what the ledger alone can check of the evaluation set. `rule` is the number of frames that the rules ask for. How many of
-    /// the drawn frames have equal samples is known only with the list.
+    /// Checks the evaluation set without its list. `rule` is the rules' number of frames. Only the list shows equal samples.
     pub fn check_evaluation_set(&self, rule: u32) -> Result<(), EvaluationSetError> {
         let (given, samples, drawn) = (self.evaluation_frames, self.dataset.samples, self.drawn());
         if given != rule {
@@ -138,15 +135,15 @@ impl DatasetRegistration {
         }
     }
 
-    /// Reads the list of drawn frames, and checks that it has exactly these frames, in ascending order, and as many [`distinct`] leaves as
-    /// the commitment counts samples.
+    /// Reads the list: exactly the drawn frames, in ascending order, with as many [`distinct`] leaves as the commitment counts
+    /// samples.
     pub fn read_list(&self, list: &[u8]) -> Result<Vec<DrawnLeaf>, EvaluationSetError> {
         let length = EvaluationSetError::Length {
             bytes: list.len(),
             drawn: self.drawn(),
         };
         let (records, rest) = list.as_chunks::<DRAWN_LEAF_BYTES>();
-        // The length is compared before anything is drawn, so a list costs no more than its bytes.
+        // The length comes first, so a list costs no more than its bytes.
         if !rest.is_empty() || records.len() as u64 != self.drawn() {
             return Err(length);
         }
@@ -194,13 +191,12 @@ impl DrawnLeaf {
     }
 }
 
-/// A list of drawn frames as bytes: the blob that a registration names.
+/// The list as the blob that a registration names.
 pub fn list_bytes(list: &[DrawnLeaf]) -> Vec<u8> {
     list.iter().flat_map(DrawnLeaf::to_bytes).collect()
 }
 
-/// The leaves of the dataset's tree: those of the list without repetition, each where it first occurs. Frames with equal samples count
-/// once. A still camera and a resting robot make such frames.
+/// The leaves of the dataset's tree: the list's, each at its first place. A still camera and a resting robot give equal samples.
 pub fn distinct(list: &[DrawnLeaf]) -> Vec<Digest> {
     let mut seen = BTreeSet::new();
     let leaves = list.iter().map(|drawn| drawn.leaf);

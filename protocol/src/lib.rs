@@ -1,24 +1,22 @@
-//! The protocol of a zk0 network: its entries, its rules, the state machine, and the formats of its transparency log.
+//! The protocol of a zk0 network: entries, rules, state machine, and transparency log formats.
 //!
-//! This crate is pure. It has no disk, no clock, no threads and no sockets, and it compiles for browsers and for SP1's guest.
+//! This crate is pure: no disk, clock, threads or sockets. It compiles for browsers and for SP1's guest.
 //!
 //! A short tour:
-//! - [`entries`]: what the log holds ([`entries::entry`]) and its canonical encoding ([`entries::codec`]); how a network begins
-//!   ([`entries::genesis`]); what nodes and governors sign ([`entries::signed`]); entries whose signatures were verified
-//!   ([`entries::authentic`], which takes decompressed keys from [`entries::known_keys`]); why a contribution is refused
-//!   ([`entries::refusal::code`], and with details for people [`entries::refusal`]); which guest program the proofs are of ([`entries::program`]).
-//! - [`rules`]: the rules of a network ([`rules::network_rules`]) and how they change ([`rules::governance`]); the state of a network
-//!   after its entries so far ([`rules::state`]); which entry may come next and what it changes ([`rules::apply`], a pure function);
-//!   which fields of a claim the ledger determines ([`rules::bindings`]).
-//! - [`challenge`]: where the randomness of challenges comes from, and how it is verified.
-//! - [`evaluation_set`]: which frames of a recording a node commits to.
+//! - [`entries`]: the log's entries ([`entries::entry`]) and their encoding ([`entries::codec`]); how a network begins
+//!   ([`entries::genesis`]); what nodes and governors sign ([`entries::signed`]); verified signatures ([`entries::authentic`],
+//!   with keys from [`entries::known_keys`]); why a contribution is refused ([`entries::refusal::code`], and [`entries::refusal`]
+//!   for people); the proofs' guest program ([`entries::program`]).
+//! - [`rules`]: a network's rules ([`rules::network_rules`]) and how they change ([`rules::governance`]); its state
+//!   ([`rules::state`]); which entry may come next and what it changes ([`rules::apply`], a pure function); the fields of a claim
+//!   that the ledger determines ([`rules::bindings`]).
+//! - [`challenge`]: the randomness of challenges, and its verification.
+//! - [`evaluation_set`]: the drawn frames of a dataset.
 //! - [`tlog`]: RFC 6962 trees, C2SP checkpoints, cosignatures, tiles, receipts.
-//! - [`request_head`]: what a sender signs for each request that changes something. [`pruning`]: what an operator signs about blobs that are
-//!   no longer kept.
-//! - [`blob`]: bytes that are named by their SHA-256.
-//! - [`public_key`]: how ed25519 public keys are read; [`quote`]: how messages quote what a stranger wrote; [`counted`]: numbers of
-//!   things, for people.
-//! - `rpc`, with the feature `rpc`: the generated gRPC messages, and the conversions between them and the types above.
+//! - [`request_head`]: the signed heads of requests. [`pruning`]: the operator's statement on blobs no longer kept.
+//! - [`blob`]: bytes named by their SHA-256.
+//! - [`public_key`]: reads ed25519 public keys; [`quote`]: quotes a stranger's text; [`counted`]: counts for people.
+//! - `rpc`, with the feature `rpc`: the generated gRPC messages, and their conversions.
 
 pub mod blob;
 pub mod challenge;

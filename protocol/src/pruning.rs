@@ -1,8 +1,8 @@
-//! What the operator of a log says about blobs that its folder no longer keeps. The statement lies beside the log, is signed with the log's
-//! key, and is published with the log. With it, an auditor can tell what was pruned from what was lost or withheld.
+//! The operator's statement on blobs that the log no longer keeps, signed with the log's key and published beside the log. It
+//! lets an auditor tell pruned blobs from lost or withheld ones.
 //!
-//! The statement names rounds and no single blobs, so it stays small. It excuses nothing of a round that closed after it was signed: whoever
-//! wants to withhold the blobs of later rounds, too, has to sign that anew each time.
+//! It names rounds, not blobs, so it stays small. It excuses only rounds closed before it was signed: to withhold later blobs,
+//! the operator must sign again.
 
 use crate::entries::signed::SignableStatement;
 use crate::rules::named_blobs::BlobKind;
@@ -10,28 +10,28 @@ use borsh::{BorshDeserialize, BorshSerialize};
 use std::fmt;
 use zk0_circuits::{Digest, NodeId};
 
-/// Length of an encoded, signed [`Pruning`] in bytes: two digests, four numbers, and the signature.
+/// Bytes of an encoded, signed [`Pruning`].
 pub const PRUNING_BYTES: usize = 2 * 32 + 4 * 8 + 64;
 
-/// Which blobs of a log are no longer kept. Each number is that of the first round whose blobs of a kind are all kept; 0 for all rounds.
+/// The blobs no longer kept. Each number is the first round whose blobs of a kind are all kept; 0 for all rounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Pruning {
     /// The network.
     pub network: Digest,
-    /// Who says so: the log's key.
+    /// The operator: the log's key.
     pub operator: NodeId,
-    /// The statement is about the first so many entries.
+    /// The statement covers this many first entries.
     pub entries: u64,
-    /// Updates of rounds before this one may be missing, and the moments that these rounds ended with.
+    /// Updates of rounds before this one, and these rounds' final moments, may be missing.
     pub updates_before: u64,
     /// Proofs of rounds before this one may be missing.
     pub proofs_before: u64,
-    /// The weights that rounds before this one started from, and the global weights that they ended with, may be missing.
+    /// Weights that rounds before this one started from or ended with may be missing.
     pub weights_before: u64,
 }
 
 impl Pruning {
-    /// Whether the statement says that a blob of this kind may be missing, which entry `index` needs, in this round.
+    /// Whether a blob of this kind may be missing that entry `index` needs in this round.
     pub fn excuses(&self, kind: &BlobKind, round: u64, index: u64) -> bool {
         let before = match kind {
             BlobKind::Update | BlobKind::Moments => self.updates_before,
@@ -42,7 +42,7 @@ impl Pruning {
         round < before && index < self.entries
     }
 
-    /// Both statements in one.
+    /// Combines both statements.
     #[must_use]
     pub fn and(self, other: &Self) -> Self {
         Self {
@@ -83,7 +83,7 @@ impl fmt::Display for Pruning {
     }
 }
 
-/// The rounds before this one, of which there is at least one, in words: `round 0`, `rounds 0 to 7`.
+/// The rounds before this one, at least one, in words: `round 0`, `rounds 0 to 7`.
 pub fn rounds_before(before: u64) -> String {
     match before.saturating_sub(1) {
         0 => "round 0".into(),

@@ -1,9 +1,9 @@
-//! How error messages quote what a stranger wrote.
+//! How error messages quote a stranger's text.
 
-/// Most characters of a text that a message quotes.
+/// The most characters quoted.
 const MAX_QUOTED: usize = 128;
 
-/// Shortens a text and escapes every character that could control a terminal, so that a message can quote it.
+/// Shortens a text and escapes every character that could control a terminal.
 pub fn short(text: &str) -> String {
     text.chars()
         .take(MAX_QUOTED)

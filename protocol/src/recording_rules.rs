@@ -1,29 +1,29 @@
-//! What the recordings of a network's nodes have to agree in, because one policy learns from all of them. No statement on the ledger shows a
-//! recording, so each node checks its own before it registers and before each round. Nobody else can, but an auditor who has the recording.
+//! What recordings must agree in, because one policy learns from all of them. The ledger shows no recording, so each node checks
+//! its own before it registers and before each round. An auditor needs the recording to check it.
 
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::{Deserialize, Serialize};
 
-/// Most cameras, and most joints, that rules name.
+/// Most cameras, and most joints, in the rules.
 pub const MAX_NAMES: usize = 64;
 
 /// Longest name of a camera or a joint, in bytes.
 pub const MAX_NAME_BYTES: usize = 128;
 
-/// Most frames per second that rules ask for.
+/// Most frames per second in the rules.
 pub const MAX_FPS: u32 = 1000;
 
-/// What recordings have to agree in. What is `None` or empty is left to the nodes.
+/// What recordings must agree in. `None` or empty leaves it to the nodes.
 #[derive(
     Clone, Debug, Default, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize,
 )]
 #[serde(deny_unknown_fields)]
 pub struct RecordingRules {
-    /// The unit of the joints, the gripper left out.
+    /// The unit of the joints, without the gripper.
     pub joint_unit: Option<AgreedUnit>,
-    /// The joints' names in the order of states and actions, as LeRobot writes them: `shoulder_pan.pos`.
+    /// The joints' names in the order of states and actions, in LeRobot's form: `shoulder_pan.pos`.
     pub joints: Vec<String>,
-    /// The cameras' whole names, as LeRobot writes them: `observation.images.top`. In ascending order.
+    /// The cameras' full names in ascending order, in LeRobot's form: `observation.images.top`.
     pub cameras: Vec<String>,
     /// Frames per second.
     pub fps: Option<u32>,
@@ -37,7 +37,7 @@ pub struct RecordingRules {
 pub enum AgreedUnit {
     /// Degrees.
     Degrees,
-    /// −100 at one end of a joint's way and 100 at the other.
+    /// −100 at one end of a joint's range and 100 at the other.
     #[serde(rename = "-100-to-100")]
     MinusToPlus100,
 }
@@ -48,7 +48,7 @@ impl RecordingRules {
         *self == Self::default()
     }
 
-    /// Checks every rule. The error names the rule that a network cannot use, and why.
+    /// Checks every rule. The error names a bad one.
     pub(crate) fn check(&self) -> Result<(), String> {
         for (rule, names) in [("joints", &self.joints), ("cameras", &self.cameras)] {
             if names.len() > MAX_NAMES {

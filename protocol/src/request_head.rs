@@ -1,19 +1,19 @@
-//! The head of a request: who sends it, when, and which message it belongs to, signed by the sender. Each request that changes something
-//! has one, and so has each request by which a node shows that it is present, or for which it has more room than a stranger.
+//! The signed head of a request: sender, time and message. Requests that change something have one, and requests by which a node
+//! shows its presence or gets more room than a stranger.
 //!
-//! A statement on the ledger is public, so its signature does not show who sends it. A head does: it counts once, for one message, at one
-//! aggregator, within minutes. Whoever has read a head cannot use it for another message, nor once more, nor after the aggregator was
-//! started again.
+//! A statement on the ledger is public, so its signature does not identify the sender. A head counts once, for one message, at
+//! one aggregator, within minutes. Its readers cannot use it for another message, a second time, or after the aggregator
+//! restarts.
 
 use crate::entries::signed::{SignableStatement, SignatureError, Signed};
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::fmt;
 use zk0_circuits::{Digest, NodeId};
 
-/// The most bytes that an encoded head has.
+/// The most bytes of an encoded head.
 pub const MAX_HEAD_BYTES: usize = 512;
 
-/// The methods whose requests have heads.
+/// The methods with heads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, BorshSerialize, BorshDeserialize)]
 pub enum Method {
     /// `Submit`.
@@ -22,9 +22,9 @@ pub enum Method {
     Upload,
     /// `Record`.
     Record,
-    /// `WatchRound`, by a node that shows that it is present.
+    /// `WatchRound`, by a node that shows its presence.
     WatchRound,
-    /// `Download`, by a node, which has more room for it than strangers.
+    /// `Download`, by a node, which has more room than strangers.
     Download,
 }
 
@@ -39,21 +39,20 @@ impl fmt::Display for Method {
 pub struct RequestHead {
     /// The network.
     pub network: Digest,
-    /// What the aggregator was told apart by since it was started: 16 random bytes, which `GetNetwork` returns.
+    /// The aggregator's run: 16 random bytes from its start, in `GetNetwork`.
     pub run: [u8; 16],
     /// The method.
     pub method: Method,
-    /// The round that the request is about, if it is about one.
+    /// The request's round, if any.
     pub round: Option<u64>,
-    /// SHA-256 of the signed statement that the request carries. The statement names the digest of whatever else the request carries: a
-    /// list of drawn frames, an update, a proof. Where there is no statement, it is the SHA-256 of the field `node` of `WatchRound`, or `blob` of
-    /// `Download`.
+    /// SHA-256 of the request's signed statement, which names the digests of the rest: a list of drawn frames, an update, a
+    /// proof. Without a statement, SHA-256 of the field `node` of `WatchRound`, or `blob` of `Download`.
     pub body: Digest,
-    /// Who sends the request.
+    /// The sender.
     pub sender: NodeId,
-    /// When the sender signed this, in Unix milliseconds.
+    /// When the sender signed, in Unix milliseconds.
     pub time_ms: u64,
-    /// Random bytes. The sender uses them once.
+    /// Random bytes, used once.
     pub nonce: [u8; 16],
 }
 
@@ -65,7 +64,7 @@ impl SignableStatement for RequestHead {
     }
 }
 
-/// Where and when a request arrived, for comparison with its head before its message is read.
+/// A request's arrival, compared with its head before the message is read.
 #[derive(Clone, Copy, Debug)]
 pub struct Arrived {
     /// The network of the aggregator.
@@ -74,27 +73,27 @@ pub struct Arrived {
     pub run: [u8; 16],
     /// The aggregator's clock, in Unix milliseconds.
     pub now_ms: u64,
-    /// How much the clocks of sender and aggregator may differ, in milliseconds.
+    /// The allowed difference of the two clocks, in milliseconds.
     pub skew_ms: u64,
 }
 
-/// What a request says, for comparison with its head.
+/// A request's content, compared with its head.
 #[derive(Clone, Copy, Debug)]
 pub struct RequestContent {
-    /// The method that was called.
+    /// The called method.
     pub method: Method,
-    /// The round that the request's statement names, if it names one.
+    /// The round in the request's statement, if any.
     pub round: Option<u64>,
     /// SHA-256 of the request's statement.
     pub body: Digest,
-    /// Who signed the request's statement. Nobody else sends it.
+    /// The statement's signer, the only allowed sender.
     pub signer: NodeId,
 }
 
 /// Why a head does not count.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum HeadRefusal {
-    /// There is none.
+    /// The request has no head.
     #[error("the request has no signed head: use a client of this release of zk0, and a proxy that keeps the metadata")]
     Missing,
     /// The bytes are not a head.
@@ -103,7 +102,7 @@ pub enum HeadRefusal {
     /// It is for another network.
     #[error("the head of the request is for network {head}, not for network {ours}")]
     Network { head: Digest, ours: Digest },
-    /// It was signed for the aggregator before it was started again.
+    /// The aggregator has restarted since.
     #[error("the aggregator was started again since the head of this request was signed: ask GetNetwork for its run, and sign again")]
     Run,
     /// It is for another method.
@@ -118,10 +117,10 @@ pub enum HeadRefusal {
     /// It is for another message.
     #[error("the head of the request is for a message with SHA-256 {head}, not for this one with {message}")]
     Body { head: Digest, message: Digest },
-    /// Somebody sends what another one has signed.
+    /// The sender did not sign the message.
     #[error("the head of the request names {sender} as the sender, but {signer} signed the message: only the signer sends it")]
     Sender { sender: NodeId, signer: NodeId },
-    /// The clocks differ too much, or the request was on its way for too long.
+    /// The clocks differ too much, or the request was too slow.
     #[error(
         "the head of the request was signed at {sender_ms} by the clock of its sender, and the aggregator's clock shows {ours_ms} (Unix \
          milliseconds): they differ by {} s, and {} s are allowed. Set the clock that is wrong",
@@ -135,13 +134,13 @@ pub enum HeadRefusal {
     /// The sender did not sign it.
     #[error("the head of the request: {0}")]
     Signature(#[from] SignatureError),
-    /// It has come before.
+    /// It came before.
     #[error("the head of the request has come before: a head counts once")]
     Replayed,
-    /// The aggregator has forgotten the heads of that time.
+    /// The aggregator has forgotten that time's heads.
     #[error("the head of the request was signed at {sender_ms} (Unix milliseconds), and the aggregator no longer knows which heads of that time have come: sign again")]
     Forgotten { sender_ms: u64 },
-    /// The sender has sent too many requests.
+    /// The sender sent too many requests.
     #[error("{sender} has sent {limit} requests within the time for which the aggregator remembers them: wait a few minutes")]
     TooMany { sender: NodeId, limit: usize },
 }
@@ -172,7 +171,7 @@ impl Signed<RequestHead> {
         borsh::from_slice(bytes).map_err(|error| HeadRefusal::Malformed(error.to_string()))
     }
 
-    /// Compares a head with where and when it arrived, and verifies its signature at last. Whether it is new is another question.
+    /// Compares a head with its arrival, then verifies its signature. Replays are not checked here.
     ///
     /// # Errors
     /// The first field that differs.
@@ -200,7 +199,7 @@ impl Signed<RequestHead> {
 }
 
 impl RequestHead {
-    /// Compares a head with the message that it came with.
+    /// Compares a head with its message.
     ///
     /// # Errors
     /// The first field that differs.

@@ -1,10 +1,8 @@
-//! A federation on one machine, without proofs: for choosing rounds, rates and strategies before anybody spends proofs.
+//! A federation on one machine, without proofs, signatures or a ledger, to choose rounds, rates and strategies.
 //!
-//! - [`rounds`]: makes rounds of any federation: nodes in parallel, their updates in order.
-//! - [`robots`]: nodes that train SmolVLA as `zk0 node join` does. Their updates are combined by the code that combines a network's.
-//! - [`compare`]: federated training against centralised training and against each node alone, over several seeds.
-//!
-//! Nothing here is proven, and nothing is signed or recorded.
+//! - [`rounds`]: makes rounds of any federation: nodes in parallel, updates in order.
+//! - [`robots`]: nodes that train SmolVLA as `zk0 node join` does. A network's code combines their updates.
+//! - [`compare`]: federated training against centralised training and each node alone, over several seeds.
 
 pub mod compare;
 pub mod robots;

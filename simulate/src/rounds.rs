@@ -1,5 +1,5 @@
-//! The rounds of a federation. Nodes train in parallel, and their updates are added in the order of the nodes. So the result does not depend on
-//! the number of threads, and no more updates are in memory than there are threads.
+//! The rounds of a federation. Nodes train in parallel, and updates are added in the nodes' order. So the number of threads does not change
+//! the result, and it limits the updates in memory.
 
 use rand::seq::index;
 use rand::SeedableRng;
@@ -9,18 +9,18 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Condvar, Mutex, PoisonError};
 use std::thread;
 
-/// Nodes, and what becomes of their updates.
+/// Nodes, and how their updates are combined.
 pub trait Federation: Sync {
     /// What a round starts from.
     type Global: Sync;
     /// What a node sends.
     type Update: Send;
-    /// The updates of a round so far: their sum, or all of them where the strategy needs all.
+    /// The updates of a round so far: their sum, or all of them if the strategy needs all.
     type Collected: Send;
     /// Why a round cannot go on.
     type Error: Send;
 
-    /// Trains from `global` in round `round`, as node number `node`.
+    /// Trains node `node` from `global` in round `round`.
     ///
     /// # Errors
     /// The node cannot train.
@@ -34,7 +34,7 @@ pub trait Federation: Sync {
     /// No updates yet.
     fn begin(&self, global: &Self::Global) -> Self::Collected;
 
-    /// Adds the update of a node. Nodes come in ascending order.
+    /// Adds a node's update. Nodes come in ascending order.
     ///
     /// # Errors
     /// The update cannot be added.
@@ -56,7 +56,6 @@ pub trait Federation: Sync {
     ) -> Result<Self::Global, Self::Error>;
 }
 
-/// Whose turn it is to add an update.
 struct UpdateTurns<F: Federation> {
     next: usize,
     collected: F::Collected,
@@ -66,7 +65,7 @@ struct UpdateTurns<F: Federation> {
 /// Makes round `round` with these nodes, in ascending order, on `threads` threads.
 ///
 /// # Errors
-/// The first error of a node, or of combining. Nodes that have not begun by then do not begin.
+/// The first error of a node, or of combining. After it, no further node begins.
 pub fn round<F: Federation>(
     federation: &F,
     round: u64,
@@ -115,10 +114,10 @@ pub fn round<F: Federation>(
     }
 }
 
-/// Calls `work` with each number below `count`, on `threads` threads. Returns what it gives, in their order.
+/// Calls `work` with each number below `count` on `threads` threads, and returns the results in order.
 ///
 /// # Errors
-/// One of the errors. Work that has not begun by then does not begin.
+/// One of the errors. After it, no further work begins.
 pub fn parallel<T: Send, E: Send>(
     count: usize,
     threads: usize,
@@ -158,13 +157,12 @@ pub fn parallel<T: Send, E: Send>(
     Ok(done.into_iter().map(|(_, value)| value).collect())
 }
 
-/// The next node that nobody has taken, and its place.
 fn take(taken: &AtomicUsize, nodes: &[usize]) -> Option<(usize, usize)> {
     let place = taken.fetch_add(1, Ordering::Relaxed);
     nodes.get(place).map(|node| (place, *node))
 }
 
-/// The nodes that take part in a round: a share of all, chosen by `seed` and the round, and at least one. They are in ascending order.
+/// The nodes in a round, in ascending order: at least one, and a share of all that `seed` and the round choose.
 pub fn sample(nodes: usize, share: f64, seed: u64, round: u64) -> Vec<usize> {
     let count = ((nodes as f64 * share).ceil() as usize).clamp(1, nodes.max(1));
     if count >= nodes {
@@ -182,7 +180,6 @@ mod tests {
     use super::*;
     use std::time::Duration;
 
-    /// The order of additions is what the sum is made of.
     struct Letters {
         fails: Option<usize>,
         begun: AtomicUsize,

@@ -1,4 +1,4 @@
-//! What can go wrong with a policy, its samples and its training.
+//! Errors of policies, samples and training.
 
 use zk0_lerobot::dataset::DatasetError;
 use zk0_lerobot::StoredPolicyError;
@@ -7,10 +7,10 @@ use zk0_tensors::TensorError;
 /// Why a policy cannot be read, run or trained.
 #[derive(Debug, thiserror::Error)]
 pub enum PolicyError {
-    /// A configuration, tensors, a tokenizer or a file of a policy.
+    /// A policy's configuration, tensors, tokenizer or file.
     #[error(transparent)]
     Stored(#[from] StoredPolicyError),
-    /// A frame or a prepared sample does not fit the policy.
+    /// A frame or a sample does not fit the policy.
     #[error("sample: {0}")]
     Sample(String),
     /// A frame of a recording cannot be read.
@@ -20,28 +20,28 @@ pub enum PolicyError {
         frame: usize,
         /// The recording, counted from 0.
         recording: usize,
-        /// The file, and what is wrong with it.
+        /// The file's error.
         error: Box<DatasetError>,
     },
-    /// Options contradict each other, or cannot be used.
+    /// Contradictory or unusable options.
     #[error("training options: {0}")]
     Options(String),
     /// The loss does not reach a trainable tensor.
     #[error("training: tensor `{0}` has no gradient; an operation between it and the loss lacks a backward pass")]
     NoGradient(String),
-    /// The loss became NaN or infinite. The weights of that step are useless.
+    /// The loss became NaN or infinite, so the weights are useless.
     #[error(
         "training diverged: the loss is {loss} at step {step} of {of}; lower the learning rate"
     )]
     Diverged {
-        /// Step at which it happened, from 1.
+        /// The step, from 1.
         step: usize,
-        /// Steps asked for.
+        /// All steps.
         of: usize,
-        /// The offending loss.
+        /// The loss.
         loss: f32,
     },
-    /// A gradient became NaN or infinite. The step was not made.
+    /// A gradient became NaN or infinite; the step was not made.
     #[error("training: the norm of the gradient is {norm}; lower the learning rate")]
     GradientNotFinite {
         /// The norm over all tensors.
@@ -53,7 +53,7 @@ pub enum PolicyError {
 }
 
 impl PolicyError {
-    /// Whether training came to numbers that are none. The data, the files and the machine are whole then, and other weights may train well.
+    /// Whether training is at fault. Then data, files and machine are intact, and other weights may train well.
     pub fn is_of_training(&self) -> bool {
         matches!(
             self,

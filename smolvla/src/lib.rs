@@ -1,18 +1,15 @@
 //! The SmolVLA policy in candle, and local training.
 //!
-//! The folders, in the order in which data flows:
+//! The folders, in the order of the data's flow:
 //!
-//! - [`policy`] is the policy itself: its weights, its model in candle with fast kernels, and the file that holds a whole policy.
-//! - [`frames`] turns the frames of recordings into samples, and keeps samples on disk so that the frozen half of the policy runs
-//!   once per frame.
-//! - [`measure`] computes what a policy's weights are worth: the flow-matching loss at chosen noise and times, which is what a claim
-//!   is about, the error of sampled actions, and the form in fixed point that a claim evaluates.
-//! - [`train`] fits the expert to samples. Training can be stopped at any moment and resumed.
+//! - [`policy`]: weights, the model in candle with fast kernels, and the file of a policy.
+//! - [`frames`]: turns frames of recordings into samples on disk, so that the policy's frozen half runs once per frame.
+//! - [`measure`]: a claim's flow-matching loss, in float32 and in fixed point, and the error of sampled actions.
+//! - [`train`]: fits the expert to samples, and resumes after a stop.
 //!
-//! Recordings, policy folders of LeRobot and the dimensions of a policy are in [`zk0_lerobot`].
+//! [`zk0_lerobot`] has recordings, LeRobot's policy folders and a policy's dimensions.
 //!
-//! Only [`policy::profile`] knows sizes. The `tiny` fixture, the `micro` profile of the demo and the published model run through
-//! the same functions.
+//! Only [`policy::profile`] knows sizes: the `tiny` fixture, the demo's `micro` profile and the published model share all functions.
 
 pub mod error;
 pub mod frames;

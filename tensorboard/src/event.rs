@@ -1,11 +1,11 @@
-//! The messages of TensorBoard's `event.proto` and `summary.proto`, as far as curves need them. The numbers of the fields are TensorBoard's.
+//! The messages of TensorBoard's `event.proto` and `summary.proto` that curves need, with TensorBoard's field numbers.
 
 use prost::Message as _;
 
-/// What the first event of a file says of its format.
+/// The format's version, in a file's first event.
 pub const VERSION: &str = "brain.Event:2";
 
-/// One record of a file. It holds a version, a summary or a session's start.
+/// One record of a file: a version, a summary or a session's start.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct Event {
     /// Seconds since 1970.
@@ -14,7 +14,7 @@ pub struct Event {
     /// Optimiser steps.
     #[prost(int64, tag = "2")]
     pub step: i64,
-    /// The format, in the first event of a file.
+    /// The format, in a file's first event.
     #[prost(string, optional, tag = "3")]
     pub file_version: Option<String>,
     /// Values of metrics.
@@ -28,7 +28,7 @@ pub struct Event {
 /// Values of metrics at one step.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct Summary {
-    /// The values.
+    /// One value a metric.
     #[prost(message, repeated, tag = "1")]
     pub values: Vec<Value>,
 }
@@ -44,7 +44,7 @@ pub struct Value {
     pub simple_value: Option<f32>,
 }
 
-/// What a session does.
+/// A session's event.
 #[derive(Clone, Copy, PartialEq, prost::Message)]
 pub struct SessionLog {
     /// 1 for its start.
@@ -65,7 +65,7 @@ impl Event {
         }
     }
 
-    /// Training goes on with `step`. Readers drop what earlier files say of this step and of later ones.
+    /// Training goes on with `step`. Readers drop what earlier files have for this step and later ones.
     pub fn restart(wall_time: f64, step: u64) -> Self {
         Self {
             wall_time,

@@ -1,4 +1,4 @@
-//! A file that gets one event after the other. Whatever happens to it later, training goes on: a failed write is a warning in the log.
+//! A file to which events are appended. A failed write is only a warning in the log: training goes on.
 
 use crate::event::Event;
 use crate::record::record;
@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// What the name of an event file begins with. TensorBoard reads the files of a folder in the order of their names, so the time comes next.
+/// How names of event files begin. The time follows, because TensorBoard reads them in the order of their names.
 const BEGINNING: &str = "events.out.tfevents.";
 
 /// Why there is no file.
@@ -22,7 +22,7 @@ pub enum EventFileError {
     File {
         /// The folder.
         folder: PathBuf,
-        /// What the system says.
+        /// The system's error.
         error: io::Error,
     },
 }
@@ -39,18 +39,18 @@ struct WrittenFile {
     file: File,
     /// The length of all whole events.
     bytes: u64,
-    /// Events that could not be written since the last one that was.
+    /// Events lost since the last one that was written.
     lost: u64,
     /// Earlier files may hold steps that are made again.
     goes_on: bool,
 }
 
 impl EventFile {
-    /// Begins the curves of a run in `folder`, which is made. A file without values, which a run leaves that fails before its first step, does
-    /// not count.
+    /// Begins a run's curves in `folder`, which is made. Files without values do not count: runs that fail before their first step leave
+    /// them.
     ///
     /// # Errors
-    /// The folder holds the curves of another run, or cannot be written to.
+    /// The folder holds another run's curves, or cannot be written to.
     pub fn begin(folder: &Path) -> Result<Self, EventFileError> {
         let earlier = earlier(folder).map_err(failed(folder))?;
         if earlier.iter().any(|file| file.has_values) {
@@ -60,8 +60,7 @@ impl EventFile {
         }
     }
 
-    /// Goes on with the curves in `folder`, if there are any, in a further file. Readers then drop what the earlier files say of the steps
-    /// that this file begins with, and of later ones.
+    /// Goes on with the curves in `folder`, if any, in a further file. Readers drop later steps of earlier files ([`Event::restart`]).
     ///
     /// # Errors
     /// The folder cannot be written to.
@@ -72,7 +71,7 @@ impl EventFile {
 
     fn create(folder: &Path, earlier: &[Earlier]) -> io::Result<Self> {
         fs::create_dir_all(folder)?;
-        // The clock may have been set back, and a file of this second may exist.
+        // The clock may have been set back, or a file of this second may exist.
         let times = earlier.iter().map(|file| file.seconds.saturating_add(1));
         let seconds = times.fold(now() as u64, u64::max);
         let path = folder.join(format!("{BEGINNING}{seconds:010}.zk0"));
@@ -90,7 +89,7 @@ impl EventFile {
         })
     }
 
-    /// Adds the values of metrics after `step` optimiser steps. If that fails, the log has a warning, and later events are tried again.
+    /// Adds the values of metrics after `step` optimiser steps. A failure is logged, and later events are tried again.
     pub fn scalars(&self, step: u64, values: &[(&str, f64)]) {
         let mut written = self.written.lock().unwrap_or_else(PoisonError::into_inner);
         let path = self.path.display();
@@ -127,7 +126,7 @@ impl WrittenFile {
     fn append(&mut self, event: &Event) -> io::Result<()> {
         let record = record(&event.bytes());
         if self.file.metadata()?.len() != self.bytes {
-            // A part of an event is there, after which no reader would go on.
+            // Readers would stop at a partial event.
             self.file.set_len(self.bytes)?;
         }
         self.file.write_all(&record)?;
@@ -136,7 +135,6 @@ impl WrittenFile {
     }
 }
 
-/// An event file that is there already.
 struct Earlier {
     /// The time in its name.
     seconds: u64,
@@ -144,7 +142,7 @@ struct Earlier {
     has_values: bool,
 }
 
-/// The event files in `folder`; none if there is no folder.
+/// The event files in `folder`; none if it is missing.
 fn earlier(folder: &Path) -> io::Result<Vec<Earlier>> {
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),

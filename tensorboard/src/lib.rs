@@ -1,8 +1,8 @@
-//! Training curves as TensorBoard event files, which TensorBoard, Trackio and Weights & Biases read.
+//! Training curves as event files for TensorBoard, Trackio and Weights & Biases.
 //!
-//! - [`event_file`]: a file that gets one event after the other.
-//! - [`metrics`]: what curves are called.
-//! - [`event`]: TensorBoard's messages. [`record`]: how they are framed in a file.
+//! - [`event_file`]: appends events to a file.
+//! - [`metrics`]: the names of curves.
+//! - [`event`]: TensorBoard's messages. [`record`]: their frames in a file.
 
 pub mod event;
 pub mod event_file;

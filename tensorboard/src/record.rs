@@ -1,11 +1,11 @@
-//! TFRecord: the length of the data as a little-endian u64, a checksum of the length, the data, and a checksum of the data. A checksum is a
-//! masked CRC-32C, so that the checksum of data that holds checksums does not become constant.
+//! TFRecord: the data's length (little-endian u64), a checksum of the length, the data, and a checksum of the data. Checksums are masked
+//! CRC-32C: unmasked, the checksum of data that holds checksums could be constant.
 
 use crc::{Crc, CRC_32_ISCSI};
 
 const CRC_32C: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
 
-/// What TFRecord adds to a rotated checksum.
+/// TFRecord adds this to a rotated checksum.
 const MASK: u32 = 0xa282_ead8;
 
 /// The record that holds `data`.

@@ -1,11 +1,10 @@
-//! What can be wrong with a safetensors file or with a tensor in it.
+//! Errors of safetensors files and their tensors.
 
 use std::io;
 
-/// Why a safetensors file, or a tensor in it, cannot be used.
+/// Why a safetensors file or its tensor cannot be used.
 ///
-/// Ledgers hold these texts as reasons of refusals, and auditors compare them: to change one is to disagree with the ledgers that
-/// have it.
+/// Ledgers hold these texts as reasons of refusals, and auditors compare them: a changed text disagrees with existing ledgers.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TensorError {
     /// The file has no room for a header.
@@ -14,22 +13,22 @@ pub enum TensorError {
     /// The header is larger than the limit.
     #[error("the safetensors header says it has {bytes} bytes, more than the {limit} allowed")]
     HeaderTooLarge { bytes: u64, limit: u64 },
-    /// The header goes on past the end of the file.
+    /// The header is longer than the file.
     #[error("truncated: the safetensors header has {header} bytes, only {left} follow")]
     HeaderTruncated { header: u64, left: u64 },
-    /// The header is not a safetensors header, or it contradicts itself. It may quote the file at any length.
+    /// The header is not a safetensors header, or contradicts itself. The text may quote the file at any length.
     #[error("bad safetensors header: {0}")]
     Header(String),
-    /// The file is shorter or longer than its header says.
+    /// The file is shorter or longer than its header states.
     #[error("the safetensors header describes more or fewer bytes than the file's {0}: truncated, or followed by other bytes")]
     Length(u64),
     /// An expected tensor is missing.
     #[error("tensor '{0}' is missing")]
     Missing(String),
-    /// The file holds a tensor that is not expected.
+    /// A tensor is not expected.
     #[error("tensor '{0}' is not expected")]
     Unexpected(String),
-    /// A tensor has a type that is not accepted.
+    /// A tensor's type is not accepted.
     #[error("tensor '{name}' is {found}, expected {accepted}")]
     Dtype {
         name: String,
@@ -43,7 +42,7 @@ pub enum TensorError {
         found: Vec<usize>,
         expected: Vec<usize>,
     },
-    /// A value is NaN or infinite: the first one, by its place in row-major order, as text, because NaN does not equal itself.
+    /// The first NaN or infinite value, by its place in row-major order; as text, because NaN does not equal itself.
     #[error("tensor '{name}' holds {value} at element {index}")]
     NotFinite {
         name: String,
@@ -55,7 +54,7 @@ pub enum TensorError {
     Io(String),
 }
 
-/// Result of everything that reads tensors.
+/// Result of reading tensors.
 pub type Result<T> = std::result::Result<T, TensorError>;
 
 impl From<io::Error> for TensorError {

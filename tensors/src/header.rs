@@ -1,4 +1,4 @@
-//! The header of a file that is to be written.
+//! The header of a file to write.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -6,17 +6,17 @@ use std::io;
 use safetensors::tensor::{Dtype, TensorInfo};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
-/// What the format allows a header to be, in bytes.
+/// The format's limit for a header, in bytes.
 pub const HEADER_LIMIT: u64 = 100_000_000;
 
-/// What a file's header says: its metadata, and the type, the shape and the place of each tensor.
+/// A file's metadata, and the type, shape and place of each tensor.
 pub struct TensorHeader<'a> {
     metadata: Option<BTreeMap<&'a str, &'a str>>,
     tensors: Vec<(String, TensorInfo)>,
 }
 
 impl<'a> TensorHeader<'a> {
-    /// A header for tensors that lie one after the other, in this order.
+    /// A header for tensors in this order.
     pub fn new(
         metadata: Option<BTreeMap<&'a str, &'a str>>,
         tensors: impl IntoIterator<Item = (String, Dtype, Vec<usize>)>,
@@ -41,10 +41,10 @@ impl<'a> TensorHeader<'a> {
         self.tensors.iter().map(|(name, info)| (&name[..], info))
     }
 
-    /// The header as it stands in the file, after its length: JSON, filled up with spaces to a multiple of 8 bytes.
+    /// The header without its length: JSON, filled up with spaces to a multiple of 8 bytes.
     ///
     /// # Errors
-    /// The header would be larger than the format allows.
+    /// The header is larger than the format allows.
     pub fn to_bytes(&self) -> io::Result<Vec<u8>> {
         let mut bytes = serde_json::to_vec(self)?;
         bytes.resize(bytes.len().next_multiple_of(8), b' ');

@@ -1,8 +1,8 @@
 //! Tensors in safetensors files, as plain `f32` numbers.
 //!
 //! - [`TensorData`] is one tensor, [`TensorSet`] several by name.
-//! - [`TensorFile`] reads tensors one by one, from a file on disk or from bytes in memory. It takes F32, F16 and BF16.
-//! - [`write_to`] writes tensors in F32. Equal tensors give equal bytes. [`TensorHeader`] is for those who write other types.
+//! - [`TensorFile`] reads F32, F16 and BF16 tensors one by one, from disk or memory.
+//! - [`write_to`] writes F32. Equal tensors give equal bytes. [`TensorHeader`] is for writers of other types.
 
 mod error;
 mod header;

@@ -1,14 +1,14 @@
-//! The number formats that are read and written: F32, F16 and BF16.
+//! Number formats: F32, F16 and BF16.
 
 use half::{bf16, f16};
 use safetensors::tensor::Dtype;
 
 use crate::error::{Result, TensorError};
 
-/// Checks that tensors of this type are read, and gives the bytes of an element.
+/// The bytes of an element, if the type is readable.
 ///
 /// # Errors
-/// [`TensorError::Dtype`], about the tensor `name`.
+/// [`TensorError::Dtype`] about tensor `name`.
 pub fn check_readable(name: &str, dtype: Dtype) -> Result<usize> {
     match dtype {
         Dtype::F32 => Ok(4),
@@ -26,7 +26,7 @@ pub(crate) fn decode(dtype: Dtype, block: &[u8], out: &mut Vec<f32>) {
     match dtype {
         Dtype::F16 => out.extend(pairs.map(|b| f16::from_le_bytes(b).to_f32())),
         Dtype::BF16 => out.extend(pairs.map(|b| bf16::from_le_bytes(b).to_f32())),
-        // This is F32, the only other type that `check_readable` lets through.
+        // F32: `check_readable` lets no other type through.
         _ => out.extend(
             block
                 .chunks_exact(4)
@@ -35,7 +35,7 @@ pub(crate) fn decode(dtype: Dtype, block: &[u8], out: &mut Vec<f32>) {
     }
 }
 
-/// Numbers as bytes of a type that can be read, rounded to nearest even; `None` where one gets too large for it.
+/// Numbers as bytes of a readable type, rounded to nearest even; `None` if one is too large.
 pub fn encode(dtype: Dtype, numbers: &[f32]) -> Option<Vec<u8>> {
     let mut out = Vec::with_capacity(numbers.len() * dtype.bitsize() / 8);
     for x in numbers {

@@ -1,19 +1,19 @@
-//! Bytes that can be read from any place.
+//! Random access to bytes.
 
 use std::io;
 
-/// Something whose bytes can be read from any place: a file on disk, or bytes in memory.
+/// Bytes with random access: a file on disk, or memory.
 pub trait ReadAt {
-    /// How many bytes there are.
+    /// The number of bytes.
     ///
     /// # Errors
-    /// The error of the file system; and one when this is not a file.
+    /// The file system's error, or this is not a file.
     fn size(&self) -> io::Result<u64>;
 
     /// Fills `buffer` with the bytes from `place` on.
     ///
     /// # Errors
-    /// The error of the file system; and one when there are fewer bytes.
+    /// The file system's error, or there are fewer bytes.
     fn read_exact_at(&self, buffer: &mut [u8], place: u64) -> io::Result<()>;
 }
 

@@ -1,4 +1,4 @@
-//! Tensors as plain numbers, and the checks that all of them pass.
+//! Tensors as plain numbers, with checks.
 
 use std::collections::BTreeMap;
 
@@ -9,18 +9,18 @@ use crate::error::{Result, TensorError};
 pub struct TensorData {
     /// Dimensions.
     pub shape: Vec<usize>,
-    /// As many elements as the dimensions' product.
+    /// Its elements: the product of the dimensions.
     pub data: Vec<f32>,
 }
 
 /// Tensors by name, in name order.
 pub type TensorSet = BTreeMap<String, TensorData>;
 
-/// Names of tensors with their shapes, in name order.
+/// Shapes by name, in name order.
 pub type TensorShapes = BTreeMap<String, Vec<usize>>;
 
 impl TensorData {
-    /// Checks that the tensor has this shape, and as many numbers as it asks for.
+    /// Checks the shape and the number of elements.
     ///
     /// # Errors
     /// [`TensorError::Shape`].
@@ -45,10 +45,10 @@ impl TensorData {
     }
 }
 
-/// Checks that a set has exactly the tensors of `layout`, with its shapes, and that every number is finite.
+/// Checks that a set has exactly the tensors and shapes of `layout`, and only finite numbers.
 ///
 /// # Errors
-/// Says which tensor is missing, unexpected, of another shape, or not finite.
+/// [`TensorError`] names the wrong tensor.
 pub fn check_layout(tensors: &TensorSet, layout: &TensorShapes) -> Result<()> {
     if let Some(name) = tensors.keys().find(|n| !layout.contains_key(*n)) {
         return Err(TensorError::Unexpected(name.clone()));

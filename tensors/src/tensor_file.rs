@@ -1,7 +1,7 @@
 //! A safetensors file, read tensor by tensor.
 //!
-//! Only its header is held in memory. Tensors of a file on disk are read at their place rather than mapped: mapped pages count as
-//! the process's memory, and a file that another process cuts short would kill this one.
+//! Only the header stays in memory. Tensors are not mapped: mapped pages count as the process's memory, and another process that cuts the
+//! file short would kill this one.
 
 use std::collections::HashMap;
 
@@ -14,7 +14,7 @@ use crate::tensor_data::{TensorData, TensorSet, TensorShapes};
 
 /// Bytes read at once.
 pub const BLOCK: usize = 1 << 20;
-/// Bytes before the header: its length, little endian.
+/// Bytes of the header's length, little endian.
 const LENGTH: u64 = 8;
 
 /// An open safetensors file.
@@ -26,10 +26,10 @@ pub struct TensorFile<R> {
 }
 
 impl<R: ReadAt> TensorFile<R> {
-    /// Reads the header of a file, which may have `header_limit` bytes. Its size is checked before anything is allocated for it.
+    /// Reads a header of at most `header_limit` bytes. Its size is checked before memory is allocated.
     ///
     /// # Errors
-    /// The file cannot be read, is not a safetensors file, or is shorter or longer than its header says.
+    /// The file cannot be read, is not a safetensors file, or does not have the length that its header states.
     pub fn open(source: R, header_limit: u64) -> Result<Self> {
         let size = source.size()?;
         let left = size
@@ -63,7 +63,7 @@ impl<R: ReadAt> TensorFile<R> {
         })
     }
 
-    /// The header's bytes, as they are.
+    /// The header's bytes.
     pub fn header(&self) -> &[u8] {
         &self.header
     }
@@ -78,12 +78,12 @@ impl<R: ReadAt> TensorFile<R> {
         self.metadata.info(name)
     }
 
-    /// The `__metadata__` of the header.
+    /// The header's `__metadata__`.
     pub fn metadata(&self) -> &Option<HashMap<String, String>> {
         self.metadata.metadata()
     }
 
-    /// A tensor as `f32`, exact for all three types that are read (F32, F16, BF16). Its numbers need not be finite.
+    /// An F32, F16 or BF16 tensor as `f32`, exactly. Its numbers need not be finite.
     ///
     /// # Errors
     /// [`TensorError::Missing`], [`TensorError::Dtype`], or [`TensorError::Io`].
@@ -91,7 +91,7 @@ impl<R: ReadAt> TensorFile<R> {
         let info = self.find(name)?;
         let bytes = check_readable(name, info.dtype)?;
         let (start, end) = info.data_offsets;
-        // This is at most twice the size of the file, because the header was checked against the file's length.
+        // At most twice the file's size, because the header was checked against it.
         let mut data: Vec<f32> = Vec::with_capacity((end - start) / bytes);
         for block in self.blocks(name)? {
             decode(info.dtype, &block?, &mut data);
@@ -102,19 +102,19 @@ impl<R: ReadAt> TensorFile<R> {
         })
     }
 
-    /// A tensor that must be F32 and of this shape. Its numbers need not be finite.
+    /// An F32 tensor of this shape. Its numbers need not be finite.
     ///
     /// # Errors
-    /// [`TensorError::Missing`], [`TensorError::Dtype`], [`TensorError::Shape`], or [`TensorError::Io`].
+    /// Those of [`Self::check`], or [`TensorError::Io`].
     pub fn read_f32(&self, name: &str, shape: &[usize]) -> Result<TensorData> {
         self.check(name, Dtype::F32, shape)?;
         self.read(name)
     }
 
-    /// The numbers of a tensor that must be I16 and of this shape, row-major.
+    /// The numbers of an I16 tensor of this shape, row-major.
     ///
     /// # Errors
-    /// [`TensorError::Missing`], [`TensorError::Dtype`], [`TensorError::Shape`], or [`TensorError::Io`].
+    /// Those of [`Self::read_f32`].
     pub fn read_i16(&self, name: &str, shape: &[usize]) -> Result<Vec<i16>> {
         self.check(name, Dtype::I16, shape)?;
         let (start, end) = self.find(name)?.data_offsets;
@@ -127,7 +127,7 @@ impl<R: ReadAt> TensorFile<R> {
         Ok(values)
     }
 
-    /// Checks that a tensor is there, of this type and shape.
+    /// Checks a tensor's presence, type and shape.
     ///
     /// # Errors
     /// [`TensorError::Missing`], [`TensorError::Dtype`], or [`TensorError::Shape`].
@@ -151,10 +151,10 @@ impl<R: ReadAt> TensorFile<R> {
         }
     }
 
-    /// The tensors of a file that must hold exactly those of `layout`, in F32 and finite. Those named in `ignored` may be there too.
+    /// The tensors of a file with exactly those of `layout`, in F32 and finite. Those in `ignored` are allowed too.
     ///
     /// # Errors
-    /// Says which tensor is missing, unexpected, of another shape or type, or not finite.
+    /// [`TensorError`] names the wrong tensor.
     pub fn read_exactly(&self, layout: &TensorShapes, ignored: &[&str]) -> Result<TensorSet> {
         let foreign = |n: &String| !layout.contains_key(n) && !ignored.contains(&n.as_str());
         if let Some(name) = self.names().into_iter().filter(foreign).min() {
@@ -167,7 +167,7 @@ impl<R: ReadAt> TensorFile<R> {
         layout.iter().map(read).collect()
     }
 
-    /// The bytes of a tensor, in blocks whose length is a multiple of 8 but for the last.
+    /// A tensor's bytes in blocks. All lengths but the last are multiples of 8.
     ///
     /// # Errors
     /// [`TensorError::Missing`]. Each block may be a [`TensorError::Io`].
@@ -187,7 +187,7 @@ impl<R: ReadAt> TensorFile<R> {
     }
 }
 
-/// Reads a header. The library names what is wrong with one only when it has the file's beginning, length and all.
+/// The library explains a bad header only if its length precedes it.
 fn parse(header: &[u8]) -> Result<Metadata> {
     let text = str::from_utf8(header).ok();
     if let Some(metadata) = text.and_then(|text| serde_json::from_str(text).ok()) {

@@ -1,4 +1,4 @@
-//! Writes a safetensors file piece by piece. A policy of the published size has 1.8 GB, which must not be in memory twice.
+//! Writes a safetensors file piece by piece: a policy of the published size (1.8 GB) must not be in memory twice.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -16,12 +16,12 @@ pub struct TensorEntry<'a> {
     pub name: String,
     /// Its shape.
     pub shape: Vec<usize>,
-    /// As many values as the shape says, row-major.
+    /// Its values, row-major.
     pub values: Cow<'a, [f32]>,
 }
 
 impl<'a> TensorEntry<'a> {
-    /// A tensor that stays where it is.
+    /// Borrows a tensor.
     pub fn of((name, tensor): (&String, &'a TensorData)) -> Self {
         Self {
             name: name.clone(),
@@ -31,20 +31,19 @@ impl<'a> TensorEntry<'a> {
     }
 }
 
-/// What was written.
+/// A written file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WrittenTensors {
-    /// SHA-256 of the file.
+    /// The file's SHA-256.
     pub digest: [u8; 32],
     /// Its size.
     pub bytes: u64,
 }
 
-/// Writes `entries`, sorted by name, and `notes`, the file's metadata, piece by piece. Equal tensors and notes give equal bytes:
-/// those that the safetensors crate writes.
+/// Writes `entries`, sorted by name, and the metadata `notes`. Equal input gives equal bytes: those of the safetensors crate.
 ///
 /// # Errors
-/// Those of `out`, and one when the notes make the header larger than the format allows.
+/// Those of `out`, or the header is larger than the format allows.
 pub fn write_to(
     out: impl Write,
     mut entries: Vec<TensorEntry>,
@@ -140,7 +139,7 @@ mod tests {
         assert_eq!(metadata["another"], "\"quoted\"\n");
     }
 
-    /// Files are named by their digests, on ledgers too, so their bytes never change.
+    /// Ledgers name files by digests, so the bytes never change.
     #[test]
     fn the_bytes_are_those_of_the_safetensors_crate() {
         let raw: Vec<u8> = [0.5f32, -3.0]

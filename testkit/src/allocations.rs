@@ -1,13 +1,13 @@
-//! What the test process allocates. The memory of the decoders in assembly and C++ is not counted.
+//! What the test process allocates, without the decoders in assembly and C++.
 //!
-//! A program whose tests ask for it is `tests/alone/main.rs` of its crate. It declares once:
+//! The program `tests/alone/main.rs` of a crate declares once:
 //!
 //! ```ignore
 //! #[global_allocator]
 //! static ALLOCATOR: zk0_testkit::allocations::Watched = zk0_testkit::allocations::Watched;
 //! ```
 //!
-//! The whole process is counted, so every test of such a program begins with `let _alone = allocations::alone();`.
+//! The whole process is counted, so each test there begins with `let _alone = allocations::alone();`.
 //! [`fuzzing::read_again`](crate::fuzzing::read_again) does so itself.
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -15,7 +15,7 @@ use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Remembers the largest single allocation, and the most that was allocated at once.
+/// Counts the largest single allocation, and the most allocated at once.
 pub struct Watched;
 
 static LARGEST: AtomicUsize = AtomicUsize::new(0);
@@ -27,7 +27,7 @@ fn taken(size: usize) {
     MOST.fetch_max(HELD.fetch_add(size, Relaxed) + size, Relaxed);
 }
 
-// SAFETY: every call goes to the system's allocator unchanged.
+// SAFETY: every call goes unchanged to the system's allocator.
 unsafe impl GlobalAlloc for Watched {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         taken(layout.size());
@@ -48,22 +48,22 @@ unsafe impl GlobalAlloc for Watched {
     }
 }
 
-/// Waits until no other test of the program runs that calls this. The next one waits until the guard is dropped.
+/// Waits for other tests that call this. The turn lasts as long as the guard.
 pub fn alone() -> MutexGuard<'static, ()> {
     static ALONE: Mutex<()> = Mutex::new(());
-    // A test that failed before leaves nothing behind that the next one needs.
+    // A failed test leaves nothing that matters.
     ALONE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The bytes that are allocated now.
+/// Bytes allocated now.
 pub fn held() -> usize {
     let held = HELD.load(Relaxed);
-    // The harness of the tests holds some. Without the declaration, every limit would be kept.
+    // The harness holds some. Without the declaration, every limit would hold.
     assert!(held > 0, "`Watched` is not the allocator of this program");
     held
 }
 
-/// Returns the largest single allocation while `run` ran, in bytes. The number is meaningful only if nothing else runs.
+/// The largest single allocation during `run`, in bytes. Call it under [`alone`].
 pub fn largest<T>(run: impl FnOnce() -> T) -> (T, usize) {
     held();
     LARGEST.store(0, Relaxed);
@@ -71,8 +71,7 @@ pub fn largest<T>(run: impl FnOnce() -> T) -> (T, usize) {
     (value, LARGEST.load(Relaxed))
 }
 
-/// Returns the most bytes that were allocated at once while `run` ran, beyond those held before. The number is meaningful only if
-/// nothing else runs.
+/// The most bytes allocated at once during `run`, beyond those held before. Call it under [`alone`].
 pub fn peak<T>(run: impl FnOnce() -> T) -> (T, usize) {
     let before = held();
     MOST.store(before, Relaxed);

@@ -1,15 +1,15 @@
-//! A copy of the workspace, in which code is changed and tests are run: to see what a test says when a check is gone.
+//! A copy of the workspace with changed code, to see which tests fail without a check.
 
 use std::env;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// The variable of the environment that names the checks which are out, with semicolons between them.
+/// The environment variable of removed checks, separated by semicolons.
 pub const OUT: &str = "ZK0_OUT";
 
-/// `code`, in which `OUT` stands for the question whether this check is out. So one build serves many checks. Some are in hot loops, so the variable is
-/// read once. It works in crates without the standard library, too.
+/// `code`, in which `OUT` asks whether this check is out, so that one build serves many checks. It reads the variable once, for hot loops,
+/// and works without the standard library.
 pub fn switched(code: &str, check: &str) -> String {
     let question = format!(
         "({{ extern crate std; \
@@ -20,29 +20,29 @@ pub fn switched(code: &str, check: &str) -> String {
     code.replace("OUT", &question)
 }
 
-/// Code of one source that is replaced.
+/// A change to one source.
 #[derive(Clone, Copy, Debug)]
 pub struct SourceChange {
-    /// The source, from the repository's folder.
+    /// The path from the repository's folder.
     pub file: &'static str,
-    /// Code that is in the source once, and what takes its place.
+    /// Code found once in the source, and its replacement.
     pub replacements: &'static [(&'static str, &'static str)],
 }
 
 impl SourceChange {
-    /// The source with the change.
+    /// The changed source.
     ///
     /// # Errors
-    /// A piece of code is not in the source once.
+    /// A piece of code is not found exactly once.
     pub fn applied_to(&self, source: &str) -> Result<String, String> {
         let same = |instead: &str| instead.to_owned();
         self.applied_with(source, same)
     }
 
-    /// The source with the change, where `instead` makes something else of the code that takes the place of the old one.
+    /// [`Self::applied_to`], where `instead` changes the replacement.
     ///
     /// # Errors
-    /// A piece of code is not in the source once.
+    /// A piece of code is not found exactly once.
     pub fn applied_with(
         &self,
         source: &str,
@@ -63,10 +63,10 @@ impl SourceChange {
         Ok(left)
     }
 
-    /// Whether the sources of this workspace have the code that is replaced.
+    /// Checks that this workspace has the code.
     ///
     /// # Errors
-    /// They do not.
+    /// It does not.
     pub fn fits(&self) -> Result<(), String> {
         let source = fs::read_to_string(root().join(self.file));
         let source = source.map_err(|error| format!("{}: {error}", self.file))?;
@@ -74,8 +74,7 @@ impl SourceChange {
     }
 }
 
-/// The copy. What it depends on is built as for all tests, and therefore not built again. Its binaries have a folder of their own, so that
-/// no weakened `zk0` takes the place of the user's.
+/// The copy. It uses the tests' built dependencies, and its own folder for binaries, so that no weakened `zk0` replaces the user's.
 pub struct ChangedCopy {
     folder: PathBuf,
     build: PathBuf,
@@ -86,18 +85,17 @@ pub struct ChangedCopy {
 pub struct Ran {
     /// Whether all tests passed.
     pub succeeded: bool,
-    /// What the tests printed.
+    /// The tests' output.
     pub printed: String,
-    /// What cargo and the compiler said.
+    /// The output of cargo and the compiler.
     pub errors: String,
 }
 
 impl ChangedCopy {
-    /// Copies the sources of this workspace into the folder `name` of `ours`, which cargo gives the programs of tests
-    /// (`CARGO_TARGET_TMPDIR`).
+    /// Copies this workspace's sources into the folder `name` of `ours`, the test's `CARGO_TARGET_TMPDIR`.
     pub fn of_workspace(ours: &Path, name: &str) -> Self {
         let folder = ours.join(name);
-        let _ = fs::remove_dir_all(&folder); // An earlier run may have left this folder
+        let _ = fs::remove_dir_all(&folder); // An earlier run may have left it
         copy_folder(root(), &folder);
         build_quickly(&folder);
         let build = ours
@@ -110,10 +108,10 @@ impl ChangedCopy {
         }
     }
 
-    /// Gives a source of the copy the text that `edit` makes of it.
+    /// Gives a source of the copy the text that `edit` returns.
     ///
     /// # Errors
-    /// That of `edit`. Then the source stays as it is.
+    /// That of `edit`; the source stays as it is.
     pub fn edit(
         &self,
         file: &str,
@@ -124,7 +122,7 @@ impl ChangedCopy {
         Ok(())
     }
 
-    /// Makes a change, does something with the copy, and takes the change back.
+    /// Makes a change, runs `what`, and undoes the change.
     ///
     /// # Errors
     /// The change does not fit the sources.
@@ -141,7 +139,7 @@ impl ChangedCopy {
         Ok(result)
     }
 
-    /// Runs tests of the program `target`, by their names. `arguments` go to the program, and so do these variables of the environment.
+    /// Runs these tests of the program `target`, with these arguments and environment variables.
     pub fn run(
         &self,
         package: &str,
@@ -155,13 +153,13 @@ impl ChangedCopy {
             light @ ("zk0-argument" | "zk0-circuits" | "zk0-protocol" | "zk0-weights") => {
                 cargo.args(["--package", light]);
             }
-            // What links SP1 is built with the features of the whole workspace, so that SP1 is built once.
+            // SP1's dependents get the whole workspace's features, so that SP1 is built once.
             _ => {
                 cargo.arg("--workspace");
             }
         }
-        // What cargo tells this test about its own package, and what scripts/run-test allows it. Build scripts that ask for it would run again, each
-        // time that the other cargo has built, and with them half of what the copy depends on.
+        // Cargo's variables for this test, and those of scripts/run-test. Build scripts that read them would run again after each build of
+        // the other cargo, and rebuild half of the dependencies.
         for (name, _) in env::vars_os() {
             let told = name.to_str().is_some_and(|name| {
                 [
@@ -194,13 +192,12 @@ impl ChangedCopy {
     }
 }
 
-/// The root of the workspace.
 fn root() -> &'static Path {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     here.parent().expect("this crate is in a workspace")
 }
 
-/// Copies the files of a folder, without build outputs, results of demos, and version control.
+/// Copies a folder without build outputs, results of demos, and version control.
 fn copy_folder(from: &Path, to: &Path) {
     let entries = fs::read_dir(from).unwrap_or_else(|error| panic!("{}: {error}", from.display()));
     for entry in entries {
@@ -232,8 +229,7 @@ fn write(path: &Path, content: impl AsRef<[u8]>) {
     fs::write(path, content).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
 }
 
-/// Has the crates of the copy built quickly rather than well, but for the argument, whose provers calculate long. What they depend on is built
-/// as it is for the tests.
+/// Turns off optimisation, except for the argument, whose provers calculate long. Dependencies are built as for the tests.
 fn build_quickly(folder: &Path) {
     let manifest = folder.join("Cargo.toml");
     let mut text = read(&manifest).replace("\nincremental = false\n", "\nincremental = true\n");
@@ -250,7 +246,7 @@ fn build_quickly(folder: &Path) {
         let name = name.trim_start_matches("name = ").trim_matches('"');
         let level = if name == "zk0-argument" { 1 } else { 0 };
         let table = format!("\n[profile.release.package.{name}]\n");
-        // Such a table of the workspace has one line.
+        // In the workspace, such a table has one line.
         if let Some((before, after)) = text.split_once(&table) {
             let (_, rest) = after.split_once('\n').expect("a line in the table");
             text = format!("{before}\n{rest}");

@@ -1,4 +1,4 @@
-//! Reads event files, with a checksum of its own.
+//! Reads event files, with its own checksum.
 
 use prost::Message;
 use std::collections::BTreeMap;
@@ -24,7 +24,7 @@ fn number(bytes: &[u8]) -> u32 {
     u32::from_le_bytes(bytes.try_into().unwrap())
 }
 
-/// The data of each record.
+/// Each record's data.
 #[track_caller]
 pub fn records(mut bytes: &[u8]) -> Vec<Vec<u8>> {
     let mut records = Vec::new();
@@ -42,7 +42,7 @@ pub fn records(mut bytes: &[u8]) -> Vec<Vec<u8>> {
     records
 }
 
-/// The events of a file.
+/// A file's events.
 #[track_caller]
 pub fn events(path: &Path) -> Vec<Event> {
     let records = records(&fs::read(path).unwrap());
@@ -50,7 +50,7 @@ pub fn events(path: &Path) -> Vec<Event> {
     decoded.collect::<Result<_, _>>().unwrap()
 }
 
-/// The event files of a folder, in the order in which TensorBoard reads them.
+/// A folder's event files, in TensorBoard's order.
 pub fn files(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
     let files = entries.filter(|entry| {
@@ -62,7 +62,7 @@ pub fn files(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// The curves of a folder as TensorBoard draws them: for each metric its values by their steps.
+/// A folder's curves in TensorBoard: each metric's values by steps.
 #[track_caller]
 pub fn curves(folder: &Path) -> BTreeMap<String, BTreeMap<i64, f32>> {
     let mut curves = BTreeMap::<String, BTreeMap<i64, f32>>::new();

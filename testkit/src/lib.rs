@@ -1,14 +1,14 @@
-//! What the tests and benches of several crates share. Nothing here is part of `zk0`.
+//! Shared by the tests and benches of several crates. Nothing here is part of `zk0`.
 //!
-//! - What watches a test: [`allocations`] counts what a program allocates, [`fuzzing`] gives readers the inputs that fuzzing found,
-//!   [`own_process`] runs a test alone, and [`skipped`] says which cannot run here.
-//! - What a test waits with: [`until`] something has happened.
-//! - What is tested with: [`claims`] and [`cheats`], the history of a [`network`], its [`ledgers`] on disk, a serving [`aggregator`] and
-//!   [`sockets`] that pester it, [`members`] of a network, an [`s3`] server, a [`local_hub`], [`recordings`] and [`made_recording`]s, a
-//!   [`micro_network`] for them, [`weight_claims`], a reader of [`event_files`], and a port of a test's own ([`own_port`]).
-//! - [`changed_copy`]: a copy of the sources, in which code is changed and tests run.
+//! - Watching: [`allocations`] counts what a program allocates, [`fuzzing`] gives readers the inputs that fuzzing found, [`own_process`]
+//!   runs a test alone, and [`skipped`] reports tests that cannot run here.
+//! - Waiting: [`until`] something has happened.
+//! - Test subjects: [`claims`] and [`cheats`], the history of a [`network`], its [`ledgers`] on disk, a serving [`aggregator`] and
+//!   [`sockets`] that pester it, [`members`] of a network, an [`s3`] server, a [`local_hub`], [`recordings`] and [`made_recording`]s, their
+//!   [`micro_network`], [`weight_claims`], a reader of [`event_files`], and a test's [`own_port`].
+//! - [`changed_copy`]: a copy of the sources, whose code a test changes.
 //!
-//! Each of them that needs another crate of ours is behind a feature of its name.
+//! Modules that need another crate of ours are behind a feature of their name.
 
 #[cfg(feature = "aggregator")]
 pub mod aggregator;

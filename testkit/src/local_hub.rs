@@ -1,4 +1,4 @@
-//! A Hub on loopback. It speaks the part of the API that publishing needs, checks what it is sent, and keeps repositories in memory.
+//! A Hub on loopback for publishing. It checks what it is sent, and keeps repositories in memory.
 
 use base64::prelude::{Engine as _, BASE64_STANDARD};
 use serde_json::{json, Value};
@@ -9,58 +9,58 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-/// The token that may write.
+/// A token that may write.
 pub const TOKEN: &str = "hf_right";
-/// A token that may read, and not write.
+/// A token that may only read.
 pub const READER: &str = "hf_reader";
 
-/// A commit of a repository.
+/// A repository's commit.
 #[derive(Clone, Debug)]
 pub struct HubCommit {
-    /// What it says of itself.
+    /// The summary.
     pub summary: String,
-    /// The names of the files that it changed.
+    /// The changed files.
     pub changed: Vec<String>,
 }
 
 /// A model's repository.
 #[derive(Clone, Debug, Default)]
 pub struct ModelRepository {
-    /// Whether others do not see it.
+    /// Whether others cannot see it.
     pub private: bool,
-    /// The files of the newest commit. Those in `large` are the content of what the commit points to.
+    /// The newest commit's files, with the content of those in `large`.
     pub files: BTreeMap<String, Vec<u8>>,
-    /// The SHA-256 of each large file.
+    /// Each large file's SHA-256.
     pub large: BTreeMap<String, String>,
-    /// All commits, the oldest first.
+    /// All commits, oldest first.
     pub commits: Vec<HubCommit>,
 }
 
-/// What the Hub holds, and how it misbehaves.
+/// What the Hub holds, and its faults.
 #[derive(Default)]
 pub struct HubContent {
-    /// Repositories by their names.
+    /// Repositories by name.
     pub models: BTreeMap<String, ModelRepository>,
-    /// Large files by their SHA-256.
+    /// Large files by SHA-256.
     pub storage: BTreeMap<String, Vec<u8>>,
-    /// All requests: method and path.
+    /// All requests, as method and path.
     pub requests: Vec<String>,
-    /// So many of the next requests whose path contains the text fail with this status.
+    /// Fails this many requests whose path contains the text, with this status.
     pub failing: Option<(&'static str, u16, usize)>,
-    /// So many of the next uploads are cut in the middle.
+    /// Cuts this many uploads in the middle.
     pub cuts: usize,
-    /// Nobody may create repositories: requests to do so get this status.
+    /// Requests to create a repository get this status.
     pub closed: Option<u16>,
-    /// It takes uploads without the headers that it asked for.
+    /// Takes uploads without the required headers.
     pub lenient: bool,
-    /// It asks for the verification of uploads somewhere else.
+    /// Asks to verify uploads at another place.
     pub verify_elsewhere: bool,
 }
 
-/// The server. It serves until the test's process ends.
+/// The server. It runs until the process ends.
 #[derive(Clone)]
 pub struct LocalHub {
-    /// Its URL.
+    /// The URL.
     pub address: String,
     held: Arc<Mutex<HubContent>>,
 }
@@ -72,11 +72,10 @@ struct Request {
     body: Vec<u8>,
 }
 
-/// A status and a body.
 type HubResponse = (u16, Value);
 
 impl LocalHub {
-    /// Starts a Hub that holds nothing.
+    /// Starts an empty Hub.
     pub fn start() -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let hub = Self {
@@ -86,14 +85,14 @@ impl LocalHub {
         let serving = hub.clone();
         std::thread::spawn(move || {
             for stream in listener.incoming() {
-                // It is not the server's fault if the caller has closed the connection.
+                // The caller may have closed the connection.
                 let _ = serving.answer(stream.unwrap());
             }
         });
         hub
     }
 
-    /// What it holds. It waits until the guard is dropped.
+    /// What the Hub holds, which it cannot use until the guard drops.
     pub fn held(&self) -> MutexGuard<'_, HubContent> {
         self.held.lock().unwrap()
     }
@@ -108,7 +107,7 @@ impl LocalHub {
             .expect("no such repository")
     }
 
-    /// Requests since the last time.
+    /// Requests since the last call.
     pub fn asked(&self) -> Vec<String> {
         std::mem::take(&mut self.held().requests)
     }
@@ -126,7 +125,7 @@ impl LocalHub {
         )
     }
 
-    /// Reads a request; `None` if the server is to cut the connection.
+    /// Reads a request; `None` to cut the connection.
     fn read(&self, stream: &TcpStream) -> std::io::Result<Option<Request>> {
         let mut reader = BufReader::new(stream);
         let mut line = String::new();
@@ -235,7 +234,7 @@ impl HubContent {
                 json!({ "error": "You may not create a repository." }),
             );
         }
-        // Without a type, it is a model.
+        // The default type is a model.
         assert!(asked["type"].is_null() || asked["type"] == "model");
         let part = |name: &str| asked[name].as_str().unwrap().to_owned();
         let name = format!("{}/{}", part("organization"), part("name"));
@@ -253,7 +252,7 @@ impl HubContent {
         (200, json!({ "url": format!("/{name}") }))
     }
 
-    /// Files with a byte 0 in their sample, and those over 10 MB, are large.
+    /// Files with a byte 0 in their sample, or over 10 MB, are large.
     fn preupload(&self, name: &str, asked: &Value) -> HubResponse {
         let model = &self.models[name];
         let mode = |file: &Value| {
@@ -312,10 +311,10 @@ impl HubContent {
         (200, json!({ "transfer": "basic", "objects": objects }))
     }
 
-    /// The storage is not the Hub, and must not get its token.
+    /// The storage must not get the Hub's token.
     fn store(&mut self, oid: &str, request: &Request, has_token: bool) -> HubResponse {
         assert_eq!(request.method, "PUT");
-        // Python's client leaves out the headers that Git LFS asks it to send.
+        // Python's client omits the headers that Git LFS requires.
         assert!(self.lenient || request.headers["x-part"] == "all");
         if has_token || hex::encode(Sha256::digest(&request.body)) != oid {
             return (400, json!({ "error": "wrong content, or a token" }));

@@ -1,5 +1,5 @@
-//! Nodes that a program speaks for with the node's own client. Their datasets are made up, and their updates are any bytes: nobody looks into an
-//! update before its submission.
+//! Nodes that a program controls with the node's own client, with made-up datasets. An update is any bytes: nothing reads it before its
+//! submission.
 
 use ed25519_dalek::SigningKey;
 use serde_json::Value;
@@ -15,13 +15,13 @@ use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::{DatasetRegistration, RegisteredEpisode};
 use zk0_protocol::evaluation_set::{draw, list_bytes, DrawnLeaf};
 
-/// Frames of a made-up dataset. All of them are drawn.
+/// Frames of a dataset, all drawn.
 const FRAMES: u32 = 10;
 
-/// On how many samples an update is to be evaluated.
+/// Samples on which an update is evaluated.
 const EVAL_SAMPLES: u32 = 4;
 
-/// The node with this number.
+/// The node of this number.
 #[derive(Clone, Copy)]
 pub struct Member(pub u16);
 
@@ -30,7 +30,7 @@ impl Member {
         SigningKey::from_bytes(&self.bytes(0).0)
     }
 
-    /// Its identity.
+    /// The identity.
     pub fn id(self) -> NodeId {
         NodeId(self.key().verifying_key().to_bytes())
     }
@@ -53,7 +53,7 @@ impl Member {
         }
     }
 
-    /// Connects to the aggregator, and puts a dataset on the ledger.
+    /// Connects to the aggregator, and registers a dataset.
     pub async fn join(self, aggregator: &str, network: Digest) -> NodeClient {
         let node = NodeClient::connect(aggregator.to_owned(), network, self.key());
         let mut node = node.await.unwrap();
@@ -79,7 +79,7 @@ impl Member {
         node
     }
 
-    /// An update of so many bytes. No other member has the same.
+    /// A unique update of this many bytes.
     pub fn update(self, bytes: usize) -> Vec<u8> {
         let mut update = vec![self.0 as u8; bytes];
         for (number, block) in update.chunks_mut(4096).enumerate() {
@@ -90,14 +90,14 @@ impl Member {
         update
     }
 
-    /// Puts an update into the first round.
+    /// Uploads an update for the first round.
     pub async fn upload(self, node: &mut NodeClient, update: Vec<u8>) -> Result<Digest, NodeError> {
         let blob = Digest(Sha256::digest(&update).into());
         node.upload(0, update).await?;
         Ok(blob)
     }
 
-    /// Commits in the first round to an update that is uploaded.
+    /// Commits in the first round to an uploaded update.
     pub async fn commit(self, node: &mut NodeClient, blob: Digest) -> Result<(), NodeError> {
         let update = WeightsDigest {
             blob,
@@ -109,8 +109,8 @@ impl Member {
     }
 }
 
-/// Founds a network of these members in the folder `dir`, in `ledger` beside `log.key`, with room for updates of so many bytes. `run` runs the
-/// program with arguments, and returns what it prints. Returns the network's id.
+/// Founds the members' network in `dir`, in `ledger` beside `log.key`, for updates of up to this size. `run` runs the program, and returns
+/// its output. Returns the network's id.
 pub fn found(
     dir: &Path,
     members: &[Member],

@@ -1,4 +1,4 @@
-//! A network of the profile `micro`, its policy, and what the tests ask of them.
+//! A network of the profile `micro`, its policy, and what tests ask of them.
 
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -25,7 +25,7 @@ use zk0_smolvla::Profile;
 /// What hides the samples.
 pub const SECRET: RegistrationSecret = RegistrationSecret::new([3; 32]);
 
-/// A recording of 245 frames.
+/// A recording with 245 frames.
 pub fn pickplace() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/datasets/so100_pickplace")
 }
@@ -50,7 +50,7 @@ impl Default for Setting {
 }
 
 impl Setting {
-    /// A network whose policy nobody has trained.
+    /// A network with an untrained policy.
     pub fn new() -> Self {
         let policy = init_policy(&Profile::Micro.config(), 1).unwrap();
         Self::of(PolicyFile::hashing_words(policy))
@@ -70,12 +70,12 @@ impl Setting {
         setting
     }
 
-    /// The file of the policy.
+    /// The policy's file.
     pub fn policy(&self) -> PathBuf {
         self.dir.path().join("policy.safetensors")
     }
 
-    /// An evaluation set of `frames` frames, whose samples are in `folder`.
+    /// An evaluation set of `frames` frames, with its samples in `folder`.
     pub fn set(
         &self,
         recording: &OpenRecording,
@@ -86,7 +86,7 @@ impl Setting {
         self.set_under(SECRET, recording, samples, folder, frames)
     }
 
-    /// [`Self::set`], under another secret.
+    /// [`Self::set`] under another secret.
     pub fn set_under(
         &self,
         secret: RegistrationSecret,
@@ -104,7 +104,7 @@ impl Setting {
         EvaluationSet::prepare(recording, samples, &self.spec, by, folder).unwrap()
     }
 
-    /// The registration of `frames` frames of a recording, with its list.
+    /// The registration of `frames` frames of a recording, and its list.
     pub fn registered(
         &self,
         path: &Path,
@@ -141,12 +141,12 @@ impl Setting {
         }
     }
 
-    /// The weights of the policy, quantised.
+    /// The policy's quantised weights.
     pub fn weights(&self) -> QuantisedWeights {
         quantise_weights(&self.spec, &self.file.policy.expert).unwrap()
     }
 
-    /// Checks that each sample is in the tree that was committed to.
+    /// Checks each sample against the committed tree.
     pub fn check_openings(&self, input: &PrivateInput) {
         let dataset = &input.header.terms.dataset;
         for opening in &input.openings {

@@ -1,12 +1,12 @@
-//! A port of loopback that stays a test's own while nobody listens on it.
+//! A loopback port that a test keeps without a listener.
 
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 
-/// A port that no other process gets by chance until this is dropped. One process after the other may listen on it, if it says so
-/// (`SO_REUSEADDR`), as servers do. Until then, whoever connects is refused.
+/// A port that no other process gets by chance until this is dropped. Processes with `SO_REUSEADDR`, such as servers, can listen on it in
+/// turn. Without a listener, connections are refused.
 pub struct OwnPort {
     address: SocketAddr,
-    /// Both ends of a connection to the port. The system gives the port of a connection to nobody who asks for any free one.
+    /// Both ends of a connection to the port, which the system then does not assign as free.
     _connection: [TcpStream; 2],
 }
 
@@ -23,7 +23,7 @@ impl OwnPort {
         }
     }
 
-    /// The number of the port.
+    /// The port's number.
     pub fn number(&self) -> u16 {
         self.address.port()
     }

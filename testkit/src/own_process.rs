@@ -1,10 +1,10 @@
-//! Tests that have a process of their own, because they change or measure what belongs to a whole process: its variables, its namespaces, its
-//! subscriber, its memory, what C libraries write to its stderr.
+//! Tests with their own process, because they change or measure its variables, namespaces, subscriber, memory, or the stderr of C
+//! libraries.
 
 use std::env;
 use std::process::{Command, Output};
 
-/// Says that this process runs one test alone.
+/// Set in a process that runs one test alone.
 const ALONE: &str = "ZK0_TEST_ALONE";
 
 /// Whether this process runs a test alone.
@@ -12,8 +12,8 @@ pub fn is_alone() -> bool {
     env::var_os(ALONE).is_some()
 }
 
-/// Whether this process runs the test alone. If not, this runs it so, waits for its end, and fails if it fails. `test` is its name with its
-/// modules. The words `before` are a command that runs the process, and may be none.
+/// Whether this process runs the test alone. If not, this runs it so, and fails if it fails. `test` includes its modules. `before` is a
+/// command that runs the process, or empty.
 #[track_caller]
 pub fn alone(test: &str, before: &[&str]) -> bool {
     if !is_alone() {
@@ -22,8 +22,7 @@ pub fn alone(test: &str, before: &[&str]) -> bool {
     is_alone()
 }
 
-/// What the test writes to stderr in a process of its own, which this runs; `None` in that process. Fails if the test fails there. `test` is
-/// its name with its modules.
+/// The stderr of the test in its own process; `None` within that process. Fails if the test fails. `test` includes its modules.
 #[track_caller]
 pub fn stderr_alone(test: &str) -> Option<String> {
     let said = (!is_alone()).then(|| run(test, &[]).stderr)?;

@@ -4,13 +4,13 @@ use std::env;
 use std::fmt::Display;
 use std::io::{self, Write};
 
-/// The environment variable with which a check that cannot run is a failure. Continuous integration sets it.
+/// With this environment variable, as in continuous integration, a skipped check fails.
 const ALL: &str = "ZK0_CHECK_ALL";
 
-/// Says that the test that calls this does not run, and why. Whoever runs all checks gets a failure.
+/// Reports why the calling test does not run, which is a failure if all checks have to run.
 #[track_caller]
 pub fn skipped(why: impl Display) {
     assert!(env::var_os(ALL).is_none(), "this cannot run here: {why}");
-    // The harness would hide what `eprintln!` prints.
+    // The harness hides the output of `eprintln!`.
     let _ = writeln!(io::stderr(), "SKIPPED: {why}");
 }

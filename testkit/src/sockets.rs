@@ -1,11 +1,11 @@
-//! Connections without HTTP, from any address of loopback.
+//! Connections without HTTP, from any loopback address.
 
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpSocket, TcpStream};
 use tokio::time::timeout;
 
-/// What every client of HTTP/2 sends first, and an empty frame of settings.
+/// What every HTTP/2 client sends first, and an empty frame of settings.
 pub const PREFACE: &[u8] = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0\x04\0\0\0\0\0";
 
 /// Connects to `url` from 127.0.`network`.`host`.
@@ -16,7 +16,7 @@ pub async fn from([network, host]: [u8; 2], url: &str) -> TcpStream {
     socket.connect(address.parse().unwrap()).await.unwrap()
 }
 
-/// Like [`from`], begins to speak HTTP/2, and waits until the server speaks, too, or has no place for the connection.
+/// [`from`] with HTTP/2. Waits until the server answers, or has no place for the connection.
 pub async fn speaking(address: [u8; 2], url: &str) -> TcpStream {
     let mut stream = from(address, url).await;
     stream.write_all(PREFACE).await.unwrap();
@@ -24,7 +24,7 @@ pub async fn speaking(address: [u8; 2], url: &str) -> TcpStream {
     stream
 }
 
-/// Whether the server closes the connection within this time.
+/// Whether the server closes the connection in this time.
 pub async fn closes(stream: &mut TcpStream, within: Duration) -> bool {
     let mut buffer = [0; 1024];
     timeout(within, async {
@@ -34,12 +34,12 @@ pub async fn closes(stream: &mut TcpStream, within: Duration) -> bool {
     .is_ok()
 }
 
-/// Whether the server has closed the connection, or does so at once.
+/// Whether the connection is closed, or closes at once.
 pub async fn closed(stream: &mut TcpStream) -> bool {
     closes(stream, Duration::from_millis(200)).await
 }
 
-/// Begins a request on `stream` with a message of 4 MiB, of which nothing more comes. The headers are in HPACK's literal form.
+/// Begins a message of 4 MiB. The headers are in HPACK's literal form.
 pub async fn begin_large_message(stream: &mut TcpStream) {
     let mut headers = Vec::new();
     for (name, value) in [

@@ -1,20 +1,20 @@
-//! Waiting for what a test expects to happen, and not for time.
+//! Waiting for an event, not for time.
 
 use std::fmt::Display;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-/// No test depends on how fast the machine is.
+/// Long, so that no test depends on the machine's speed.
 const LIMIT: Duration = Duration::from_secs(120);
 
-/// How often a condition is looked at.
+/// Time between two looks at a condition.
 const EVERY: Duration = Duration::from_millis(5);
 
-/// What a condition gives: `true` or `Some` when it is met.
+/// A condition's result: met if it is `true` or `Some`.
 pub trait Condition {
-    /// What the test gets then.
+    /// The value for the test.
     type Value;
-    /// This value, if the condition is met.
+    /// The value, if met.
     fn met(self) -> Option<Self::Value>;
 }
 
@@ -34,7 +34,7 @@ impl<T> Condition for Option<T> {
     }
 }
 
-/// Waits until `condition` is met, and returns its value. Panics with `what`, which says what has to happen, after two minutes.
+/// Waits until `condition` is met, and returns its value. After two minutes, panics with `what`, the expected event.
 #[track_caller]
 pub fn until<C: Condition>(what: impl Display, mut condition: impl FnMut() -> C) -> C::Value {
     let begun = Instant::now();
@@ -47,7 +47,7 @@ pub fn until<C: Condition>(what: impl Display, mut condition: impl FnMut() -> C)
     }
 }
 
-/// Like [`until`], for tests with a runtime.
+/// [`until`] for tests with a runtime.
 #[cfg(feature = "until_async")]
 pub async fn until_async<C: Condition>(
     what: impl Display,

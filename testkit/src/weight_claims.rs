@@ -1,4 +1,4 @@
-//! What a proof leaves to check of the weights, made without an argument.
+//! What a proof leaves to check about the weights, without an argument.
 
 use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::published::Published;
@@ -10,8 +10,7 @@ use zk0_argument::transcript::Refused;
 use zk0_circuits::model::layout::Layout;
 use zk0_circuits::{Digest, EvalSpec, QuantisedWeights};
 
-/// What an argument about these weights could leave: a claim about each kind of matrix, at a point that depends on `seed`. Returns the words,
-/// and their digest.
+/// A claim about each kind of matrix, at a point from `seed`, as an argument could leave it. Returns the words and their digest.
 pub fn left(weights: [&QuantisedWeights; 2], seed: u32) -> (Vec<u8>, Digest) {
     let spec = EvalSpec::micro();
     let layout = Layout::new(&spec.dims);

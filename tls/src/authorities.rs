@@ -1,4 +1,4 @@
-//! Whose certificates a client believes, and what it says of one that it does not believe.
+//! Whose certificates a client believes, and errors about others.
 
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::CertificateDer;
@@ -8,10 +8,10 @@ use std::io;
 use std::path::{Path, PathBuf};
 use zk0_files::bounded_file;
 
-/// Largest file of certificates that is read.
+/// Largest file of certificates read.
 const MAX_CA_BYTES: u64 = 1 << 20;
 
-/// The authorities whose signatures count below a server's certificate: those in a file, or those that the system trusts.
+/// The authorities that may sign a server's certificate: those in a file, or the system's.
 #[derive(Clone, Debug)]
 pub struct Authorities {
     file: Option<PathBuf>,
@@ -22,43 +22,43 @@ pub struct Authorities {
 /// Why there are no authorities.
 #[derive(Debug, thiserror::Error)]
 pub enum AuthoritiesError {
-    /// The file cannot be used.
+    /// The file is unusable.
     #[error("{} cannot be used to check certificates: {error}", .path.display())]
     File {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The fault.
         error: io::Error,
     },
-    /// The system trusts nobody.
+    /// The system trusts none.
     #[error("this system has no certificates of authorities: install the package ca-certificates, or name a file with {option}")]
     NoneInSystem {
-        /// The option that names a file.
+        /// The option with the file.
         option: &'static str,
     },
 }
 
 impl Authorities {
-    /// The authorities that the system trusts. `option` names a file with others.
+    /// The system's authorities. `option` names a file with others.
     pub fn of_system(option: &'static str) -> Self {
         Self { file: None, option }
     }
 
-    /// From now on, those in this file count, if there is one.
+    /// Uses the authorities of this file, if any.
     pub fn in_file(mut self, file: Option<PathBuf>) -> Self {
         self.file = file;
         self
     }
 
-    /// The file that names them.
+    /// The authorities' file.
     pub fn file(&self) -> Option<&Path> {
         self.file.as_deref()
     }
 
-    /// Their certificates. There is at least one.
+    /// Their certificates, at least one.
     ///
     /// # Errors
-    /// The file holds none, or the system has none.
+    /// The file or the system has none.
     pub fn certificates(&self) -> Result<Vec<CertificateDer<'static>>, AuthoritiesError> {
         let found = match &self.file {
             Some(path) => read(path).map_err(|error| AuthoritiesError::File {
@@ -74,7 +74,7 @@ impl Authorities {
         }
     }
 
-    /// None of their certificates can be used.
+    /// None of their certificates is usable.
     pub fn unusable(&self) -> AuthoritiesError {
         match &self.file {
             Some(path) => AuthoritiesError::File {
@@ -87,7 +87,7 @@ impl Authorities {
         }
     }
 
-    /// What a failure of TLS means for whoever wanted to connect.
+    /// What a TLS failure means to a client.
     pub fn meaning(&self, error: &rustls::Error) -> String {
         let trusted = match &self.file {
             Some(path) => format!("a certificate in {}", path.display()),
@@ -125,14 +125,14 @@ impl Authorities {
     }
 }
 
-/// An error and what caused it.
+/// An error and its causes.
 pub fn causes<'a>(
     error: &'a (dyn Error + 'static),
 ) -> impl Iterator<Item = &'a (dyn Error + 'static)> {
     std::iter::successors(Some(error), |&error| error.source())
 }
 
-/// The failure of TLS among the causes of an error.
+/// The TLS failure among an error's causes.
 pub fn tls_error<'a>(error: &'a (dyn Error + 'static)) -> Option<&'a rustls::Error> {
     causes(error).find_map(|cause| {
         let inner = cause

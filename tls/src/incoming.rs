@@ -1,5 +1,5 @@
-//! The connections of a server that takes them one after the other and speaks HTTP/2, such as tonic's: encrypted or not, a bounded number at a
-//! time, and none on which nothing is said.
+//! The connections of a server that takes them one after the other and speaks HTTP/2, such as tonic's: encrypted or not, bounded in number,
+//! closed if silent at first.
 
 use crate::server_certificate::Acceptor;
 use std::future::Future;
@@ -15,18 +15,18 @@ use tokio::task::JoinSet;
 use tokio::time::{sleep, sleep_until, timeout_at, Instant, Sleep};
 use tokio_stream::wrappers::ReceiverStream;
 
-/// A client of HTTP/2 begins with so many bytes. As soon as they are there, the server asks by itself whether the client is still there.
+/// The first bytes of an HTTP/2 client. After them, the server checks whether the client is still there.
 const PREFACE_BYTES: usize = 24;
 
-/// How often the log says that connections wait or are refused.
+/// How often the log repeats that connections wait or are refused.
 const SAY_AGAIN: Duration = Duration::from_secs(60);
 
-/// What a server allows its connections.
+/// A server's limits for connections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bounds {
-    /// Connections at once. Others wait until one of them ends.
+    /// Connections at once; others wait.
     pub most: usize,
-    /// How long the TLS handshake and the first bytes of HTTP/2 may take together.
+    /// Time limit of TLS handshake and first HTTP/2 bytes together.
     pub begin: Duration,
 }
 
@@ -39,8 +39,8 @@ impl Default for Bounds {
     }
 }
 
-/// The connections on `listener`, encrypted if there is an acceptor. Whoever is slow with the handshake keeps nobody waiting while there are
-/// places. When the stream is dropped, nobody listens any more.
+/// The connections on `listener`, encrypted if there is an acceptor. While places are free, a slow handshake delays no other. Dropping the
+/// stream closes the listener.
 pub fn connections(
     listener: TcpListener,
     tls: Option<Acceptor>,
@@ -57,7 +57,7 @@ pub fn connections(
                 let why = format!("all {most} connections are taken: others wait until one ends");
                 warn(&mut said, &why);
             }
-            // Whoever comes meanwhile waits in the system's queue, where it costs no file descriptor.
+            // Meanwhile clients wait in the system's queue, without a file descriptor.
             let accepted = async {
                 let place = places.clone().acquire_owned().await;
                 let place = place.map_err(io::Error::other)?;
@@ -70,7 +70,7 @@ pub fn connections(
             let (stream, place) = match accepted {
                 Ok(accepted) => accepted,
                 Err(error) => {
-                    // Most likely the process has no file descriptor left. Connections that end give some back.
+                    // Probably no file descriptor is left; connections that end free some.
                     warn(&mut said, &format!("a connection is refused: {error}"));
                     sleep(Duration::from_millis(100)).await;
                     continue;
@@ -84,7 +84,7 @@ pub fn connections(
                     None => Box::new(stream),
                     Some(tls) => match timeout_at(due, tls.accept(stream)).await {
                         Ok(Ok(stream)) => Box::new(stream),
-                        // It is no event when a client goes away, takes too long, or does not speak TLS.
+                        // Clients that leave, are too slow or do not speak TLS are not worth a warning.
                         Ok(Err(error)) => {
                             return tracing::debug!("a TLS handshake failed: {error}")
                         }
@@ -106,7 +106,7 @@ pub fn connections(
     ReceiverStream::new(connections)
 }
 
-/// Writes it to the log, unless something was written a moment ago.
+/// Logs it, unless something was logged a moment ago.
 fn warn(said: &mut Option<Instant>, why: &str) {
     if said.is_none_or(|at| at.elapsed() >= SAY_AGAIN) {
         tracing::warn!("{why}");
@@ -119,15 +119,15 @@ trait ByteStream: AsyncRead + AsyncWrite + Send + Sync + Unpin {}
 
 impl<T: AsyncRead + AsyncWrite + Send + Sync + Unpin> ByteStream for T {}
 
-/// A connection. It has its place until it is dropped.
+/// A connection, which keeps its place until dropped.
 pub struct Connection {
     stream: Box<dyn ByteStream>,
-    /// Until the client has begun to speak HTTP/2.
+    /// Until the client speaks HTTP/2.
     beginning: Option<Beginning>,
     _place: OwnedSemaphorePermit,
 }
 
-/// The first bytes of a connection.
+/// A connection's first bytes.
 struct Beginning {
     come: usize,
     due: Pin<Box<Sleep>>,
@@ -145,7 +145,7 @@ impl AsyncRead for Connection {
         let Some(beginning) = &mut this.beginning else {
             return polled;
         };
-        // A server that was busy may look late at bytes that came in time. So it reads first.
+        // Reads first: a busy server may look late at bytes that came in time.
         beginning.come += buffer.filled().len() - before;
         if beginning.come >= PREFACE_BYTES {
             this.beginning = None;

@@ -1,13 +1,12 @@
 //! TLS for all services.
 //!
-//! A short tour:
-//! - [`authorities`]: whose certificates a client believes, and what it says of one that it does not believe.
+//! - [`authorities`]: whose certificates a client believes, and errors about others.
 //! - [`service_address`] (feature `grpc`): a gRPC client connects to a service by its address.
-//! - [`server_certificate`] (feature `server`): the certificate that a server shows; it is read again while the server runs.
-//! - [`incoming`] (feature `server`): the connections of a server that takes them one after the other, encrypted or not, and bounded.
-//! - [`local_authority`] (feature `server`): an authority that signs a certificate for tests and local networks.
+//! - [`server_certificate`] (feature `server`): a server's certificate, which is read again while it runs.
+//! - [`incoming`] (feature `server`): a server's connections, encrypted or not, one after the other and bounded.
+//! - [`local_authority`] (feature `server`): signs certificates for tests and local networks.
 //!
-//! Without features, there is only what a client with a blocking HTTP library wants. An auditor's build has nothing more.
+//! Without features, there is only what a client with a blocking HTTP library needs, such as an auditor.
 
 pub mod authorities;
 #[cfg(feature = "server")]

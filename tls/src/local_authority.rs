@@ -15,28 +15,28 @@ use std::io;
 use std::path::{Path, PathBuf};
 use zk0_files::{atomic_file, bounded_file};
 
-/// The authority's certificate. Clients trust it.
+/// The authority's certificate, which clients trust.
 pub const CA: &str = "ca.pem";
-/// The authority's key. Whoever has it can sign a certificate for any name.
+/// The authority's key. It can sign a certificate for any name.
 pub const CA_KEY: &str = "ca.key";
 /// The server's certificate.
 pub const CERTIFICATE: &str = "server.pem";
 /// The server's key.
 pub const KEY: &str = "server.key";
 
-/// Largest file of an authority that is read.
+/// Largest file read of an authority.
 const MAX_FILE_BYTES: u64 = 1 << 20;
 
 /// Why there is no certificate.
 #[derive(Debug, thiserror::Error)]
 pub enum AuthorityError {
-    /// A file is there already.
+    /// A file exists already.
     #[error("{} exists, and nothing is overwritten: choose an empty folder", .0.display())]
     Exists(PathBuf),
-    /// A file of an authority that is there cannot be read.
+    /// An existing authority's file is unreadable.
     #[error("reading {}: {error}; the authority in this folder signs with it", .path.display())]
     Read { path: PathBuf, error: io::Error },
-    /// The files in the folder are no authority's.
+    /// The folder's files are no authority's.
     #[error("the authority in {} cannot sign: {why}", .dir.display())]
     NoAuthority { dir: PathBuf, why: String },
     /// A file cannot be written.
@@ -45,7 +45,7 @@ pub enum AuthorityError {
     /// No client could use a certificate for this name.
     #[error("{0:?} is neither a host name nor an IP address: give a name by which clients reach the server, without a scheme and a port")]
     Name(String),
-    /// A name cannot stand in a certificate.
+    /// A name that certificates cannot have.
     #[error("no certificate can be made for the names {names:?}: {error}")]
     Names {
         names: Vec<String>,
@@ -53,7 +53,7 @@ pub enum AuthorityError {
     },
 }
 
-/// An authority and what it has signed, as PEM.
+/// An authority and its signed certificate, as PEM.
 pub struct LocalAuthority {
     /// The authority's certificate.
     pub ca: String,
@@ -65,12 +65,12 @@ pub struct LocalAuthority {
 }
 
 impl LocalAuthority {
-    /// A new authority, and a certificate for a server with these host names and IP addresses.
+    /// A new authority, with a certificate for a server's host names and IP addresses.
     pub fn new(names: &[String]) -> Result<Self, AuthorityError> {
         Self::with(names, |_| {})
     }
 
-    /// Like [`Self::new`], and `change` changes the server's certificate before it is signed.
+    /// Like [`Self::new`]; `change` edits the server's certificate before signing.
     pub fn with(
         names: &[String],
         change: impl FnOnce(&mut CertificateParams),
@@ -82,8 +82,8 @@ impl LocalAuthority {
         })
     }
 
-    /// Lets the authority whose certificate and key are in `dir` sign a new certificate for a server, and puts that there with its key, in place of
-    /// those that are there. Clients go on believing the authority.
+    /// Signs a new server certificate with the authority in `dir`, and replaces the server's certificate and key there. Clients still
+    /// believe the authority.
     ///
     /// # Errors
     /// `ca.pem` or `ca.key` is missing or damaged, or they do not belong together. Then nothing is written.
@@ -131,7 +131,7 @@ impl LocalAuthority {
         })
     }
 
-    /// Writes the four files into a folder that has none of them. Their owner alone can read the keys.
+    /// Writes the four files into a folder that has none of them. Only the owner can read the keys.
     pub fn write(&self, dir: &Path) -> Result<(), AuthorityError> {
         let written = |path: &Path, result: io::Result<()>| {
             result.map_err(|error| AuthorityError::Write {
@@ -157,7 +157,7 @@ impl LocalAuthority {
     }
 }
 
-/// What all authorities of this program have in common: all but the key.
+/// What all this program's authorities share: all but the key.
 fn authority_params() -> CertificateParams {
     let mut params = CertificateParams::default();
     params.distinguished_name = named("zk0 local authority");
@@ -166,7 +166,7 @@ fn authority_params() -> CertificateParams {
     params
 }
 
-/// A certificate for a server with these names, and its key, as PEM.
+/// A server's certificate for these names and its key, as PEM.
 fn server_certificate(
     names: &[String],
     authority: &Issuer<'_, impl SigningKey>,
@@ -183,7 +183,7 @@ fn server_certificate(
     Ok((certificate.pem(), key.serialize_pem()))
 }
 
-/// Whether a client that believes the certificate `authority` believes the certificate `signed` now. Both are PEM.
+/// Whether a client that believes certificate `authority` now believes certificate `signed`. Both are PEM.
 fn is_signed_by(signed: &str, authority: &str) -> bool {
     let der = |pem: &str| CertificateDer::from_pem_slice(pem.as_bytes()).ok();
     let (Some(signed), Some(authority)) = (der(signed), der(authority)) else {
@@ -206,11 +206,11 @@ fn check_names(names: &[String]) -> Result<(), AuthorityError> {
     }
 }
 
-/// Whether a client can find this name in a certificate. `*.` before a host name stands for all hosts of a domain.
+/// Whether a certificate can have this name. `*.` before a host name means all hosts of a domain.
 fn is_server_name(name: &str) -> bool {
     let host = name.strip_prefix("*.").unwrap_or(name);
     match ServerName::try_from(host) {
-        // With a dot at its end, a client may ask for a host, but no certificate may name it.
+        // Clients may ask for a host with a final dot, but no certificate may name it.
         Ok(ServerName::DnsName(_)) => !host.ends_with('.'),
         Ok(_) => host == name,
         Err(_) => false,
@@ -272,7 +272,7 @@ mod tests {
         assert!(is_signed_by(&after[2], &after[0]));
         let mode = fs::metadata(dir.path().join(KEY)).unwrap().permissions();
         assert_eq!(mode.mode() & 0o777, 0o600);
-        // The key of another authority signs nothing, and nothing is written.
+        // Another authority's key signs nothing, and nothing is written.
         let other = LocalAuthority::new(&["localhost".into()]).unwrap();
         fs::write(dir.path().join(CA_KEY), other.ca_key).unwrap();
         let error = LocalAuthority::sign_again(dir.path(), &["192.0.2.8".into()]);

@@ -1,5 +1,4 @@
-//! The certificate that a server shows, from PEM files. It is read again while the server runs, so that a renewed certificate needs no
-//! restart.
+//! A server's certificate, from PEM files. It is read again while the server runs, so that renewal needs no restart.
 
 use rustls::client::verify_server_cert_signed_by_trust_anchor;
 use rustls::crypto::{ring, CryptoProvider};
@@ -20,29 +19,29 @@ use tokio_rustls::server::TlsStream;
 use tokio_rustls::TlsAcceptor;
 use zk0_files::bounded_file;
 
-/// Largest file with certificates or a key that is read.
+/// Largest certificate or key file read.
 const MAX_FILE_BYTES: u64 = 1 << 20;
 
 /// A day, in seconds.
 const DAY_S: i64 = 86_400;
 
-/// How long before its end the log warns of a certificate. Public authorities sign for 90 days, and tools renew a month before the end.
+/// How long before its end the log warns. Public authorities sign for 90 days; tools renew a month before the end.
 const WARN_BEFORE_S: i64 = 21 * DAY_S;
 
-/// How often it does.
+/// How often it warns.
 const WARN_AGAIN: Duration = Duration::from_secs(DAY_S as u64);
 
-/// The first byte of a TLS connection: a record of a handshake.
+/// The first byte of a TLS handshake.
 const HANDSHAKE: u8 = 22;
 
-/// What somebody gets who speaks HTTP without TLS.
+/// The answer to HTTP without TLS.
 const NOT_TLS: &[u8] = b"HTTP/1.1 400 Bad Request\r\nconnection: close\r\n\
     content-type: text/plain; charset=utf-8\r\n\r\nthis port speaks TLS: use https://\n";
 
-/// Why a certificate cannot be used.
+/// Why a certificate is unusable.
 #[derive(Debug, thiserror::Error)]
 pub enum CertificateError {
-    /// A file cannot be read.
+    /// A file is unreadable.
     #[error("reading {}: {error}", .path.display())]
     Read { path: PathBuf, error: io::Error },
     /// The file has no certificate.
@@ -51,7 +50,7 @@ pub enum CertificateError {
     /// The file has no key.
     #[error("{} holds no private key: it has to be a PEM file with the key of the certificate", .0.display())]
     NoKey(PathBuf),
-    /// They do not belong together, or the kind of key is not known.
+    /// They do not belong together, or the key's kind is unknown.
     #[error("the certificate in {} cannot be used with the key in {}: {error}", .certificate.display(), .key.display())]
     Unusable {
         certificate: PathBuf,
@@ -70,19 +69,19 @@ pub struct ServerCertificate {
 
 #[derive(Debug)]
 struct Shown {
-    /// What the files held when they were last read.
+    /// The files' content at the last read.
     read: [Vec<u8>; 2],
     certified: Arc<CertifiedKey>,
-    /// When the certificate ends, in Unix seconds.
+    /// The certificate's end, in Unix seconds.
     ends_s: i64,
 }
 
-/// Encrypts the connections of a server.
+/// Encrypts a server's connections.
 #[derive(Clone)]
 pub struct Acceptor(TlsAcceptor);
 
 impl ServerCertificate {
-    /// Reads the certificate, followed by those that sign it, and its key.
+    /// Reads the certificate, followed by its signers', and its key.
     pub fn load(certificate: &Path, key: &Path) -> Result<Arc<Self>, CertificateError> {
         let read = read(certificate, key)?;
         let (certified, ends_s) = parse(certificate, key, &read)?;
@@ -97,13 +96,13 @@ impl ServerCertificate {
         }))
     }
 
-    /// When the certificate ends that is shown now, in Unix seconds.
+    /// The current certificate's end, in Unix seconds.
     pub fn ends_s(&self) -> i64 {
         let shown = self.shown.read().unwrap_or_else(PoisonError::into_inner);
         shown.ends_s
     }
 
-    /// Logs that the certificate has ended, or that it ends soon. Clients do not connect once it has.
+    /// Logs that the certificate ends soon or has ended, which stops clients.
     fn warn_of_its_end(&self) {
         let now = SystemTime::now().duration_since(UNIX_EPOCH);
         let now_s = now.map_or(0, |now| now.as_secs() as i64);
@@ -118,7 +117,7 @@ impl ServerCertificate {
         }
     }
 
-    /// Reads the files again. Returns whether there is a new certificate. A broken file is an error once, and the old certificate stays.
+    /// Reads the files again; returns whether the certificate is new. A broken file is an error once, and the old certificate stays.
     fn reload(&self) -> Result<bool, CertificateError> {
         let read = read(&self.certificate, &self.key)?;
         let mut shown = self.shown.write().unwrap_or_else(PoisonError::into_inner);
@@ -131,7 +130,7 @@ impl ServerCertificate {
         Ok(true)
     }
 
-    /// Reads the files again and again. Connections from then on see a new certificate. Before a certificate ends, the log says so each day.
+    /// Reads the files repeatedly. Later connections see a new certificate. Before a certificate ends, logs a warning each day.
     pub async fn watch(self: Arc<Self>, every: Duration) {
         let mut said = String::new();
         let mut warned: Option<Instant> = None;
@@ -165,7 +164,7 @@ impl ServerCertificate {
         }
     }
 
-    /// Encrypts connections with this certificate, for clients that speak `protocol` (its name in ALPN: `h2` or `http/1.1`).
+    /// Encrypts connections with this certificate, for clients of `protocol` (its ALPN name: `h2` or `http/1.1`).
     pub fn acceptor(self: &Arc<Self>, protocol: &str) -> Acceptor {
         let mut config = ServerConfig::builder_with_provider(provider())
             .with_safe_default_protocol_versions()
@@ -185,11 +184,11 @@ impl ResolvesServerCert for ServerCertificate {
 }
 
 impl Acceptor {
-    /// The TLS handshake. Whoever does not speak TLS is told so.
+    /// The TLS handshake. Tells clients without TLS to use it.
     pub async fn accept(&self, mut stream: TcpStream) -> io::Result<TlsStream<TcpStream>> {
         let mut first = [0];
         if stream.peek(&mut first).await? == 1 && first != [HANDSHAKE] {
-            // What has come is taken, because the system discards an answer if something unread is left at the end.
+            // Reads first: with unread input at the end, the system discards the answer.
             let _ = stream.read(&mut [0; 4096]).await?;
             stream.write_all(NOT_TLS).await?;
             stream.shutdown().await?;
@@ -236,7 +235,7 @@ fn parse(
     Ok((Arc::new(certified), ends_s))
 }
 
-/// When a certificate ends, in Unix seconds. The verifier of rustls tells that if it is asked long after.
+/// A certificate's end, in Unix seconds: rustls' verifier tells it when asked about a later time.
 fn end_of(certificate: &CertificateDer<'_>) -> Option<i64> {
     let after_all = UnixTime::since_unix_epoch(Duration::from_secs(1 << 40));
     let parsed = ParsedCertificate::try_from(certificate).ok()?;

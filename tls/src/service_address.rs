@@ -1,4 +1,4 @@
-//! A gRPC client connects to a service by its address, with TLS where the address begins with `https://`.
+//! Connects a gRPC client to a service by its address, with TLS for `https://`.
 
 use crate::authorities::{causes, tls_error, Authorities, AuthoritiesError};
 use futures_core::future::BoxFuture;
@@ -10,10 +10,10 @@ use std::time::Duration;
 use tonic::transport::{Channel, ClientTlsConfig, Endpoint, Uri};
 use tonic::Status;
 
-/// How long a connection, with its TLS handshake, may take.
+/// Time limit for connecting, with the TLS handshake.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// The address of a service, `https://…` or `http://…`, and whose certificates count there.
+/// A service's address, `https://…` or `http://…`, and whose certificates count there.
 #[derive(Clone, Debug)]
 pub struct ServiceAddress {
     service: &'static str,
@@ -22,29 +22,29 @@ pub struct ServiceAddress {
     silence: Silence,
 }
 
-/// How a client finds out that the network between it and the service is cut. A cut connection looks like one on which nobody speaks.
+/// How a client notices a cut network: it looks like silence.
 #[derive(Clone, Copy, Debug)]
 pub struct Silence {
-    /// After so much of it, the client asks whether anybody is there (a ping of HTTP/2).
+    /// Silence after which the client sends an HTTP/2 ping.
     pub asks_after: Duration,
-    /// If no answer comes for so long, the connection is lost.
+    /// Wait for its answer before the connection is lost.
     pub lost_after: Duration,
 }
 
 /// Why there is no connection.
 #[derive(Debug, thiserror::Error)]
 pub enum ConnectError {
-    /// The text is not an address, nobody answers there, or whoever answers does not show the right certificate.
+    /// The text is not an address, nothing answers there, or its certificate is wrong.
     #[error("the {service} at {url} cannot be reached: {why}")]
     Unreachable {
         /// What the service is.
         service: &'static str,
         /// Its address.
         url: String,
-        /// What is wrong.
+        /// The fault.
         why: String,
     },
-    /// There are certificates to check, but the connection would not be encrypted.
+    /// There are certificates to check, but no encryption.
     #[error("{} says whose certificates count, but the {service} at {url} has none: use https://", .file.display())]
     NotEncrypted {
         /// What the service is.
@@ -59,7 +59,7 @@ pub enum ConnectError {
     Authorities(#[from] AuthoritiesError),
 }
 
-/// The address of an aggregator, which most clients speak to.
+/// An aggregator's address, the most common.
 impl From<String> for ServiceAddress {
     fn from(url: String) -> Self {
         Self::new("aggregator", url, "--ca")
@@ -67,8 +67,7 @@ impl From<String> for ServiceAddress {
 }
 
 impl ServiceAddress {
-    /// The address of a service, such as an "aggregator", where the certificates that the system trusts count. The option `option` names
-    /// others.
+    /// The address of a service, such as an "aggregator", where the system's authorities count. The option `option` names others.
     pub fn new(service: &'static str, url: String, option: &'static str) -> Self {
         Self {
             service,
@@ -81,13 +80,13 @@ impl ServiceAddress {
         }
     }
 
-    /// From now on, a silent connection is given up after these times.
+    /// Gives up silent connections after these times.
     pub fn with_silence(mut self, silence: Silence) -> Self {
         self.silence = silence;
         self
     }
 
-    /// From now on, only the certificates in this PEM file count.
+    /// Believes only the certificates in this PEM file.
     pub fn with_ca(mut self, file: Option<PathBuf>) -> Self {
         self.authorities = self.authorities.in_file(file);
         self
@@ -98,18 +97,18 @@ impl ServiceAddress {
         &self.authorities
     }
 
-    /// Whether what travels there is encrypted.
+    /// Whether the connection is encrypted.
     pub fn is_encrypted(&self) -> bool {
         let scheme = self.url.split("://").next();
         scheme.is_some_and(|scheme| scheme.eq_ignore_ascii_case("https"))
     }
 
-    /// The address, as it was given.
+    /// The address as given.
     pub fn url(&self) -> &str {
         &self.url
     }
 
-    /// Connects. The future is boxed, so that a crate that awaits it does not compile the client anew.
+    /// Connects. The future is boxed, so that crates that await it need not compile the client.
     pub fn connect(&self) -> BoxFuture<'_, Result<Channel, ConnectError>> {
         Box::pin(async {
             let endpoint = self.endpoint()?;
@@ -119,11 +118,10 @@ impl ServiceAddress {
         })
     }
 
-    /// A channel that connects when it is first used, and again whenever it is used after its connection was lost. It belongs to the runtime in
-    /// which this is called.
+    /// A channel that connects at its first use, and again after a lost connection. It belongs to the runtime of this call.
     pub fn connect_lazily(&self) -> Result<Channel, ConnectError> {
         let endpoint = self.endpoint()?;
-        // Who connects at once hears it from whoever tries. Here nobody would hear it.
+        // An immediate connection would report this fault; here nothing else does.
         match endpoint.uri().scheme_str() {
             Some("http" | "https") => Ok(endpoint.connect_lazy()),
             _ => Err(self.because("an address begins with http:// or https://".into())),
@@ -154,7 +152,7 @@ impl ServiceAddress {
         }
     }
 
-    /// Warns if what travels to another machine is not encrypted.
+    /// Warns if the connection to another machine is not encrypted.
     pub fn warn_if_plain(&self) {
         let Self { service, url, .. } = self;
         let uri = url.parse::<Uri>().unwrap_or_default();
@@ -175,7 +173,7 @@ impl ServiceAddress {
         }
     }
 
-    /// Why the service cannot be reached, from the first cause that says something.
+    /// Why the service is unreachable: the first cause with a text.
     fn unreachable(&self, error: &(dyn Error + 'static)) -> ConnectError {
         let why = match tls_error(error) {
             Some(error) => self.authorities.meaning(error),
@@ -192,9 +190,9 @@ impl ServiceAddress {
         self.because(why)
     }
 
-    /// What the failure of the first request means: whoever does not speak HTTP/2 shows it only then. `None` if the service itself refused.
+    /// What the first request's failure means: a side that does not speak HTTP/2 shows it only then. `None` if the service refused.
     pub fn first_failure(&self, status: &Status) -> Option<ConnectError> {
-        // What a service answers has no source. A lost connection has one, and how it was lost depends on who was faster.
+        // A service's answer has no source. A lost connection has one, and how it was lost depends on timing.
         let cause = status.source().and_then(|cause| causes(cause).last())?;
         Some(self.because(if self.is_encrypted() {
             format!("the connection ended before it answered: {cause}")
@@ -203,13 +201,13 @@ impl ServiceAddress {
         }))
     }
 
-    /// What the failure of a later request means: the connection was lost, or could not be made again. `None` if the service itself refused.
+    /// What a later request's failure means: the connection was lost, or could not be made again. `None` if the service refused.
     pub fn lost(&self, status: &Status) -> Option<ConnectError> {
-        // What a service answers has no source.
+        // A service's answer has no source.
         Some(self.unreachable(status.source()?))
     }
 
-    /// The service cannot be reached, because of `why`.
+    /// The service is unreachable, because of `why`.
     pub fn because(&self, why: String) -> ConnectError {
         ConnectError::Unreachable {
             service: self.service,

@@ -1,8 +1,8 @@
-//! How a trace goes on in another process: a request has the header `traceparent` (W3C Trace Context), with the ids of the trace and of the span
-//! that makes the request.
+//! How a trace goes on in another process: a request has the header `traceparent` (W3C Trace Context), with the ids of the trace and of the
+//! requesting span.
 //!
-//! Anybody may send a header. So nothing but these two ids is taken from it, it has a fixed length, and whether a span is recorded does not depend on
-//! it.
+//! Anybody may send a header. So only these two ids are taken from it, its length is fixed, and it does not decide whether a span is
+//! recorded.
 
 use opentelemetry::propagation::{Extractor, Injector, TextMapPropagator};
 use opentelemetry::trace::TraceContextExt;
@@ -15,13 +15,13 @@ use tonic::{Request, Status};
 use tracing::Span;
 use tracing_opentelemetry::OpenTelemetrySpanExt;
 
-/// The name of the header.
+/// The header's name.
 pub const TRACEPARENT: &str = "traceparent";
 
-/// The length of the header, in bytes: its version, two ids and a byte of flags, in hexadecimal digits with dashes in between.
+/// The header's length in bytes: version, two ids and flags, in hexadecimal, with dashes between.
 const LENGTH: usize = 55;
 
-/// Puts the current span into the requests of a client. It adds nothing where no traces are sent.
+/// Puts the current span into a client's requests, if traces are sent.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Carrier;
 
@@ -34,26 +34,25 @@ impl Interceptor for Carrier {
     }
 }
 
-/// The metadata of a request that goes out.
+/// An outgoing request's metadata.
 struct Outgoing<'a>(&'a mut MetadataMap);
 
 impl Injector for Outgoing<'_> {
     fn set(&mut self, name: &str, value: String) {
-        // The state of a trace is for other programs' traces, and ours has none.
+        // A trace's state is for other programs; ours has none.
         if let (TRACEPARENT, Ok(value)) = (name, value.parse()) {
             self.0.insert(TRACEPARENT, value);
         }
     }
 }
 
-/// The value of the header for a request that the current span makes with another protocol than gRPC; `None` where no traces are sent.
+/// The header's value for a request over a protocol other than gRPC; `None` where no traces are sent.
 pub fn traceparent() -> Option<String> {
     let mut header = SentHeader::default();
     TraceContextPropagator::new().inject_context(&Span::current().context(), &mut header);
     header.0
 }
 
-/// The header of one request that goes out.
 #[derive(Default)]
 struct SentHeader(Option<String>);
 
@@ -65,7 +64,7 @@ impl Injector for SentHeader {
     }
 }
 
-/// Lets `span`, which has just begun, belong to the trace of whoever makes the request with these headers, if they say which that is.
+/// Puts `span`, which has just begun, into the trace that these headers name, if any.
 pub fn follow(span: &Span, headers: &HeaderMap) {
     // Without a collector there is no such span.
     if span.is_disabled() {
@@ -77,7 +76,7 @@ pub fn follow(span: &Span, headers: &HeaderMap) {
     }
 }
 
-/// Where the trace of a request with these headers goes on; `None` if they do not say it, or say it more than once or in another form.
+/// The trace that these headers name; `None` if they name none or several, or have another form.
 pub fn parent(headers: &HeaderMap) -> Option<Context> {
     let mut values = headers.get_all(TRACEPARENT).iter();
     let (Some(value), None) = (values.next(), values.next()) else {
@@ -89,7 +88,6 @@ pub fn parent(headers: &HeaderMap) -> Option<Context> {
     valid.then_some(context)
 }
 
-/// The one header that is read.
 struct ReceivedHeader<'a>(&'a str);
 
 impl<'a> ReceivedHeader<'a> {

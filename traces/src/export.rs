@@ -1,7 +1,7 @@
-//! Sends the spans of this process to a collector, by OTLP over gRPC.
+//! Sends this process's spans to a collector, by OTLP over gRPC.
 //!
-//! Nothing waits for the collector. Spans that have ended wait in a queue of a fixed length, a thread of its own sends them with a runtime of its own,
-//! and what does not fit into the queue is lost. The log says once that a collector does not take spans, and once that it takes them again.
+//! Nothing waits for the collector. Ended spans wait in a queue of a fixed length, which a thread with its own runtime sends; the rest is
+//! lost. The log states once that a collector does not take spans, and once that it takes them again.
 
 use opentelemetry::trace::TracerProvider;
 use opentelemetry_otlp::{ExporterBuildError, SpanExporter as Otlp, WithTonicConfig};
@@ -20,27 +20,27 @@ use tracing_subscriber::registry::LookupSpan;
 use tracing_subscriber::Layer;
 use zk0_tls::service_address::{ConnectError, ServiceAddress};
 
-/// How long a collector may take for what it is sent at once.
+/// The time limit for one transfer to a collector.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// How long the end of the process waits for spans that are not sent yet.
+/// How long the process waits at its end for unsent spans.
 const ENDING: Duration = Duration::from_secs(2);
 
-/// Sends the spans of this process to a collector. When it is dropped, it sends what is left, for two seconds at most.
+/// Sends this process's spans to a collector. When dropped, it sends the rest for at most two seconds.
 pub struct Traces {
     provider: SdkTracerProvider,
     collector: ServiceAddress,
-    /// The connection lives here. `None` only while this is dropped.
+    /// Drives the connection. `None` only while this is dropped.
     runtime: Option<Runtime>,
 }
 
 /// Why traces cannot be sent.
 #[derive(Debug, thiserror::Error)]
 pub enum TracesError {
-    /// The address of the collector, or whose certificates count there, is wrong.
+    /// The collector's address, or its choice of certificates, is wrong.
     #[error(transparent)]
     Address(#[from] ConnectError),
-    /// The system gives no thread for it.
+    /// The system gives no thread.
     #[error("no thread sends traces: {0}")]
     Runtime(io::Error),
     /// An environment variable of OpenTelemetry (`OTEL_…`) has a wrong value.
@@ -54,7 +54,7 @@ impl Traces {
         ServiceAddress::new("collector", url, "--otlp-ca")
     }
 
-    /// Traces of the service `service`, such as `zk0-node`, for this collector. It need not run yet.
+    /// Sends the traces of `service`, such as `zk0-node`, to this collector, which need not run yet.
     pub fn to(collector: ServiceAddress, service: &'static str) -> Result<Self, TracesError> {
         let runtime = Builder::new_multi_thread()
             .worker_threads(1)
@@ -72,7 +72,7 @@ impl Traces {
                 env!("CARGO_PKG_VERSION"),
             ));
         let provider = SdkTracerProvider::builder()
-            // Whether a span is recorded is not for whoever sends a request to say.
+            // A request's sender must not decide whether a span is recorded.
             .with_sampler(Sampler::AlwaysOn)
             .with_resource(resource.build())
             .with_batch_exporter(Patient {
@@ -90,7 +90,7 @@ impl Traces {
         })
     }
 
-    /// What has to stand among the layers of the process's subscriber.
+    /// A layer for the process's subscriber.
     pub fn layer<S>(&self) -> impl Layer<S> + Send + Sync
     where
         S: Subscriber + for<'a> LookupSpan<'a> + Send + Sync,
@@ -113,7 +113,7 @@ impl Traces {
 
 impl Drop for Traces {
     fn drop(&mut self) {
-        // The log has said why, if this fails.
+        // If this fails, the log has the reason.
         let _ = self.provider.shutdown_with_timeout(ENDING);
         if let Some(runtime) = self.runtime.take() {
             runtime.shutdown_background();
@@ -121,14 +121,14 @@ impl Drop for Traces {
     }
 }
 
-/// The spans of zk0 itself. Those of the libraries, among them the ones that send spans, are for nobody, and what is logged is not sent.
+/// Only zk0's own spans are sent: no log events, and none of the libraries, some of which send spans.
 fn is_ours(metadata: &Metadata<'_>) -> bool {
     metadata.is_span()
         && metadata.target().starts_with("zk0")
         && *metadata.level() <= tracing::Level::INFO
 }
 
-/// An exporter that gives up after a while, and says so once.
+/// An exporter with a time limit that logs a failure once.
 #[derive(Debug)]
 struct Patient {
     otlp: Arc<Otlp>,
@@ -140,7 +140,7 @@ struct Patient {
 impl SpanExporter for Patient {
     async fn export(&self, batch: Vec<SpanData>) -> OTelSdkResult {
         let otlp = self.otlp.clone();
-        // The thread that calls this has no runtime, and timers need one.
+        // Timers need a runtime, and the calling thread has none.
         let sent = self.runtime.spawn(async move {
             match timeout(PATIENCE, otlp.export(batch)).await {
                 Ok(sent) => sent,
@@ -164,7 +164,7 @@ impl SpanExporter for Patient {
     }
 
     fn set_resource(&mut self, resource: &Resource) {
-        // Nothing is being sent yet, so nobody else holds it.
+        // Nothing is being sent yet, so there is no other owner.
         if let Some(otlp) = Arc::get_mut(&mut self.otlp) {
             otlp.set_resource(resource);
         }

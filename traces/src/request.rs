@@ -1,5 +1,4 @@
-//! The span of a request that a gRPC service answers. Its fields are those of OpenTelemetry's conventions for gRPC, and the node and the round that
-//! the request is about.
+//! The span of a request to a gRPC service. Its fields follow OpenTelemetry's conventions for gRPC, plus the request's node and round.
 
 use crate::carried;
 use tonic::codegen::http::HeaderMap;
@@ -7,8 +6,8 @@ use tonic::Code;
 use tracing::field::{display, Empty};
 use tracing::{info_span, Span};
 
-/// Begins the span of a request to this method of this service, such as `Submit` of `zk0.v1.Federation`. It belongs to the trace of whoever makes
-/// the request, if the headers say which that is. The names must not come from the caller: otherwise strangers could fill the collector with names.
+/// Begins the span of a request to this method of this service, such as `Submit` of `zk0.v1.Federation`, in the trace that the headers
+/// name, if any. The names must not come from the caller, who could fill the collector with them.
 pub fn begin(service: &str, method: &str, headers: &HeaderMap) -> Span {
     let span = info_span!(
         "request",
@@ -27,7 +26,7 @@ pub fn begin(service: &str, method: &str, headers: &HeaderMap) -> Span {
     span
 }
 
-/// The request of the current span comes from this node, and is about this round.
+/// Records the current span's node and round.
 pub fn sent_by(node: impl std::fmt::Display, round: Option<u64>) {
     let span = Span::current();
     span.record("zk0.node", display(node));
@@ -36,15 +35,15 @@ pub fn sent_by(node: impl std::fmt::Display, round: Option<u64>) {
     }
 }
 
-/// The request, or the turn, of the current span came to this.
+/// Records the current span's outcome.
 pub fn outcome(what: impl std::fmt::Display) {
     Span::current().record("zk0.outcome", display(what));
 }
 
-/// The request of this span was answered with this status.
+/// Records the status that answered this span's request.
 pub fn end(span: &Span, code: Code) {
     span.record("rpc.grpc.status_code", code as i64);
-    // What a caller does wrong is no error of the service.
+    // A caller's mistake is no error of the service.
     let ours = [
         Code::Unknown,
         Code::DeadlineExceeded,

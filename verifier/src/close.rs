@@ -1,5 +1,5 @@
-//! The end of a round: the accepted contributions are combined as the rules say, and what they combine to is evaluated on the public
-//! samples. Where none was accepted, or where the result is not taken, the base weights stay.
+//! The end of a round: its result is combined by the rules and evaluated on the public samples. Without accepted contributions,
+//! or if the result is not taken, the base weights stay.
 
 use crate::combine::bases::{BaseError, BaseFiles};
 use crate::combine::contributions::WeightedContribution;
@@ -22,9 +22,9 @@ use zk0_protocol::Refusal;
 pub struct RoundOutcome {
     /// The entry's body.
     pub closed: RoundClosed,
-    /// The file of the new global weights; `None` when the base weights stay.
+    /// The file of the new global weights; `None` if the base weights stay.
     pub file: Option<Vec<u8>>,
-    /// SHA-256 of the moments that the round ends with; `None` when the base weights stay, or when the strategy has none.
+    /// SHA-256 of the round's new moments; `None` without moments, or if the base weights stay.
     pub moments: Option<Digest>,
 }
 
@@ -34,38 +34,37 @@ pub enum CloseError {
     /// No round is open.
     #[error("no round is open")]
     NotOpen,
-    /// The given contributions are not those that the ledger accepted.
+    /// The given contributions are not the accepted ones.
     #[error("the ledger accepted the contributions of {accepted:?} in round {round}, but those of {given:?} were given")]
     OtherContributions {
         round: u64,
         accepted: Vec<NodeId>,
         given: Vec<NodeId>,
     },
-    /// A given contribution is not the one that the ledger accepted.
+    /// A given contribution is not the accepted one.
     #[error("the ledger accepted update {accepted} of node {node}, but update {given} was given")]
     OtherUpdate {
         node: NodeId,
         accepted: Digest,
         given: Digest,
     },
-    /// The genesis does not say how weights are evaluated.
+    /// The genesis does not fix the evaluation.
     #[error("evaluation: {0}")]
     Evaluation(#[from] Refusal),
-    /// The base weights that the strategy reads cannot be used.
+    /// The strategy's base weights cannot be used.
     #[error(transparent)]
     Base(#[from] BaseError),
     /// The contributions do not combine.
     #[error(transparent)]
     Combine(#[from] CombineError),
-    /// What they combine to cannot be evaluated.
+    /// The result cannot be evaluated.
     #[error("the round's result cannot be evaluated: {0}")]
     Result(#[from] ResultError),
 }
 
-/// Computes the end of the open round from the state, all contributions that were accepted in it, in any order, and the files that
-/// this reads: those of the strategy ([`BaseFiles::read`]), of the contributions and of the moments, from which `read_at` fills a buffer from
-/// a place on, and of the evaluation of their combination ([`ResultFiles::read`]). If the strategy has moments, those that the round ends
-/// with are written to `moments`.
+/// Computes the end of the open round from the state, its accepted contributions, in any order, and the files:
+/// [`BaseFiles::read`] for the strategy, [`ResultFiles::read`] for the evaluation. `read_at` fills a buffer from a place of a
+/// contribution's or the moments' file. New moments are written to `moments`.
 pub fn close<E: Display>(
     state: &State,
     contributions: &[VerifiedContribution],
@@ -80,8 +79,7 @@ pub fn close<E: Display>(
     info_span!("evaluate").in_scope(|| end(state, combined, files))
 }
 
-/// What the accepted contributions of the open round combine to; `None` if there are none. If the strategy has moments, those that the
-/// round ends with are written to `moments`.
+/// Combines the open round's accepted contributions; `None` without any. Arguments as in [`close`].
 pub fn combined<E: Display>(
     state: &State,
     contributions: &[VerifiedContribution],
@@ -157,7 +155,7 @@ pub fn combined<E: Display>(
     }))
 }
 
-/// Computes the end of the open round, whose accepted contributions combine to `combined`.
+/// Ends the open round, whose contributions combine to `combined`.
 pub fn end(
     state: &State,
     combined: Option<Global>,

@@ -1,6 +1,6 @@
-//! From what a node sent to what counts: [`authenticate`] makes an [`AuthenticContribution`], [`CheckedClaim::of`] compares its claim with the
-//! ledger, and [`verify`] makes a [`VerifiedContribution`] of both. Each step takes what the steps before it made, so that none is left out and
-//! none is done twice.
+//! From a submission to a contribution that counts: [`authenticate`] makes an [`AuthenticContribution`], [`CheckedClaim::of`]
+//! compares its claim with the ledger, and [`verify`] makes a [`VerifiedContribution`] of both. The types let no
+//! step be skipped or repeated.
 
 use crate::combine::sealed::Sealed;
 use crate::contribution_blobs::{UnverifiedContribution, WeightFiles};
@@ -18,7 +18,7 @@ use zk0_protocol::rules::network_rules::Rules;
 use zk0_protocol::{Refusal, RefusalCode};
 use zk0_weights::Unread;
 
-/// A submission that an enrolled node signed, with the proof that it signed. Only [`authenticate`] makes one:
+/// A submission that an enrolled node signed, with its signed proof. Only [`authenticate`] makes one:
 ///
 /// ```compile_fail
 /// use zk0_protocol::{blob::Blob, entries::authentic::Authentic, entries::signed::Submission};
@@ -43,7 +43,7 @@ impl AuthenticContribution {
         &self.submission.statement.claim
     }
 
-    /// The blob with the proof. Nothing but its digest is checked.
+    /// The proof's blob. Only its digest is checked.
     pub fn proof(&self) -> &Blob<'static> {
         &self.proof
     }
@@ -63,12 +63,11 @@ impl AuthenticContribution {
         }
     }
 
-    /// Checks the SP1 proof of the claim.
     fn check_proof(&self, terms: &VerificationTerms) -> Result<(), Refusal> {
         check_proof_of(&terms.program, self.parts()?.sp1, self.claim())
     }
 
-    /// Checks what follows from the contribution and its blobs, the cheapest first: the size of the update, the SP1 proof, and the weights.
+    /// Checks the contribution and its blobs, the cheapest first.
     fn check_blobs(
         &self,
         weights: &WeightFiles,
@@ -94,17 +93,16 @@ impl AuthenticContribution {
 pub struct CheckedClaim(Claim);
 
 impl CheckedClaim {
-    /// Compares a claim recorded at `time_ms` with what the ledger fixes: network, round, commitment, one submission a round, every field of
-    /// the claim, the deadline.
+    /// Compares a claim recorded at `time_ms` with the ledger: network, round, commitment, one submission a round, all claimed
+    /// fields, the deadline.
     pub fn of(claim: &Claim, context: &ClaimContext, time_ms: u64) -> Result<Self, Refusal> {
         context.check_claim(claim, time_ms)?;
         Ok(Self(claim.clone()))
     }
 }
 
-/// A contribution that counts: signed by an enrolled node, bound to the ledger, proven, and its weights are those that were
-/// proven. It does not hold the weights, but what it takes to recognise them in their file ([`crate::combine::sealed`]). Only
-/// [`verify`] makes one:
+/// A contribution that counts: signed by an enrolled node, bound to the ledger, and proven for exactly its weights. It holds
+/// their seal, not the weights ([`crate::combine::sealed`]). Only [`verify`] makes one:
 ///
 /// ```
 /// use zk0_verifier::combine::sealed::Sealed;
@@ -130,12 +128,12 @@ pub struct VerifiedContribution {
 }
 
 impl VerifiedContribution {
-    /// The claim that was proven.
+    /// The proven claim.
     pub fn claim(&self) -> &Claim {
         &self.claim
     }
 
-    /// Who contributed.
+    /// The contributor.
     pub fn node(&self) -> NodeId {
         self.claim.terms.node
     }
@@ -145,18 +143,17 @@ impl VerifiedContribution {
         &self.sealed
     }
 
-    /// What the round's base holds where the evaluation does not read.
+    /// The base's unread part.
     pub fn unread(&self) -> &Unread {
         &self.unread
     }
 }
 
-/// Checks that an enrolled node sent precisely this: the claim and the proof. Whoever fails here may be a stranger, or someone
-/// between the node and the aggregator, so a failure is never held against the node.
+/// Checks that an enrolled node signed this claim and this proof. A failure is never held against the node: the sender may be a
+/// stranger, or someone between the node and the aggregator.
 ///
 /// # Errors
-/// The proof is larger than the rules allow, the signature is not the node's, the node is not enrolled, or the proof is not the
-/// one that the node signed.
+/// The proof exceeds the rules' size, the signature is not the node's, the node is not enrolled, or it signed another proof.
 pub fn authenticate(
     submission: Signed<Submission>,
     proof: Vec<u8>,
@@ -170,7 +167,6 @@ pub fn authenticate(
     AuthenticContribution::of(submission, proof)
 }
 
-/// Checks the size of the proof, and the signature.
 fn signed(
     submission: Signed<Submission>,
     proof: &[u8],
@@ -180,8 +176,8 @@ fn signed(
     Authentic::of(submission).map_err(|error| RefusalCode::Signature.because(error))
 }
 
-/// Verifies a contribution recorded at `time_ms` in this context, the cheapest check first: what the ledger fixes
-/// ([`CheckedClaim::of`]), the size of the update, the SP1 proof, and last the weights ([`Evaluation::check_weights`]).
+/// Verifies a contribution recorded at `time_ms` in this context, the cheapest check first: the claim ([`CheckedClaim::of`]), the
+/// update's size, the SP1 proof, and the weights ([`Evaluation::check_weights`]).
 pub fn verify(
     contribution: &AuthenticContribution,
     weights: &WeightFiles,
@@ -192,7 +188,7 @@ pub fn verify(
     verify_checked(contribution, &checked, weights, context.terms())
 }
 
-/// [`verify`] of a contribution whose claim was compared with the ledger before.
+/// [`verify`] after the claim was checked.
 pub(crate) fn verify_checked(
     contribution: &AuthenticContribution,
     CheckedClaim(claim): &CheckedClaim,
@@ -211,7 +207,7 @@ pub(crate) fn verify_checked(
     })
 }
 
-/// All of [`verify`] but the weights: what somebody who does not hold the update can check.
+/// [`verify`] without the weights, for those who do not hold the update.
 pub fn verify_claim(
     contribution: &AuthenticContribution,
     context: &ClaimContext,
@@ -221,8 +217,8 @@ pub fn verify_claim(
     contribution.check_proof(context.terms())
 }
 
-/// Verifies again a contribution that the ledger holds as accepted: all of [`authenticate`] and [`verify`] that follows from the
-/// contribution and its blobs. What the ledger fixes, the rules have checked when the ledger took the entry.
+/// Verifies an accepted contribution again: what [`authenticate`] and [`verify`] check of it and its blobs. The rules checked the
+/// rest when the ledger took the entry.
 pub fn verify_accepted(
     accepted: UnverifiedContribution,
     terms: &VerificationTerms,

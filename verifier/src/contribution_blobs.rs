@@ -1,5 +1,4 @@
-//! The blobs that a verification reads. This crate knows neither disks nor networks, so the caller hands in a function that
-//! reads a blob of at most so many bytes by its digest.
+//! The blobs that a verification reads. The caller passes a function that reads a blob by its digest, up to a number of bytes.
 
 use std::fmt::Display;
 use zk0_circuits::Digest;
@@ -7,16 +6,16 @@ use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::rules::network_rules::Rules;
 
-/// The files with the weights that a contribution is about.
+/// The files of a contribution's weights.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WeightFiles {
-    /// The update: the expert's weights as a safetensors file.
+    /// The update: a safetensors file of expert weights.
     pub update: Vec<u8>,
-    /// The weights that the round started from, likewise.
+    /// The round's base weights, in the same format.
     pub base: Vec<u8>,
 }
 
-/// A recorded contribution as its blobs have it. Nothing of it is checked: see [`crate::authenticate`].
+/// A recorded contribution from its blobs, unchecked: see [`crate::authenticate`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnverifiedContribution {
     /// The signed claim.
@@ -31,14 +30,14 @@ pub struct UnverifiedContribution {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{} cannot be read: {error}", name(.kind))]
 pub struct Unreadable<E: Display> {
-    /// Which one.
+    /// Its kind.
     pub kind: BlobKind,
     /// Why.
     pub error: E,
 }
 
 impl UnverifiedContribution {
-    /// Reads the proof, the update and the base weights that `submission` names.
+    /// Reads the proof, update and base weights of `submission`.
     pub fn read<E: Display>(
         submission: &Signed<Submission>,
         rules: &Rules,
@@ -54,7 +53,7 @@ impl UnverifiedContribution {
 }
 
 impl WeightFiles {
-    /// Reads an update and the weights that it was trained from.
+    /// Reads an update and its base weights.
     pub fn read<E: Display>(
         update: &Digest,
         base: &Digest,
@@ -68,7 +67,7 @@ impl WeightFiles {
     }
 }
 
-/// Reads the proof that `submission` names.
+/// Reads the proof of `submission`.
 pub fn read_proof<E: Display>(
     submission: &Signed<Submission>,
     rules: &Rules,

@@ -1,5 +1,4 @@
-//! What becomes of a submission: it is accepted, it is rejected and the ledger records why, or it is turned away and the ledger
-//! records nothing.
+//! The outcome of a submission: accepted, rejected with a reason on the ledger, or turned away without a record.
 
 use crate::contribution::verify_checked;
 use crate::{AuthenticContribution, CheckedClaim, VerifiedContribution, WeightFiles};
@@ -7,17 +6,17 @@ use zk0_protocol::entries::authentic::AuthenticBody;
 use zk0_protocol::rules::claim_context::VerificationTerms;
 use zk0_protocol::{Refusal, RefusalCode};
 
-/// A decision that goes on the ledger.
+/// A decision for the ledger.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DecisionEntry {
     /// The contribution counts.
     Accepted(Box<VerifiedContribution>),
-    /// The contribution does not count, for this reason.
+    /// The contribution does not count.
     Rejected(Refusal),
 }
 
 impl DecisionEntry {
-    /// The body of the entry that records the decision.
+    /// The body of the decision's entry.
     pub fn body(&self, contribution: &AuthenticContribution) -> AuthenticBody {
         let refused = match self {
             Self::Accepted(_) => None,
@@ -27,11 +26,11 @@ impl DecisionEntry {
     }
 }
 
-/// Decides on a submission whose claim agrees with the ledger, by these terms.
+/// Decides, by these terms, on a submission whose claim agrees with the ledger.
 ///
 /// # Errors
-/// The submission is turned away, and the ledger records nothing. Nobody can say whether the contribution counts, or others can cause what is
-/// wrong with it. The ledger records only what the node itself has caused.
+/// The submission is turned away without a record: the verdict is unknown, or others can cause the fault. The ledger records only
+/// what the node itself caused.
 pub fn decide(
     checked: &CheckedClaim,
     contribution: &AuthenticContribution,
@@ -41,14 +40,14 @@ pub fn decide(
     match verify_checked(contribution, checked, weights, terms) {
         Ok(verified) => Ok(DecisionEntry::Accepted(Box::new(verified))),
         Err(reason) if reason.code.follows_from_blobs() => Ok(DecisionEntry::Rejected(reason)),
-        // The ledger finds nothing wrong with the claim, so its rules do not let this reason be recorded.
+        // The claim agrees with the ledger, so the rules refuse a record with this reason.
         Err(reason) if is_recorded(&reason.code) => Err(RefusalCode::InvalidProof.because(reason)),
         Err(reason) => Err(reason),
     }
 }
 
-/// Whether the node that signed for this round caused the refusal itself. Only then does the refusal go on the ledger: anybody may send again what
-/// a node signed for another round, and would use up its one submission.
+/// Whether the node that signed for this round caused the refusal itself. The ledger records only that: anybody may resend what a
+/// node signed for another round, and would use up its one submission.
 pub fn is_recorded(reason: &RefusalCode) -> bool {
     match reason {
         RefusalCode::Late { .. } | RefusalCode::Binding(_) => true,

@@ -1,20 +1,19 @@
-//! What anybody recomputes, as pure functions: the verdict on one contribution, and the end of a round.
+//! What anybody can recompute, as pure functions: the verdict on a contribution, and the end of a round.
 //!
 //! This crate links neither `sp1-sdk` nor candle nor RocksDB, and it compiles for browsers.
 //!
 //! A short tour:
-//! - [`contribution`]: [`authenticate`] makes an [`AuthenticContribution`], and [`verify`] makes a [`VerifiedContribution`] of
-//!   it. Nothing else can make either.
-//! - [`contribution_blobs`]: the proof and the weights of a contribution, read from where the caller keeps blobs.
+//! - [`contribution`]: [`authenticate`] makes an [`AuthenticContribution`], and [`verify`] a [`VerifiedContribution`] of it.
+//! - [`contribution_blobs`]: reads a contribution's proof and weights.
 //! - [`proof`]: the SP1 compressed proof, read from hostile bytes under limits, and verified by SP1's own verifier.
-//! - [`releases`]: which verifier decides about a program's proofs, by the release of SP1.
-//! - [`weight_claims`]: the verifier's half of mode `succinct`, computed from the files with the weights.
-//! - [`update`]: the weight check: the uploaded file holds the numbers that were proven, and the base's where nothing is evaluated.
-//! - [`norm`]: how far an update is from the weights that it was trained from.
+//! - [`releases`]: the verifier for a program's release of SP1.
+//! - [`weight_claims`]: the verifier's half of mode `succinct`.
+//! - [`update`]: the weight check: the uploaded file holds the proven numbers, and the base's where nothing is evaluated.
+//! - [`norm`]: how far an update is from its base.
 //! - [`dataset`]: the list of drawn frames behind a dataset commitment.
-//! - [`decide`]: a submission is accepted, rejected with a reason, or turned away.
-//! - [`combine`]: combines contributions to new weights, from their files, bit-exact on every machine.
-//! - [`public_samples`], [`result`]: the result is evaluated on the network's public samples before it is taken.
+//! - [`decide`]: accepts a submission, rejects it with a reason, or turns it away.
+//! - [`combine`]: combines contributions to new weights, bit-exact on every machine.
+//! - [`public_samples`], [`result`]: evaluates the result on the public samples.
 //! - [`close`]: the end of a round.
 
 pub mod close;

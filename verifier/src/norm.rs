@@ -1,4 +1,4 @@
-//! How far an update is from the weights that its round started from. The rules can bound that, and so what one contribution can do.
+//! How far an update is from its round's base. The rules can bound that, and so a contribution's effect.
 
 use ethnum::U256;
 use zk0_circuits::QuantisedWeights;
@@ -10,8 +10,8 @@ use zk0_weights::{Format, WeightsFile};
 
 /// Refuses an update whose difference from `base` has a Euclidean norm above `limit_bps` basis points of the base's.
 ///
-/// All of it is computed in integers, so that the result is the same on every machine. In units of 2^−24 a weight is below 2^39 in
-/// magnitude, so the sum of the squares of up to 2^47 differences fits 128 bits.
+/// The integers are exact. In units of 2^−24 a weight is below 2^39 in magnitude, so the squares of up to 2^47 differences sum to
+/// at most 128 bits.
 pub fn check_norm<R: ReadAt>(
     format: &Format,
     base: &WeightsFile<'_, R>,
@@ -46,7 +46,7 @@ fn square(value: i64) -> u128 {
     magnitude * magnitude
 }
 
-/// The least integer whose square is at least `difference / norm`. It is the largest `u64` where `norm` is 0.
+/// The least integer whose square is at least `difference / norm`; `u64::MAX` if `norm` is 0.
 fn ratio(difference: U256, norm: U256) -> u64 {
     let Some(quotient) = (difference + norm)
         .checked_sub(U256::ONE)

@@ -1,8 +1,7 @@
-//! Checks an SP1 compressed proof, in process, without `sp1-sdk`.
+//! Checks an SP1 compressed proof in process, without `sp1-sdk`.
 //!
-//! The bytes of a proof are `bincode(SP1Proof::Compressed(…))`, and the public values are `borsh(Claim)`. Strangers send these
-//! bytes, so they are decoded under a limit and have to be the one canonical encoding. A panic inside SP1's verifier refuses the
-//! proof and does not end the process.
+//! A proof is `bincode(SP1Proof::Compressed(…))`, its public values are `borsh(Claim)`. Strangers send these bytes, so they are
+//! decoded under a limit and must be canonical. A panic inside SP1's verifier refuses the proof and does not end the process.
 
 use bincode::Options;
 use sp1_verifier::compressed::{CompressedError, SP1CompressedVerifier};
@@ -28,7 +27,7 @@ pub fn check_proof(proof: &[u8], claim: &Claim, key: &ProgramKey) -> Result<(), 
     })
 }
 
-/// SP1's verifier is a large program that reads hostile bytes. If it panics, the proof is refused.
+/// Refuses the proof if SP1's verifier panics: it is a large program that reads hostile bytes.
 fn refuse_panics(check: impl FnOnce() -> Result<(), Refusal>) -> Result<(), Refusal> {
     catch_unwind(AssertUnwindSafe(check)).unwrap_or_else(|_| {
         tracing::error!("SP1's verifier panicked on a proof; the proof is refused");
@@ -54,7 +53,7 @@ fn decode(bytes: &[u8]) -> Result<SP1Proof, Refusal> {
         .reject_trailing_bytes()
         .deserialize(bytes)
         .map_err(|error| malformed(error.to_string()))?;
-    // Field elements above the modulus and repeated map keys decode, but are a second encoding of the same proof.
+    // Field elements above the modulus and repeated map keys decode, but are a second encoding.
     let mut rest = ExpectedBytes(bytes);
     match encoding.serialize_into(&mut rest, &proof) {
         Ok(()) if rest.0.is_empty() => Ok(proof),
@@ -62,7 +61,7 @@ fn decode(bytes: &[u8]) -> Result<SP1Proof, Refusal> {
     }
 }
 
-/// A writer that accepts the bytes that it expects, and no others.
+/// A writer that accepts only the expected bytes.
 struct ExpectedBytes<'a>(&'a [u8]);
 
 impl io::Write for ExpectedBytes<'_> {
@@ -92,7 +91,7 @@ fn verify(proof: &SP1Proof, public_values: &[u8], key: &ProgramKey) -> Result<()
         .map_err(|error| match error {
             CompressedError::PublicValuesMismatch => RefusalCode::OtherClaim.into(),
             other => match other.to_string() {
-                // This is the last check before the public values. Before it, the proof was found valid for some program.
+                // The last check before the public values: the proof is valid for another program.
                 text if text.ends_with("sp1 vk hash mismatch") => RefusalCode::OtherProgram.into(),
                 text => RefusalCode::InvalidProof.because(short(&text)),
             },

@@ -1,6 +1,6 @@
-//! The public samples: their file, read strictly, and the loss of weights on them.
+//! The public samples: their file, and the loss of weights on them.
 //!
-//! The file holds [`Sample`]s one after another and nothing else. One sample at a time is in memory besides the file.
+//! The file holds [`Sample`]s back to back. One sample at a time is decoded.
 
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::model::eval::{EvalError, Evaluator, Overflow};
@@ -12,29 +12,29 @@ use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::round_result::PublicLoss;
 use zk0_protocol::rules::closing::public_samples::PublicSamples;
 
-/// Why a file does not hold a network's public samples.
+/// Why a file does not hold the public samples.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PublicSamplesError {
-    /// The file is another one.
+    /// Another file.
     #[error("the rules name the public samples {expected}, but this file has SHA-256 {actual}")]
     OtherFile {
-        /// The file that the rules name.
+        /// The digest in the rules.
         expected: Digest,
-        /// The file at hand.
+        /// The file's digest.
         actual: Digest,
     },
     /// A sample cannot be read.
     #[error("public sample {number}: {error}; were the samples made for the network's policy?")]
     Sample {
-        /// Which, from 0.
+        /// Its number, from 0.
         number: u32,
-        /// What is wrong with it.
+        /// What is wrong.
         error: SampleError,
     },
     /// The file ends too early.
     #[error("the file of public samples ends after sample {found}; the rules count {expected}")]
     TooFew {
-        /// Samples that are there.
+        /// Samples found.
         found: u32,
         /// Samples by the rules.
         expected: u32,
@@ -47,12 +47,12 @@ pub enum PublicSamplesError {
         /// Samples by the rules.
         expected: u32,
     },
-    /// The evaluation fails for another reason than an overflow.
+    /// The evaluation fails, not by an overflow.
     #[error("the public samples cannot be evaluated: {0}")]
     Evaluation(EvalError),
 }
 
-/// A file of public samples that was read once from beginning to end, and is the one that the rules name.
+/// The rules' file of public samples, read once from beginning to end.
 #[derive(Clone, Debug)]
 pub struct PublicSampleFile<'a> {
     rule: PublicSamples,
@@ -64,7 +64,7 @@ impl<'a> PublicSampleFile<'a> {
     /// Reads the file that `rule` names, of samples at the dimensions of `spec`.
     ///
     /// # Errors
-    /// It is another file, it holds another number of samples, or a sample is of other dimensions.
+    /// Another file, number of samples, or dimensions.
     pub fn read(
         spec: &EvalSpec,
         rule: PublicSamples,
@@ -104,12 +104,12 @@ impl<'a> PublicSampleFile<'a> {
         })
     }
 
-    /// How many elements a loss is summed over: unpadded frames times real action dimensions, over all samples.
+    /// The elements of the loss: unpadded frames times real action dimensions, over all samples.
     pub fn elements(&self) -> u64 {
         self.elements
     }
 
-    /// The loss of `weights` on these samples, in the network with this id. Flow times and noise are the same for all weights.
+    /// The loss of `weights` on these samples in this network. Flow times and noise are the same for all weights.
     pub fn loss(
         &self,
         evaluator: &Evaluator<'_>,
@@ -140,7 +140,7 @@ impl<'a> PublicSampleFile<'a> {
     }
 }
 
-/// Sample `number`, from the front of `bytes`, and what follows it.
+/// Sample `number` at the front of `bytes`, and the rest.
 fn next<'b>(
     dims: &Dims,
     number: u32,

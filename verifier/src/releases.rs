@@ -1,5 +1,5 @@
-//! Which verifier decides about the proofs of a program. Each release of SP1 has its own, and a proof of one release says nothing under
-//! the verifier of another. So a build that does not have the right one does not guess: it says that it has not checked the proof.
+//! The verifier for a program's proofs. Each release of SP1 has its own, and cannot judge another release's proofs. A build
+//! without the right one reports that it has not checked the proof.
 
 use crate::proof::check_proof;
 use zk0_circuits::Claim;
@@ -7,10 +7,9 @@ use zk0_protocol::entries::program::{Program, ProgramKey, OUR_SP1};
 use zk0_protocol::quote::short;
 use zk0_protocol::{Refusal, RefusalCode};
 
-/// Checks that a proof proves a claim under the program with this key.
 type CheckProof = fn(&[u8], &Claim, &ProgramKey) -> Result<(), Refusal>;
 
-/// The releases of SP1 that this build verifies, each with its verifier.
+/// The verified releases of SP1, each with its verifier.
 const VERIFIERS: [(&str, CheckProof); 1] = [(OUR_SP1, check_proof)];
 
 /// Whether this build can verify the proofs of `program`.
@@ -18,15 +17,15 @@ pub fn can_verify(program: &Program) -> bool {
     verifier(program).is_ok()
 }
 
-/// The releases of SP1 that this build verifies, for people.
+/// The verified releases of SP1, as text.
 pub fn releases() -> String {
     VERIFIERS.map(|(release, _)| release).join(", ")
 }
 
-/// Checks that `proof` proves `claim` under `program`, with the verifier of the program's release of SP1.
+/// Checks that `proof` proves `claim` under `program`, with the verifier of its SP1 release.
 ///
 /// # Errors
-/// The proof does not prove the claim, or this build does not have that verifier ([`RefusalCode::NoVerifier`]).
+/// The proof does not prove the claim, or the verifier is missing ([`RefusalCode::NoVerifier`]).
 pub fn check_proof_of(program: &Program, proof: &[u8], claim: &Claim) -> Result<(), Refusal> {
     let key = ProgramKey::from_bytes(&program.key)
         .map_err(|error| RefusalCode::InvalidProof.because(error))?;

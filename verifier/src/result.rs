@@ -1,6 +1,5 @@
-//! A round's result is evaluated before it is taken: the loss of the weights that the contributions combine to, beside the loss of the
-//! round's base, on the network's public samples. It is the fixed-point evaluation of the proofs, so that it gives the same numbers on
-//! every machine.
+//! Evaluates a round's result before it is taken: its loss beside the base's, on the public samples, by the proofs' fixed-point
+//! evaluation, which gives every machine the same numbers.
 
 use crate::combine::strategy::Global;
 use crate::contribution_blobs::{read, Unreadable};
@@ -16,10 +15,10 @@ use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::rules::state::State;
 use zk0_protocol::Refusal;
 
-/// The blobs that the evaluation of a round's result reads.
+/// The blobs for evaluating a round's result.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ResultFiles {
-    /// The weights that the round started from.
+    /// The round's base weights.
     pub base: Vec<u8>,
     /// The public samples.
     pub samples: Vec<u8>,
@@ -28,7 +27,7 @@ pub struct ResultFiles {
 /// Why a round's result cannot be evaluated.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ResultError {
-    /// The rules ask for an evaluation, and the files for it were not given.
+    /// The rules require an evaluation, but its files were not given.
     #[error("the rules ask to evaluate the round's result on the public samples {0}; the base and these samples were not given")]
     NotGiven(Digest),
     /// The samples cannot be used.
@@ -43,8 +42,7 @@ pub enum ResultError {
 }
 
 impl ResultFiles {
-    /// Reads the files that the closing of the open round needs; `None` where nobody contributed, or where the rules name no public
-    /// samples.
+    /// Reads the files for closing the open round; `None` without contributions or public samples.
     pub fn read<E: Display>(
         state: &State,
         get: impl Fn(&Digest, u64) -> Result<Vec<u8>, E>,
@@ -60,13 +58,13 @@ impl ResultFiles {
     }
 }
 
-/// The samples on which the result of the open round has to be evaluated.
+/// The samples for evaluating the open round's result.
 fn wanted(state: &State) -> Option<PublicSamples> {
     let samples = state.rules().public_samples;
     samples.filter(|_| !state.contributors().is_empty())
 }
 
-/// Evaluates the result of the open round, which started from the weights `base`. It is `None` where the rules ask for no evaluation.
+/// Evaluates the open round's result, beside its `base`; `None` if the rules require no evaluation.
 pub fn evaluate(
     state: &State,
     base: &WeightsDigest,

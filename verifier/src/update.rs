@@ -1,5 +1,4 @@
-//! The weight check: the file that a node uploaded holds the weights that its proof is about, and where the evaluation does not read,
-//! those of the round's base.
+//! The weight check: the uploaded file holds the proven weights, and the base's where the evaluation does not read.
 
 use crate::contribution_blobs::WeightFiles;
 use crate::norm::check_norm;
@@ -16,7 +15,7 @@ use zk0_protocol::rules::state::State;
 use zk0_protocol::{Refusal, RefusalCode};
 use zk0_weights::{BuiltFile, Changed, Format, Unread, WeightFileError};
 
-/// What a network evaluates. It determines how the network's weights look as a file.
+/// A network's evaluation, which determines the format of its weights.
 #[derive(Clone, Debug)]
 pub struct Evaluation {
     mode: Mode,
@@ -28,22 +27,22 @@ pub struct Evaluation {
 pub struct CheckedUpdate {
     /// The weights.
     pub weights: QuantisedWeights,
-    /// What the round's base holds where the evaluation does not read.
+    /// The base's unread part.
     pub unread: Unread,
 }
 
 impl Evaluation {
-    /// The evaluation that a network's genesis fixes.
+    /// The evaluation in a network's genesis.
     pub fn of(state: &State) -> Result<Self, Refusal> {
         Self::of_genesis(state.genesis())
     }
 
-    /// The evaluation that `genesis` fixes.
+    /// The evaluation in `genesis`.
     pub fn of_genesis(genesis: &Genesis) -> Result<Self, Refusal> {
         Self::decode(&genesis.evaluation, genesis.mode)
     }
 
-    /// The evaluation by which contributions are verified.
+    /// The evaluation for contributions.
     pub fn of_terms(terms: &VerificationTerms) -> Result<Self, Refusal> {
         Self::decode(&terms.evaluation, terms.mode)
     }
@@ -56,7 +55,7 @@ impl Evaluation {
             })
     }
 
-    /// An evaluation that is proven in `mode`.
+    /// An evaluation proven in `mode`.
     ///
     /// # Errors
     /// The specification is not valid.
@@ -65,7 +64,7 @@ impl Evaluation {
         Ok(Self { mode, format })
     }
 
-    /// The format of files of weights.
+    /// The format of weight files.
     pub fn format(&self) -> &Format {
         &self.format
     }
@@ -75,7 +74,7 @@ impl Evaluation {
         self.format.read(file).map_err(malformed)
     }
 
-    /// The digest of weights whose file has the bytes `file`.
+    /// The digest of `weights`, whose file is `file`.
     pub fn digest(&self, file: &[u8], weights: &QuantisedWeights) -> WeightsDigest {
         WeightsDigest {
             blob: blob_digest(file),
@@ -83,10 +82,10 @@ impl Evaluation {
         }
     }
 
-    /// The digest of the weights of a file that was just made. Its two halves are computed at once.
+    /// The digest of a built file, its two halves computed at once.
     pub fn digest_of(&self, file: &BuiltFile) -> Result<WeightsDigest, WeightFileError> {
         let quantised = || match self.mode {
-            // Without a copy of the numbers, which would take as long as the digest itself.
+            // A copy of the numbers would take as long as the digest.
             Mode::Succinct => Ok(succinct_digest(file.numbers())),
             Mode::Direct => Ok(file.weights(self.format.spec())?.digest(self.mode)),
         };
@@ -94,9 +93,8 @@ impl Evaluation {
         quantised.map(|quantised| WeightsDigest { blob, quantised })
     }
 
-    /// Checks the weights that `claim` is about: that the files are those of the claim, that the update's numbers are those that were
-    /// evaluated, that they are the base's where the evaluation does not read, that what the proof left to check of the weights holds
-    /// (`weight_check`, which travels with it), and last that they are no further from the base than `rules` allow.
+    /// Checks `claim`'s weights: the files are the claimed ones, the update's numbers were evaluated, unread ones are the base's,
+    /// what the proof leaves to check holds (`weight_check`), and the distance from the base is within `rules`.
     pub fn check_weights(
         &self,
         claim: &Claim,
@@ -118,7 +116,7 @@ impl Evaluation {
         Ok(CheckedUpdate { weights, unread })
     }
 
-    /// Checks that `file` holds the weights that `claimed` names: the digest of the file, and the digest of its numbers.
+    /// Checks the digests of `file` and of its numbers.
     pub fn check_update(
         &self,
         file: &[u8],
@@ -138,7 +136,7 @@ impl Evaluation {
         }
     }
 
-    /// Checks what the proof of `claim` left to check of the weights in the files `base` (the round's) and `update`.
+    /// Checks what the proof of `claim` leaves to check in the files `base` and `update`.
     fn check_what_is_left(
         &self,
         claim: &Claim,
@@ -161,7 +159,7 @@ impl Evaluation {
     }
 }
 
-/// Checks that a file is the one that the claim names.
+/// Checks that a file is the claimed one.
 fn check_blob(file: &[u8], expected: &Digest) -> Result<(), Refusal> {
     let actual = blob_digest(file);
     if actual == *expected {

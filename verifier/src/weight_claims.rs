@@ -1,8 +1,7 @@
-//! The verifier's half of mode `succinct`: a proof leaves claims about both sets of weights at random points, and whoever has the files computes
-//! the values there.
+//! The verifier's half of mode `succinct`: a proof leaves claims about both sets of weights at random points, and the holder of
+//! the files computes the values there.
 //!
-//! One tensor is in memory at a time. Two threads read the two files side by side. A browser has no threads: there the files are read one
-//! after the other.
+//! One tensor at a time is in memory. Two threads read the files; browsers have no threads, so there one follows the other.
 
 use std::thread;
 use zk0_argument::expert::evaluation::layers::Expert;
@@ -14,7 +13,7 @@ use zk0_protocol::{Refusal, RefusalCode};
 use zk0_tensors::ReadAt;
 use zk0_weights::{Format, WeightsFile};
 
-/// Why the values of a file's weights are not known.
+/// A file's weights are not known.
 struct Failed(Refusal);
 
 impl From<Refused> for Failed {
@@ -23,8 +22,8 @@ impl From<Refused> for Failed {
     }
 }
 
-/// Checks that the claims that a proof left hold for the weights in the files `base` and `update`. `claimed` is their digest by the proof, and
-/// `claims` are their words.
+/// Checks a proof's claims about the files `base` and `update`. `claimed` is the weights' digest in the proof, `claims` are the
+/// words of the claims.
 pub fn check_weight_claims<R: ReadAt + Send>(
     format: &Format,
     claimed: &Digest,

@@ -1,8 +1,8 @@
 //! The files of one network's weights.
 //!
-//! A file is a safetensors file whose tensors are all I16: first [`SCALES`], the fraction bits of each tensor, and then the tensors of
-//! [`expert_tensors`], with LeRobot's names and shapes and in that order. The header has no metadata and is the same in all files of
-//! a network. What follows it is the buffer that the evaluation reads ([`QuantisedWeights::as_bytes`], without the padding).
+//! A file is a safetensors file of I16 tensors: first [`SCALES`], then the [`expert_tensors`], with LeRobot's names and shapes,
+//! in that order. The header has no metadata and is the same in all files of a network. The buffer that the evaluation reads
+//! follows ([`QuantisedWeights::as_bytes`], without the padding).
 
 use crate::error::WeightFileError;
 use crate::scale::{self, ScaledTensor};
@@ -15,26 +15,25 @@ use zk0_circuits::vm::values::Values;
 use zk0_circuits::{EvalSpec, QuantisedWeights};
 use zk0_tensors::{Dtype, ReadAt, TensorFile, TensorHeader};
 
-/// The tensor that holds the fraction bits of the others, in the order of the file.
+/// The tensor with the fraction bits of the others, in the file's order.
 pub const SCALES: &str = "fraction_bits";
 
-/// Largest header that is read, in bytes. That of the published size has 19 KB.
+/// Largest header that is read, in bytes. The published size has 19 KB.
 const MAX_HEADER_BYTES: u64 = 1 << 20;
 
-/// How the weights of one network look as a file.
+/// The file format of one network's weights.
 #[derive(Clone, Debug)]
 pub struct Format {
     spec: EvalSpec,
     tensors: Vec<TensorSpec>,
     layout: Layout,
-    /// The least and the most fraction bits of each tensor.
     limits: Vec<(i16, i16)>,
     header: Vec<u8>,
     unread: Vec<TensorStretch>,
 }
 
 impl Format {
-    /// The format of the weights that `spec` evaluates.
+    /// The format for `spec`.
     ///
     /// # Errors
     /// The specification is not valid.
@@ -49,7 +48,7 @@ impl Format {
         Ok(Self {
             layout: Layout::new(&spec.dims),
             limits: bit_limits(spec, tensors.len()),
-            // A specification has too few tensors for a header beyond the format's limit.
+            // Too few tensors to exceed the header limit.
             header: header.to_bytes().unwrap_or_default(),
             unread: stretches(spec, &tensors),
             spec: spec.clone(),
@@ -62,7 +61,7 @@ impl Format {
         &self.spec
     }
 
-    /// The tensors, in the order of the file.
+    /// The tensors, in the file's order.
     pub fn tensors(&self) -> &[TensorSpec] {
         &self.tensors
     }
@@ -72,36 +71,36 @@ impl Format {
         &self.limits
     }
 
-    /// Where the weights lie that the evaluation does not read.
+    /// The weights that the evaluation does not read.
     pub fn unread(&self) -> &[TensorStretch] {
         &self.unread
     }
 
-    /// The size of every file of this format, in bytes.
+    /// The size of every such file, in bytes.
     pub fn file_bytes(&self) -> u64 {
         (8 + self.header.len() + 2 * self.layout.len) as u64
     }
 
-    /// Where tensor number `index` lies in a file: its first byte, and its number of values.
+    /// The first byte of tensor number `index` in a file, and its number of values.
     pub fn place(&self, index: usize) -> (u64, usize) {
         let place = self.layout.tensors[index];
         ((8 + self.header.len() + 2 * place.start) as u64, place.len)
     }
 
-    /// The values of tensor number `index`, row-major, and their fraction bits. `weights` are of this format's specification.
+    /// The row-major values of tensor number `index`, and their fraction bits. `weights` are of this specification.
     pub fn tensor<'w>(&self, weights: &'w QuantisedWeights, index: usize) -> (&'w [i16], i16) {
         weights.tensor(&self.layout, index)
     }
 
-    /// Whether `weights` have as many numbers as weights of this format.
+    /// Whether `weights` have this format's number of values.
     pub fn fits(&self, weights: &QuantisedWeights) -> bool {
         weights.as_bytes().len() == Values::byte_len(self.layout.len)
     }
 
-    /// Opens a file. Its header and its scales are checked against its size and against this format; the values are not read yet.
+    /// Opens a file and checks its size, header and scales. The values are not read yet.
     ///
     /// # Errors
-    /// Says what is wrong, and with which tensor.
+    /// What is wrong, and with which tensor.
     pub fn open<R: ReadAt>(&self, source: R) -> Result<WeightsFile<'_, R>, WeightFileError> {
         let file = TensorFile::open(source, MAX_HEADER_BYTES)?;
         if file.header() != self.header {
@@ -121,10 +120,10 @@ impl Format {
     /// Reads all weights of a file.
     ///
     /// # Errors
-    /// As [`Self::open`]; or a tensor does not have the one scale that its values have.
+    /// As [`Self::open`]; or a scale is not the one of its values.
     pub fn read(&self, file: &[u8]) -> Result<QuantisedWeights, WeightFileError> {
         self.open(file)?;
-        // The header is this format's, and the file has the length that it says.
+        // The header is this format's, and the file's length agrees with it.
         let mut buffer = Cow::Borrowed(&file[8 + self.header.len()..]);
         if buffer.len() != Values::byte_len(self.layout.len) {
             buffer.to_mut().resize(Values::byte_len(self.layout.len), 0);
@@ -137,18 +136,18 @@ impl Format {
         Ok(weights)
     }
 
-    /// The file of `weights`, which are of this format's specification. Equal weights give equal bytes on every machine.
+    /// The file of `weights`, which are of this specification. Equal weights give equal bytes on every machine.
     pub fn write(&self, weights: &QuantisedWeights) -> Vec<u8> {
         let numbers = &weights.as_bytes()[..2 * self.layout.len];
         let length = (self.header.len() as u64).to_le_bytes();
         [&length[..], &self.header, numbers].concat()
     }
 
-    /// Makes a file whose tensors `fill` writes. It gets their places, in order, for little-endian int16, and returns their fraction
-    /// bits, as [`scale`] says.
+    /// Makes a file. `fill` gets the tensors' places, in order, writes little-endian int16, and returns their fraction bits, by
+    /// the rule of [`scale`].
     ///
     /// # Errors
-    /// Those of `fill`; or a scale is not one that this format allows.
+    /// Those of `fill`; or this format does not allow a scale.
     pub fn build<E: From<WeightFileError>>(
         &self,
         fill: impl FnOnce(Vec<&mut [u8]>) -> Result<Vec<i16>, E>,
@@ -181,10 +180,10 @@ impl Format {
         Ok(file)
     }
 
-    /// Puts weights together from their tensors, which `tensor` returns by number.
+    /// Puts weights together from tensors, which `tensor` returns by number.
     ///
     /// # Errors
-    /// Those of `tensor`; or a scale is not one that this format allows.
+    /// Those of `tensor`; or this format does not allow a scale.
     pub fn assemble<E: From<WeightFileError>>(
         &self,
         mut tensor: impl FnMut(usize) -> Result<ScaledTensor, E>,
@@ -206,7 +205,7 @@ impl Format {
         scale::check(&self.tensors[index].name, values, bits, self.limits[index])
     }
 
-    /// What is wrong with the header of a file that has another one than this format.
+    /// How a file's header differs from this format's.
     fn difference<R: ReadAt>(&self, file: &TensorFile<R>) -> WeightFileError {
         let (mut expected, count) = (self.tensors.iter(), [self.tensors.len()]);
         let different = expected
@@ -223,7 +222,7 @@ impl Format {
     }
 }
 
-/// A file that [`Format::build`] has made.
+/// A file made by [`Format::build`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BuiltFile {
     /// The file, and the padding that the numbers have in memory.
@@ -245,21 +244,21 @@ impl BuiltFile {
         self.bytes
     }
 
-    /// Its numbers, as [`QuantisedWeights::as_bytes`] gives them.
+    /// Its numbers, as in [`QuantisedWeights::as_bytes`].
     pub fn numbers(&self) -> &[u8] {
         &self.bytes[self.numbers..]
     }
 
-    /// The weights in it, in the format of this specification. Their scales are right, because they are those that were built.
+    /// The weights in it. Their scales are right by construction.
     ///
     /// # Errors
-    /// The specification is another one than that of the format.
+    /// `spec` is not that of the format.
     pub fn weights(&self, spec: &EvalSpec) -> Result<QuantisedWeights, WeightFileError> {
         Ok(QuantisedWeights::from_bytes(spec, self.numbers())?)
     }
 }
 
-/// An open file of weights, whose tensors are read one at a time.
+/// An open file of weights, read one tensor at a time.
 #[derive(Debug)]
 pub struct WeightsFile<'f, R> {
     format: &'f Format,
@@ -268,7 +267,7 @@ pub struct WeightsFile<'f, R> {
 }
 
 impl<R: ReadAt> WeightsFile<'_, R> {
-    /// The fraction bits of all tensors, as the file states them. [`Self::tensor`] checks that they are those of the values.
+    /// All fraction bits, as stated in the file. [`Self::tensor`] checks them against the values.
     pub fn scales(&self) -> &[i16] {
         &self.scales
     }
@@ -276,7 +275,7 @@ impl<R: ReadAt> WeightsFile<'_, R> {
     /// Reads tensor number `index`.
     ///
     /// # Errors
-    /// The file cannot be read, or the tensor does not have the one scale that its values have.
+    /// The file cannot be read, or the scale is not the one of the values.
     pub fn tensor(&self, index: usize) -> Result<ScaledTensor, WeightFileError> {
         let TensorSpec { name, shape } = &self.format.tensors[index];
         let (values, bits) = (self.file.read_i16(name, shape)?, self.scales[index]);

@@ -1,14 +1,14 @@
-//! Expert weights as they travel: the int16 tensors and the scales that the evaluation reads, in a safetensors file.
+//! Expert weights as they travel: int16 tensors and scales, in a safetensors file.
 //!
-//! Equal weights have exactly one file, on every machine, and a file that is written in another way is refused. So what a proof is
-//! about, what is averaged, and what the next round starts from are the same numbers, and nobody rounds them in between.
+//! Equal weights have exactly one file on every machine, and any other encoding is refused. So proofs, averages and the next
+//! round use the same numbers, without rounding in between.
 //!
 //! A short tour:
-//! - [`format`]: the files of one network's weights, read strictly and written canonically; [`error`]: why a file is refused.
-//! - [`scale`]: the one scale that a tensor has; [`rounding`]: how exact fractions are rounded to it.
-//! - [`stretch`]: where the evaluation does not read; [`unread`]: what the base holds there. An update has to leave it as it was.
+//! - [`format`]: the files of one network's weights; [`error`]: why a file is refused.
+//! - [`scale`]: the one scale of a tensor; [`rounding`]: how exact fractions are rounded to it.
+//! - [`stretch`]: where the evaluation does not read; [`unread`]: what the base holds there.
 //!
-//! This crate knows no disk and no floats, and it compiles for browsers.
+//! This crate uses no disk and no floats, and it compiles for browsers.
 
 pub mod error;
 pub mod format;

@@ -1,15 +1,15 @@
-//! How exact fractions become int16 values: the one place that rounds.
+//! How exact fractions become int16 values: the only place that rounds.
 //!
-//! A [`Unit`] says what an integer stands for, and a [`Rounding`] divides such integers to the nearest int16 at a scale, ties to even.
-//! Most averages have small integers. For these the division is a multiplication, which the compiler turns into vector instructions.
-//! All ways give the same numbers, and tests compare them.
+//! A [`Unit`] gives the meaning of an integer. A [`Rounding`] divides such integers to the nearest int16 at a scale, ties to
+//! even. Most averages have small integers, so the division becomes a multiplication in vector instructions. All ways give the
+//! same numbers.
 
 use zk0_circuits::model::layout::MAX_WEIGHT_BITS;
 
 /// Largest magnitude of a quantised value.
 pub(crate) const MAX_MAGNITUDE: u16 = i16::MAX as u16;
 
-/// What the integers of exact fractions stand for: `n` is the number `n / (divisor · 2^bits)`.
+/// The unit of integers: `n` stands for `n / (divisor · 2^bits)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unit {
     /// Fraction bits, 0 to 24.
@@ -19,17 +19,16 @@ pub struct Unit {
 }
 
 impl Unit {
-    /// The scale of a tensor whose largest magnitude is `largest`: the most fraction bits within `limits` at which it rounds to at most
-    /// 32767. Where there are none, these are the least, and [`Rounding::write`] makes larger values ±32767.
-    ///
-    /// `largest` is below 2^(102 + [`Self::bits`]).
+    /// The scale of a tensor whose largest magnitude is `largest`, below 2^(102 + [`Self::bits`]): the most fraction bits within
+    /// `limits` at which it rounds to at most 32767. If no scale fits, it is the least, and [`Rounding::write`] turns larger
+    /// values into ±32767.
     pub fn scale(&self, largest: u128, (least, most): (i16, i16)) -> i16 {
         let largest = largest as i128;
         let fits = |bits: &i16| self.to(*bits).exactly(largest) <= i128::from(MAX_MAGNITUDE);
         (least..=most).rev().find(fits).unwrap_or(least)
     }
 
-    /// The rounding of such integers to values with `bits` fraction bits.
+    /// The rounding of these integers to `bits` fraction bits.
     pub fn to(&self, bits: i16) -> Rounding {
         let up = (bits - self.bits).max(0) as u32;
         let down = (self.bits - bits).max(0) as u32;
@@ -40,28 +39,27 @@ impl Unit {
     }
 }
 
-/// A division that rounds to the nearest, ties to even.
+/// A division to the nearest integer, ties to even.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rounding {
-    /// The integers are multiplied by this power of two before.
+    /// The power of two that multiplies the integers first.
     up: u32,
     divisor: i128,
 }
 
 /// Integers that a [`Rounding`] takes.
 pub trait Rounded: Copy {
-    /// Rounds `numbers`, none of which is above `largest` in magnitude, and writes them as little-endian int16.
+    /// Rounds `numbers`, at most `largest` in magnitude, and writes them as little-endian int16.
     fn round(rounding: &Rounding, numbers: &[Self], largest: u128, out: &mut [u8]);
 }
 
 impl Rounding {
-    /// Rounds `numbers`, none of which is above `largest` in magnitude, and writes them to `out` as little-endian int16. What does not
-    /// fit becomes ±32767.
+    /// As [`Rounded::round`]. What does not fit becomes ±32767.
     pub fn write<T: Rounded>(&self, numbers: &[T], largest: u128, out: &mut [u8]) {
         T::round(self, numbers, largest, out);
     }
 
-    /// The rounded number, which may be too large for an int16.
+    /// The rounded number; it may exceed int16.
     pub(crate) fn exactly(&self, number: i128) -> i128 {
         rounded(number << self.up, self.divisor)
     }
@@ -108,7 +106,7 @@ impl Rounded for i32 {
         let Some(divisor) = rounding.below(largest, 31) else {
             return write(numbers, out, |number| rounding.value(number.into()));
         };
-        // With 2^k at least the divisor, ⌊n / divisor⌋ is ⌊n · m / 2^(31 + k)⌋ for each n below 2^31 (Granlund and Montgomery, 1994).
+        // With 2^k at least the divisor, ⌊n / divisor⌋ is ⌊n · m / 2^(31 + k)⌋ for n below 2^31 (Granlund and Montgomery, 1994).
         let shift = 31 + (divisor - 1).checked_ilog2().map_or(0, |log| log + 1);
         let multiplier = ((1u64 << shift) / divisor + 1) as u32;
         let (up, divisor) = (rounding.up, divisor as u32);
@@ -131,12 +129,12 @@ fn write<T: Copy>(numbers: &[T], out: &mut [u8], value: impl Fn(T) -> i16) {
     }
 }
 
-/// A value with `bits` fraction bits, at most 24, as an exact number in units of 2^−24.
+/// A value with `bits` fraction bits, at most 24, in units of 2^−24.
 pub fn exact(value: i16, bits: i16) -> i64 {
     i64::from(value) << (MAX_WEIGHT_BITS - bits).max(0)
 }
 
-/// Divides by a positive number, and rounds to the nearest integer, ties to even.
+/// Divides by a positive number to the nearest integer, ties to even.
 pub(crate) fn rounded(numerator: i128, divisor: i128) -> i128 {
     let (below, rest) = (numerator.div_euclid(divisor), numerator.rem_euclid(divisor));
     let up = match (2 * rest).cmp(&divisor) {
@@ -201,7 +199,7 @@ mod tests {
     }
 
     proptest! {
-        /// The three ways to divide give the same numbers, at ties and at the limits of the short ways too.
+        /// The three divisions give the same numbers, also at ties and limits.
         #[test]
         fn all_integers_are_rounded_alike(
             seeds in prop::collection::vec((any::<i32>(), 0u32..32, any::<bool>()), 1..40),

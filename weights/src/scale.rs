@@ -1,12 +1,12 @@
-//! The scale of a tensor: how many fraction bits its int16 values have.
+//! The scale of a tensor: the fraction bits of its int16 values.
 //!
-//! **A tensor has exactly one scale**: the most fraction bits within its limits at which the largest magnitude rounds to at most
-//! 32767. `zk0_circuits` quantises float32 weights by this rule. Here the same rule reads integers: with one more bit each value
-//! doubles, so the scale is the right one if it is the limit, or if a magnitude is at least 16384. Without this rule the same
-//! weights would have several files, and a copied update could hide behind another scale.
+//! **A tensor has exactly one scale**: the most fraction bits within its limits at which the largest magnitude rounds to at
+//! most 32767. `zk0_circuits` quantises float32 weights by this rule. For integers, one more bit doubles each value, so the scale is
+//! right if it is the limit, or if a magnitude is at least 16384. Otherwise the same weights would have several files, and a
+//! copied update could hide behind another scale.
 //!
-//! Exact numbers are counted in units of 2^−24, because no tensor has more fraction bits than that: every weight is then an integer
-//! below 2^39 in magnitude.
+//! Exact numbers are in units of 2^−24, the most fraction bits of a tensor: every weight is then an integer below 2^39 in
+//! magnitude.
 
 use crate::error::WeightFileError;
 use crate::rounding::{rounded, Unit, MAX_MAGNITUDE};
@@ -23,10 +23,10 @@ pub struct ScaledTensor {
     pub bits: i16,
 }
 
-/// Checks that a tensor has its one scale within `limits`, the least and the most fraction bits.
+/// Checks that a tensor has its one scale within `limits`.
 ///
 /// # Errors
-/// The scale is out of its limits, a value is −32768, or the values fit with more fraction bits.
+/// The scale is outside its limits, a value is −32768, or the values fit with more fraction bits.
 pub fn check(
     name: &str,
     values: &[i16],
@@ -72,19 +72,17 @@ pub fn check_limits(
     }
 }
 
-/// A value with `from` fraction bits at a scale of `to` fraction bits, rounded to the nearest, ties to even. The result may be too
-/// large for an int16.
+/// A value with `from` fraction bits, rounded to `to` fraction bits, ties to even. The result may exceed int16.
 pub fn rescaled(value: i16, from: i16, to: i16) -> i64 {
     let divisor = 1i128 << (MAX_WEIGHT_BITS - to).max(0);
     rounded(exact(value, from).into(), divisor) as i64
 }
 
-/// Rounds the fractions `numerators / divisor`, in units of 2^−24, to the one scale that they have within `limits`; ties to even.
+/// Rounds the fractions `numerators / divisor`, in units of 2^−24, to their one scale within `limits`; ties to even.
 ///
-/// The limits must be wide enough for the largest magnitude: what is larger becomes ±32767. They are for every mean of values that
-/// keep to them, because a mean is no larger than the largest of its values.
+/// Values too large for the limits become ±32767. A mean always fits: it never exceeds the largest of its values.
 ///
-/// The numerators must be below 2^126 in magnitude, and the divisor is at least 1 and below 2^100.
+/// The numerators are below 2^126 in magnitude, and the divisor is at least 1 and below 2^100.
 pub fn narrowed(numerators: &[i128], divisor: i128, limits: (i16, i16)) -> ScaledTensor {
     let unit = Unit {
         bits: MAX_WEIGHT_BITS,
@@ -133,7 +131,7 @@ mod tests {
         assert_eq!(of(&[], 1).bits, 10);
     }
 
-    /// Each scale that `narrowed` chooses is one that `check` accepts, at the limits too.
+    /// `check` accepts each scale that `narrowed` chooses, also at the limits.
     #[test]
     fn what_is_rounded_has_its_one_scale() {
         let limits = (2, 7);

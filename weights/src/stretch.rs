@@ -1,20 +1,20 @@
-//! Where the evaluation does not read: it follows from the rows that the linear layers use.
+//! Where the evaluation does not read, derived from the rows of the linear layers.
 
 use zk0_circuits::model::layout::TensorSpec;
 use zk0_circuits::model::linear::linears;
 use zk0_circuits::EvalSpec;
 
-/// The end of a tensor, which the evaluation does not read.
+/// The unread end of a tensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TensorStretch {
     /// The tensor's number.
     pub tensor: usize,
-    /// The first value that is not read, in row-major order.
+    /// The first unread value, in row-major order.
     pub from: usize,
 }
 
-/// Where the weights lie that the evaluation of a valid specification does not read: what is left of each tensor after the rows that
-/// the linear layers use. It reads the whole of every norm gain.
+/// What the evaluation of a valid specification does not read: the rest of each tensor after the rows of the linear layers. Norm
+/// gains are read whole.
 pub(crate) fn stretches(spec: &EvalSpec, tensors: &[TensorSpec]) -> Vec<TensorStretch> {
     let linears = linears(spec);
     let outputs = linears

@@ -1,14 +1,14 @@
-//! The weights that the evaluation does not read: the rows of `action_out_proj` beyond the real action dimensions, and their biases.
+//! The weights that the evaluation does not read: the rows of `action_out_proj` beyond the real action dimensions, and their
+//! biases.
 //!
-//! The loss does not depend on them, so that no proof is about them. But sampling does: each step of the flow feeds all action
-//! dimensions back into the expert. Hence an update has to leave them as the base has them, and a round's result takes them from the
-//! base. A round can therefore change nothing that nobody evaluated.
+//! The loss does not depend on them, so no proof covers them. But each step of the flow feeds all action dimensions back into the
+//! expert. So an update must keep the base's values there, and a round's result takes them from the base. A round can change
+//! nothing that was not evaluated.
 //!
-//! **The rule**: at the update's scale, each such value is the base's number, rounded to the nearest, ties to even. The scales may
-//! differ, because the largest weight of the tensor, which the evaluation may well read, decides it. An honest node keeps the rule by
-//! putting the base's numbers back before it quantises: quantising rounds in this way. A cheat can choose nothing, because the base
-//! and the scale fix every value. What a coarser scale rounds away in one update is not lost, because the result takes the base's numbers
-//! and not the update's; only if the result's own scale is coarser than the base's are they rounded, once, to its nearest step.
+//! **The rule**: at the update's scale, each such value is the base's number, rounded to the nearest, ties to even. The scales
+//! may differ, because the tensor's largest weight decides them. An honest node puts the base's numbers back before it quantises,
+//! which rounds in this way. The base and the scale fix every value, so a cheat has no choice. The result takes the base's
+//! numbers, so a coarser update loses nothing; they are rounded, once, only if the result's own scale is coarser than the base's.
 
 use crate::error::WeightFileError;
 use crate::format::{Format, WeightsFile};
@@ -17,7 +17,7 @@ use crate::stretch::TensorStretch;
 use zk0_circuits::QuantisedWeights;
 use zk0_tensors::ReadAt;
 
-/// What the base weights of a round hold where the evaluation does not read.
+/// A round's base where the evaluation does not read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Unread(Vec<UnreadValues>);
 
@@ -29,10 +29,10 @@ struct UnreadValues {
     bits: i16,
 }
 
-/// A weight that the evaluation does not read, and that differs from the base's.
+/// An unread weight that differs from the base's.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Changed {
-    /// The tensor, counted from 0 in the order of [`Format::tensors`].
+    /// The tensor's number, from 0, in the order of [`Format::tensors`].
     pub number: u32,
     /// Its name.
     pub name: String,
@@ -40,14 +40,14 @@ pub struct Changed {
     pub index: u64,
     /// Its value.
     pub found: i16,
-    /// The base's number at the same scale, which may be too large for it.
+    /// The base's number at the same scale; it may exceed int16.
     pub expected: i64,
-    /// The scale: the tensor's fraction bits.
+    /// The tensor's fraction bits.
     pub bits: i16,
 }
 
 impl Unread {
-    /// Reads what a round's base holds there.
+    /// Reads these values from a round's base.
     ///
     /// # Errors
     /// The file cannot be read.
@@ -66,7 +66,7 @@ impl Unread {
         Ok(Self(kept.collect::<Result<_, _>>()?))
     }
 
-    /// Checks that `update` has left all of it as it was.
+    /// Checks that `update` has not changed them.
     ///
     /// # Errors
     /// The first weight that differs.
@@ -97,7 +97,7 @@ impl Unread {
         self.0.iter().any(|kept| kept.stretch.tensor == tensor)
     }
 
-    /// Puts the base's numbers into tensor number `tensor`, whose values are the fractions `numerators / divisor` in units of 2^−24.
+    /// Puts the base's numbers into tensor number `tensor`, whose values are `numerators / divisor` in units of 2^−24.
     pub fn restore(&self, tensor: usize, numerators: &mut [i128], divisor: i128) {
         for kept in self.0.iter().filter(|kept| kept.stretch.tensor == tensor) {
             let targets = numerators[kept.stretch.from..].iter_mut();

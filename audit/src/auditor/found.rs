@@ -1,5 +1,4 @@
-//! What an audit has found so far, and what it could not settle: a blob that is missing or damaged may be put right later, and what a
-//! failing disk gives says nothing about the ledger.
+//! Findings, and what is not settled: a missing or damaged blob may be repaired later, and a failing disk tells nothing about the ledger.
 
 use crate::account::{Account, SkipReason};
 use crate::checks::check::Check;
@@ -9,22 +8,22 @@ use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::replay::Finding;
 
-/// Findings, and what is not settled.
+/// Findings, and unsettled checks.
 #[derive(Default)]
 pub struct Found {
     findings: Vec<Finding>,
-    /// Blobs that were missing or damaged when a check needed them. What was found then is not final.
+    /// Blobs found missing or damaged. Their results are not final.
     awaited: BTreeSet<Digest>,
-    /// Whether the auditor has copied the ledger, so that a damaged blob can be copied again before anybody judges.
+    /// Whether the auditor can copy damaged blobs again.
     copied: bool,
-    /// Blobs that are damaged in the auditor's copy.
+    /// Damaged blobs in the auditor's copy.
     damaged: BTreeSet<Digest>,
-    /// How many checks a disk has kept from being done, and the first of them.
+    /// How many checks a disk prevented, and the first.
     unread: Option<(u64, Finding)>,
 }
 
 impl Found {
-    /// What is found in the auditor's own copy of a ledger.
+    /// Findings in the auditor's own copy of a ledger.
     pub fn in_copy(self) -> Self {
         Self {
             copied: true,
@@ -32,10 +31,10 @@ impl Found {
         }
     }
 
-    /// Goes on from an earlier audit, which waited for these blobs.
+    /// Continues an earlier audit, which waited for these blobs.
     ///
     /// # Errors
-    /// One of them is whole now, so what was found about it has to be checked again.
+    /// One of them is whole now, so its check has to be repeated.
     pub fn go_on(self, awaited: BTreeSet<Digest>, blobs: &Blobs) -> Result<Self, String> {
         match awaited.iter().find(|blob| blobs.check(blob).is_ok()) {
             Some(blob) => Err(format!(
@@ -45,7 +44,7 @@ impl Found {
         }
     }
 
-    /// Takes down the outcome of a check of entry `index`.
+    /// Records the outcome of a check of entry `index`.
     pub fn enter(&mut self, account: &mut Account, index: u64, check: Check) {
         match check {
             Check::Passed(what) => account.passed(what),
@@ -67,12 +66,12 @@ impl Found {
         }
     }
 
-    /// Adds a finding that is final.
+    /// Adds a final finding.
     pub fn push(&mut self, finding: Finding) {
         self.findings.push(finding);
     }
 
-    /// The findings since they were taken last.
+    /// The findings since the last call.
     pub fn take(&mut self) -> Vec<Finding> {
         take(&mut self.findings)
     }
@@ -82,17 +81,17 @@ impl Found {
         self.unread.get_or_insert_with(first).0 += 1;
     }
 
-    /// The blobs that a later audit has to look for.
+    /// The blobs for a later audit to look for.
     pub fn awaited(&self) -> &BTreeSet<Digest> {
         &self.awaited
     }
 
-    /// The blobs that are damaged in the auditor's copy.
+    /// The damaged blobs in the auditor's copy.
     pub fn damaged(&self) -> &BTreeSet<Digest> {
         &self.damaged
     }
 
-    /// What a disk has kept from being checked; `None` if everything could be read.
+    /// What a disk kept from being checked; `None` if all was read.
     pub fn not_read(&self) -> Option<Finding> {
         let (count, first) = self.unread.as_ref()?;
         let text = match count {

@@ -1,5 +1,5 @@
-//! Contributions that a round leaves out, because the aggregator has lost a file of them. Nothing rests on them, so nothing of them has to be at
-//! hand. An audit reports each one.
+//! Contributions that a round leaves out, because the aggregator lost a file of them. Nothing depends on their blobs. An audit reports each
+//! one.
 
 use crate::auditor::Auditor;
 use crate::checks::RecordedClaim;
@@ -7,7 +7,7 @@ use zk0_ledger::replay::Finding;
 use zk0_protocol::entries::entry::LostContribution;
 
 impl Auditor {
-    /// Takes a contribution out of the open round. Entry `index` records that.
+    /// Takes a contribution out of the open round, as entry `index` records.
     pub(super) fn leave_out(&mut self, index: u64, lost: &LostContribution) {
         self.finish_all();
         let LostContribution { round, node } = *lost;

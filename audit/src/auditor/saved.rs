@@ -1,4 +1,4 @@
-//! What a state file keeps of an auditor.
+//! An auditor in a state file.
 
 use crate::account::Account;
 use crate::checks::pruning_waiver::Rounds;
@@ -9,8 +9,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::Digest;
 use zk0_protocol::RefusalCode;
 
-/// What a state file keeps of an auditor: how they audit, what was checked, what the open round accepted, what may still be disputed, of which
-/// rounds nobody can repeat the combination, what the open round refused, and which blobs were missing or damaged.
+/// An auditor in a state file: depth and named programs, what was checked, what the open round accepted, what may still be disputed, rounds
+/// that cannot be repeated, what the open round refused, and missing or damaged blobs.
 pub type SavedAuditor = (
     Depth,
     TrustedPrograms,
@@ -22,10 +22,10 @@ pub type SavedAuditor = (
     BTreeSet<Digest>,
 );
 
-/// Reads what an auditor has saved.
+/// Reads a saved auditor.
 ///
 /// # Errors
-/// Another version has written it, or an auditor of another depth, or one who had named something else.
+/// It is of another version or depth, or has other named programs.
 pub fn read(saved: &[u8], depth: Depth, named: &TrustedPrograms) -> Result<SavedAuditor, String> {
     let saved: SavedAuditor = borsh::from_slice(saved)
         .map_err(|error| format!("another version of zk0 wrote the state file ({error})"))?;

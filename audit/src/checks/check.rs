@@ -1,29 +1,29 @@
-//! The outcome of one check, and what an error in reading a blob says about the ledger and about the auditor's own disk.
+//! The outcome of a check, and what a blob's reading error means for the ledger and the auditor's disk.
 
 use crate::account::{CheckKind, SkipReason};
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::{BlobError, Blobs};
 
-/// The outcome of one check.
+/// The outcome of a check.
 #[derive(Debug)]
 pub enum Check {
     /// It holds.
     Passed(CheckKind),
-    /// It was left out for another reason than that a blob is missing.
+    /// Left out, but not for a missing blob.
     LeftOut(CheckKind, SkipReason, String),
-    /// It was left out, because this blob is not at hand.
+    /// Left out, because this blob is missing.
     NotAtHand(CheckKind, Digest, String),
-    /// Something is wrong with the ledger.
+    /// The ledger is wrong.
     Failed(String),
-    /// This blob is missing, and nothing says that it may be.
+    /// This blob is missing without a waiver.
     Lost(Digest, String),
-    /// The file of this blob holds other bytes than the ledger names. That is wrong with the ledger, or with the auditor's own copy of it.
+    /// This blob's file holds other bytes than the ledger names. The ledger, or the auditor's copy of it, is wrong.
     Damaged(Digest, String),
-    /// A disk or a store failed, so nobody can say whether something is wrong.
+    /// A disk or a store failed, so there is no verdict.
     Unread(String),
 }
 
-/// A check that needs a blob which is not at hand.
+/// A check of a missing blob.
 pub(crate) fn not_at_hand(what: CheckKind, blob: Digest, name: String, why: SkipReason) -> Check {
     let example = format!("{name} is not at hand");
     match why {
@@ -32,7 +32,7 @@ pub(crate) fn not_at_hand(what: CheckKind, blob: Digest, name: String, why: Skip
     }
 }
 
-/// A check that needs a blob which `error` keeps from being read, and says `text` of it.
+/// A check whose blob `error` makes unreadable, as `text` describes.
 pub(crate) fn unreadable(error: &BlobError, text: String) -> Check {
     match error {
         BlobError::Missing(blob) => Check::Lost(*blob, text),
@@ -42,8 +42,8 @@ pub(crate) fn unreadable(error: &BlobError, text: String) -> Check {
     }
 }
 
-/// Reads a blob of at most `limit` bytes. A file over the limit may be damaged, or else the ledger names a blob that is too large: its
-/// digest tells these apart.
+/// Reads a blob of at most `limit` bytes. The digest of a file over the limit shows whether it is damaged, or the ledger names a blob that
+/// is too large.
 pub(crate) fn get(blobs: &Blobs, blob: &Digest, limit: u64) -> Result<Vec<u8>, BlobError> {
     match blobs.get(blob, limit) {
         Err(error @ BlobError::TooLarge { .. }) => Err(blobs.check(blob).err().unwrap_or(error)),

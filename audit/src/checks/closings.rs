@@ -1,4 +1,4 @@
-//! The checks of the end of a round: the average over its accepted contributions, and the evaluation of the result.
+//! The checks of a round's end: average and evaluation.
 
 use crate::account::{CheckKind, SkipReason};
 use crate::checks::check::{get, not_at_hand, unreadable, Check};
@@ -101,8 +101,8 @@ pub fn average(
     }
 }
 
-/// Checks that the recorded result of a round, which `combined` is, has the recorded losses on the public samples, and that it was
-/// rightly taken, or rightly not. `None` where the rules ask for no evaluation.
+/// Checks that a round's result, `combined`, has the recorded losses on the public samples, and was rightly taken or not. `None` if the
+/// rules ask for no evaluation.
 pub fn result(
     before: &State,
     closed: &RoundClosed,
@@ -174,18 +174,18 @@ fn cannot_close(closed: &RoundClosed, error: &CloseError) -> Check {
     Check::Failed(how_not_closed(closed, error))
 }
 
-/// The contributions of a round do not combine. Where that is because of a file, the file itself says whether it is damaged.
+/// A round's contributions do not combine. If a file is the reason, the file shows whether it is damaged.
 fn cannot_combine(closed: &RoundClosed, error: &CloseError, blobs: &Blobs) -> Check {
     let text = how_not_closed(closed, error);
     match error {
-        // The update was verified before. If its file is whole, the disk gave back something else.
+        // The update was verified before. If its file is whole, the disk returned other bytes.
         CloseError::Combine(
             CombineError::Unreadable { blob, .. } | CombineError::Changed { blob, .. },
         ) => match blobs.check(blob) {
             Ok(()) => Check::Unread(text),
             Err(error) => unreadable(&error, text),
         },
-        // Nobody has verified the moments before. If their file is whole, the ledger names a file that holds no moments.
+        // The moments were not verified before. If their file is whole, the ledger names a file without moments.
         CloseError::Combine(
             CombineError::MomentsUnreadable { blob, .. }
             | CombineError::OtherMoments { expected: blob, .. },

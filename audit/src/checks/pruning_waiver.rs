@@ -1,5 +1,4 @@
-//! What is not called missing, because the log's operator has signed that it was pruned; and of which rounds nobody can repeat the
-//! combination because of that.
+//! Waives blobs that the log's operator signed as pruned, and records the rounds that cannot be repeated for that.
 
 use crate::account::SkipReason;
 use borsh::{BorshDeserialize, BorshSerialize};
@@ -7,15 +6,15 @@ use std::fmt;
 use zk0_protocol::pruning::Pruning;
 use zk0_protocol::rules::named_blobs::BlobKind;
 
-/// Most ranges of rounds that a report lists.
+/// Most ranges of rounds in a report.
 const LISTED: usize = 16;
 
-/// What the operator says of the blobs that one entry of one round needs.
+/// The operator's statement about blobs of one entry of one round.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PruningWaiver(Option<(Pruning, u64, u64)>);
 
 impl PruningWaiver {
-    /// What `pruning` says of the blobs that entry `index` needs, in this round.
+    /// The waiver by `pruning` for entry `index` in this round.
     pub fn of(pruning: Option<Pruning>, round: u64, index: u64) -> Self {
         Self(pruning.map(|pruning| (pruning, round, index)))
     }
@@ -26,7 +25,7 @@ impl PruningWaiver {
             .is_some_and(|(pruning, round, index)| pruning.excuses(kind, round, index))
     }
 
-    /// Why a check is left out that needs a missing blob of this kind.
+    /// Why a check without a blob of this kind is left out.
     pub fn why(&self, kind: &BlobKind) -> SkipReason {
         if self.covers(kind) {
             SkipReason::Pruned
@@ -36,12 +35,12 @@ impl PruningWaiver {
     }
 }
 
-/// Rounds, as ranges in ascending order.
+/// Ranges of rounds, ascending.
 #[derive(Clone, Debug, Default, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Rounds(Vec<(u64, u64)>);
 
 impl Rounds {
-    /// Adds a round that is later than those before.
+    /// Adds a later round.
     pub fn add(&mut self, round: u64) {
         match self.0.last_mut() {
             Some((_, last)) if last.checked_add(1) == Some(round) => *last = round,

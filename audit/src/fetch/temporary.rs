@@ -1,8 +1,7 @@
-//! Temporary folders that are removed even if the process is told to end, by Ctrl-C or by SIGTERM. A mirror may have gigabytes, and a
-//! folder that nobody knows of stays for good.
+//! Temporary folders, removed even when Ctrl-C or SIGTERM ends the process. A mirror may have gigabytes, which would stay unnoticed.
 //!
-//! An audit cannot stop at any place, and it must not see the files vanish under it: it would report them as missing from the log. So the
-//! process becomes another program, which removes the folders. That ends all threads of the audit at once.
+//! An audit cannot stop anywhere, and would report vanishing files as missing from the log. So the process becomes another program, which
+//! ends all audit threads at once and removes the folders.
 
 use std::future::pending;
 use std::io;
@@ -16,21 +15,21 @@ use tempfile::TempDir;
 use tokio::runtime::Builder;
 use tokio::signal::unix::{signal, SignalKind};
 
-/// All temporary folders of this process. Some may be gone already.
+/// This process's temporary folders, some perhaps gone.
 static FOLDERS: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
-/// A temporary folder. It is removed when this value is dropped, and when the process is told to end.
+/// A temporary folder, removed on drop and when the process is told to end.
 pub struct Temporary(TempDir);
 
 impl Temporary {
-    /// Makes a folder. From the first call on, the two signals end the process only after the folders are removed.
+    /// Makes a folder. From the first call on, the two signals end the process only after removing the folders.
     ///
     /// # Errors
     /// The folder cannot be made.
     pub fn make() -> io::Result<Self> {
         static LISTENING: Once = Once::new();
         LISTENING.call_once(listen);
-        // Whoever ends the process waits until the new folder is in the list.
+        // Whatever ends the process waits until the list has the new folder.
         let mut folders = folders();
         let made = tempfile::tempdir()?;
         folders.push(made.path().to_owned());
@@ -47,17 +46,17 @@ fn folders() -> MutexGuard<'static, Vec<PathBuf>> {
     FOLDERS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Starts a thread that waits for the signals. If that is not possible, they end the process as before.
+/// Starts a thread that waits for the signals. If that fails, they end the process as before.
 fn listen() {
     let (sender, listening) = channel();
     let started = thread::Builder::new().spawn(move || wait(sender));
     if started.is_ok() {
-        // It has sent this, or has given up.
+        // The thread has sent this, or given up.
         let _ = listening.recv();
     }
 }
 
-/// Waits for one of the signals, and ends the process. Says on `listening` when it waits.
+/// Waits for one of the signals, and ends the process. Sends on `listening` when it waits.
 fn wait(listening: Sender<()>) {
     let Ok(runtime) = Builder::new_current_thread().enable_io().build() else {
         return;
@@ -69,7 +68,7 @@ fn wait(listening: Sender<()>) {
         let [interrupt, terminate] = told.map(|(kind, signal)| async move {
             match signal {
                 Ok(mut signal) => drop(signal.recv().await),
-                // This one ends the process as before.
+                // This signal ends the process as before.
                 Err(_) => pending().await,
             }
             kind
@@ -82,11 +81,10 @@ fn wait(listening: Sender<()>) {
     end(runtime.block_on(told).as_raw_value());
 }
 
-/// Ends the process by this signal, after the folders are removed. Whoever has started it sees that a signal has ended it: systemd does not call
-/// that a failure, and a script of a shell ends, too.
+/// Removes the folders, and ends the process by this signal. For systemd that is no failure, and a shell script ends, too.
 fn end(signal: i32) -> ! {
     let folders = folders();
-    // The first process of a container is not ended by its own signal. The exit code is the one that a shell gives for the signal.
+    // A container's first process is not ended by its own signal. The exit code is a shell's for the signal.
     let code = 128 + signal;
     let script = format!(
         "trap '' INT TERM; rm -rf -- \"$@\"; trap - INT TERM; kill -{signal} $$; exit {code}"

@@ -1,14 +1,14 @@
-//! The charts of a report: contributions, reasons of refusals, credits and losses, by round.
+//! A report's charts by round: contributions, refusals' reasons, credits and losses.
 
 use crate::report::history::{History, LossHistory, RoundHistory};
 use crate::report::page::HtmlPage;
 use crate::report::public_losses::PublicLosses;
 use crate::report::svg::{lines, lying, stacked, PlotAxis, Series, BAD, COLOURS, GOOD};
 
-/// Most bars or points in a chart. Where there are more rounds, each stands for several.
+/// Most bars or points in a chart. With more rounds, each stands for several.
 const MOST_PLACES: usize = 120;
 
-/// How many nodes have a line of their own. The others share one.
+/// Nodes with their own line. The others share one.
 const MOST_NODES: usize = 7;
 
 impl HtmlPage {
@@ -81,7 +81,7 @@ impl HtmlPage {
         self.markup("</div>");
     }
 
-    /// The losses on the public samples. Where a place stands for several rounds, it shows the last of them that has a loss.
+    /// The losses on the public samples. A place for several rounds shows the last loss among them.
     fn public_losses(&mut self, groups: &[&[RoundHistory]], rounds: &PlotAxis<'_>) {
         let last = |of: fn(&PublicLosses) -> Option<f64>| -> Vec<Option<f64>> {
             let last = |group: &&[RoundHistory]| {
@@ -137,7 +137,7 @@ impl HtmlPage {
     }
 }
 
-/// The rounds, in as many groups of equal size as a chart has room for.
+/// The rounds, in as many equal groups as a chart can show.
 fn groups(rounds: &[RoundHistory]) -> Vec<&[RoundHistory]> {
     rounds
         .chunks(rounds.len().div_ceil(MOST_PLACES).max(1))
@@ -154,7 +154,7 @@ fn label(group: &[RoundHistory]) -> String {
     }
 }
 
-/// The mean over the claims of a group of rounds.
+/// The mean over a group's claims.
 fn mean_loss(group: &[RoundHistory], of: fn(&LossHistory) -> f64) -> Option<f64> {
     let losses = || group.iter().filter_map(|round| round.losses.as_ref());
     let claims: u64 = losses().map(|losses| losses.claims).sum();
@@ -162,7 +162,7 @@ fn mean_loss(group: &[RoundHistory], of: fn(&LossHistory) -> f64) -> Option<f64>
     (claims > 0).then(|| sum / claims as f64)
 }
 
-/// What the nodes have earned after each group of rounds. Those that earned most have a line of their own.
+/// The nodes' earnings after each group of rounds. The highest earners have their own lines.
 fn credits(history: &History, groups: &[&[RoundHistory]]) -> (String, Vec<Series<'static>>) {
     let mut order: Vec<usize> = (0..history.nodes.len())
         .filter(|place| history.nodes[*place].credits > 0)

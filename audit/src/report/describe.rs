@@ -1,4 +1,4 @@
-//! Entries in words. Only this file has to know every kind of entry.
+//! Entries in words. Only this file must know every kind of entry.
 
 use zk0_circuits::{Losses, NodeId};
 use zk0_protocol::challenge::drawing::Drawing;
@@ -9,7 +9,7 @@ use zk0_protocol::entries::signed::Evidence;
 use zk0_protocol::evaluation_set::total;
 use zk0_protocol::{Entry, RefusalCode};
 
-/// What the entry says, in a sentence. Names come from strangers: whoever shows the sentence has to escape it.
+/// The entry in a sentence. It contains untrusted names: escape it before display.
 pub fn describe(entry: &Entry) -> String {
     match &entry.body {
         Body::Genesis(genesis) => format!(
@@ -98,7 +98,7 @@ pub fn describe(entry: &Entry) -> String {
     }
 }
 
-/// The randomness that a drawing gives.
+/// A drawing's randomness.
 pub fn randomness(drawing: &Drawing) -> String {
     let value = drawing.value();
     value.map_or("none".into(), |value| value.to_string())
@@ -129,7 +129,7 @@ pub fn action(action: &Action) -> String {
     }
 }
 
-/// How a round closed: with how many contributions, with how many commitments left without a claim, and what became of its result.
+/// How a round closed: its contributions, its commitments without a claim, and its result.
 fn closed_with(closed: &RoundClosed) -> String {
     let contributions = counted(
         closed.contributors.len() as u64,
@@ -164,7 +164,7 @@ fn ballot(ballot: Ballot) -> &'static str {
     }
 }
 
-/// The kind of an entry, in a word or two.
+/// An entry's kind in a word or two.
 pub fn kind(body: &Body) -> &'static str {
     match body {
         Body::Genesis(_) => "genesis",
@@ -190,17 +190,17 @@ pub fn kind(body: &Body) -> &'static str {
     }
 }
 
-/// The nodes that an entry is about.
+/// An entry's nodes.
 pub fn nodes(body: &Body) -> Vec<NodeId> {
     about(body).1
 }
 
-/// The round that an entry is about.
+/// An entry's round.
 pub fn round(body: &Body) -> Option<u64> {
     about(body).0
 }
 
-/// The round and the nodes that an entry is about.
+/// An entry's round and nodes.
 fn about(body: &Body) -> (Option<u64>, Vec<NodeId>) {
     match body {
         Body::Genesis(_) | Body::ProposalSettled(_) | Body::DisputeResolved(_) => (None, vec![]),
@@ -250,7 +250,7 @@ fn about(body: &Body) -> (Option<u64>, Vec<NodeId>) {
     }
 }
 
-/// The other contents of an entry, as labelled values.
+/// An entry's other contents, as labelled values.
 pub fn details(body: &Body) -> Vec<(&'static str, String)> {
     match body {
         Body::Genesis(genesis) => vec![
@@ -372,7 +372,7 @@ pub fn details(body: &Body) -> Vec<(&'static str, String)> {
     }
 }
 
-/// The kind of a refusal, in a word or two.
+/// A refusal's kind in a word or two.
 pub fn refusal(reason: &RefusalCode) -> &'static str {
     match reason {
         RefusalCode::TooLarge { .. } => "too large",
@@ -413,7 +413,7 @@ pub fn refusal(reason: &RefusalCode) -> &'static str {
     }
 }
 
-/// A time of the ledger, in UTC.
+/// A ledger time, in UTC.
 pub fn time(unix_ms: u64) -> String {
     let ms = i64::try_from(unix_ms).ok();
     match ms.and_then(chrono::DateTime::from_timestamp_millis) {
@@ -422,7 +422,7 @@ pub fn time(unix_ms: u64) -> String {
     }
 }
 
-/// Text without control characters, which a terminal would obey. Names and reasons come from strangers.
+/// Text without control characters, which a terminal would obey. Names and reasons are untrusted.
 pub fn printable(text: &str) -> String {
     let shown = |c: char| {
         if c.is_control() {

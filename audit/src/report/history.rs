@@ -1,4 +1,4 @@
-//! What happened in a network, in numbers, for tables, charts and JSON. It follows from the entries alone.
+//! A network's history in numbers for tables, charts and JSON, from the entries alone.
 
 use crate::report::describe;
 use crate::report::program_in_force::ProgramInForce;
@@ -22,25 +22,25 @@ use zk0_protocol::{Entry, RefusalCode, Rules};
 /// A network's history in numbers.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct History {
-    /// How many entries it covers.
+    /// The number of entries.
     pub entries: u64,
-    /// Time of the last of them, Unix milliseconds.
+    /// The last entry's time, Unix milliseconds.
     pub last_ms: u64,
-    /// How the network was founded.
+    /// The founding.
     pub network: Option<NetworkSummary>,
-    /// The guest program that it began with, and those that votes put in force, in order.
+    /// The first guest program, and those put in force by votes, in order.
     pub programs: Vec<ProgramInForce>,
-    /// Each round.
+    /// The rounds.
     pub rounds: Vec<RoundHistory>,
-    /// Each node, in the order of enrolment.
+    /// The nodes, in order of enrolment.
     pub nodes: Vec<NodeHistory>,
-    /// Refused contributions, by kind of reason.
+    /// Refused contributions, by reason.
     pub refusals: BTreeMap<&'static str, u64>,
     /// Proposals, by number.
     pub proposals: Vec<ProposalHistory>,
     /// Disputes about accepted contributions.
     pub disputes: Vec<DisputeHistory>,
-    /// Accepted contributions by entry: the places of round and node.
+    /// Accepted contributions by entry: indices of round and node.
     #[serde(skip)]
     contributions: BTreeMap<u64, (usize, usize)>,
     #[serde(skip)]
@@ -51,39 +51,39 @@ pub struct History {
     places: BTreeMap<NodeId, usize>,
 }
 
-/// How a network was founded.
+/// A network's founding.
 #[derive(Clone, Debug, Serialize)]
 pub struct NetworkSummary {
-    /// Its name.
+    /// The name.
     pub name: String,
-    /// Its id.
+    /// The id.
     pub id: String,
-    /// The verifier key of its log.
+    /// The log's verifier key.
     pub log_key: String,
-    /// When, Unix milliseconds.
+    /// The time, Unix milliseconds.
     pub founded_ms: u64,
     /// How products are proven.
     pub mode: String,
-    /// The digest of the evaluation's parameters, and whether they are those of this release.
+    /// The digest of the evaluation's parameters, and whether they are this release's.
     pub evaluation: String,
     /// SHA-256 of the whole initial policy.
     pub policy: String,
-    /// The rules it began with.
+    /// The first rules.
     pub rules: Rules,
 }
 
 /// A round.
 #[derive(Clone, Debug, Serialize)]
 pub struct RoundHistory {
-    /// Its number.
+    /// The number.
     pub round: u64,
-    /// The entry that opened it.
+    /// The opening entry.
     pub opened_entry: u64,
-    /// When, Unix milliseconds.
+    /// The opening, Unix milliseconds.
     pub opened_ms: u64,
-    /// The entry that closed it.
+    /// The closing entry.
     pub closed_entry: Option<u64>,
-    /// When, Unix milliseconds.
+    /// The closing, Unix milliseconds.
     pub closed_ms: Option<u64>,
     /// Updates committed.
     pub committed: u64,
@@ -91,28 +91,28 @@ pub struct RoundHistory {
     pub accepted: u64,
     /// Contributions refused.
     pub refused: u64,
-    /// Commitments without a claim, once it is closed.
+    /// Commitments without a claim, after the closing.
     pub unanswered: u64,
-    /// Where the randomness of its challenges came from, and what it was.
+    /// The challenges' randomness and its source.
     pub randomness: Option<String>,
-    /// SHA-256 of the global weights it closed with.
+    /// SHA-256 of the closing's global weights.
     pub global: Option<String>,
-    /// What each contributor earned in it.
+    /// Each contributor's earnings.
     pub shares: Vec<Share>,
-    /// Mean losses of the weights that the round began with and of the updates, over the accepted claims that disclose them.
+    /// Mean losses of base weights and updates, over accepted claims that disclose them.
     pub losses: Option<LossHistory>,
-    /// How its result did on the public samples, if the rules name some and somebody contributed.
+    /// The result on the public samples, if the rules name some and the round has contributions.
     pub public: Option<PublicLosses>,
 }
 
-/// What a contributor earned in a round.
+/// A contributor's earnings in a round.
 #[derive(Clone, Debug, Serialize)]
 pub struct Share {
-    /// Who: a place among [`History::nodes`].
+    /// The contributor's index in [`History::nodes`].
     pub node: usize,
-    /// Its share, in basis points of the contributor in the middle.
+    /// The share, in basis points of the median contributor.
     pub share_bps: u32,
-    /// What it earned.
+    /// The earnings.
     pub credits: u64,
 }
 
@@ -123,26 +123,26 @@ pub struct LossHistory {
     pub before: f64,
     /// Under the updates.
     pub after: f64,
-    /// Claims that disclose them.
+    /// Claims that disclose their losses.
     pub claims: u64,
 }
 
 /// A proposal.
 #[derive(Clone, Debug, Serialize)]
 pub struct ProposalHistory {
-    /// Its number.
+    /// The number.
     pub proposal: u64,
-    /// The entry that recorded it.
+    /// The recording entry.
     pub proposed_entry: u64,
-    /// Who proposed it.
+    /// The proposer.
     pub proposer: String,
-    /// Its title.
+    /// The title.
     pub title: String,
-    /// What it would do.
+    /// The proposed action.
     pub action: String,
     /// Ballots cast.
     pub votes: u64,
-    /// What became of it, once it is settled.
+    /// The outcome, once settled.
     pub outcome: Option<String>,
     #[serde(skip)]
     does: Action,
@@ -151,26 +151,26 @@ pub struct ProposalHistory {
 /// A dispute about an accepted contribution.
 #[derive(Clone, Debug, Serialize)]
 pub struct DisputeHistory {
-    /// The entry that raised it.
+    /// The entry of the dispute.
     pub disputed_entry: u64,
-    /// Who raised it.
+    /// The disputer.
     pub disputer: String,
     /// The entry that accepted the contribution.
     pub contribution: u64,
-    /// How it was decided, once it is.
+    /// The decision, once made.
     pub upheld: Option<bool>,
 }
 
 /// A node.
 #[derive(Clone, Debug, Serialize, Default)]
 pub struct NodeHistory {
-    /// Its identity.
+    /// The identity.
     pub id: String,
-    /// What it calls itself.
+    /// The name that it chose.
     pub name: String,
-    /// The entry that enrolled it.
+    /// The entry of the enrolment.
     pub enrolled_entry: u64,
-    /// Samples of its present dataset.
+    /// Samples of the present dataset.
     pub samples: u64,
     /// Updates committed.
     pub committed: u64,
@@ -180,12 +180,12 @@ pub struct NodeHistory {
     pub refused: u64,
     /// Commitments without a claim.
     pub unanswered: u64,
-    /// What it earned, in all.
+    /// Total earnings.
     pub credits: u64,
 }
 
 impl NodeHistory {
-    /// Accepted among decided contributions.
+    /// The share of accepted among decided contributions.
     pub fn acceptance(&self) -> Option<f64> {
         let decided = self.accepted + self.refused;
         (decided > 0).then(|| self.accepted as f64 / decided as f64)
@@ -193,7 +193,7 @@ impl NodeHistory {
 }
 
 impl History {
-    /// Counts entry `index`, which a replay has verified.
+    /// Counts the verified entry `index`.
     pub fn observe(&mut self, index: u64, entry: &Entry) {
         self.entries = index + 1;
         self.last_ms = entry.time_ms;
@@ -319,7 +319,7 @@ impl History {
 
     fn enrolled(&mut self, index: u64, enrolled: &NodeEnrolled) {
         if let Some(node) = self.node(&enrolled.node) {
-            // It had left, and comes back.
+            // It had left, and returns.
             node.name = enrolled.name.clone();
             return;
         }
@@ -332,7 +332,7 @@ impl History {
         });
     }
 
-    /// A node has another identity from now on. What it did under the old one still counts as its own.
+    /// Changes a node's identity. Its past still counts.
     fn replace_key(&mut self, node: &NodeId, with: NodeId) {
         if let Some(&place) = self.places.get(node) {
             self.places.insert(with, place);
@@ -361,7 +361,7 @@ impl History {
         self.programs.push(in_force);
     }
 
-    /// Ends a dispute. The node loses what a false contribution had earned.
+    /// Ends a dispute. A false contribution's node loses its earnings.
     fn judged(&mut self, dispute: u64, upheld: bool) {
         let is = |one: &&mut DisputeHistory| one.disputed_entry == dispute;
         let Some(dispute) = self.disputes.iter_mut().find(is) else {
@@ -442,7 +442,7 @@ impl History {
         self.nodes.get_mut(place)
     }
 
-    /// The place of the node whose identity begins with `prefix`, or whose name it is.
+    /// The index of the node with this name, or whose identity begins with `prefix`.
     pub fn find(&self, prefix: &str) -> Result<usize> {
         let wanted = prefix.to_lowercase();
         let is = |node: &NodeHistory| {
@@ -459,8 +459,7 @@ impl History {
     }
 }
 
-/// Goes through the first `size` entries of the ledger in `dir`. A replay has found that they have the root `root`, and this checks
-/// that they still do.
+/// Visits the first `size` entries of the ledger in `dir`, and checks that their root is still `root`.
 pub fn read(dir: &Path, size: u64, root: &str, mut each: impl FnMut(u64, &Entry)) -> Result<()> {
     let store = Store::open_read_only(&folder::database(dir))?;
     let mut tree = Frontier::default();
@@ -482,7 +481,7 @@ pub fn read(dir: &Path, size: u64, root: &str, mut each: impl FnMut(u64, &Entry)
     Ok(())
 }
 
-/// The digest of an evaluation, and whose parameters they are.
+/// An evaluation's digest and origin.
 fn evaluation(encoded: &[u8]) -> String {
     match EvalSpec::decode(encoded) {
         Ok(spec) if spec == EvalSpec::new(spec.dims) => {

@@ -1,7 +1,7 @@
-//! The report as one HTML file: no script, nothing loaded, readable offline and on paper.
+//! The report as one HTML file without scripts or loaded files, readable offline and on paper.
 //!
-//! Names, reasons and findings come from strangers. [`HtmlPage`] escapes them, and if it ever failed to, the page's own security policy
-//! forbids scripts and addresses.
+//! Names, reasons and findings are untrusted. [`HtmlPage`] escapes them. If that failed, the page's security policy still forbids scripts
+//! and addresses.
 
 use crate::report::describe::time;
 use crate::report::history::{History, NetworkSummary};
@@ -12,17 +12,17 @@ use serde::Serialize;
 use zk0_ledger::replay::{Finding, Severity, Verdict};
 use zk0_protocol::counted::counted;
 
-/// Most rows in a table. The data beside the page has all.
+/// Most rows in a table. The data beside the page are complete.
 const MOST_ROWS: usize = 500;
 
-/// The data that is written beside the page.
+/// The data beside the page.
 #[derive(Serialize)]
 pub struct PageData<'a> {
     /// The audit.
     pub audit: &'a Audited,
     /// What happened.
     pub history: &'a History,
-    /// What exported policies did in a simulation, which nobody proved.
+    /// Simulations of exported policies, which are not proven.
     pub rollouts: &'a [Rollouts],
 }
 
@@ -121,7 +121,7 @@ impl HtmlPage {
 
     fn findings(&mut self, findings: &[Finding]) {
         let faults: Vec<_> = of(findings, Severity::Fault);
-        // The section above names what was not checked.
+        // The section above lists what was not checked.
         let notes: Vec<_> = of(findings, Severity::Note);
         self.heading("Findings");
         if faults.is_empty() && notes.is_empty() {
@@ -330,7 +330,7 @@ fn of(findings: &[Finding], severity: Severity) -> Vec<&Finding> {
     findings.iter().filter(is).collect()
 }
 
-/// The rules, by their names in a genesis with spaces for underscores.
+/// The rules, by their genesis names with spaces for underscores.
 fn rules(network: &NetworkSummary) -> Vec<(String, String)> {
     let Ok(serde_json::Value::Object(rules)) = serde_json::to_value(&network.rules) else {
         return Vec::new();

@@ -1,4 +1,4 @@
-//! What an audit reports, for people and for machines.
+//! An audit's reports for people and machines.
 
 mod charts;
 pub mod describe;

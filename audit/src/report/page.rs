@@ -1,10 +1,10 @@
-//! HTML that is being written. Names, reasons and findings come from strangers: [`HtmlPage`] takes markup only as literals of this
-//! program, and escapes everything else.
+//! Writes HTML. Names, reasons and findings are untrusted: [`HtmlPage`] takes markup only as this program's literals, and escapes
+//! everything else.
 
 use crate::report::svg::{escape, Svg};
 use std::fmt::Display;
 
-/// HTML that is being written.
+/// HTML in progress.
 #[derive(Default)]
 pub struct HtmlPage(String);
 
@@ -40,7 +40,7 @@ impl HtmlPage {
         self.markup("</h2>");
     }
 
-    /// Begins a table; a column whose name begins with `#` holds numbers.
+    /// Begins a table. Columns with a leading `#` hold numbers.
     pub fn table(&mut self, columns: &[&str]) {
         self.markup("<table><thead><tr>");
         for column in columns {
@@ -59,7 +59,7 @@ impl HtmlPage {
         self.markup("</tr></thead><tbody>");
     }
 
-    /// A row of a table.
+    /// A table's row.
     pub fn row(&mut self, columns: &[&str], cells: &[&dyn Display]) {
         self.markup("<tr>");
         for (column, cell) in columns.iter().zip(cells) {

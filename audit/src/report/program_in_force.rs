@@ -1,27 +1,27 @@
-//! The guest programs of a network, in words.
+//! A network's guest programs, in words.
 
 use serde::Serialize;
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::Mode;
 use zk0_protocol::entries::program::Program;
 
-/// A guest program, and since when proofs are of it.
+/// A guest program, and since when it is in force.
 #[derive(Clone, Debug, Serialize)]
 pub struct ProgramInForce {
-    /// The entry that put it in force: the genesis, or the end of a proposal.
+    /// The entry that put it in force: the genesis, or a proposal's end.
     pub entry: u64,
-    /// The first round whose proofs are of it.
+    /// The first round with proofs of it.
     pub from_round: u64,
-    /// Its verifying key, in hexadecimal.
+    /// The verifying key, in hexadecimal.
     pub key: String,
-    /// The SP1 release whose verifier decides about its proofs.
+    /// The SP1 release that verifies its proofs.
     pub sp1: String,
-    /// Whether it is the program of this release of zk0.
+    /// Whether this release of zk0 has it.
     pub ours: bool,
 }
 
 impl ProgramInForce {
-    /// The program that entry `entry` put in force in a network that proves in mode `mode`.
+    /// The program put in force by entry `entry`, in a network of mode `mode`.
     pub fn new(entry: u64, from_round: u64, program: &Program, mode: Option<Mode>) -> Self {
         Self {
             entry,

@@ -1,14 +1,14 @@
-//! How a round's result did on the network's public samples.
+//! A round's result on the network's public samples.
 
 use serde::Serialize;
 use zk0_protocol::entries::round_result::{EvaluatedResult, ResultOutcome};
 
-/// Mean squared errors per element on the network's public samples.
+/// Mean squared errors per element on the public samples.
 #[derive(Clone, Debug, Serialize)]
 pub struct PublicLosses {
     /// Under the round's base weights; `None` if they overflow.
     pub base: Option<f64>,
-    /// Under what the contributions combine to; `None` if that overflows.
+    /// Under the combined contributions; `None` if that overflows.
     pub result: Option<f64>,
     /// Whether the result became the global weights.
     pub taken: bool,
@@ -17,7 +17,7 @@ pub struct PublicLosses {
 }
 
 impl PublicLosses {
-    /// What a closing says. `action_bits` are the fraction bits of the velocity.
+    /// A closing's record. `action_bits` are the velocity's fraction bits.
     pub fn of(evaluated: &EvaluatedResult, action_bits: u8) -> Self {
         let (base, result) = evaluated.means(action_bits);
         Self {
@@ -28,7 +28,7 @@ impl PublicLosses {
         }
     }
 
-    /// What became of the result, in a word or two.
+    /// The outcome, in a word or two.
     pub fn verdict(&self) -> &'static str {
         match (self.taken, self.result) {
             (true, _) => "taken",

@@ -1,4 +1,4 @@
-//! What exported policies did in a simulation, in the report. Nothing of that is proven: the section says so.
+//! Simulations of exported policies in the report. They are not proven, as the section states.
 
 use crate::report::history;
 use crate::report::page::HtmlPage;
@@ -11,31 +11,31 @@ use zk0_protocol::entries::entry::Body;
 
 /// The file that `scripts/rollout` writes.
 const RESULTS: &str = "results.json";
-/// Longest results that are read, in bytes. An episode takes 150.
+/// Longest results read, in bytes. An episode takes 150.
 const MAX_RESULTS: u64 = 16 << 20;
 
 /// One run of `scripts/rollout`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Rollouts {
-    /// The folder with its videos.
+    /// The folder of its videos.
     pub folder: String,
-    /// What it says.
+    /// Its results.
     #[serde(flatten)]
     pub results: Results,
-    /// Whether the receipt of the policy names this network, the round and the weights that the ledger has after it.
+    /// Whether the policy's receipt names this network, the round, and the ledger's weights after it.
     pub of_this_ledger: bool,
 }
 
-/// What `scripts/rollout` found.
+/// The results of `scripts/rollout`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Results {
-    /// What the arm was told to do.
+    /// The arm's task.
     pub task: String,
-    /// How many episodes there were.
+    /// The number of episodes.
     pub episodes: u64,
-    /// How many of them succeeded.
+    /// The number of successes.
     pub successes: u64,
-    /// Between which shares the success rate lies.
+    /// The interval of the success rate.
     pub interval: ShareInterval,
     /// The policy.
     pub policy: RolloutPolicy,
@@ -44,24 +44,24 @@ pub struct Results {
 /// An interval of shares from 0 to 1.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ShareInterval {
-    /// How sure it is.
+    /// The confidence.
     pub confidence: f64,
-    /// Its low end.
+    /// The low end.
     pub low: f64,
-    /// Its high end.
+    /// The high end.
     pub high: f64,
 }
 
-/// Which policy it was.
+/// A rollout's policy.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RolloutPolicy {
-    /// SHA-256 of its weights; none for the scripted expert.
+    /// SHA-256 of the weights; none for the scripted expert.
     pub model_sha256: Option<String>,
     /// The receipt of `zk0 export lerobot`.
     pub receipt: Option<ReceiptSummary>,
 }
 
-/// The part of a receipt that the report compares with the ledger.
+/// The part of a receipt to compare with the ledger.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReceiptSummary {
     /// The network's id.
@@ -73,10 +73,11 @@ pub struct ReceiptSummary {
 }
 
 impl Rollouts {
-    /// Reads the results in `folder`, and compares their receipt with the first `size` entries of the ledger in `dir`, which have the root `root`.
+    /// Reads the results in `folder`, and compares their receipt with the first `size` entries of the ledger in `dir`, whose root is
+    /// `root`.
     ///
     /// # Errors
-    /// There are no results in `folder`, or the ledger cannot be read.
+    /// `folder` has no results, or the ledger is unreadable.
     pub fn read(folder: &Path, dir: &Path, size: u64, root: &str) -> Result<Self> {
         let path = folder.join(RESULTS);
         let reading = || format!("reading {}", path.display());
@@ -106,7 +107,7 @@ impl Rollouts {
 }
 
 impl HtmlPage {
-    /// The section of the rollouts, if there are any.
+    /// The section of the rollouts, if any.
     pub(super) fn rollouts(&mut self, all: &[Rollouts]) {
         if all.is_empty() {
             return;

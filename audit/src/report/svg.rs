@@ -1,16 +1,16 @@
-//! Charts as SVG elements within a page: stacked bars, lying bars, and lines. Text is escaped, and nothing is loaded.
+//! SVG charts for a page: stacked bars, lying bars, and lines. Text is escaped, and nothing is loaded.
 
 use std::fmt::Write;
 
-/// Colours that stay apart for colour-blind readers (Okabe and Ito), on white paper.
+/// Colours distinct for colour-blind readers (Okabe and Ito), on white.
 pub const COLOURS: [&str; 8] = [
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#999999", "#000000",
 ];
 
-/// The colour of what was accepted.
+/// The colour of acceptance.
 pub const GOOD: &str = "#009e73";
 
-/// The colour of what was refused.
+/// The colour of refusal.
 pub const BAD: &str = "#d55e00";
 
 const WIDTH: f64 = 720.0;
@@ -24,7 +24,7 @@ const BOTTOM: f64 = 40.0;
 pub struct Svg(String);
 
 impl Svg {
-    /// Its element.
+    /// The element.
     pub fn as_str(&self) -> &str {
         &self.0
     }
@@ -40,7 +40,7 @@ pub fn escape(text: &str) -> String {
             '>' => escaped.push_str("&gt;"),
             '"' => escaped.push_str("&quot;"),
             '\'' => escaped.push_str("&#39;"),
-            // HTML and XML do not allow these characters at all.
+            // HTML and XML do not allow these characters.
             c if c.is_control() && c != '\n' && c != '\t' => {
                 let _ = write!(escaped, "{}", c.escape_default());
             }
@@ -50,25 +50,25 @@ pub fn escape(text: &str) -> String {
     escaped
 }
 
-/// One line or one kind of bars in a chart.
+/// A line or a kind of bars in a chart.
 pub struct Series<'a> {
-    /// Its name in the legend.
+    /// The name in the legend.
     pub name: String,
-    /// Its colour.
+    /// The colour.
     pub colour: &'a str,
-    /// Its value at each place; `None` where it has none.
+    /// The value at each place, if any.
     pub values: Vec<Option<f64>>,
 }
 
-/// The axis of the places.
+/// The axis of places.
 pub struct PlotAxis<'a> {
-    /// What the places are.
+    /// The axis's name.
     pub name: &'a str,
-    /// The name of each place.
+    /// Each place's name.
     pub places: Vec<String>,
 }
 
-/// Bars over the places of `x`, one series on top of the other. `y` names what is counted.
+/// Bars over the places of `x`, with stacked series. `y` names what is counted.
 pub fn stacked(title: &str, x: &PlotAxis<'_>, y: &str, series: &[Series<'_>]) -> Svg {
     let labels = &x.places;
     let total = |at: usize| -> f64 {
@@ -136,7 +136,7 @@ pub fn lines(
             escape(one.colour),
             path.join(" ")
         ));
-        // Circles show a few points. With many points, the line alone shows them better.
+        // Circles show a few points. Many are clearer as a line alone.
         if points.len() <= 60 {
             for (x, y, value) in points {
                 let title = escape(&format!("{}: {}", one.name, number(value)));
@@ -150,7 +150,7 @@ pub fn lines(
     chart.finish()
 }
 
-/// Lying bars, each with its name, value and colour. `names` says what the names are, and `unit` what is counted.
+/// Lying bars with name, value and colour. `names` describes the names, and `unit` what is counted.
 pub fn lying(title: &str, names: &str, unit: &str, bars: &[(String, f64, &str)]) -> Svg {
     const ROW: f64 = 24.0;
     const NAMES: f64 = 210.0;
@@ -194,10 +194,9 @@ struct Chart {
 }
 
 impl Chart {
-    /// A chart whose values lie between `low` and `high`. Where `from_zero` is set, the values are counts: the scale begins at 0 and
-    /// has whole steps.
+    /// A chart of values between `low` and `high`. `from_zero` means counts: the scale begins at 0 and has whole steps.
     fn new(title: &str, (low, high): (f64, f64), from_zero: bool) -> Self {
-        // Without any value, `low` and `high` are the largest and the smallest number.
+        // Without values, `low` and `high` are the largest and the smallest number.
         let usable = low.is_finite() && high.is_finite() && (high - low).is_finite();
         let (low, high) = if usable { (low, high) } else { (0.0, 1.0) };
         let span = match high - low {
@@ -250,7 +249,7 @@ impl Chart {
         LEFT + self.step(count) * (at as f64 + 0.5)
     }
 
-    /// The names of both axes, and those of as many places as there is room for.
+    /// The names of both axes, and of as many places as fit.
     fn axes(&mut self, x: &PlotAxis<'_>, y: &str) {
         let labels = &x.places;
         let every = labels.len().div_ceil(12).max(1);
@@ -298,7 +297,7 @@ impl Chart {
         ));
     }
 
-    /// An element whose text is escaped already.
+    /// An element with escaped text.
     fn element(&mut self, element: &str) {
         self.body.push_str(element);
     }
@@ -324,7 +323,7 @@ fn nice(step: f64) -> f64 {
     digits.iter().find(fits).unwrap_or(&10.0) * power
 }
 
-/// A number with as many digits as it needs.
+/// A number with as many digits as needed.
 fn number(value: f64) -> String {
     let text = match value.abs() {
         size if size >= 1e6 => format!("{value:.3e}"),
@@ -339,7 +338,7 @@ fn number(value: f64) -> String {
     }
 }
 
-/// The beginning of a long text.
+/// The start of a long text.
 fn short(text: &str, most: usize) -> String {
     if text.chars().count() > most {
         text.chars().take(most - 1).chain(['…']).collect()

@@ -1,4 +1,4 @@
-//! The report of an audit, for machines and for people.
+//! An audit's report, for machines and people.
 
 use crate::account::{Checked, NotChecked};
 use crate::auditor::Auditor;
@@ -8,22 +8,22 @@ use serde::Serialize;
 use zk0_ledger::replay::{Finding, ReplayReport, Severity, Verdict};
 use zk0_protocol::counted::counted;
 
-/// The report of an audit: what the replay found, what was checked, and what was not.
+/// The report: the replay's findings, what was checked, and what was not.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Audited {
-    /// What the replay found.
+    /// The replay's findings.
     #[serde(flatten)]
     pub report: ReplayReport,
     /// Light or full.
     pub depth: Depth,
     /// How much was checked.
     pub checked: Checked,
-    /// What was not checked, a line for each kind and reason.
+    /// What was not checked, by kind and reason.
     pub not_checked: Vec<NotChecked>,
 }
 
 impl Audited {
-    /// The report of `auditor`'s replay.
+    /// The report on `auditor`'s replay.
     pub fn new(report: ReplayReport, depth: Depth, auditor: &Auditor) -> Self {
         Self {
             report,
@@ -33,7 +33,7 @@ impl Audited {
         }
     }
 
-    /// Whether everything that was checked holds. Something may not have been checked.
+    /// Whether all that was checked holds. Some checks may be left out.
     pub fn holds(&self) -> bool {
         self.report.verdict != Verdict::Failed
     }
@@ -75,7 +75,7 @@ pub fn verdict(audited: &Audited) -> String {
     text
 }
 
-/// What is wrong, one text for each fault, with its entry. The texts may hold anything that an entry holds.
+/// The faults, each with its entry. The texts may hold anything from an entry.
 pub fn faults(audited: &Audited) -> Vec<String> {
     let findings = audited.report.findings.iter();
     findings
@@ -84,7 +84,7 @@ pub fn faults(audited: &Audited) -> Vec<String> {
         .collect()
 }
 
-/// A finding with the entry that it is about.
+/// A finding with its entry.
 fn placed(finding: &Finding) -> String {
     match finding.index {
         Some(index) => format!("entry {index}: {}", finding.text),

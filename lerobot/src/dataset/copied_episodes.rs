@@ -1,4 +1,4 @@
-//! Episodes that are there twice, in one recording or in several: merges of copies do that. They are found by content.
+//! Finds, by content, episodes that merges of copies repeat, in one recording or several.
 
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, HashMap};
@@ -7,24 +7,24 @@ use std::path::PathBuf;
 
 use crate::dataset::Dataset;
 
-/// Episodes of a recording that an earlier recording, or the same one, has already.
+/// Episodes of a recording that this or an earlier recording already has.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CopiedEpisodes {
     /// The recording with the copies.
     pub recording: PathBuf,
-    /// The recording that has them already.
+    /// The recording that has them first.
     pub of: PathBuf,
-    /// Whether these are one recording, and not two.
+    /// Whether both are one recording.
     pub within_one: bool,
     /// The copies, as the files number them.
     pub episodes: Vec<usize>,
-    /// The first copy, and the episode that it is a copy of, as the files number them.
+    /// The first copy and its original, as the files number them.
     pub first: (usize, usize),
 }
 
 impl CopiedEpisodes {
-    /// Those of these recordings, which are used together. An episode is a copy when frames per second, states and actions are the same
-    /// to the last bit ([`Dataset::episode_digests`]). Its pictures may be encoded anew.
+    /// Finds the copies in recordings that are used together: the same frames per second, states and actions to the last bit
+    /// ([`Dataset::episode_digests`]). Pictures may be encoded again.
     pub fn among<'a>(recordings: impl IntoIterator<Item = &'a Dataset>) -> Vec<Self> {
         let mut known = HashMap::new();
         let mut copied: BTreeMap<(usize, usize), Self> = BTreeMap::new();

@@ -1,4 +1,4 @@
-//! The digest of an episode. It shows when two recordings hold the same episode.
+//! The digest of an episode shows when two recordings hold the same one.
 
 use sha2::{Digest, Sha256};
 
@@ -8,12 +8,11 @@ use crate::dataset::Dataset;
 pub const EPISODE_TAG: &str = "zk0:episode:v1";
 
 impl Dataset {
-    /// The digest of each episode, in order: SHA-256 of the tag, the frames per second and the number of frames (u64,
-    /// little-endian), and each frame's `observation.state` and `action` as recorded (float32, little-endian).
+    /// The digest of each episode, in order: SHA-256 of the tag, the frames per second and the number of frames (u64, little-endian), and
+    /// each frame's `observation.state` and `action` as recorded (float32, little-endian).
     ///
-    /// Pictures are left out: encoding a video again changes every one, and no two episodes have the same motion to the last
-    /// bit. Who changes one bit of one position gets another digest: this finds copies, not imitations. Whoever has an episode
-    /// can tell from its digest that a node has it, too.
+    /// Pictures are left out, because encoding changes them; no two episodes move alike to the last bit. One changed bit changes the
+    /// digest: this finds copies, not imitations. Anyone with an episode can tell from a node's digest that the node has it.
     pub fn episode_digests(&self) -> impl Iterator<Item = [u8; 32]> + '_ {
         self.episodes().iter().map(|episode| {
             let mut hash = Sha256::new();

@@ -1,22 +1,22 @@
-//! What can be wrong with a recording, in words for the person who repairs it.
+//! What can be wrong with a recording, for the person who repairs it.
 
 use std::path::{Path, PathBuf};
 
 use crate::lfs_pointer;
 
-/// Why a recording could not be read: which file, what is wrong in it, what to do.
+/// Why a recording could not be read: the file, the fault, the remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum DatasetError {
-    /// The dataset's folder is not there.
+    /// The dataset's folder does not exist.
     #[error("{}: no such folder; a LeRobotDataset is a folder with meta/, data/ and videos/", path.display())]
     NoFolder { path: PathBuf },
-    /// A file that the metadata promises is not there.
+    /// A file that the metadata names does not exist.
     #[error("{}: missing; the recording is incomplete, copy it again", path.display())]
     MissingFile { path: PathBuf },
-    /// A map of cameras' names gives one name to two cameras.
+    /// A rename map gives two cameras one name.
     #[error("{}: --rename-map calls two cameras {name:?}: give each camera another name", path.display())]
     RenamedAlike { path: PathBuf, name: String },
-    /// A map of cameras' names has a name that no camera has.
+    /// A rename map has a name that no camera has.
     #[error(
         "{}: --rename-map names {name:?}, and the cameras are {cameras:?}",
         path.display()
@@ -26,10 +26,10 @@ pub enum DatasetError {
         name: String,
         cameras: Vec<String>,
     },
-    /// A folder without a recording in it.
+    /// A folder without a recording.
     #[error("{}: holds no recording; a LeRobotDataset is a folder with meta/, data/ and videos/", path.display())]
     NoRecording { path: PathBuf },
-    /// The process that recorded was ended before it wrote `meta/episodes`.
+    /// Recording ended before `meta/episodes` was written.
     #[error(
         "{}: the recording ended too early ({sign}); save its whole episodes with: zk0 dataset recover {} --out NEW_FOLDER",
         path.display(), path.display()
@@ -39,7 +39,7 @@ pub enum DatasetError {
         /// How the files show it.
         sign: String,
     },
-    /// A data file of a finished recording has lost its end.
+    /// A data file of a finished recording lost its end.
     #[error(
         "{}: {cause}; the file has no end: copy it again, or save the episodes before it with: zk0 dataset recover {} --out NEW_FOLDER",
         path.display(), root.display()
@@ -50,7 +50,7 @@ pub enum DatasetError {
         /// The recording.
         root: PathBuf,
     },
-    /// The process that recorded was ended before it saved an episode.
+    /// Recording ended before an episode was saved.
     #[error(
         "{}: no episode was finished before the recording ended, so there is nothing to read, and nothing that `zk0 dataset recover` \
          could save: record again",
@@ -79,10 +79,10 @@ pub enum DatasetError {
         path.display()
     )]
     Version { path: PathBuf, found: String },
-    /// A parquet file is damaged, lacks a column, or has one of another type.
+    /// A parquet file is damaged, or a column is missing or of another type.
     #[error("{}: {cause}", path.display())]
     Parquet { path: PathBuf, cause: String },
-    /// A frame is in the table a second time, and not as it was the first time.
+    /// A frame is in the table twice, with different values.
     #[error(
         "{}: row {row} holds episode {episode} frame {frame} again (index {index}) with other values; remove the rows that \
          are wrong",
@@ -95,7 +95,7 @@ pub enum DatasetError {
         episode: i64,
         frame: i64,
     },
-    /// A timestamp is not the frame's number divided by the frames per second.
+    /// A timestamp is not frame number / frames per second.
     #[error(
         "{}: episode {episode} frame {frame} has timestamp {timestamp} s where {expected:.6} s is expected (tolerance 0.0001 s)",
         path.display()
@@ -107,20 +107,20 @@ pub enum DatasetError {
         timestamp: f32,
         expected: f64,
     },
-    /// The rows end before the frames that the metadata declares.
+    /// There are fewer rows than the metadata declares.
     #[error("{}: the data ends after {found} frames, meta/info.json declares {declared}", path.display())]
     FewerFrames {
         path: PathBuf,
         found: usize,
         declared: usize,
     },
-    /// A video's container or one of its frames is unusable.
+    /// A video's container or a frame is unusable.
     #[error("{}: {cause}", path.display())]
     Video { path: PathBuf, cause: String },
-    /// A stored picture, PNG or JPEG, cannot be used.
+    /// A stored PNG or JPEG picture is unusable.
     #[error("{}: {cause}", path.display())]
     StoredPicture { path: PathBuf, cause: String },
-    /// A frame's picture cannot be read: which frame, and why.
+    /// A frame's picture cannot be read.
     #[error("episode {episode} frame {frame}, camera {camera}: {source}")]
     Picture {
         episode: usize,
@@ -144,7 +144,7 @@ pub enum DatasetError {
     /// No episode has a picture for every row.
     #[error("{}: no episode has a picture for every row. {first}", path.display())]
     NoWholeEpisode { path: PathBuf, first: String },
-    /// The statistics to normalise with have other dimensions of states and actions than the recording.
+    /// The given statistics have other state or action dimensions than the recording.
     #[error(
         "{}: has {} state and {} action dimensions, the statistics to normalise it with have {} and {}",
         path.display(), found.0, found.1, given.0, given.1
@@ -154,7 +154,7 @@ pub enum DatasetError {
         given: (usize, usize),
         found: (usize, usize),
     },
-    /// Recordings that are trained on together are not alike.
+    /// Recordings that are used together differ.
     #[error(
         "{}: has {cause} as {} has; recordings that are used together have to agree",
         path.display(), first.display()
@@ -167,13 +167,13 @@ pub enum DatasetError {
     /// The caller asked for a frame that does not exist.
     #[error("there is no frame {index}: the recording has {len} frames")]
     OutOfRange { index: usize, len: usize },
-    /// The caller asked for an action chunk of a length that is not allowed.
+    /// The caller asked for an action chunk of a forbidden length.
     #[error("an action chunk cannot have {chunk} frames; it must have 1 to {max}")]
     Chunk { chunk: usize, max: usize },
 }
 
 impl DatasetError {
-    /// Tells a file that is not there from one that cannot be read.
+    /// Tells a missing file from an unreadable one.
     pub(crate) fn io(path: impl Into<PathBuf>, source: std::io::Error) -> Self {
         let path = path.into();
         if source.kind() == std::io::ErrorKind::NotFound {
@@ -209,7 +209,7 @@ impl DatasetError {
     }
 }
 
-/// A file that Git LFS has not fetched is called that, whatever its reader found wrong.
+/// Names a file that Git LFS has not fetched, whatever its reader found.
 fn cause_at(path: &Path, cause: impl Into<String>) -> String {
     lfs_pointer::explain(path).unwrap_or_else(|| cause.into())
 }

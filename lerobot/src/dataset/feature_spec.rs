@@ -1,5 +1,4 @@
-//! What kind of recording it is, as bytes that a commitment can bind: two recordings with the same digest can be
-//! evaluated with the same model inputs.
+//! The kind of a recording as bytes to commit to. Recordings with the same digest can be evaluated with the same model inputs.
 
 use sha2::{Digest, Sha256};
 
@@ -12,9 +11,8 @@ pub const FEATURE_SPEC_TAG: &str = "zk0:feature-spec:v1";
 impl Dataset {
     /// The canonical description for action chunks of `chunk` frames.
     ///
-    /// Numbers are u64 little-endian, strings are their length and UTF-8 bytes, lists their count and items. In order: the tag;
-    /// fps; chunk; state and action, each as name, dtype (`float32`), shape, names; cameras, each as name, dtype (`uint8`), shape
-    /// (`3, height, width`).
+    /// Numbers are u64 little-endian, strings are length and UTF-8 bytes, lists are count and items. In order: the tag; fps; chunk; state
+    /// and action, each as name, dtype (`float32`), shape, names; cameras, each as name, dtype (`uint8`), shape (`3, height, width`).
     pub fn feature_spec(&self, chunk: usize) -> Vec<u8> {
         let mut spec = Spec(Vec::new());
         spec.text(FEATURE_SPEC_TAG);

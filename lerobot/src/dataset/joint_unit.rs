@@ -1,25 +1,25 @@
-//! Which unit a recording's joints look like. No file of a recording states it: LeRobot records degrees or −100 to 100
-//! (`use_degrees`, whose default has changed), and the values alone can show which.
+//! Which unit a recording's joints look like. LeRobot records degrees or −100 to 100 (`use_degrees`, whose default has changed), and no
+//! file states which: only the values show it.
 //!
-//! LeRobot 0.6.1 (`_normalize` in `motors/motors_bus.py`) computes degrees from whole steps of the motors' encoders, of which 4095 make
-//! a turn, around a middle that may be a half step. It brings −100 to 100 back to these ends when a motor stands beyond them.
+//! LeRobot 0.6.1 (`_normalize` in `motors/motors_bus.py`) computes degrees from whole encoder steps, 4095 a turn, around a middle that may
+//! be a half step. It clips −100 to 100 when a motor stands beyond an end.
 
 use serde::Serialize;
 
 use crate::dataset::Dataset;
 
-/// Half a step of the encoder, in degrees.
+/// Half an encoder step, in degrees.
 const HALF_STEP: f32 = 180.0 / 4095.0;
-/// How far a value may be from a whole number of half steps: float32 rounds more finely.
+/// How far a value may be from a whole number of half steps; float32 is finer.
 const SLACK: f32 = 0.02;
 
-/// A unit of joints, the gripper left out: LeRobot always records 0 to 100 for it.
+/// A unit of joints, without the gripper: LeRobot always records it as 0 to 100.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum JointUnit {
     /// Degrees.
     Degrees,
-    /// −100 at one end of a joint's way and 100 at the other.
+    /// −100 at one end of a joint's range, 100 at the other.
     #[serde(rename = "-100-to-100")]
     MinusToPlus100,
     /// The values do not show it.
@@ -38,12 +38,12 @@ impl JointUnit {
 }
 
 impl Dataset {
-    /// The unit that the recorded states look like, and why.
+    /// The unit that the states look like, and why.
     pub fn joint_unit(&self) -> (JointUnit, String) {
         let names = &self.info().state.names;
         let is_gripper = |dim: usize| match names.get(dim) {
             Some(name) => name.contains("gripper"),
-            // LeRobot's arms have it at the end.
+            // LeRobot's arms have the gripper last.
             None => dim + 1 == self.info().state.dim,
         };
         let joints = (0..self.info().state.dim).filter(|dim| !is_gripper(*dim));

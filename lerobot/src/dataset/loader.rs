@@ -1,4 +1,4 @@
-//! Frames as a policy is trained on them: pictures and state now, actions from now on, or whatever else a [`Window`] asks for.
+//! Frames for training: pictures and state now, actions from now on, or any other [`Window`].
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -12,9 +12,9 @@ use crate::dataset::video::reader::VideoReader;
 use crate::dataset::window::Window;
 use crate::dataset::{Dataset, DatasetError};
 
-/// What LeRobot's `__getitem__` gives for one frame under some `delta_timestamps`.
+/// What LeRobot's `__getitem__` gives for a frame under some `delta_timestamps`.
 ///
-/// Values at offsets outside the episode are those of its first or last frame, and flagged as padding.
+/// Offsets outside the episode give its first or last frame, flagged as padding.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
     /// Number of the frame in the dataset.
@@ -25,22 +25,21 @@ pub struct Frame {
     pub frame: usize,
     /// Seconds since the episode began.
     pub timestamp: f32,
-    /// Which of [`Dataset::tasks`].
+    /// Index into [`Dataset::tasks`].
     pub task_index: usize,
-    /// What the robot was told to do.
+    /// The robot's instruction.
     pub task: String,
-    /// Pictures, camera after camera in the order of [`Dataset::cameras`], each at its offsets in order: by default one per
-    /// camera, of this frame.
+    /// Pictures by camera in the order of [`Dataset::cameras`], then by offset; by default one per camera, of this frame.
     pub images: Vec<Image>,
-    /// Per picture, whether it is a repetition.
+    /// Per picture, whether it is padding.
     pub image_is_pad: Vec<bool>,
-    /// `observation.state` at its offsets, `[offsets, dim]` row-major, not normalised; by default of this frame alone.
+    /// `observation.state` at its offsets, `[offsets, dim]` row-major, not normalised; by default of this frame.
     pub state: Vec<f32>,
-    /// Per state, whether it is a repetition.
+    /// Per state, whether it is padding.
     pub state_is_pad: Vec<bool>,
-    /// Actions at their offsets, `[offsets, dim]` row-major, not normalised; by default this frame's and the following ones.
+    /// Actions at their offsets, as [`Frame::state`]; by default from this frame on.
     pub actions: Vec<f32>,
-    /// Per action, whether it is a repetition.
+    /// Per action, whether it is padding.
     pub action_is_pad: Vec<bool>,
 }
 
@@ -55,17 +54,17 @@ pub struct Image {
     pub pixels: Vec<u8>,
 }
 
-/// Gives frames with their pictures, keeping one open video or data file per camera and the pictures of the last frame given.
+/// Gives frames with their pictures. Keeps one open video or data file per camera, and the pictures of the last frame.
 ///
-/// Ascending order decodes every video once; going back starts from the nearest key frame. Where pictures are stored one by one, going
-/// anywhere else than ahead decompresses their page anew.
+/// Ascending order decodes every video once; going back starts from the nearest key frame. With stored pictures, any step but ahead
+/// decompresses their page again.
 pub struct Loader<'a> {
     dataset: &'a Dataset,
     window: Window,
     cameras: Vec<OpenCamera>,
 }
 
-/// One camera's open video or data file, and the pictures that the last sample took from it, by frame of the dataset.
+/// One camera's open video or data file, and the pictures of the last sample by frame of the dataset.
 #[derive(Default)]
 struct OpenCamera {
     video: Option<VideoReader>,
@@ -74,7 +73,7 @@ struct OpenCamera {
 }
 
 impl Dataset {
-    /// A loader of frames with action chunks of `chunk` frames: random access, fastest in order.
+    /// A loader of frames with chunks of `chunk` actions: random access, fastest in order.
     ///
     /// # Errors
     /// `chunk` is 0 or above 4096.
@@ -92,7 +91,7 @@ impl Dataset {
 }
 
 impl<'a> Loader<'a> {
-    /// A loader of frames with those of `window` around them, which has to be one of this recording.
+    /// A loader of frames with `window` around them, which must be of this recording.
     pub fn new(dataset: &'a Dataset, window: Window) -> Self {
         Self {
             dataset,
@@ -108,7 +107,7 @@ impl<'a> Loader<'a> {
     /// Frame `index` with its pictures.
     ///
     /// # Errors
-    /// There is no such frame, or a picture cannot be had: which one, the file and the cause.
+    /// There is no such frame, or a picture cannot be read: the file and the cause.
     pub fn frame(&mut self, index: usize) -> Result<Frame, DatasetError> {
         let mut frame = self.motion(index)?;
         let episode = self.dataset.episodes()[frame.episode].frames.clone();
@@ -122,7 +121,7 @@ impl<'a> Loader<'a> {
         Ok(frame)
     }
 
-    /// Frame `index` without its pictures ([`Frame::images`] is empty): no video is touched.
+    /// Frame `index` without pictures ([`Frame::images`] is empty); reads no video.
     ///
     /// # Errors
     /// There is no such frame.
@@ -159,9 +158,9 @@ impl<'a> Loader<'a> {
         })
     }
 
-    /// Pictures of these frames, all of one episode; each is decoded once, in ascending order.
+    /// Pictures of frames of one episode, each decoded once, in ascending order.
     fn images(&mut self, camera: usize, wanted: &[usize]) -> Result<Vec<Image>, DatasetError> {
-        // One picture is not kept, because the next frame does not ask for it again.
+        // A single picture is not kept: the next frame does not need it.
         if let [frame] = wanted {
             return Ok(vec![self.picture(camera, *frame)?]);
         }
@@ -182,7 +181,7 @@ impl<'a> Loader<'a> {
         Ok(images)
     }
 
-    /// The picture that a camera took of frame `index`, which exists.
+    /// A camera's picture of frame `index`, which exists.
     pub(crate) fn picture(&mut self, camera: usize, index: usize) -> Result<Image, DatasetError> {
         let at = self
             .dataset
@@ -195,7 +194,7 @@ impl<'a> Loader<'a> {
             Some(span) => self.cameras[camera].shown_at(
                 span,
                 size,
-                // The timestamp was checked to be `frame / fps`. In float32 it would be less exact.
+                // The checked timestamp is `frame / fps`; float32 would be less exact.
                 frame as f64 / f64::from(self.dataset.fps()),
             ),
             None => self.stored(camera, index).and_then(|stored| {
@@ -220,7 +219,7 @@ impl<'a> Loader<'a> {
         })
     }
 
-    /// The PNG or JPEG picture of frame `index`, which exists, as the recording stores it. The camera is one with
+    /// The stored PNG or JPEG of frame `index`, which exists. The camera has
     /// [`CameraStorage::Pictures`](crate::dataset::CameraStorage::Pictures).
     ///
     /// # Errors
@@ -248,7 +247,7 @@ impl<'a> Loader<'a> {
 }
 
 impl OpenCamera {
-    /// What a stretch of video shows `seconds` after it began.
+    /// What a stretch of video shows after `seconds`.
     fn shown_at(
         &mut self,
         span: &VideoSpan,
@@ -268,7 +267,7 @@ impl OpenCamera {
     }
 }
 
-/// The frames at `offsets` from `index`, held within the episode, and which of them had to be held.
+/// The frames at `offsets` from `index`, clamped to the episode, and which were clamped.
 fn within(episode: &Range<usize>, index: usize, offsets: &[i64]) -> (Vec<usize>, Vec<bool>) {
     let (first, last) = (episode.start as i64, episode.end as i64 - 1);
     offsets

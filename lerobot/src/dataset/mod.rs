@@ -2,27 +2,25 @@
 //!
 //! ```text
 //! meta/info.json                  metadata::info      frames per second, features, where the files are (paths)
-//! meta/stats.json                 metadata::stats     mean and standard deviation of states and actions
+//! meta/stats.json                 metadata::stats     statistics of states and actions
 //! meta/tasks.parquet              metadata::tasks     task strings
-//! meta/episodes/*/*.parquet       metadata::episodes  which rows and which stretch of video each episode has
+//! meta/episodes/*/*.parquet       metadata::episodes  each episode's rows and stretches of video
 //! data/*/*.parquet                tables::motion      states, actions, timestamps
 //! videos/*/*/*.mp4                video_fit           whether every row has its picture
-//! videos/*/*/*.mp4                video               one camera's frames: mp4 finds them, av1, h264 or ffmpeg decodes, color makes RGB
-//! data/*/*.parquet, images/       picture             or its frames one by one, PNG or JPEG: tables::pictures finds them
+//! videos/*/*/*.mp4                video               a camera's frames: mp4 finds, av1, h264 or ffmpeg decodes, color makes RGB
+//! data/*/*.parquet, images/       picture             or stored frames, PNG or JPEG: tables::pictures finds them
 //! ```
 //!
-//! In v2.x `meta` holds `tasks.jsonl` and `episodes.jsonl` (`episodes_v2`), and in v2.1 also `episodes_stats.jsonl`
-//! (`episode_stats`). There every episode has a parquet file and videos of its own.
+//! In v2.x `meta` holds `tasks.jsonl` and `episodes.jsonl` (`episodes_v2`), in v2.1 also `episodes_stats.jsonl` (`episode_stats`). Every
+//! episode has its own parquet file and videos.
 //!
-//! [`Dataset::open`] reads everything but the pixels and checks it. What it returns is consistent; the faults that it corrected are
-//! in [`Dataset::repairs`], and the episodes that it had to leave out in [`Dataset::left_out`]. [`Dataset::loader`] then gives [`Frame`]s.
-//! Each is what LeRobot's `LeRobotDataset.__getitem__` gives under SmolVLA's `delta_timestamps` (observations of this frame, and a chunk of
-//! actions from this frame on). [`Loader::new`] takes any other [`Window`]. `feature_spec` makes a digest of what kind of recording it is.
+//! [`Dataset::open`] reads and checks everything but the pixels. [`Dataset::repairs`] lists the faults it corrected, [`Dataset::left_out`]
+//! the episodes it left out. [`Dataset::loader`] gives [`Frame`]s as LeRobot's `LeRobotDataset.__getitem__` does under SmolVLA's
+//! `delta_timestamps` (observations now, a chunk of actions from now on). [`Loader::new`] takes any other [`Window`].
 //!
 //! [`recover()`] saves a recording that ended too early, or whose videos and metadata do not fit.
 //!
-//! The formats are those of LeRobot 0.4 to 0.6 (`codebase_version` v3.0, <https://huggingface.co/docs/lerobot/lerobot-dataset-v3>) and of
-//! LeRobot 0.3 (v2.1).
+//! Formats: LeRobot 0.4 to 0.6 (`codebase_version` v3.0, <https://huggingface.co/docs/lerobot/lerobot-dataset-v3>) and LeRobot 0.3 (v2.1).
 
 mod copied_episodes;
 mod episode_digest;

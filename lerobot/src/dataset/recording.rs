@@ -15,9 +15,9 @@ use crate::dataset::tables::whole_rows::lacks_footer;
 use crate::dataset::video_fit::merged_videos;
 use crate::dataset::video_fit::short_episodes::{self, LeftOut};
 
-/// A recording, opened and checked; pixels are decoded on demand by a [`Loader`](crate::dataset::Loader).
+/// A recording, opened and checked. A [`Loader`](crate::dataset::Loader) decodes pixels on demand.
 ///
-/// States and actions are held in memory (a few dozen bytes a frame), videos are not.
+/// States and actions are in memory (a few dozen bytes a frame), videos are not.
 #[derive(Debug)]
 pub struct Dataset {
     root: PathBuf,
@@ -27,19 +27,19 @@ pub struct Dataset {
     tasks: Vec<String>,
     episodes: Vec<Episode>,
     pub(crate) motion: Motion,
-    /// Of the states and of the actions of all rows, those of episodes that are left out among them.
+    /// Of states and actions of all rows, also of left-out episodes.
     pub(super) spreads: [Spread; 2],
     repairs: Vec<Repair>,
     left_out: Vec<LeftOut>,
 }
 
 impl Dataset {
-    /// Opens the LeRobotDataset folder `root`. What is put right on reading is warned of and kept in [`Dataset::repairs`]. Episodes with
-    /// fewer pictures than rows are warned of, too: they are in [`Dataset::left_out`], and nowhere else.
+    /// Opens the LeRobotDataset folder `root`. Corrected faults are logged and listed in [`Dataset::repairs`]. Episodes with fewer pictures
+    /// than rows are logged, and only in [`Dataset::left_out`].
     ///
     /// # Errors
-    /// Anything missing, unreadable or inconsistent outside the videos' content, each with its path: see [`DatasetError`].
-    /// Among them rows that repeat a frame with other values, and timestamps that are not `frame / fps`.
+    /// Anything missing, unreadable or inconsistent outside the videos' content, with its path: see [`DatasetError`]. Among them rows that
+    /// repeat a frame with other values, and timestamps that are not `frame / fps`.
     pub fn open(root: impl AsRef<Path>) -> Result<Self, DatasetError> {
         let root = root.as_ref().to_path_buf();
         let mut repairs = Vec::new();
@@ -80,12 +80,12 @@ impl Dataset {
         })
     }
 
-    /// Number of frames in all episodes together.
+    /// Frames of all episodes.
     pub fn len(&self) -> usize {
         self.motion.len()
     }
 
-    /// Whether there are no frames; [`Dataset::open`] refuses such a folder, so this is `false`.
+    /// Always `false`: [`Dataset::open`] refuses a folder without frames.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -105,7 +105,7 @@ impl Dataset {
         &self.info
     }
 
-    /// The cameras in the recording's order, which is the order of [`Frame::images`](crate::dataset::Frame::images).
+    /// The cameras in the order of the recording and of [`Frame::images`](crate::dataset::Frame::images).
     pub fn cameras(&self) -> &[Camera] {
         &self.info.cameras
     }
@@ -115,15 +115,15 @@ impl Dataset {
         &self.stats
     }
 
-    /// What samples of it are normalised with: its own statistics, unless [`Dataset::normalise_with`] has given others.
+    /// What normalises samples: its own statistics, unless [`Dataset::normalise_with`] set others.
     pub fn normalisation(&self) -> &Stats {
         self.normalisation.as_ref().unwrap_or(&self.stats)
     }
 
-    /// Has samples of it normalised with other statistics than its own: a policy's, or those of several recordings together.
+    /// Normalises samples with other statistics: a policy's, or those of several recordings.
     ///
     /// # Errors
-    /// [`DatasetError::Normalisation`] when they are of other dimensions than its states and actions.
+    /// [`DatasetError::Normalisation`] when dimensions differ.
     pub fn normalise_with(&mut self, stats: Stats) -> Result<(), DatasetError> {
         let dims = |stats: &Stats| (stats.state.dim(), stats.action.dim());
         if dims(&stats) != dims(&self.stats) {
@@ -137,38 +137,38 @@ impl Dataset {
         Ok(())
     }
 
-    /// Task strings; [`Frame::task_index`](crate::dataset::Frame::task_index) points into them.
+    /// Task strings by [`Frame::task_index`](crate::dataset::Frame::task_index).
     pub fn tasks(&self) -> &[String] {
         &self.tasks
     }
 
-    /// Episodes in order, without those that were left out; they tile the frames `0..len()`.
+    /// Episodes in order, without those left out; they tile the frames `0..len()`.
     pub fn episodes(&self) -> &[Episode] {
         &self.episodes
     }
 
-    /// Faults of the files that were put right on reading; mostly none.
+    /// Faults that reading corrected; mostly none.
     pub fn repairs(&self) -> &[Repair] {
         &self.repairs
     }
 
-    /// Episodes that have fewer pictures than rows, camera after camera; mostly none. They are no part of [`Dataset::episodes`] and of the
-    /// frames. The recording's own statistics are those of its files, with them.
+    /// Episodes with fewer pictures than rows, by camera; mostly none. [`Dataset::episodes`] and the frames lack them; the recording's own
+    /// statistics include them.
     pub fn left_out(&self) -> &[LeftOut] {
         &self.left_out
     }
 
-    /// `observation.state` of frame `index`, not normalised; `None` if there is no such frame.
+    /// `observation.state` of frame `index`, not normalised; `None` beyond the end.
     pub fn state(&self, index: usize) -> Option<&[f32]> {
         (index < self.len()).then(|| self.motion.state(index))
     }
 
-    /// `action` of frame `index`, not normalised; `None` if there is no such frame.
+    /// `action` of frame `index`, not normalised; `None` beyond the end.
     pub fn action(&self, index: usize) -> Option<&[f32]> {
         (index < self.len()).then(|| self.motion.action(index))
     }
 
-    /// Frames of every task, in the order of [`Dataset::tasks`].
+    /// Frames per task, in the order of [`Dataset::tasks`].
     pub fn frames_per_task(&self) -> Vec<usize> {
         let mut counts = vec![0; self.tasks.len()];
         for frame in 0..self.len() {
@@ -178,7 +178,7 @@ impl Dataset {
     }
 }
 
-/// Adds what saves the whole episodes to an error about a data file that has lost its end.
+/// Adds the remedy to an error about a data file that lost its end.
 fn cut_off(root: &Path, info: &Info, error: DatasetError) -> DatasetError {
     let has_depth = !info.depth_maps.is_empty();
     let mut storages = info.cameras.iter().map(|camera| camera.storage);

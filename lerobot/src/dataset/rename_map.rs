@@ -1,4 +1,4 @@
-//! Other names for a recording's cameras, as `--rename_map` of LeRobot 0.6.1 gives them.
+//! Other names for a recording's cameras, like `--rename_map` of LeRobot 0.6.1.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::str::FromStr;
@@ -6,10 +6,10 @@ use std::str::FromStr;
 use crate::dataset::{Dataset, DatasetError};
 use crate::policy_folder::IMAGES;
 
-/// Most cameras that a map renames.
+/// Most cameras in a map.
 const MAX_RENAMED: usize = 64;
 
-/// What cameras are called, by their names in the recording. The common start `observation.images.` may be left out.
+/// New camera names by their names in the recording. The start `observation.images.` may be left out.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RenameMap(BTreeMap<String, String>);
 
@@ -35,7 +35,7 @@ impl FromStr for RenameMap {
     }
 }
 
-/// A camera's name with the start that LeRobot gives it.
+/// A camera's name with LeRobot's start.
 pub fn whole_name(name: &str) -> String {
     if name.starts_with("observation.") {
         name.to_owned()
@@ -45,11 +45,11 @@ pub fn whole_name(name: &str) -> String {
 }
 
 impl RenameMap {
-    /// Gives the cameras of recordings that are used together other names, all at once. A recording may lack some of the map's cameras.
+    /// Renames the cameras of recordings that are used together, all at once. A recording may lack some of the map's cameras.
     ///
     /// # Errors
-    /// [`DatasetError::NoSuchCamera`] when no recording has a camera of the map (LeRobot would rename nothing, without a word), and
-    /// [`DatasetError::RenamedAlike`] when two cameras of a recording would have one name.
+    /// [`DatasetError::NoSuchCamera`] when no recording has a camera of the map (LeRobot ignores this), and [`DatasetError::RenamedAlike`]
+    /// when two cameras would get one name.
     pub fn applied(&self, recordings: Vec<Dataset>) -> Result<Vec<Dataset>, DatasetError> {
         let has = |old: &String| {
             let mut cameras = recordings.iter().flat_map(Dataset::cameras);
@@ -72,7 +72,7 @@ impl RenameMap {
 }
 
 impl Dataset {
-    /// The same recording with its cameras under other names.
+    /// The recording with its cameras renamed.
     ///
     /// # Errors
     /// As [`RenameMap::applied`].

@@ -1,41 +1,41 @@
-//! Faults of a recording that can be read in one way only. The reader corrects them and reports them.
+//! Faults of a recording that can be read in one way only. The reader corrects and reports them.
 
 use std::fmt;
 use std::path::PathBuf;
 
-/// A fault that was put right in memory; the files are as they were.
+/// A fault corrected in memory; files are unchanged.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Repair {
-    /// A data file holds rows twice or more often, all copies alike (LeRobot issue 1875); the first copies were read.
+    /// A data file repeats rows, all copies alike (LeRobot issue 1875); the first copies were read.
     RepeatedRows {
         /// The parquet file.
         path: PathBuf,
         /// Rows left out.
         rows: usize,
-        /// Row of the file, from 0, at which the first of them is.
+        /// Row of the file, from 0, of the first repetition.
         first: usize,
     },
-    /// An episode is described twice or more often in the metadata, always alike.
+    /// The metadata describes an episode twice or more, always alike.
     RepeatedEpisodes {
         /// The metadata file.
         path: PathBuf,
         /// Descriptions left out.
         rows: usize,
     },
-    /// A merge by LeRobot 0.4.0 to 0.4.2 gave episodes the wrong video file or times; they fill the files in order exactly.
+    /// A merge by LeRobot 0.4.0 to 0.4.2 gave episodes the wrong video file or times; they fill the files exactly.
     MergedVideos {
         /// The camera.
         camera: String,
-        /// Episodes whose place was wrong.
+        /// Episodes with a wrong place.
         episodes: usize,
     },
-    /// A camera has more pictures of some episodes than these have rows; those after the last row are not read.
+    /// A camera has more pictures than rows of some episodes; pictures after the last row are not read.
     SurplusPictures {
         /// The camera.
         camera: String,
         /// Number of such episodes.
         episodes: usize,
-        /// The first of them, as the files number it.
+        /// The first of them, as files number it.
         first: usize,
         /// Its pictures.
         pictures: usize,

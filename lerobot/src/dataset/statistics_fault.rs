@@ -1,5 +1,4 @@
-//! Statistics that are not those of the rows: somebody added, removed or changed rows, and did not compute the statistics anew. A policy is
-//! then normalised with numbers of other data.
+//! Statistics that do not fit the rows: rows were added, removed or changed later. A policy would be normalised with numbers of other data.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -9,39 +8,37 @@ use crate::dataset::metadata::info::{FormatVersion, ACTION, STATE};
 use crate::dataset::tables::spread::Spread;
 use crate::dataset::{Dataset, DatasetError, Normalizer, Repair, VectorFeature};
 
-/// A statistic may differ from that of the rows by this share of their range: some tools write fewer digits, or divide by one row less.
+/// A statistic may differ from the rows' by this share of their range: some tools write fewer digits, or divide by one row less.
 const OF_RANGE: f64 = 1e-3;
 
-/// It may also differ by this share of the largest value. LeRobot adds rows in float32, which loses 6e-8 of the sum with each row at worst:
-/// 1e-4 in an episode of 1,600 rows. It takes the variance as the mean square less the squared mean, so that the same holds for the square
-/// of the largest value.
+/// It may also differ by this share of the largest value. LeRobot adds rows in float32, which loses at worst 6e-8 of the sum per row: 1e-4
+/// in 1,600 rows. Its variance is the mean square less the squared mean, so the same holds for squares.
 const OF_LARGEST: f64 = 1e-4;
 
-/// A feature whose statistics are not those of the rows.
+/// A feature whose statistics do not fit the rows.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StatisticsFault {
-    /// The file that states them.
+    /// The file that has them.
     pub path: PathBuf,
     /// `observation.state` or `action`.
     pub feature: &'static str,
     /// The first statistic that differs: `count`, `min`, `max`, `mean` or `std`.
     pub statistic: &'static str,
-    /// The joint that it is of, by its name or its number; a count is of all.
+    /// Its joint, by name or number; a count has none.
     pub joint: Option<String>,
     /// What the file states.
     pub written: f64,
     /// What the rows have.
     pub found: f64,
-    /// How many numbers differ in all.
+    /// How many numbers differ.
     pub differ: usize,
     root: PathBuf,
     format: FormatVersion,
 }
 
 impl Dataset {
-    /// Compares the statistics of states and actions with the rows of the files: `count`, `min` and `max`, where the file states them, and
-    /// the mean and standard deviation that samples are normalised with. Statistics of relative actions, which LeRobot's `recompute_stats`
-    /// writes if it is asked to, are not those of the rows.
+    /// Compares the statistics of states and actions with the rows: the normalising mean and standard deviation, and `count`, `min` and
+    /// `max` where the file has them. Statistics of relative actions, an option of LeRobot's `recompute_stats`, do not fit the rows.
     ///
     /// # Errors
     /// The file cannot be read.
@@ -52,7 +49,7 @@ impl Dataset {
             (STATE, &info.state, &stats.state),
             (ACTION, &info.action, &stats.action),
         ];
-        // LeRobot counts rows that are there twice, where it computes the statistics of such files.
+        // LeRobot counts repeated rows in the statistics of such files.
         let repeated = self.repairs().iter().map(|repair| match repair {
             Repair::RepeatedRows { rows, .. } => *rows,
             _ => 0,
@@ -79,7 +76,6 @@ impl Dataset {
     }
 }
 
-/// A number that differs.
 #[derive(Clone)]
 struct StatisticDifference {
     statistic: &'static str,

@@ -1,5 +1,4 @@
-//! What recordings that a policy is trained on together have to agree in. LeRobot's merge
-//! (`validate_all_metadata` of LeRobot 0.6.1) refuses the same differences.
+//! What recordings for one training must agree in. LeRobot's merge (`validate_all_metadata` of LeRobot 0.6.1) refuses the same differences.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -7,10 +6,10 @@ use std::path::Path;
 use crate::dataset::metadata::info::{ACTION, STATE};
 use crate::dataset::{Camera, DatasetError, Info, VectorFeature};
 
-/// Refuses recordings that differ in their frames per second, their joints or their cameras. Each has its path, for the error.
+/// Refuses recordings that differ in frames per second, joints or cameras. The paths are for the error.
 ///
 /// # Errors
-/// [`DatasetError::Different`] names the first recording that differs from the first of all, and how.
+/// [`DatasetError::Different`] names the first that differs from the first of all, and how.
 pub fn refuse_different<'a>(
     recordings: impl IntoIterator<Item = (&'a Path, &'a Info)>,
 ) -> Result<(), DatasetError> {
@@ -30,7 +29,6 @@ pub fn refuse_different<'a>(
     Ok(())
 }
 
-/// How `other` differs from `first`, in words.
 fn difference(first: &Info, other: &Info) -> Option<String> {
     if other.fps != first.fps {
         return Some(format!(
@@ -64,7 +62,7 @@ fn difference(first: &Info, other: &Info) -> Option<String> {
     })
 }
 
-/// Older recordings do not name their joints. Then nothing can be compared.
+/// Older recordings do not name joints: nothing to compare.
 fn named(feature: &VectorFeature) -> bool {
     !feature.names.is_empty()
 }

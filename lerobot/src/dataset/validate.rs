@@ -1,26 +1,26 @@
-//! Every picture of a recording decoded, to find what is wrong with it before training does.
+//! Decodes every picture, to find faults before training does.
 
 use crate::dataset::window::Window;
 use crate::dataset::{Dataset, DatasetError, Loader};
 
-/// Something wrong with the pictures of an episode.
+/// A fault of an episode's pictures.
 #[derive(Debug)]
 pub struct PictureFault {
-    /// The first picture that cannot be had: episode, frame, camera, file and cause.
+    /// The first unreadable picture: episode, frame, camera, file and cause.
     pub error: DatasetError,
-    /// Episodes after it that fail in the same way.
+    /// Later episodes that fail alike.
     pub more_episodes: usize,
 }
 
 impl Dataset {
-    /// Decodes every picture; gives the first fault of every episode and camera, where it differs from that of the episode before.
-    /// `progress` is called with the pictures done and their number.
+    /// Decodes every picture; gives the first fault of every episode and camera, unless the episode before has the same. `progress` gets
+    /// the pictures done and their total.
     pub fn picture_faults(&self, mut progress: impl FnMut(usize, usize)) -> Vec<PictureFault> {
         let mut faults = Vec::new();
         let all = self.len() * self.cameras().len();
         let window = Window::now(self.info());
         for camera in 0..self.cameras().len() {
-            // The cameras are checked one after another, so that only one video is open.
+            // Camera by camera, so that only one video is open.
             let mut loader = Loader::new(self, window.clone());
             let mut last: Option<(PictureFault, String)> = None;
             for episode in self.episodes() {
@@ -48,7 +48,7 @@ impl Dataset {
     }
 }
 
-/// What is wrong, without saying at which frame.
+/// The fault without its frame.
 fn cause(error: &DatasetError) -> String {
     match error {
         DatasetError::Picture { source, .. } => source.to_string(),

@@ -2,22 +2,22 @@
 
 use crate::dataset::{DatasetError, Info};
 
-/// Most actions of a chunk.
+/// Most actions in a chunk.
 const MAX_CHUNK: usize = 4096;
 
-/// The frames of a training sample: offsets from the current one, per feature, in frames.
+/// The frames of a training sample: offsets from the current frame, per feature.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Window {
     /// Offsets of `observation.state`.
     pub state: Vec<i64>,
     /// Offsets of `action`.
     pub action: Vec<i64>,
-    /// Offsets of every camera, in the order of the recording's cameras.
+    /// Offsets per camera, in the recording's order.
     pub cameras: Vec<Vec<i64>>,
 }
 
 impl Window {
-    /// Everything at the current frame alone.
+    /// Only the current frame.
     pub fn now(info: &Info) -> Self {
         Self {
             state: vec![0],

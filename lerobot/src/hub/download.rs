@@ -13,17 +13,17 @@ use crate::hub::listing::RemoteFile;
 use crate::hub::options::HubOptions;
 use crate::hub::recording::HubRecording;
 
-/// How often a download is resumed where it broke off, and how often it starts again from the beginning.
+/// How often a broken download resumes, and how often it starts again.
 pub(super) const RETRIES: usize = 3;
 
-/// How far a download is.
+/// A download's progress.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct HubProgress {
-    /// Files that are here.
+    /// Files downloaded.
     pub files: usize,
     /// Files of the recording.
     pub of_files: usize,
-    /// Bytes that are here.
+    /// Bytes downloaded.
     pub bytes: u64,
     /// Bytes of the recording.
     pub of_bytes: u64,
@@ -33,15 +33,15 @@ pub(super) fn is_whole(path: &Path, size: u64) -> bool {
     fs::metadata(path).is_ok_and(|found| found.is_file() && found.len() == size)
 }
 
-/// Why a file was not downloaded.
+/// Why a download failed.
 pub(super) enum DownloadFailure {
-    /// It may go better later.
+    /// A retry may help.
     Connection(String),
-    /// The Hub does not give it to this caller.
+    /// The Hub refuses this caller.
     Refused(u16),
-    /// The cache's folder does not take it.
+    /// The cache's folder refuses it.
     Cache(String),
-    /// What came is not what is listed.
+    /// The content is not as listed.
     Other(String),
 }
 
@@ -92,7 +92,7 @@ impl DownloadFailure {
     }
 }
 
-/// Whether it is the disk that fails. A connection that breaks is an I/O error, too.
+/// Whether the disk fails; broken connections are I/O errors, too.
 fn is_local(kind: io::ErrorKind) -> bool {
     matches!(
         kind,
@@ -105,7 +105,7 @@ fn is_local(kind: io::ErrorKind) -> bool {
     )
 }
 
-/// Downloads one file and checks it. The download starts again when the connection breaks, or the content is not what the Hub listed.
+/// Downloads and checks one file. Starts again when the connection breaks or the content is not as listed.
 pub(super) fn download(
     remote: &ApiRepo,
     file: &RemoteFile,
@@ -116,7 +116,7 @@ pub(super) fn download(
 ) -> Result<(), DownloadFailure> {
     let mut last = DownloadFailure::Other("was not asked for".into());
     for _ in 0..RETRIES {
-        // An earlier attempt left the whole file, or more. There is nothing to resume, and the Hub would refuse the request.
+        // An earlier attempt left the whole file or more: the Hub would refuse to resume.
         let part = blob.with_extension("part");
         if fs::metadata(&part).is_ok_and(|found| found.len() >= file.size) {
             remove(&part)?;
@@ -153,7 +153,7 @@ pub(super) fn download(
     Err(last)
 }
 
-/// How a file differs from what the Hub lists.
+/// How a file differs from the listing.
 fn check(path: &Path, file: &RemoteFile) -> Result<Option<String>, DownloadFailure> {
     let unreadable = |e: io::Error| DownloadFailure::Cache(format!("{}: {e}", path.display()));
     let size = fs::metadata(path).map_err(unreadable)?.len();
@@ -180,7 +180,7 @@ fn check(path: &Path, file: &RemoteFile) -> Result<Option<String>, DownloadFailu
 
 fn remove(path: &Path) -> Result<(), DownloadFailure> {
     match fs::remove_file(path) {
-        // Where a folder of the path is a file, nothing can be written, and the download states so.
+        // Where the path has a file for a folder, the download fails with that cause.
         Err(e)
             if !matches!(
                 e.kind(),
@@ -193,7 +193,7 @@ fn remove(path: &Path) -> Result<(), DownloadFailure> {
     }
 }
 
-/// Adds the bytes of the file that is coming to what is here.
+/// Adds the current file's bytes to those downloaded.
 struct DownloadProgress<'a> {
     meter: HubProgress,
     progress: &'a mut dyn FnMut(HubProgress),

@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use crate::hub::recording::HubRecording;
 
-/// Why a recording could not be fetched, and what to do.
+/// Why a recording could not be fetched, and the remedy.
 #[derive(Debug, thiserror::Error)]
 pub enum HubError {
-    /// The text is not the name of a repository.
+    /// The text names no repository.
     #[error(
         "{given:?} does not name a recording on the Hub; write owner/name or owner/name@revision"
     )]
@@ -25,13 +25,13 @@ pub enum HubError {
         endpoint: String,
         status: u16,
     },
-    /// There is no such repository or revision.
+    /// The repository or revision does not exist.
     #[error("{recording} at {endpoint}: no such dataset or revision (HTTP 404); check the name")]
     NotFound {
         recording: HubRecording,
         endpoint: String,
     },
-    /// The Hub could not be asked.
+    /// The Hub cannot be reached.
     #[error("{recording}: {endpoint} cannot be asked: {cause}; is there a network?")]
     Unreachable {
         recording: HubRecording,
@@ -41,13 +41,13 @@ pub enum HubError {
     /// The repository is not a recording.
     #[error("{recording} has no meta/info.json; is it a LeRobotDataset?")]
     NoDataset { recording: HubRecording },
-    /// The Hub's answer cannot be understood, or it would make this program write outside the cache.
+    /// The Hub's answer is unclear, or would make this program write outside the cache.
     #[error("{recording}: the Hub's listing is unusable: {cause}")]
     Listing {
         recording: HubRecording,
         cause: String,
     },
-    /// The recording is listed for everybody, and its files are for those whom its owner let in.
+    /// The recording is listed for all, but its files are only for those its owner admits.
     #[error(
         "{recording}: access refused to {file} (HTTP {status}); ask for access at {page}, and set HF_TOKEN to a token of the account \
          that has it"
@@ -58,10 +58,10 @@ pub enum HubError {
         page: String,
         status: u16,
     },
-    /// The cache's folder does not take what is downloaded.
+    /// The cache's folder refuses the download.
     #[error("{}: the Hub's cache cannot be written: {cause}; set HF_HOME to a folder that can be written, with room", folder.display())]
     Cache { folder: PathBuf, cause: String },
-    /// The connection failed, and what is whole was kept.
+    /// The connection failed; whole files were kept.
     #[error(
         "{recording}: {file}: {cause}; run the command again, it keeps the files that are complete"
     )]
@@ -70,7 +70,7 @@ pub enum HubError {
         file: String,
         cause: String,
     },
-    /// The Hub sends another file than it lists.
+    /// The Hub sends another file than listed.
     #[error(
         "{recording}: {file}: {cause}; the Hub, or what is between, does not send what it lists"
     )]

@@ -1,4 +1,4 @@
-//! A recording, fetched into the cache.
+//! Fetches a recording into the cache.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,7 @@ use crate::hub::name::DEFAULT_REVISION;
 use crate::hub::options::HubOptions;
 use crate::hub::recording::HubRecording;
 
-/// The tag that LeRobot 0.4 to 0.6 read where no revision is named.
+/// The tag that LeRobot 0.4 to 0.6 read without a revision.
 const LEROBOT_TAG: &str = "v3.0";
 
 const INFO: &str = "meta/info.json";
@@ -23,18 +23,18 @@ const INFO: &str = "meta/info.json";
 pub struct Fetched {
     /// Its folder.
     pub folder: PathBuf,
-    /// The commit that it is of.
+    /// Its commit.
     pub commit: String,
-    /// The commit that LeRobot reads if it differs: without a revision, LeRobot (0.6.1, `get_safe_version`) takes the tag `v3.0`, which
-    /// may be older than `main`.
+    /// The commit that LeRobot reads, if another: without a revision, LeRobot (0.6.1, `get_safe_version`) takes the tag `v3.0`, which may
+    /// be older than `main`.
     pub lerobot_commit: Option<String>,
 }
 
-/// Fetches what is missing of a recording into the cache. `progress` is told of every step; if all is there, the
-/// Hub is asked only for the listing and for LeRobot's tag. If the Hub cannot be reached, a recording that was fetched before is used as it is, with a warning.
+/// Fetches a recording's missing files into the cache, and reports each step to `progress`. If all are there, it asks the Hub only for the
+/// listing and LeRobot's tag. If it cannot reach the Hub, it uses an earlier fetch, with a warning.
 ///
 /// # Errors
-/// See [`HubError`]. A file that is not whole is not left under its name.
+/// See [`HubError`]. Incomplete files do not get their names.
 pub fn fetch(
     recording: &HubRecording,
     options: &HubOptions,
@@ -53,7 +53,7 @@ pub fn fetch(
     let mut listing = match list(&api.repo(of(&recording.revision)), recording, options) {
         Ok(listing) => listing,
         Err(error @ HubError::Unreachable { .. }) => {
-            // The reference is written when everything is there.
+            // The reference is written last.
             let info = named.get(INFO).ok_or(error)?;
             tracing::warn!(
                 "{recording}: {} cannot be reached; what was fetched before is used",
@@ -86,7 +86,7 @@ pub fn fetch(
         progress(meter);
         Ok(())
     };
-    // It tells which pictures belong to the recording.
+    // It names the recording's pictures.
     listing.begin_with(INFO);
     if let Some(info) = listing.siblings.first() {
         get(info, &listing)?;
@@ -110,7 +110,7 @@ pub fn fetch(
     })
 }
 
-/// The cameras whose pictures may be in files of their own. Whoever opens the recording learns why `meta/info.json` cannot be read.
+/// Cameras with possible picture files. Opening the recording tells why `meta/info.json` is unreadable.
 fn cameras_with_pictures(folder: &Path) -> Vec<String> {
     let cameras = Info::read(folder).map_or(Vec::new(), |info| info.cameras);
     let stored = cameras

@@ -1,4 +1,4 @@
-//! The Hub's listing of a recording: commit, files, sizes and digests.
+//! The Hub's listing of a recording: commit, files, sizes, digests.
 
 use std::path::{Component, Path};
 use std::time::Duration;
@@ -10,17 +10,17 @@ use crate::hub::error::HubError;
 use crate::hub::options::HubOptions;
 use crate::hub::recording::HubRecording;
 
-/// Largest listing of a repository read, in bytes: some hundred thousand files.
+/// Largest repository listing, in bytes: some hundred thousand files.
 const MAX_LISTING: u64 = 64 << 20;
 const LISTING_TIMEOUT: Duration = Duration::from_secs(120);
-/// The folders that a recording is read from; all else in a repository stays there.
+/// Folders of a recording; all else in a repository is not fetched.
 const FOLDERS: [&str; 3] = ["meta/", "data/", "videos/"];
-/// Where LeRobot keeps pictures that are neither in videos nor in the tables. A process that was killed leaves pictures there, too.
+/// LeRobot's folder of pictures outside videos and tables. A killed process leaves pictures there, too.
 const PICTURES: &str = "images/";
-/// Largest file of one picture that is fetched, which is the largest that is read.
+/// Largest picture file fetched, and the largest read.
 const MAX_PICTURE: u64 = 64 << 20;
 
-/// Of the Hub's answer, what is needed.
+/// The needed part of the Hub's answer.
 #[derive(Deserialize)]
 pub(super) struct Listing {
     pub sha: String,
@@ -47,13 +47,13 @@ pub(super) struct LargeFile {
 }
 
 impl RemoteFile {
-    /// The name of the file's content in the cache.
+    /// The content's name in the cache.
     pub fn etag(&self) -> &str {
         self.lfs.as_ref().map_or(&self.blob_id, |lfs| &lfs.sha256)
     }
 }
 
-/// Commit and files of the recording, checked to be safe as paths.
+/// The recording's commit and files, checked to be safe paths.
 pub(super) fn list(
     repo: &ApiRepo,
     recording: &HubRecording,
@@ -119,13 +119,13 @@ pub(super) fn list(
 }
 
 impl Listing {
-    /// Moves a file to the front.
+    /// Moves a file first.
     pub fn begin_with(&mut self, name: &str) {
         let is_other = |file: &RemoteFile| file.rfilename != name;
         self.siblings.sort_by_key(is_other);
     }
 
-    /// Leaves out files in `images/` but the pictures of these cameras.
+    /// Removes files in `images/` except these cameras' pictures.
     pub fn keep_pictures_of(&mut self, cameras: &[String]) {
         self.siblings.retain(|file| {
             let Some(name) = file.rfilename.strip_prefix(PICTURES) else {
@@ -145,7 +145,7 @@ impl Listing {
     }
 }
 
-/// The commit that a tag names; `None` if there is no such tag, or the Hub does not answer: nothing depends on it but a warning.
+/// A tag's commit; `None` without such a tag or an answer: only a warning depends on it.
 pub(super) fn tagged(repo: &ApiRepo) -> Option<String> {
     let request = repo.info_request().config();
     let request = request.timeout_global(Some(LISTING_TIMEOUT)).build();
@@ -155,7 +155,7 @@ pub(super) fn tagged(repo: &ApiRepo) -> Option<String> {
     is_hash(&commit.sha).then_some(commit.sha)
 }
 
-/// Whether it is a digest as git or Git LFS writes it.
+/// Whether it is a git or Git LFS digest.
 fn is_hash(text: &str) -> bool {
     text.len() >= 40 && text.bytes().all(|b| b.is_ascii_hexdigit())
 }

@@ -1,7 +1,7 @@
-//! Recordings from the Hugging Face Hub, through `hf-hub`: listed, downloaded into its cache, opened from there.
+//! Recordings from the Hugging Face Hub, through `hf-hub`: listed, downloaded into its cache, opened there.
 //!
-//! The cache is the one that Python's `huggingface_hub` uses, laid out alike. A recording is pinned to the commit that its
-//! revision names when it is fetched; every file is checked against the size, and large ones against the SHA-256, that the Hub lists.
+//! The cache and its layout are those of Python's `huggingface_hub`. A recording is pinned to its revision's commit when fetched. Every
+//! file's size, and a large one's SHA-256, must be as the Hub lists.
 
 mod download;
 mod error;

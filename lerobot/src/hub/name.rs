@@ -1,11 +1,11 @@
-//! How a recording on the Hub is named.
+//! Names of recordings on the Hub.
 
 use std::str::FromStr;
 
 use crate::hub::error::HubError;
 use crate::hub::recording::HubRecording;
 
-/// The branch that is read where no revision is named.
+/// The branch without a revision.
 pub(super) const DEFAULT_REVISION: &str = "main";
 
 impl FromStr for HubRecording {

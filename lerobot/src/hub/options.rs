@@ -6,7 +6,7 @@ use hf_hub::Cache;
 
 use crate::hub::error::HubError;
 
-/// Where the Hub is, who asks, and where files are kept.
+/// Where the Hub is, who asks, and where files go.
 #[derive(Debug, Clone)]
 pub struct HubOptions {
     /// Address of the Hub.
@@ -18,8 +18,8 @@ pub struct HubOptions {
 }
 
 impl HubOptions {
-    /// What the environment says: `HF_ENDPOINT`; `HF_TOKEN`, else the token that `hf auth login` left; `HF_HUB_CACHE`, the cache, else
-    /// `HF_HOME`, whose `hub` is the cache (`~/.cache/huggingface` without it).
+    /// Options from the environment: `HF_ENDPOINT`; `HF_TOKEN`, else the token of `hf auth login`; the cache `HF_HUB_CACHE`, else `hub` in
+    /// `HF_HOME` (default `~/.cache/huggingface`).
     ///
     /// # Errors
     /// [`HubError::NoHome`].
@@ -27,7 +27,7 @@ impl HubOptions {
         let var = |name: &str| std::env::var(name).ok().filter(|v| !v.trim().is_empty());
         let cache = match var("HF_HOME") {
             Some(home) => Cache::new(PathBuf::from(home).join("hub")),
-            // `hf_hub` would panic on such a name.
+            // `hf_hub` would panic here.
             None if std::env::home_dir().is_none() => return Err(HubError::NoHome),
             None => Cache::default(),
         };

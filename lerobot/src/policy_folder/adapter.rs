@@ -1,5 +1,5 @@
-//! A LoRA adapter, as PEFT's `save_pretrained` leaves one: `adapter_config.json` names the policy that it adapts, its base, and
-//! `adapter_model.safetensors` has two small matrices A and B for some of the base's matrices W. The policy has W + scale · B · A.
+//! A LoRA adapter by PEFT's `save_pretrained`: `adapter_config.json` names the base policy, and `adapter_model.safetensors` has two small
+//! matrices A and B for some of its matrices W. The policy has W + scale · B · A.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -14,20 +14,19 @@ use crate::policy_folder::json_file::read_json;
 use crate::stored_tensors::StoredTensors;
 use zk0_tensors::{TensorData, TensorError};
 
-/// What PEFT writes.
+/// PEFT's files.
 pub(super) const ADAPTER_FILES: [&str; 2] = ["adapter_config.json", "adapter_model.safetensors"];
 /// How PEFT's names begin.
 const PREFIX: &str = "base_model.model.";
 const RANK_LIMIT: usize = 4096;
 
-/// An adapter, opened and checked.
 #[derive(Debug)]
 pub(super) struct Adapter {
-    /// The file of its base's weights.
+    /// The base's weights file.
     pub base: PathBuf,
     scale: f32,
     file: StoredTensors,
-    /// The rank of each matrix that is adapted, by the matrix' name.
+    /// Each adapted matrix' rank, by name.
     ranks: BTreeMap<String, usize>,
 }
 
@@ -39,12 +38,12 @@ struct AdapterConfig {
     lora_alpha: f32,
     #[serde(default)]
     use_rslora: bool,
-    /// The rest, of which nothing may be asked for that is not implemented.
+    /// The rest: anything set here that is not implemented is refused.
     #[serde(flatten)]
     more: BTreeMap<String, Value>,
 }
 
-/// Settings that change what an adapter does, and are not implemented.
+/// Settings that change an adapter and are not implemented.
 const REFUSED: [&str; 12] = [
     "use_dora",
     "use_bdlora",
@@ -61,10 +60,10 @@ const REFUSED: [&str; 12] = [
 ];
 
 impl Adapter {
-    /// Opens the adapter in `folder`; `None` where there is none, or where the folder has weights of its own.
+    /// Opens the adapter in `folder`; `None` where there is none, or the folder has its own weights.
     ///
     /// # Errors
-    /// [`StoredPolicyError::AtPath`]: it cannot be read, asks for something that is not implemented, or its base is not on this machine.
+    /// [`StoredPolicyError::AtPath`]: it is unreadable or not implemented, or its base is not on this machine.
     pub fn open(folder: &Path, weights: &str) -> Result<Option<Self>> {
         let [config, file] = ADAPTER_FILES.map(|name| folder.join(name));
         if !config.exists() || folder.join(weights).exists() {
@@ -105,20 +104,18 @@ impl Adapter {
         Ok(Some(adapter))
     }
 
-    /// Whether the matrix `name` is adapted.
     pub fn adapts(&self, name: &str) -> bool {
         self.ranks.contains_key(name)
     }
 
-    /// The names of the matrices that are adapted.
     pub fn names(&self) -> impl Iterator<Item = &String> {
         self.ranks.keys()
     }
 
-    /// Makes the matrix `name` of the base that of the policy.
+    /// Turns the base's matrix `name` into the policy's.
     ///
     /// # Errors
-    /// The matrices of the adapter cannot be read, do not fit, or give a number that is not finite.
+    /// The adapter's matrices are unreadable, do not fit, or give a number that is not finite.
     pub fn apply(&self, name: &str, matrix: &mut TensorData) -> Result<()> {
         let (Some(&rank), &[rows, columns]) = (self.ranks.get(name), &matrix.shape[..]) else {
             return Ok(());
@@ -191,7 +188,7 @@ fn is_set(value: &Value) -> bool {
     }
 }
 
-/// The weights of the base: in a folder of this name, or in the Hub's cache.
+/// The base's weights, in a folder of this name or in the Hub's cache.
 fn find_base(name: &str, weights: &str) -> Option<PathBuf> {
     let beside = Path::new(name).join(weights);
     if !name.is_empty() && beside.exists() {

@@ -14,18 +14,18 @@ use zk0_tensors::{check_readable, TensorData, TensorError, TensorSet};
 
 /// The policy's configuration.
 pub const CONFIG: &str = "config.json";
-/// The VLM's, where needed.
+/// The VLM's, if needed.
 pub const VLM_CONFIG: &str = "vlm_config.json";
 /// The weights.
 pub const WEIGHTS: &str = "model.safetensors";
 
-/// LeRobot 0.3 kept statistics among the weights, under names that begin so.
+/// LeRobot 0.3 kept statistics among the weights, with these prefixes.
 const STATISTICS: [&str; 3] = [
     "normalize_inputs.",
     "normalize_targets.",
     "unnormalize_outputs.",
 ];
-/// What `torch.compile` puts into the names of the weights of what it compiled.
+/// What `torch.compile` adds to weights' names.
 const COMPILED: &str = "_orig_mod.";
 
 /// A policy folder, opened and checked.
@@ -34,7 +34,7 @@ pub struct PolicyFolder {
     pub(super) folder: PathBuf,
     pub(super) config: LeRobotConfig,
     pub(super) processors: Processors,
-    /// What is added to the weights, where the folder is an adapter's.
+    /// The addition to the weights, in an adapter's folder.
     pub(super) adapter: Option<Adapter>,
     pub(super) weights: StoredTensors,
 }
@@ -43,7 +43,7 @@ impl PolicyFolder {
     /// Opens a folder and checks all but the weights' values.
     ///
     /// # Errors
-    /// [`StoredPolicyError::AtPath`], with the path of the file that is missing, cannot be read, or does not fit the others.
+    /// [`StoredPolicyError::AtPath`] names the file that is missing, unreadable or does not fit.
     pub fn open(folder: impl AsRef<Path>) -> Result<Self> {
         let folder = folder.as_ref().to_path_buf();
         if !folder.is_dir() {
@@ -88,7 +88,7 @@ impl PolicyFolder {
         Ok(opened)
     }
 
-    /// What `config.json` says, and of cameras' names and of instructions what the processors say.
+    /// `config.json`, with the processors' camera and instruction settings.
     pub fn config(&self) -> &LeRobotConfig {
         &self.config
     }
@@ -98,7 +98,7 @@ impl PolicyFolder {
         &self.folder
     }
 
-    /// The file of the weights, as it is. Those of an adapter's folder are in its base's.
+    /// The weights file as it is; for an adapter, the base's.
     pub fn weights(&self) -> &StoredTensors {
         &self.weights
     }
@@ -106,7 +106,7 @@ impl PolicyFolder {
     /// One tensor of the policy, as `f32`.
     ///
     /// # Errors
-    /// When it is not there, holds a number that is not finite, or reading fails.
+    /// It is missing or unreadable, or holds a number that is not finite.
     pub fn tensor(&self, name: &str) -> Result<TensorData> {
         let mut tensor = self.weights.read(self.stored_name(name))?;
         if let Some(adapter) = &self.adapter {
@@ -115,7 +115,7 @@ impl PolicyFolder {
         Ok(tensor)
     }
 
-    /// All tensors of the policy as plain `f32`, without the language model's head.
+    /// All the policy's tensors as plain `f32`, without the language model's head.
     ///
     /// # Errors
     /// As [`Self::tensor`].
@@ -128,7 +128,7 @@ impl PolicyFolder {
         names.map(read).collect()
     }
 
-    /// PyTorch stores tensors that share their memory once; the metadata says under which name.
+    /// PyTorch stores shared tensors once; the metadata has the stored name.
     fn stored_name<'a>(&'a self, name: &'a str) -> &'a str {
         if self.weights.info(name).is_some() {
             return name;
@@ -139,7 +139,7 @@ impl PolicyFolder {
             .map_or(name, String::as_str)
     }
 
-    /// Names the prefix of the weights of a compiled module.
+    /// Refuses a compiled module's weights by their prefix.
     fn refuse_compiled(&self) -> Result<()> {
         let mut names = self.weights.names().into_iter();
         match names.find(|name| name.contains(COMPILED)) {

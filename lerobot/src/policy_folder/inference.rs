@@ -1,5 +1,5 @@
-//! What a policy needs to act, besides its weights and its tokenizer: how states and actions are normalised, and in how many Euler
-//! steps noise becomes actions.
+//! What a policy needs to act besides weights and tokenizer: how states and actions are normalised, and the number of Euler steps from
+//! noise to actions.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,7 +7,7 @@ use crate::config::PolicyConfig;
 use crate::dataset::{Normalizer, Stats};
 use crate::error::{Result, StoredPolicyError};
 
-/// LeRobot knows more; these are implemented.
+/// LeRobot's normalisations that are implemented.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
 pub enum Normalisation {
@@ -18,9 +18,9 @@ pub enum Normalisation {
     Identity,
 }
 
-/// Euler steps from noise to actions where nothing else is said: LeRobot's `num_steps`.
+/// Default Euler steps from noise to actions, LeRobot's `num_steps`.
 pub const STEPS: usize = 10;
-/// More Euler steps than this are refused.
+/// Most Euler steps allowed.
 const STEPS_LIMIT: usize = 1000;
 
 /// How a policy is used.
@@ -33,12 +33,12 @@ pub struct Inference {
     pub state: Normalisation,
     /// How actions are.
     pub action: Normalisation,
-    /// The statistics that it was trained with; `None` where it says none: then those of a recording count.
+    /// Statistics of its training; `None` where it has none: a recording's then count.
     pub stats: Option<Stats>,
 }
 
 impl Default for Inference {
-    /// LeRobot's, of a policy that has not seen a recording.
+    /// LeRobot's, before any recording.
     fn default() -> Self {
         Self {
             num_steps: STEPS,
@@ -50,7 +50,7 @@ impl Default for Inference {
 }
 
 impl Inference {
-    /// What this policy's samples of recordings with these statistics are normalised with when it is trained on them.
+    /// What normalises samples of recordings with these statistics in the policy's training.
     pub fn fitted(&self, recording: &Stats) -> Stats {
         Stats {
             state: self.state.of(&recording.state),
@@ -58,7 +58,7 @@ impl Inference {
         }
     }
 
-    /// Refuses what no policy of these dimensions can be used with.
+    /// Refuses what a policy of these dimensions cannot use.
     ///
     /// # Errors
     /// [`StoredPolicyError::Config`].
@@ -86,7 +86,7 @@ impl Normalisation {
     /// By LeRobot's name, for `feature`.
     ///
     /// # Errors
-    /// [`StoredPolicyError::Config`] for one that is not implemented.
+    /// [`StoredPolicyError::Config`] if it is not implemented.
     pub fn named(mode: &str, feature: &str) -> Result<Self> {
         match mode {
             "MEAN_STD" => Ok(Self::MeanStd),
@@ -108,7 +108,7 @@ impl Normalisation {
     fn of(self, recording: &Normalizer) -> Normalizer {
         match self {
             Self::MeanStd => recording.clone(),
-            // A recording's normaliser has at least one dimension, so there is always one.
+            // A recording's normaliser has at least one dimension.
             Self::Identity => {
                 Normalizer::identity(recording.dim()).unwrap_or_else(|| recording.clone())
             }
@@ -121,7 +121,7 @@ mod tests {
     use super::*;
     use crate::policy_folder::lerobot_config::LeRobotConfig;
 
-    /// A policy of six state and six action dimensions.
+    /// A policy of six state and action dimensions.
     fn config() -> PolicyConfig {
         let folder = concat!(
             env!("CARGO_MANIFEST_DIR"),
@@ -133,7 +133,7 @@ mod tests {
     }
 
     fn stats(dim: usize) -> Stats {
-        // These numbers have no short decimal form.
+        // Numbers without a short decimal form.
         let mean = (0..dim).map(|d| 1.0 / (3.0 + d as f32)).collect();
         let std = (0..dim).map(|d| f32::MIN_POSITIVE * d as f32).collect();
         Stats {

@@ -7,10 +7,9 @@ use zk0_files::bounded_file;
 
 use crate::error::{Result, StoredPolicyError};
 
-/// The largest one that is read. LeRobot's are far smaller.
+/// Largest file read; LeRobot's are far smaller.
 const LIMIT: u64 = 16 << 20;
 
-/// Its text.
 pub(super) fn read_json(path: &Path) -> Result<String> {
     let bytes = bounded_file::read(path, LIMIT).map_err(|e| match e.kind() {
         ErrorKind::FileTooLarge => StoredPolicyError::file(

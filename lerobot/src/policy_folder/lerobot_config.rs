@@ -1,5 +1,4 @@
-//! LeRobot's `config.json` of a SmolVLA policy (`SmolVLAConfig` of LeRobot 0.3.3 to 0.6.1), as far as it concerns this
-//! implementation.
+//! LeRobot's `config.json` of a SmolVLA policy (`SmolVLAConfig` of LeRobot 0.3.3 to 0.6.1), as far as it matters here.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -13,29 +12,29 @@ use crate::error::{Result, StoredPolicyError};
 use crate::policy_folder::inference::Normalisation;
 use crate::policy_folder::vlm_config::VlmDims;
 
-/// Prefix of the names of image features.
+/// Prefix of image features.
 pub const IMAGES: &str = "observation.images.";
 const STATE: &str = "observation.state";
 const ACTION: &str = "action";
 
-/// A policy as LeRobot describes it.
+/// LeRobot's description of a policy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LeRobotConfig {
     /// Its dimensions.
     pub dims: PolicyConfig,
-    /// How many of the camera slots are filled with blank, masked images when a batch lacks cameras.
+    /// Camera slots that get blank, masked images when a batch lacks cameras.
     pub empty_cameras: usize,
     /// Euler steps from noise to actions.
     pub num_steps: usize,
-    /// The VLM's name on the Hub, or a path of where the policy was trained.
+    /// The VLM's name on the Hub, or its path during training.
     pub vlm_model_name: String,
-    /// How states are normalised, by LeRobot's name: `MEAN_STD` as a rule.
+    /// LeRobot's name of the states' normalisation, mostly `MEAN_STD`.
     pub state_normalisation: String,
     /// The same for actions.
     pub action_normalisation: String,
 }
 
-/// The file itself. What it leaves out has LeRobot's default; what is not here is ignored.
+/// The file. Missing fields have LeRobot's defaults; others are ignored.
 #[derive(Deserialize)]
 #[serde(default)]
 struct PolicyJson {
@@ -63,7 +62,7 @@ struct PolicyJson {
     expert_width_multiplier: f64,
     min_period: f64,
     max_period: f64,
-    /// Ours: the expert's MLP width. LeRobot derives it, always a multiple of 256.
+    /// Ours: the expert's MLP width. LeRobot derives a multiple of 256.
     expert_intermediate_size: Option<usize>,
 }
 
@@ -111,7 +110,7 @@ struct PolicyFeature {
     shape: Vec<usize>,
 }
 
-/// A JSON object in the order it is written in: that of the cameras counts.
+/// A JSON object in the written order, which matters for cameras.
 struct OrderedObject<V>(Vec<(String, V)>);
 
 impl<'de, V: Deserialize<'de>> Deserialize<'de> for OrderedObject<V> {
@@ -168,12 +167,11 @@ pub fn default_expert_mlp_width(expert_width: usize) -> usize {
 }
 
 impl LeRobotConfig {
-    /// Reads the policy's configuration and that of the VLM it is built on; without the latter, the VLM must be one whose
-    /// dimensions are known by its name. An `expert_intermediate_size` in the former overrides LeRobot's formula.
+    /// Reads the configurations of the policy and its VLM; without the latter, the VLM must be known by name. `expert_intermediate_size`
+    /// overrides LeRobot's formula.
     ///
     /// # Errors
-    /// [`StoredPolicyError::Config`] when a file is not JSON of that form, asks for something that is not implemented here, or the
-    /// VLM is not known.
+    /// [`StoredPolicyError::Config`]: bad JSON, something not implemented, or an unknown VLM.
     pub fn parse(policy_json: &str, vlm_json: Option<&str>) -> Result<Self> {
         let policy: PolicyJson = serde_json::from_str(policy_json)
             .map_err(|e| StoredPolicyError::Config(format!("the policy's JSON: {e}")))?;
@@ -193,7 +191,7 @@ impl LeRobotConfig {
         policy.refuse_unsupported(vlm.vision.image_size, text.layers)?;
 
         let camera_names = policy.camera_names()?;
-        // LeRobot truncates the product. Widths are far below 2^53, so the cast is exact after `floor`.
+        // LeRobot truncates the product. Widths are far below 2^53: the cast is exact after `floor`.
         let expert_width = (text.width as f64 * policy.expert_width_multiplier).floor() as usize;
         let dims = PolicyConfig {
             cameras: camera_names.len(),
@@ -233,12 +231,11 @@ impl LeRobotConfig {
     /// How states and actions are normalised.
     ///
     /// # Errors
-    /// [`StoredPolicyError::Config`] for a mode that is not implemented here.
+    /// [`StoredPolicyError::Config`] for a mode that is not implemented.
     pub fn modes(&self) -> Result<(Normalisation, Normalisation)> {
         Ok((self.mode("STATE", STATE)?, self.mode("ACTION", ACTION)?))
     }
 
-    /// How a feature of this kind is normalised.
     pub(super) fn mode(&self, kind: &str, feature: &str) -> Result<Normalisation> {
         let mode = match kind {
             "STATE" => &self.state_normalisation,
@@ -249,8 +246,7 @@ impl LeRobotConfig {
 }
 
 impl PolicyJson {
-    /// Image features in their order. LeRobot adds those of empty cameras when it builds the policy, and then writes them
-    /// into the file: they may be there or not.
+    /// Image features in order. LeRobot adds empty cameras' when it builds the policy, and then writes them: they are optional.
     fn camera_names(&self) -> Result<Vec<String>> {
         let visual = self
             .input_features
@@ -273,7 +269,7 @@ impl PolicyJson {
         Ok(names)
     }
 
-    /// With another attention mode than the crossed one every layer is a joint one.
+    /// In any attention mode but the crossed one, every layer is joint.
     fn self_attn_every(&self) -> usize {
         if self.attention_mode.contains("cross") {
             usize::try_from(self.self_attn_every_n_layers).unwrap_or(0)

@@ -1,17 +1,17 @@
-//! A policy folder: a SmolVLA policy as LeRobot's `save_pretrained` leaves it. It holds
+//! A policy folder: a SmolVLA policy by LeRobot's `save_pretrained`.
 //!
 //! ```text
 //! config.json                                    dimensions, features (LeRobotConfig)
-//! model.safetensors                              the state dict; F32, F16 and BF16 are read
-//! policy_preprocessor.json  + .safetensors       from LeRobot 0.4 on: names of cameras, the tokenizer's name, and normalisation of
-//! policy_postprocessor.json + .safetensors       states and actions, with its statistics. LeRobot 0.3 kept these in the state dict.
-//! adapter_config.json       + adapter_model      instead of the weights, from PEFT: a LoRA adapter of another policy, its base
-//! vlm_config.json                                not LeRobot's: the VLM's config.json, where its name is not a known one
+//! model.safetensors                              the state dict, in F32, F16 or BF16
+//! policy_preprocessor.json  + .safetensors       from LeRobot 0.4 on: names of cameras and tokenizer, and normalisation of
+//! policy_postprocessor.json + .safetensors       states and actions, with statistics; LeRobot 0.3: in the state dict
+//! adapter_config.json       + adapter_model      from PEFT, instead of weights: a LoRA adapter of a base policy
+//! vlm_config.json                                not LeRobot's: config.json of a VLM that is unknown by name
 //! ```
 //!
-//! [`PolicyFolder::open`] checks names, shapes and types against the layout that follows from the configuration, without reading
-//! a single weight. [`PolicyFolder::write`] leaves a folder that LeRobot loads, in which only the given weights differ.
-//! [`PolicyFolder::write_trained`] also puts a recording's statistics into it. [`Inference`] says how the policy is used.
+//! [`PolicyFolder::open`] checks names, shapes and types against the configuration's layout, without reading weights.
+//! [`PolicyFolder::write`] makes a folder that LeRobot loads and where only the given weights differ; [`PolicyFolder::write_trained`] adds
+//! a recording's statistics. [`Inference`] is how the policy is used.
 
 mod adapter;
 mod folder;

@@ -1,14 +1,14 @@
-//! Folders that are given for a policy folder, and are another one of LeRobot's.
+//! LeRobot folders that are mistaken for a policy folder.
 
 use std::path::Path;
 
 use crate::error::{Result, StoredPolicyError};
 
-/// Where a run of LeRobot keeps the policy of a checkpoint.
+/// Where a LeRobot checkpoint keeps its policy.
 const POLICY: &str = "pretrained_model";
-/// Where a whole run keeps its newest checkpoint.
+/// Where a run keeps its newest checkpoint.
 const LAST: &str = "checkpoints/last";
-/// States what the folder is, where it is known not to be a policy folder.
+/// Names the folder's kind if it is known not to be a policy folder.
 pub(super) fn refuse(folder: &Path) -> Result<()> {
     let policies = [folder.join(POLICY), folder.join(LAST).join(POLICY)];
     match policies

@@ -1,5 +1,4 @@
-//! The files and tensors that differ in a copy of a policy folder which has the statistics of another recording. Which ones they
-//! are depends on where the source keeps its own statistics.
+//! What differs in a copy of a policy folder with another recording's statistics: it depends on where the source keeps its own.
 
 use std::collections::BTreeMap;
 
@@ -18,14 +17,14 @@ use zk0_tensors::{Dtype, TensorData, TensorError, TensorSet};
 /// What the copy has.
 #[derive(Default)]
 pub(super) struct OtherStats {
-    /// Files with this content, instead of the source's or besides them.
+    /// Files that replace or extend the source's.
     pub files: BTreeMap<String, Vec<u8>>,
-    /// Tensors among the weights, instead of the source's or besides them.
+    /// Tensors that replace or extend the source's weights.
     pub tensors: TensorSet,
 }
 
 impl PolicyFolder {
-    /// Says early whether [`PolicyFolder::write_trained`] could put statistics like these into a copy.
+    /// Checks early whether [`PolicyFolder::write_trained`] could put such statistics into a copy.
     ///
     /// # Errors
     /// As there.
@@ -39,7 +38,7 @@ impl PolicyFolder {
             (&STATE, modes.0, &stats.state, dims.state_dim),
             (&ACTION, modes.1, &stats.action, dims.action_dim),
         ];
-        // LeRobot looks at no statistics of a feature that is not normalised.
+        // LeRobot ignores statistics of features that are not normalised.
         let used = all.map(|(feature, mode, normalizer, dim)| {
             let used = mode == Normalisation::MeanStd;
             used.then_some((feature, normalizer, dim))
@@ -61,8 +60,7 @@ impl PolicyFolder {
         }
         for (feature, used) in [&STATE, &ACTION].into_iter().zip(used) {
             if self.steps(feature).is_some() {
-                // Both pipelines have the statistics of both features, because the first one also normalises the actions that
-                // LeRobot trains on.
+                // Both pipelines have both features' statistics, because the first also normalises actions for training.
                 self.put_into_pipeline(feature, &moments, &mut other.files)?;
             } else if let Some((_, normalizer, _)) = used {
                 let buffers = feature.buffers.iter();
@@ -93,7 +91,7 @@ impl PolicyFolder {
             }
             _ => None,
         });
-        // Where no step normalises, nothing is normalised.
+        // Without such a step, nothing is normalised.
         let Some((number, step)) = step else {
             return Ok(());
         };
@@ -108,7 +106,7 @@ impl PolicyFolder {
             files.insert(name.into(), state_file(Some(&source), moments)?);
             return Ok(());
         }
-        // The processor was saved before it saw a recording. The name is the one that LeRobot gives.
+        // The processor was saved before any recording. LeRobot gives this name.
         let stem = feature.pipeline.trim_end_matches(".json");
         let name = format!("{stem}_step_{number}_{}.safetensors", feature.processor);
         step.insert("state_file".into(), name.clone().into());
@@ -119,7 +117,7 @@ impl PolicyFolder {
     }
 }
 
-/// Mean and standard deviation by their tensors' names.
+/// Mean and standard deviation by tensor name.
 fn named(name: &str, normalizer: &Normalizer) -> [(String, TensorData); 2] {
     [("mean", normalizer.mean()), ("std", normalizer.std())].map(|(what, values)| {
         let tensor = TensorData {
@@ -130,8 +128,8 @@ fn named(name: &str, normalizer: &Normalizer) -> [(String, TensorData); 2] {
     })
 }
 
-/// The bytes of a processor's state with these moments. All that the source says of the same features goes, smallest and
-/// largest values too: they are of another recording. What it says of others, images for one, stays.
+/// A processor's state with these moments. The source's other statistics of the same features, such as minimum and maximum, go; those of
+/// other features, such as images, stay.
 fn state_file(source: Option<&StoredTensors>, moments: &TensorSet) -> Result<Vec<u8>> {
     let feature = |name: &str| {
         name.rsplit_once('.')

@@ -1,6 +1,5 @@
-//! The two pipelines of a policy folder, read step by step as LeRobot 0.6.1 runs them: `policy_preprocessor.json` makes a batch of what
-//! a recording or a robot gives, and `policy_postprocessor.json` makes actions of what the network gives. What a step says counts, also
-//! where `config.json` says something else. A step that zk0 does not know, or cannot do, is refused by name.
+//! A policy folder's two pipelines, read step by step as LeRobot 0.6.1 runs them: `policy_preprocessor.json` makes batches for the network,
+//! `policy_postprocessor.json` actions from its output. Steps override `config.json`. Unknown or impossible steps are refused by name.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -15,33 +14,33 @@ use crate::policy_folder::json_file::read_json;
 
 /// The pipeline before the network.
 pub(super) const PREPROCESSOR: &str = "policy_preprocessor.json";
-/// The pipeline behind it.
+/// The pipeline after it.
 pub(super) const POSTPROCESSOR: &str = "policy_postprocessor.json";
-/// The step that normalises states, and the actions that are trained on.
+/// The step that normalises states and, for training, actions.
 pub(super) const NORMALIZER: &str = "normalizer_processor";
-/// The step that brings actions back to the robot's units.
+/// The step that returns actions in the robot's units.
 pub(super) const UNNORMALIZER: &str = "unnormalizer_processor";
 
 /// LeRobot's, for all policies.
 const EPSILON: f64 = 1e-8;
 
-/// What the steps of both pipelines ask for; a pipeline is `None` where its file is not there (LeRobot 0.3 wrote none).
+/// What both pipelines' steps ask for; `None` where a file is missing (LeRobot 0.3 wrote none).
 #[derive(Debug, Default)]
 pub(super) struct Processors {
     pub before: Option<Steps>,
     pub behind: Option<Steps>,
 }
 
-/// What the steps of one pipeline ask for.
+/// What a pipeline's steps ask for.
 #[derive(Debug, Default)]
 pub(super) struct Steps {
-    /// New names of observations, by the old ones.
+    /// New names of observations by old ones.
     pub renames: BTreeMap<String, String>,
     pub tokenizer: Option<TokenizerStep>,
     pub normalizer: Option<NormalizerStep>,
 }
 
-/// `tokenizer_processor`. How it pads concerns no token that counts.
+/// `tokenizer_processor`. Its padding does not matter.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TokenizerStep {
@@ -59,7 +58,7 @@ pub(super) struct TokenizerStep {
     _padding: Option<Value>,
 }
 
-/// `normalizer_processor` or `unnormalizer_processor`. What it leaves out, `config.json` says.
+/// `normalizer_processor` or `unnormalizer_processor`; `config.json` fills in what it lacks.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct NormalizerStep {
@@ -68,7 +67,7 @@ pub(super) struct NormalizerStep {
     normalize_observation_keys: Option<Vec<String>>,
     #[serde(default = "epsilon")]
     eps: f64,
-    /// Where its statistics are; `None` where it was saved before it saw a recording.
+    /// Where its statistics are; `None` if saved before any recording.
     #[serde(skip)]
     pub state_file: Option<String>,
 }
@@ -129,10 +128,10 @@ fn epsilon() -> f64 {
 }
 
 impl Processors {
-    /// Reads the pipelines of a policy folder.
+    /// Reads a policy folder's pipelines.
     ///
     /// # Errors
-    /// [`StoredPolicyError::AtPath`]: a file is not a pipeline, or a step asks for something that is not implemented.
+    /// [`StoredPolicyError::AtPath`]: a file is not a pipeline, or a step needs something that is not implemented.
     pub fn read(folder: &Path) -> Result<Self> {
         let steps = |name: &str| -> Result<Option<Steps>> {
             let path = folder.join(name);
@@ -205,7 +204,7 @@ impl Steps {
         Ok(steps)
     }
 
-    /// Applies one more map to the names that the maps before it gave.
+    /// Applies one more map to the renamed names.
     fn rename(&mut self, map: BTreeMap<String, String>) -> std::result::Result<(), String> {
         for (old, new) in &map {
             check_rename(old, new)?;
@@ -222,7 +221,7 @@ impl Steps {
     }
 }
 
-/// Refuses what renames no camera: LeRobot would rename nothing by it, or exchange what is not a picture.
+/// Refuses a rename of no camera: LeRobot would rename nothing, or exchange what is not a picture.
 fn check_rename(old: &str, new: &str) -> std::result::Result<(), String> {
     const PICTURE: &str = "observation.image";
     match [old, new].into_iter().find(|name| !name.starts_with(PICTURE)) {
@@ -292,7 +291,7 @@ impl NormalizerStep {
         first(refusals)
     }
 
-    /// How this step normalises a feature that LeRobot takes for one of `kind`; `None` where `config.json` says it.
+    /// How this step normalises a feature that LeRobot counts as `kind`; `None` where `config.json` decides.
     ///
     /// # Errors
     /// A mode that is not implemented.

@@ -1,4 +1,4 @@
-//! The statistics that a policy folder normalises states and actions with: where they are, and reading them.
+//! The statistics that normalise a policy folder's states and actions: finds and reads them.
 
 use std::path::{Component, Path};
 
@@ -11,17 +11,16 @@ use crate::policy_folder::processors::{
 };
 use crate::stored_tensors::StoredTensors;
 
-/// A feature that is normalised.
+/// A normalised feature.
 pub(super) struct Normalised {
-    /// Its name, among a processor's statistics too.
+    /// Its name, also in processors' statistics.
     pub name: &'static str,
-    /// LeRobot 0.3 kept the same under these names among the weights; the first is the one that is read.
+    /// Its names in LeRobot 0.3's weights; the first is read.
     pub buffers: &'static [&'static str],
-    /// LeRobot's name for its kind.
+    /// LeRobot's name of its kind.
     pub kind: &'static str,
-    /// The file of a pipeline.
+    /// The pipeline's file.
     pub pipeline: &'static str,
-    /// The processor in it.
     pub processor: &'static str,
 }
 
@@ -44,7 +43,7 @@ pub(super) const ACTION: Normalised = Normalised {
 };
 
 impl PolicyFolder {
-    /// How the policy is used: its Euler steps, and how states and actions are normalised.
+    /// How the policy is used: Euler steps, and normalisation of states and actions.
     ///
     /// # Errors
     /// As [`Self::stats`].
@@ -58,7 +57,7 @@ impl PolicyFolder {
         })
     }
 
-    /// How states and actions are normalised: as the processors say, and where they do not say it, as `config.json` does.
+    /// How states and actions are normalised: by the processors, else by `config.json`.
     pub(super) fn modes(&self) -> Result<(Normalisation, Normalisation)> {
         let (before, behind) = (&self.processors.before, &self.processors.behind);
         let state = self.mode(before.as_ref(), &STATE, PREPROCESSOR)?;
@@ -79,7 +78,7 @@ impl PolicyFolder {
         Ok((state, action))
     }
 
-    /// How the pipeline `steps`, in the file `pipeline`, normalises a feature.
+    /// How pipeline `steps` of file `pipeline` normalises a feature.
     fn mode(
         &self,
         steps: Option<&Steps>,
@@ -88,7 +87,7 @@ impl PolicyFolder {
     ) -> Result<Normalisation> {
         let said = match steps.map(|steps| &steps.normalizer) {
             None => None,
-            // LeRobot does what the steps say, and there is none that normalises.
+            // LeRobot follows the steps, and none normalises.
             Some(None) => Some(Normalisation::Identity),
             Some(Some(step)) => step
                 .mode(feature.name, feature.kind)
@@ -103,11 +102,10 @@ impl PolicyFolder {
         }
     }
 
-    /// The statistics of states and actions, `None` where the policy folder has none: then those of the recording count.
+    /// The statistics of states and actions; `None` where the folder has none: the recording's then count.
     ///
     /// # Errors
-    /// [`StoredPolicyError::AtPath`] when they are there but cannot be used, and for a normalisation other than by mean and standard
-    /// deviation, or none.
+    /// [`StoredPolicyError::AtPath`] when they are unusable, or the normalisation is neither by mean and standard deviation nor none.
     pub fn stats(&self) -> Result<Option<Stats>> {
         let dims = &self.config.dims;
         let modes = self.modes()?;
@@ -119,14 +117,14 @@ impl PolicyFolder {
         })
     }
 
-    /// Refuses a folder whose processors normalise, and have statistics of neither states nor actions: LeRobot then leaves both as they are,
-    /// without a word, and a robot takes numbers around 1 for degrees. Training gives a policy statistics; a copy with other weights does not.
+    /// Refuses a folder whose processors normalise without statistics of states and actions: LeRobot would silently leave both as they are,
+    /// and a robot take numbers around 1 for degrees. Training adds statistics; a copy with other weights does not.
     ///
     /// # Errors
-    /// [`StoredPolicyError::AtPath`], which names the statistics that are there; and those of [`Self::stats`].
+    /// [`StoredPolicyError::AtPath`] names the existing statistics; and those of [`Self::stats`].
     pub fn check_has_statistics(&self) -> Result<()> {
         let Some(step) = self.steps(&ACTION) else {
-            // LeRobot 0.4 and later do not load such a folder, and 0.3 says that the statistics are missing.
+            // LeRobot 0.4 and later do not load such a folder; 0.3 reports missing statistics.
             return Ok(());
         };
         if self.stats()?.is_some() {
@@ -157,7 +155,7 @@ impl PolicyFolder {
         ))
     }
 
-    /// The pipeline that normalises a feature when the policy acts.
+    /// The pipeline that normalises a feature in use.
     pub(super) fn steps(&self, feature: &Normalised) -> Option<&Steps> {
         match feature.pipeline {
             PREPROCESSOR => self.processors.before.as_ref(),
@@ -176,7 +174,7 @@ impl PolicyFolder {
             return Ok(Normalizer::identity(dim));
         }
         if let Some(steps) = self.steps(feature) {
-            // A processor without state was saved before it saw a recording.
+            // A processor without state was saved before any recording.
             let step = steps.normalizer.as_ref();
             let Some(state_file) = step.and_then(|step| step.state_file.as_ref()) else {
                 return Ok(None);
@@ -210,7 +208,7 @@ fn read(file: &StoredTensors, name: &str, dim: usize) -> Result<Normalizer> {
     })
 }
 
-/// The name of a file in the folder itself: a pipeline must not lead out of it.
+/// The name of a file in the folder: a pipeline must not lead outside.
 pub(super) fn plain_name<'a>(pipeline: &Path, name: &'a str) -> Result<&'a str> {
     let mut parts = Path::new(name).components();
     match (parts.next(), parts.next()) {

@@ -1,5 +1,5 @@
-//! The `tokenizer.json` that a policy folder's instructions are read with: the folder's own, or that of the repository which the folder
-//! names. LeRobot takes the latter from the Hub's cache, or from the Hub.
+//! The `tokenizer.json` for a policy folder's instructions: its own, or that of the repository it names, which LeRobot takes from the Hub
+//! or its cache.
 
 use std::path::{Path, PathBuf};
 
@@ -12,11 +12,10 @@ use crate::policy_folder::processors::PREPROCESSOR;
 const FILE: &str = "tokenizer.json";
 
 impl PolicyFolder {
-    /// The file, with the Hub's cache in the folder `cache`. `None` where the folder neither holds one nor names one.
+    /// The file, with the Hub's cache in the folder `cache`. `None` where the folder neither holds nor names one.
     ///
     /// # Errors
-    /// [`StoredPolicyError::AtPath`] where the one that it names is not on this machine: a policy that reads other tokens than those it was
-    /// trained with does not understand its instructions.
+    /// [`StoredPolicyError::AtPath`] where the named one is not on this machine: other tokens would change the instructions.
     pub fn tokenizer_file(&self, cache: Option<&Path>) -> Result<Option<PathBuf>> {
         let own = self.folder.join(FILE);
         if own.exists() {
@@ -25,7 +24,7 @@ impl PolicyFolder {
         let Some((said_by, name)) = self.tokenizer_name() else {
             return Ok(None);
         };
-        // As in LeRobot, a name may be that of a folder.
+        // As in LeRobot, the name may be a folder's.
         let beside = Path::new(name).join(FILE);
         let in_cache = || Cache::new(cache?.into()).model(name.into()).get(FILE);
         let found = beside.exists().then_some(beside).or_else(in_cache);
@@ -42,13 +41,13 @@ impl PolicyFolder {
         }
     }
 
-    /// Whose tokenizer it is, and which file says so: the step that reads instructions, or for LeRobot 0.3 the configuration.
+    /// The tokenizer's name and the file with it: the step that reads instructions, in LeRobot 0.3 the configuration.
     fn tokenizer_name(&self) -> Option<(&str, &str)> {
         let steps = self.processors.before.as_ref();
         let step = steps.and_then(|steps| steps.tokenizer.as_ref());
         let step = step.and_then(|step| Some((PREPROCESSOR, step.name.as_deref()?)));
         let vlm = &self.config.vlm_model_name;
-        // The name of a repository has an owner. Another one cannot be looked up.
+        // A repository's name has an owner; others cannot be looked up.
         step.or_else(|| vlm.contains('/').then_some((CONFIG, vlm)))
     }
 }

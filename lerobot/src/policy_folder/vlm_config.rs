@@ -1,4 +1,4 @@
-//! The dimensions of the vision-language model under a policy, from transformers' `SmolVLMConfig` or by the model's name.
+//! The dimensions of a policy's vision-language model, from transformers' `SmolVLMConfig` or by name.
 
 use serde::Deserialize;
 
@@ -8,19 +8,19 @@ use crate::error::{Result, StoredPolicyError};
 /// Its name on the Hub.
 const SMOLVLM2_500M: &str = "HuggingFaceTB/SmolVLM2-500M-Video-Instruct";
 
-/// A vision-language model as it was built: with all of its language layers.
+/// A vision-language model with all its language layers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct VlmDims {
     /// Vision tower and connector.
     pub vision: VisionConfig,
-    /// Language layers, all of them.
+    /// All language layers.
     pub text: TextConfig,
     /// Epsilon of their norms.
     pub rms_norm_eps: f64,
 }
 
 impl VlmDims {
-    /// The dimensions of SmolVLM2 500M, which the published SmolVLA is built on. SmolVLA keeps the first 16 of its language layers.
+    /// SmolVLM2 500M, the published SmolVLA's base. SmolVLA keeps its first 16 language layers.
     pub fn smolvlm2_500m() -> Self {
         Self {
             vision: VisionConfig {
@@ -45,15 +45,15 @@ impl VlmDims {
         }
     }
 
-    /// The dimensions of a published model by its name on the Hub; `None` for one that is not known here.
+    /// A published model by its name on the Hub; `None` if unknown here.
     pub fn published(name: &str) -> Option<Self> {
         (name == SMOLVLM2_500M).then(Self::smolvlm2_500m)
     }
 
-    /// Reads a `SmolVLMConfig`. What is left out has transformers' default.
+    /// Reads a `SmolVLMConfig`; missing fields have transformers' defaults.
     ///
     /// # Errors
-    /// [`StoredPolicyError::Config`] when it is not JSON of that form, or asks for something that is not implemented here.
+    /// [`StoredPolicyError::Config`] for bad JSON, or something that is not implemented.
     pub fn parse(json: &str) -> Result<Self> {
         let vlm: VlmJson = serde_json::from_str(json)
             .map_err(|e| StoredPolicyError::Config(format!("the VLM's JSON: {e}")))?;
@@ -150,7 +150,7 @@ struct TextJson {
     mlp_bias: bool,
 }
 
-/// `LlamaConfig`'s default, which the published SmolVLM does not use: its file names its own.
+/// `LlamaConfig`'s default; the published SmolVLM's file has its own value.
 fn llama_rms_norm_eps() -> f64 {
     1e-6
 }

@@ -1,4 +1,4 @@
-//! Writing a policy folder: a copy of the one that was opened, with other weights.
+//! Writes a policy folder: a copy of the opened one with other weights.
 
 use std::borrow::Cow;
 use std::cmp::Reverse;
@@ -20,36 +20,35 @@ use zk0_tensors::{
     BLOCK,
 };
 
-/// In which type changed tensors are written.
+/// Type of changed tensors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Precision {
-    /// Each in the type that it has in the source, rounded to nearest even.
+    /// Each in the source's type, rounded to nearest even.
     Kept,
-    /// In F32: nothing of what training changed is lost, the file grows.
+    /// F32: keeps all that training changed, in a larger file.
     Single,
 }
 
 impl PolicyFolder {
-    /// Writes a policy folder to the new or empty folder `to`. The tensors in `changed` replace those of the same names, whatever
-    /// else the source holds is copied byte for byte: the other tensors (the language model's head among them), the weights
-    /// file's metadata, `config.json`, and all files that lie beside it. Folders within the source are left out.
+    /// Writes a policy folder to the new or empty folder `to`. Tensors in `changed` replace those of the same names; all else is copied
+    /// byte for byte: the other tensors (also the language model's head), the weights file's metadata, `config.json`, and all files beside
+    /// it. Folders in the source are left out.
     ///
-    /// The weights come last and under their name only when they are complete.
+    /// The weights come last, and get their name when complete.
     ///
     /// # Errors
-    /// [`StoredPolicyError::AtPath`] when a file cannot be read or written, or `to` holds something; and when `changed` has a tensor that
-    /// the policy does not have, of another shape, with a number that is not finite, or too large for the type that is kept.
+    /// [`StoredPolicyError::AtPath`] when a file cannot be read or written, or `to` is not empty; and when a tensor in `changed` is not the
+    /// policy's, has another shape, holds a number that is not finite, or is too large for the kept type.
     pub fn write(&self, to: &Path, changed: &TensorSet, precision: Precision) -> Result<()> {
         self.write_copy(to, changed, &OtherStats::default(), precision)
     }
 
-    /// [`Self::write`] for weights that were trained on recordings with the statistics `stats`: these replace the source's,
-    /// where it keeps them. Where it keeps none they go into the state of its processors; and where it has no processors,
-    /// among the weights, as LeRobot 0.3 has it.
+    /// [`Self::write`] for weights trained with the statistics `stats`, which replace the source's. If it has none, they go into its
+    /// processors' state or, without processors, among the weights as in LeRobot 0.3.
     ///
     /// # Errors
-    /// As [`Self::write`]; and when the source normalises in a way that is not implemented, `stats` are not of its dimensions, or
-    /// a processor's file is not what LeRobot writes.
+    /// As [`Self::write`]; and when the source's normalisation is not implemented, `stats` have other dimensions, or a processor's file is
+    /// not LeRobot's.
     pub fn write_trained(
         &self,
         to: &Path,
@@ -106,11 +105,11 @@ impl PolicyFolder {
         weights.write(&to.join(WEIGHTS))
     }
 
-    /// The files that make a whole policy's folder of an adapter's.
+    /// The files that make an adapter's folder a whole policy's.
     fn whole(&self) -> Result<BTreeMap<String, Vec<u8>>> {
         let mut files = BTreeMap::new();
         if self.adapter.is_some() {
-            // The order of the features counts, so that the text is changed and nothing else of it.
+            // The features' order counts, so only this text is changed.
             let config = read_json(&self.folder.join(CONFIG))?;
             let config = config.replace("\"use_peft\": true", "\"use_peft\": false");
             files.insert(CONFIG.into(), config.into_bytes());
@@ -122,13 +121,13 @@ impl PolicyFolder {
         Ok(files)
     }
 
-    /// Names of the files beside the weights.
+    /// Names of files beside the weights.
     fn other_files(&self) -> Result<BTreeSet<std::ffi::OsString>> {
         let failed = |e: io::Error| StoredPolicyError::file(&self.folder, e);
         let mut names = BTreeSet::new();
         for entry in fs::read_dir(&self.folder).map_err(failed)? {
             let entry = entry.map_err(failed)?;
-            // This follows links, because a snapshot in the Hub's cache consists of links.
+            // Follows links: snapshots in the Hub's cache consist of them.
             let is_file = fs::metadata(entry.path()).is_ok_and(|about| about.is_file());
             let name = entry.file_name();
             let is_weights = name == WEIGHTS || ADAPTER_FILES.iter().any(|file| name == *file);
@@ -158,7 +157,6 @@ impl PolicyFolder {
     }
 }
 
-/// Why weights could not be written.
 enum WriteFailure {
     Weights(StoredPolicyError),
     Writing(io::Error),
@@ -176,19 +174,18 @@ impl From<io::Error> for WriteFailure {
     }
 }
 
-/// The content of the copy's file of weights.
+/// The copy's weights file.
 struct NewWeights<'a> {
     source: &'a PolicyFolder,
-    /// Weights that replace the source's.
     changed: &'a TensorSet,
-    /// Statistics, in F32 whatever the source has them in: a standard deviation does not bear rounding.
+    /// Statistics, always in F32: a standard deviation must not be rounded.
     stats: &'a TensorSet,
     precision: Precision,
 }
 
 impl NewWeights<'_> {
     fn write(&self, path: &Path) -> Result<()> {
-        // The atomic writer carries only errors of files, so an error of the weights takes this way around it.
+        // The atomic writer carries only file errors; errors of weights go around it.
         let mut wrong = None;
         let written = atomic_file::write(path, Durability::OnDisk, |out| {
             self.write_to(out).map_err(|error| match error {
@@ -210,7 +207,7 @@ impl NewWeights<'_> {
         let source = &self.source.weights;
         let header = self.other_header();
         let bytes = match &header {
-            // No byte of it differs. Even its order and spacing are kept.
+            // No byte differs, not even order or spacing.
             None => source.header().to_vec(),
             Some(header) => header.to_bytes()?,
         };
@@ -249,7 +246,7 @@ impl NewWeights<'_> {
         Ok(())
     }
 
-    /// What stands in the copy for the tensor of this name, unless it is the source's.
+    /// What replaces the source's tensor of this name, if anything.
     fn replacement(&self, name: &str) -> Option<Result<Cow<'_, TensorData>>> {
         if let Some(tensor) = self.stats.get(name).or_else(|| self.changed.get(name)) {
             return Some(Ok(Cow::Borrowed(tensor)));
@@ -259,7 +256,7 @@ impl NewWeights<'_> {
         is_adapted.then(|| self.source.tensor(name).map(Cow::Owned))
     }
 
-    /// A new header, for when types change. `None` when there are the tensors that there were, each of the type and shape it had.
+    /// A new header; `None` when all tensors keep their names, types and shapes.
     fn other_header(&self) -> Option<TensorHeader<'_>> {
         let source = &self.source.weights;
         let mut same = true;
@@ -286,7 +283,7 @@ impl NewWeights<'_> {
         if same {
             return None;
         }
-        // Wide types come first, as safetensors writes them, so that every tensor stays aligned.
+        // Wide types first, as in safetensors: every tensor stays aligned.
         tensors.sort_by(|(a, x, _), (b, y, _)| (Reverse(x), a).cmp(&(Reverse(y), b)));
         let metadata = source.metadata().as_ref();
         let metadata = metadata.map(|m| m.iter().map(|(k, v)| (&k[..], &v[..])).collect());

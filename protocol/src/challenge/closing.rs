@@ -1,33 +1,31 @@
-//! How the commitments of a round closed. The randomness follows from this, and from its source.
+//! How a round's commitments closed. This and the source determine the randomness.
 
 use crate::entries::signed::UpdateCommitment;
 use borsh::{BorshDeserialize, BorshSerialize};
 use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::{Digest, NodeId};
 
-/// A round's commitments are closed: nobody commits any more.
+/// The closing of a round's commitments: no more are taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct CommitmentsClosing {
-    /// Index of the entry that closed them.
+    /// Index of the closing entry.
     pub entry: u64,
-    /// Time of that entry, in Unix milliseconds.
+    /// Its time, in Unix milliseconds.
     pub time_ms: u64,
-    /// Root of the tree that ends with that entry.
+    /// Root of the tree that ends with it.
     pub root: Digest,
     /// Digest of all commitments: see [`commitments`].
     pub commitments: Digest,
 }
 
-/// The digest of one commitment. It covers what the node stated, and neither its signature nor when it was recorded: a node can choose
-/// among many signatures of one statement.
+/// The digest of a commitment's statement, without signature and time: a node can make many signatures of one statement.
 pub fn commitment(statement: &UpdateCommitment) -> Digest {
     let bytes = borsh::to_vec(statement).expect("writing to a Vec cannot fail");
     tagged_sha256("zk0/commitment/v1", &[&bytes])
 }
 
-/// The digest of all commitments of a round, in ascending order of their nodes. It depends neither on the order of the entries, nor on
-/// their times or signatures, so the aggregator cannot vary it either, except by leaving a commitment out. A node whose commitment is
-/// left out has a receipt for it, or a signed promise.
+/// The digest of a round's commitments, by ascending node, without the entries' order, times and signatures. So the aggregator
+/// can vary it only by leaving out a commitment, which has a receipt or a signed promise.
 pub fn commitments<'a>(
     network: &Digest,
     round: u64,

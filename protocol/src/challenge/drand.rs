@@ -1,7 +1,7 @@
-//! drand, a public beacon: a group of operators signs one number every few seconds, and nobody can know a signature before most of them
-//! have made it. The signature is unique, and anybody can verify it with the group's key.
+//! drand, a public beacon: a group of operators signs one number every few seconds, and a signature is unknown before most of
+//! them made it. The signature is unique and verifiable with the group's key.
 //!
-//! Only the scheme `bls-unchained-g1-rfc9380` is known, which drand's network "quicknet" uses: BLS signatures in G1 of BLS12-381 over the
+//! Only the scheme `bls-unchained-g1-rfc9380` of the network "quicknet" is supported: BLS signatures in G1 of BLS12-381 over the
 //! SHA-256 of the round's number.
 
 use bls12_381::hash_to_curve::{ExpandMsgXmd, HashToCurve};
@@ -11,17 +11,17 @@ use serde::{Deserialize, Serialize};
 use sha2::Sha256;
 use zk0_circuits::vm::digest::sha256;
 
-/// RFC 9380's domain-separation tag of the scheme.
+/// RFC 9380's domain-separation tag.
 const DOMAIN: &[u8] = b"BLS_SIG_BLS12381G1_XMD:SHA-256_SSWU_RO_NUL_";
 
 /// A beacon's signature, a compressed point of G1.
 pub type BeaconSignature = [u8; 48];
 
-/// A drand network, and how much later than a closing its beacon has to be.
+/// A drand network, and how long after a closing its beacon must be.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DrandChain {
-    /// The chain's hash, by which drand's servers name it.
+    /// The chain's hash, its name on drand's servers.
     #[serde(with = "hex::serde")]
     pub hash: [u8; 32],
     /// The group's public key, a compressed point of G2.
@@ -29,15 +29,15 @@ pub struct DrandChain {
     pub public_key: [u8; 96],
     /// When round 1 was signed, in Unix seconds.
     pub genesis_s: u64,
-    /// How many seconds pass from one round to the next.
+    /// Seconds between rounds.
     pub period_s: u64,
-    /// How much later than the entry that closes the commitments the beacon's round has to be, in milliseconds. If it is more than
-    /// the aggregator's clock can be slow, nobody knows the beacon when the commitments close.
+    /// The least time between the commitments' closing and the beacon's round, in milliseconds. If it exceeds the lag of the
+    /// aggregator's clock, the beacon is unknown at the closing.
     pub margin_ms: u64,
 }
 
 impl DrandChain {
-    /// drand's network "quicknet", as its operators, the League of Entropy, have published it.
+    /// The network "quicknet", as published by its operators, the League of Entropy.
     pub fn quicknet() -> Self {
         let mut public_key = [0; 96];
         let mut hash = [0; 32];
@@ -53,7 +53,7 @@ impl DrandChain {
         }
     }
 
-    /// Checks every value. The error names the value that cannot be used, and says why.
+    /// Checks every value. The error names a bad one.
     pub fn check(&self) -> Result<(), String> {
         if self.period_s == 0 {
             return Err("period_s is 0; it has to be at least 1".into());
@@ -67,8 +67,8 @@ impl DrandChain {
         }
     }
 
-    /// The round whose beacon draws the randomness, if the commitments closed at `closed_ms` (Unix milliseconds): the first one
-    /// that is signed later than the margin after that.
+    /// The round that draws the randomness of commitments closed at `closed_ms` (Unix milliseconds): the first signed later than
+    /// the margin after it.
     pub fn round_after(&self, closed_ms: u64) -> u64 {
         let latest_known_ms = closed_ms.saturating_add(self.margin_ms);
         let since_ms = latest_known_ms.checked_sub(self.genesis_s.saturating_mul(1000));
@@ -81,7 +81,7 @@ impl DrandChain {
         }
     }
 
-    /// How long after a closing its beacon can come, in milliseconds: the margin, and one period until the next round.
+    /// The longest wait from a closing to its beacon, in milliseconds.
     pub fn latest_after_closing_ms(&self) -> u64 {
         let period_ms = self.period_s.saturating_mul(1000);
         self.margin_ms.saturating_add(period_ms)
@@ -93,7 +93,7 @@ impl DrandChain {
         self.genesis_s.saturating_add(after_s).saturating_mul(1000)
     }
 
-    /// Whether `signature` is the group's signature of a round. This takes a few milliseconds.
+    /// Whether `signature` is the group's for a round. Takes a few milliseconds.
     pub fn signed(&self, round: u64, signature: &BeaconSignature) -> bool {
         let point = Option::<G1Affine>::from(G1Affine::from_compressed(signature));
         let (Some(point), Some(group_key)) = (point, self.group_key()) else {
@@ -110,7 +110,7 @@ impl DrandChain {
 
     fn group_key(&self) -> Option<G2Affine> {
         let key = Option::<G2Affine>::from(G2Affine::from_compressed(&self.public_key))?;
-        // Anybody makes signatures for the point at infinity.
+        // Anybody can sign for the point at infinity.
         (!bool::from(key.is_identity())).then_some(key)
     }
 }

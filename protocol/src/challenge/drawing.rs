@@ -1,5 +1,4 @@
-//! What the ledger records of a round's randomness, and how it is verified: by the state machine in every replay, and by each node
-//! before it makes a claim.
+//! The ledger's record of a round's randomness. Each replay verifies it, and each node before it makes a claim.
 
 use crate::challenge::closing::CommitmentsClosing;
 use crate::challenge::drand::BeaconSignature;
@@ -12,30 +11,29 @@ use std::fmt;
 use zk0_circuits::vm::digest::{sha256, tagged_sha256};
 use zk0_circuits::Digest;
 
-/// A cosignature as notes hold it: the time in POSIX seconds (8 bytes, big-endian) and an ed25519 signature.
+/// A cosignature as in notes: POSIX seconds (8 bytes, big-endian) and an ed25519 signature.
 pub type Cosignature = [u8; 72];
 
-/// The randomness, with whatever shows that it comes from its source.
+/// The randomness, with the evidence of its source.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub enum Drawing {
-    /// The proof of the log's verifiable random function for the round's commitments.
+    /// The proof of the log's verifiable random function for the commitments.
     LogVrf(VrfProof),
-    /// The cosignatures of the checkpoint that ends with the closing: one of each witness, in the order in which the rules name the
-    /// witnesses.
+    /// The cosignatures of the checkpoint that ends with the closing, in the order of the rules' witnesses.
     Witnesses(Vec<Cosignature>),
     /// A beacon.
     Drand {
         /// The beacon's round.
         round: u64,
-        /// The signature of the round.
+        /// The round's signature.
         signature: BeaconSignature,
     },
 }
 
-/// Why the randomness of a round is not what an entry says.
+/// Why a round's randomness is refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RandomnessError {
-    /// It comes from another source than the rules name.
+    /// The source is not the one in the rules.
     #[error("it comes from {found}, but the rules ask for {expected}")]
     OtherSource {
         found: &'static str,
@@ -44,21 +42,21 @@ pub enum RandomnessError {
     /// The proof of the log's function does not verify.
     #[error("the proof is not the proof of the log's key for the commitments {0}")]
     Vrf(Digest),
-    /// The beacon is of an earlier or later round than the closing determines.
+    /// The closing determines another round of the beacon.
     #[error(
         "the beacon is of drand round {found}, but the closing of the commitments determines round {expected}"
     )]
     OtherRound { found: u64, expected: u64 },
-    /// The signature of the beacon does not verify.
+    /// The beacon's signature does not verify.
     #[error("the signature of drand round {round} does not verify with the public key in the rules, that of chain {chain}")]
     BeaconSignature { round: u64, chain: String },
-    /// The entry that holds a beacon has a time before the beacon.
+    /// The entry's time is before the beacon's.
     #[error("the entry's time is {early_ms} ms before drand signs round {round}")]
     BeforeBeacon { round: u64, early_ms: u64 },
-    /// The rules name no witnesses, or the log's name cannot be in a checkpoint.
+    /// The rules name no witnesses, or the log's name is unusable.
     #[error("the closing cannot be cosigned: {0}")]
     NoCheckpoint(String),
-    /// There are more or fewer cosignatures than the rules name witnesses.
+    /// Not one cosignature for each witness.
     #[error("there are {found} cosignatures, but the rules name {expected} witnesses, and all of them have to cosign the closing")]
     OtherCount { found: usize, expected: usize },
     /// A cosignature does not verify.
@@ -79,7 +77,7 @@ impl From<CheckpointError> for RandomnessError {
 /// What a drawing is verified against.
 #[derive(Clone, Copy, Debug)]
 pub struct DrawContext<'a> {
-    /// The rules in force, which name the source.
+    /// The rules in force, with the source.
     pub rules: &'a Rules,
     /// The log's name.
     pub origin: &'a str,
@@ -92,7 +90,7 @@ pub struct DrawContext<'a> {
 }
 
 impl Drawing {
-    /// The randomness, if this is well-formed. Only [`Drawing::verify`] says whether it is what the rules determine.
+    /// The randomness, if well-formed. Only [`Drawing::verify`] checks it.
     pub fn value(&self) -> Option<Digest> {
         match self {
             Self::LogVrf(proof) => {
@@ -103,12 +101,12 @@ impl Drawing {
                 let parts: Vec<&[u8]> = cosignatures.iter().map(|bytes| &bytes[..]).collect();
                 Some(tagged_sha256("zk0/randomness-of-witnesses/v1", &parts))
             }
-            // drand publishes this as the round's randomness.
+            // As drand publishes it.
             Self::Drand { signature, .. } => Some(sha256(&[signature])),
         }
     }
 
-    /// Checks that this is what the source in the rules determines for this closing.
+    /// Checks the drawing against the rules and this closing.
     pub fn verify(&self, context: &DrawContext<'_>) -> Result<(), RandomnessError> {
         let closing = context.closing;
         match (self, &context.rules.randomness) {
@@ -171,7 +169,7 @@ impl fmt::Display for Drawing {
     }
 }
 
-/// Checks that every witness of the rules has cosigned the checkpoint that ends with the closing.
+/// Checks that all witnesses cosigned the checkpoint that ends with the closing.
 fn check_cosigned(
     cosignatures: &[Cosignature],
     context: &DrawContext<'_>,

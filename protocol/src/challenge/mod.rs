@@ -1,11 +1,10 @@
-//! Where the randomness of the challenges comes from. Nobody can know it before the commitments of a round have closed, as far as its
-//! source allows.
+//! The randomness of the challenges. It is unknown before a round's commitments have closed, as far as its source allows.
 //!
-//! - [`source`]: the sources that a network's rules can name;
+//! - [`source`]: the sources that rules can name;
 //! - [`vrf`]: a verifiable random function of the log's key;
 //! - [`drand`]: a public beacon;
-//! - [`closing`]: how the commitments of a round closed, from which the randomness follows;
-//! - [`drawing`]: what the ledger records of the randomness, and how anybody verifies it;
+//! - [`closing`]: a round's closed commitments;
+//! - [`drawing`]: the randomness on the ledger, and its verification;
 //! - [`unanswered`]: how often a node may commit without a claim that counts.
 
 pub mod closing;

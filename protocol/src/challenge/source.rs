@@ -1,26 +1,25 @@
-//! The sources of randomness that the rules of a network can name. docs/claim.md says what each one resists, and what not.
+//! The sources of randomness in a network's rules. docs/claim.md describes what each resists.
 
 use crate::challenge::drand::DrandChain;
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// Where the randomness of a network's challenges comes from.
+/// The source of a network's challenges.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum RandomnessSource {
-    /// A verifiable random function of the log's key, for the commitments of the round. No node can compute it. The aggregator can
-    /// compute it for any commitments, so this is for networks that trust their aggregator not to conspire with a node.
+    /// A verifiable random function of the log's key, for the commitments. No node can compute it. The aggregator can, for any
+    /// commitments, so networks must trust it not to conspire with a node.
     LogVrf,
-    /// The cosignatures of the checkpoint that ends with the closing of the commitments, by all witnesses that the rules name.
+    /// All witnesses' cosignatures of the checkpoint that ends with the closing of the commitments.
     Witnesses,
     /// A public beacon.
     Drand(Box<DrandChain>),
 }
 
 impl RandomnessSource {
-    /// Checks the source. `has_witnesses` says whether the rules name witnesses, and `window_ms` how long a round waits for its
-    /// randomness.
+    /// Checks the source. `has_witnesses`: whether the rules name witnesses. `window_ms`: how long a round waits for randomness.
     pub fn check(&self, has_witnesses: bool, window_ms: u64) -> Result<(), String> {
         let bad = |why: String| format!("rule randomness: {why}");
         match self {

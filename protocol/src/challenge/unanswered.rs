@@ -1,33 +1,32 @@
-//! How often a node may commit without a claim that counts. A node that could commit as often as it likes would answer only the
-//! challenges that suit its update, and a useless update passes once in a while.
-//!
-//! A refused claim counts like no claim at all. Otherwise a node would answer the other challenges with a proof of nothing.
+//! How often a node may commit without a claim that counts. Without a limit, a node would answer only the challenges that suit
+//! its update, and a useless update passes once in a while. A refused claim counts like none; otherwise an invalid proof would
+//! answer the other challenges.
 
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::{Deserialize, Serialize};
 
 use crate::rules::upper_bounds::MAX_PAUSE_ROUNDS;
 
-/// Most commitments that a record remembers.
+/// Most commitments in a record.
 pub const MAX_REMEMBERED: u32 = 64;
 
-/// The limit. Of a node's last `of_last` commitments, at most `max` may have ended without an accepted contribution. A node over the
-/// limit may not commit for `pause_rounds` rounds. After that its record begins anew.
+/// Of a node's last `of_last` commitments, at most `max` may end without an accepted contribution. Beyond that, the node may not
+/// commit for `pause_rounds` rounds, and then its record starts empty.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize,
 )]
 #[serde(deny_unknown_fields)]
 pub struct UnansweredRule {
-    /// Most commitments without an accepted contribution. With `max` equal to `of_last`, there is no limit.
+    /// Most commitments without an accepted contribution; equal to `of_last`, no limit.
     pub max: u32,
-    /// How many of a node's commitments are looked at; 1 to [`MAX_REMEMBERED`].
+    /// How many commitments count; 1 to [`MAX_REMEMBERED`].
     pub of_last: u32,
-    /// How many rounds a node over the limit has to leave out; 1 to [`MAX_PAUSE_ROUNDS`].
+    /// The rounds of the pause; 1 to [`MAX_PAUSE_ROUNDS`].
     pub pause_rounds: u64,
 }
 
 impl Default for UnansweredRule {
-    /// Four of the last ten, and ten rounds. If each claim of an honest node fails one time in ten, a node exceeds this in one of 600
+    /// Four of the last ten, and ten rounds. If an honest node's claims fail one time in ten, it exceeds this in one of 600
     /// sequences of ten rounds.
     fn default() -> Self {
         Self {
@@ -39,7 +38,7 @@ impl Default for UnansweredRule {
 }
 
 impl UnansweredRule {
-    /// Checks every value. The error names the value that cannot be used, and says why.
+    /// Checks every value. The error names a bad one.
     pub fn check(&self) -> Result<(), String> {
         if !(1..=MAX_REMEMBERED).contains(&self.of_last) {
             return Err(format!(
@@ -65,11 +64,10 @@ impl UnansweredRule {
 /// A node that has not committed in so many rounds in a row, although it might have, is not waited for. It may still commit in time.
 pub const AWAITED_ROUNDS: u32 = 3;
 
-/// What became of a node's last commitments.
+/// The outcome of a node's last commitments.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct CommitRecord {
-    /// One bit for each of the last commitments, the newest in the lowest bit. It is set if the commitment did not end in an accepted
-    /// contribution.
+    /// One bit for each commitment, the newest lowest; set without an accepted contribution.
     failed: u64,
     /// The first round in which the node may commit again.
     resumes: u64,
@@ -78,12 +76,12 @@ pub struct CommitRecord {
 }
 
 impl CommitRecord {
-    /// The round from which on the node may commit, if it may not commit in `round`.
+    /// When the node may commit again, if it may not in `round`.
     pub fn paused_until(&self, round: u64) -> Option<u64> {
         (round < self.resumes).then_some(self.resumes)
     }
 
-    /// How many of the last commitments that the rule looks at did not end in an accepted contribution.
+    /// The commitments under the rule without an accepted contribution.
     pub fn failures(&self, rule: &UnansweredRule) -> u32 {
         let looked_at = match rule.of_last {
             MAX_REMEMBERED.. => u64::MAX,
@@ -106,7 +104,7 @@ impl CommitRecord {
         };
     }
 
-    /// Takes a commitment of `round` into account, whose round is over.
+    /// Adds a commitment of `round`, which is over.
     pub(crate) fn observe(&mut self, rule: &UnansweredRule, round: u64, accepted: bool) {
         self.failed = self.failed << 1 | u64::from(!accepted);
         if self.failures(rule) > rule.max {
@@ -140,7 +138,6 @@ mod tests {
         assert_eq!((record.failures(&RULE), record.paused_until(3)), (2, None));
         let record = after(&[false, true, false, false]);
         assert_eq!(record.failures(&RULE), 0);
-        // Rounds 4, 5 and 6 are left out.
         assert_eq!(record.paused_until(6), Some(7));
         assert_eq!(record.paused_until(7), None);
     }

@@ -1,11 +1,11 @@
 //! ECVRF-EDWARDS25519-SHA512-TAI (RFC 9381): a verifiable random function of an ed25519 key. Only the owner of the secret key can
-//! compute the output for an input. The output is unique, and the proof shows anybody that it is right.
+//! compute an input's unique output, and anybody can verify the proof.
 //!
-//! No maintained crate has it for the release of curve25519-dalek that ed25519-dalek uses, so this follows RFC 9381, section 5, over
-//! that crate's group operations. The RFC's test vectors check it.
+//! This follows RFC 9381, section 5, and its test vectors: no maintained crate has it for ed25519-dalek's release of
+//! curve25519-dalek.
 //!
-//! The log's key also signs checkpoints. Both uses derive their nonces from the same secret prefix: ed25519 from the message, this
-//! function from a point of 32 bytes. A checkpoint is always longer than that, so no nonce is ever used twice.
+//! The log's key also signs checkpoints. Both derive nonces from the same secret prefix: ed25519 from the message, this function
+//! from a point of 32 bytes. A checkpoint is always longer, so no nonce is used twice.
 
 use crate::public_key::public_key;
 use borsh::{BorshDeserialize, BorshSerialize};
@@ -19,18 +19,18 @@ use std::fmt;
 /// The suite's number in RFC 9381, section 5.5.
 const SUITE: u8 = 0x03;
 
-/// Bytes of the hash that makes a proof a proof (`cLen`).
+/// Bytes of a proof's hash (`cLen`).
 const HASH_BYTES: usize = 16;
 
-/// A proof, in the encoding of the RFC: a point, a hash of 16 bytes, and a scalar.
+/// A proof in the RFC's encoding: a point, a hash of 16 bytes, and a scalar.
 #[derive(Clone, Copy, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct VrfProof(pub [u8; 80]);
 
-/// The output of the function.
+/// The function's output.
 pub type VrfOutput = [u8; 64];
 
 impl VrfProof {
-    /// Computes the function of `key` for `input`, and proves it.
+    /// Computes and proves the function of `key` for `input`.
     pub fn of(key: &SigningKey, input: &[u8]) -> Self {
         let public = key.verifying_key().to_bytes();
         let point = to_curve(&public, input);
@@ -58,14 +58,14 @@ impl VrfProof {
         Self(bytes)
     }
 
-    /// The output that this proves, if the proof is valid.
+    /// The proven output, if the proof is valid.
     pub fn output(&self) -> Option<VrfOutput> {
         self.parts().map(|(gamma, ..)| output(&gamma))
     }
 
-    /// The function's output for `input`, if this proves one for the public key `key`.
+    /// The output for `input`, if this proves one for the public key `key`.
     pub fn verify(&self, key: &[u8; 32], input: &[u8]) -> Option<VrfOutput> {
-        // Anybody knows the output of a key of small order.
+        // Anybody knows the output for a key of small order.
         let public = public_key(key)?.to_edwards();
         let (gamma, hash, answer) = self.parts()?;
         let point = to_curve(key, input);
@@ -94,7 +94,7 @@ impl fmt::Debug for VrfProof {
     }
 }
 
-/// `ECVRF_proof_to_hash`. Of the proof, only the point enters, which the key and the input determine.
+/// `ECVRF_proof_to_hash`. It uses only the point, which the key and the input determine.
 fn output(gamma: &EdwardsPoint) -> VrfOutput {
     let hash = Sha512::new()
         .chain_update([SUITE, 0x03])
@@ -103,7 +103,7 @@ fn output(gamma: &EdwardsPoint) -> VrfOutput {
     hash.finalize().into()
 }
 
-/// `ECVRF_encode_to_curve_try_and_increment`: hashes until the hash is a point. Half of all hashes are.
+/// `ECVRF_encode_to_curve_try_and_increment`: hashes until the hash is a point.
 fn to_curve(salt: &[u8; 32], input: &[u8]) -> EdwardsPoint {
     let tries = (0..=u8::MAX).find_map(|counter| {
         let hash = Sha512::new()
@@ -115,11 +115,11 @@ fn to_curve(salt: &[u8; 32], input: &[u8]) -> EdwardsPoint {
         let point = canonical_point(hash.first_chunk()?)?.mul_by_cofactor();
         (!point.is_identity()).then_some(point)
     });
-    // Nobody finds an input for which 256 hashes in a row are no points.
+    // 256 hashes without a point do not occur.
     tries.unwrap_or_default()
 }
 
-/// A point from its only encoding: the curve's crate would also read encodings that RFC 8032 refuses.
+/// A point from its only encoding: the curve's crate also reads encodings that RFC 8032 refuses.
 fn canonical_point(bytes: &[u8; 32]) -> Option<EdwardsPoint> {
     let encoded = CompressedEdwardsY(*bytes);
     let point = encoded.decompress()?;

@@ -1,6 +1,6 @@
-//! Statements, bodies and entries whose signatures and new keys were verified. This takes most of the time of a replay, and it needs nothing
-//! but the entry. So it is separate from the rules: the rules take one entry after the other, while several threads can verify signatures.
-//! A type says what was verified, so that nothing is verified twice.
+//! Statements, bodies and entries with verified signatures and new keys. Verification takes most of a replay's time and needs
+//! only the entry. So several threads can verify, while the rules take one entry after the other. By the types, nothing is
+//! verified twice.
 
 use crate::entries::entry::{Body, Entry, ENTRY_VERSION};
 use crate::entries::identity::NOT_A_KEY;
@@ -11,7 +11,7 @@ use crate::entries::signed::{SignableStatement, SignatureError, Signed, Submissi
 use crate::rules::violation::RuleViolation;
 use std::ops::Deref;
 
-/// A statement whose signature is valid. Only [`Authentic::of`] makes one.
+/// A statement with a valid signature. Only [`Authentic::of`] makes one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Authentic<T>(Signed<T>);
 
@@ -34,8 +34,8 @@ impl<T> Deref for Authentic<T> {
     }
 }
 
-/// A body of an entry whose signatures are all valid, and whose new keys are all usable. [`AuthenticBody::of`] makes one, or
-/// [`AuthenticBody::decided`] of an [`Authentic`] submission, and nothing else:
+/// A body with valid signatures and usable new keys. Only [`AuthenticBody::of`] makes one, or [`AuthenticBody::decided`] of an
+/// [`Authentic`] submission:
 ///
 /// ```compile_fail
 /// use zk0_protocol::entries::{authentic::AuthenticBody, entry::Body};
@@ -47,13 +47,13 @@ impl<T> Deref for Authentic<T> {
 pub struct AuthenticBody(Body);
 
 impl AuthenticBody {
-    /// Verifies all signatures in `body`, and the key that it enrols.
+    /// Verifies all signatures in `body`, and the key it enrols.
     pub fn of(body: Body) -> Result<Self, RuleViolation> {
         check_body(&body, &KnownKeys::default())?;
         Ok(Self(body))
     }
 
-    /// The decision on a submission: it is refused for this reason, or else accepted.
+    /// The decision on a submission: refused for this reason, or accepted.
     pub fn decided(submission: &Authentic<Submission>, refused: Option<RefusalCode>) -> Self {
         let submission = submission.0.clone();
         Self(match refused {
@@ -62,7 +62,7 @@ impl AuthenticBody {
         })
     }
 
-    /// The entry with this body and this time.
+    /// The entry with this body and time.
     pub fn at(self, time_ms: u64) -> DatedBody {
         DatedBody(Entry {
             version: ENTRY_VERSION,
@@ -80,7 +80,7 @@ impl Deref for AuthenticBody {
     }
 }
 
-/// An entry that is made of an [`AuthenticBody`].
+/// An entry made of an [`AuthenticBody`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DatedBody(Entry);
 
@@ -91,12 +91,12 @@ impl DatedBody {
     }
 }
 
-/// An entry whose signatures are all valid, and whose new keys are all usable. Only [`Entry::authenticate`] and [`DatedBody::entry`] make one.
+/// An entry with valid signatures and usable new keys, from [`Entry::authenticate`] or [`DatedBody::entry`] alone.
 #[derive(Clone, Copy, Debug)]
 pub struct AuthenticEntry<'a>(&'a Entry);
 
 impl Entry {
-    /// Verifies all signatures in this entry, and the key that it enrols. `keys` only saves time: the result does not depend on it.
+    /// Verifies this entry's signatures, and the key it enrols. `keys` only saves time.
     pub fn authenticate(&self, keys: &KnownKeys) -> Result<AuthenticEntry<'_>, RuleViolation> {
         check_body(&self.body, keys)?;
         Ok(AuthenticEntry(self))
@@ -133,7 +133,7 @@ fn check_body(body: &Body, keys: &KnownKeys) -> Result<(), RuleViolation> {
                 return Err(RuleViolation::BadNode { node, why });
             }
         }
-        // The aggregator makes these entries, and signs the checkpoint that covers them.
+        // The aggregator makes these, and signs the checkpoint that covers them.
         Body::Genesis(_)
         | Body::RoundOpened(_)
         | Body::RoundClosed(_)

@@ -1,25 +1,25 @@
-//! Entries as bytes: one canonical encoding, bounded before it is decoded.
+//! The canonical encoding of entries, bounded before it is decoded.
 
 use crate::entries::entry::{Entry, ENTRY_VERSION, MAX_ENTRY_BYTES};
 use crate::entries::refusal::code::UnknownCode;
 use borsh::io;
 
-/// Why bytes cannot be decoded to an entry, or an entry cannot be encoded.
+/// Why an entry cannot be decoded or encoded.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EntryError {
-    /// It is longer than [`MAX_ENTRY_BYTES`].
+    /// Longer than [`MAX_ENTRY_BYTES`].
     #[error("the entry has {0} bytes; at most {MAX_ENTRY_BYTES} are allowed")]
     TooLarge(usize),
-    /// A later version of this software wrote it, or it is not an entry at all.
+    /// Written by a later version of this software, or not an entry.
     #[error("the entry has version {0}, but this software knows only version {ENTRY_VERSION}")]
     UnknownVersion(u16),
-    /// It is not the borsh encoding of an entry.
+    /// Not the borsh encoding of an entry.
     #[error("this is not an entry: {0}")]
     Malformed(String),
-    /// It records a refusal that this release does not know.
+    /// A recorded refusal is unknown to this release.
     #[error(transparent)]
     UnknownRefusal(UnknownCode),
-    /// It decodes to an entry that has another encoding.
+    /// The entry has another encoding.
     #[error("the entry is not in its canonical encoding")]
     NotCanonical,
 }
@@ -35,8 +35,8 @@ impl Entry {
         }
     }
 
-    /// Decodes one entry from exactly these bytes. Memory stays within a small multiple of [`MAX_ENTRY_BYTES`], because lengths
-    /// inside the bytes are not trusted: borsh reserves at most 1 MiB for a string and 4 KiB for a list before it has read them.
+    /// Decodes one entry from exactly these bytes. Memory stays within a small multiple of [`MAX_ENTRY_BYTES`]: borsh does not
+    /// trust inner lengths, and first reserves at most 1 MiB for a string and 4 KiB for a list.
     pub fn decode(bytes: &[u8]) -> Result<Self, EntryError> {
         if bytes.len() > MAX_ENTRY_BYTES {
             return Err(EntryError::TooLarge(bytes.len()));

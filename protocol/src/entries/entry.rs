@@ -1,4 +1,4 @@
-//! What the log holds. The canonical encoding of an entry is borsh; its RFC 6962 leaf is the hash of those bytes.
+//! The log's entries. Their canonical encoding is borsh, and its hash is the RFC 6962 leaf.
 
 use crate::challenge::drawing::Drawing;
 use crate::entries::genesis::Genesis;
@@ -14,11 +14,11 @@ use crate::rules::network_rules::{Participation, Rules};
 use borsh::{BorshDeserialize, BorshSerialize};
 use zk0_circuits::{Digest, NodeId, WeightsDigest};
 
-/// Version of the encoding and meaning of [`Entry`].
+/// Version of [`Entry`]'s encoding and meaning.
 pub const ENTRY_VERSION: u16 = 3;
 
-/// Most bytes of an encoded entry. An entry has to fit in an entry bundle, which has 16-bit lengths (C2SP tlog-tiles). Proofs and
-/// weights are not in entries: they are blobs beside the log.
+/// Most bytes of an encoded entry: entry bundles have 16-bit lengths (C2SP tlog-tiles). Proofs and weights are blobs beside the
+/// log.
 pub const MAX_ENTRY_BYTES: usize = u16::MAX as usize;
 
 /// One entry of the log.
@@ -26,7 +26,7 @@ pub const MAX_ENTRY_BYTES: usize = u16::MAX as usize;
 pub struct Entry {
     /// [`ENTRY_VERSION`].
     pub version: u16,
-    /// When the aggregator recorded it, in Unix milliseconds. The times never decrease along the log.
+    /// When the aggregator recorded it, in Unix milliseconds. Times never decrease.
     pub time_ms: u64,
     /// What happened.
     pub body: Body,
@@ -35,7 +35,7 @@ pub struct Entry {
 /// What happened.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub enum Body {
-    /// The network was founded. This is always the first entry, and never a later one.
+    /// The network was founded. The first entry, and only that.
     Genesis(Genesis),
     /// A node joined.
     NodeEnrolled(NodeEnrolled),
@@ -49,7 +49,7 @@ pub enum Body {
     ContributionAccepted(Signed<Submission>),
     /// A contribution was refused.
     ContributionRejected {
-        /// What the node signed.
+        /// The signed claim.
         submission: Signed<Submission>,
         /// Why it was refused.
         #[borsh(deserialize_with = "code::read")]
@@ -59,54 +59,54 @@ pub enum Body {
     RoundClosed(RoundClosed),
     /// A node changed its key.
     KeyRotated {
-        /// Signed with the node's old key.
+        /// Signed with the old key.
         rotation: Signed<KeyRotation>,
-        /// Signed with the node's new key.
+        /// Signed with the new key.
         takeover: Signed<KeyTakeover>,
     },
     /// A change was proposed.
     Proposed(Signed<Proposal>),
     /// Someone voted.
     Voted(Signed<Vote>),
-    /// The time of a proposal was over, and it was settled.
+    /// A proposal's time was over.
     ProposalSettled(ProposalSettled),
     /// An accepted contribution was disputed.
     Disputed(Signed<Dispute>),
-    /// A dispute was decided by verifying the contribution again.
+    /// The contribution was verified again, which decides the dispute.
     DisputeResolved(DisputeResolved),
-    /// The commitments of a round closed. Only after that does the randomness of the challenges come to be.
+    /// A round's commitments closed. The randomness comes later.
     CommitmentsClosed(CommitmentsClosed),
-    /// The randomness of a round's challenges was drawn.
+    /// A round's randomness was drawn.
     RandomnessDrawn(RandomnessDrawn),
     /// A node left.
     NodeLeft(Signed<Leaving>),
-    /// The moments of a round by FedAdam were computed. The closing of the round follows.
+    /// A round's moments were computed (FedAdam). Its closing follows.
     MomentsComputed(MomentsComputed),
-    /// The aggregator has lost a file of an accepted contribution to the open round, and asks its node for it from now on.
+    /// The aggregator lost a file of an accepted contribution to the open round, and requests it from the node.
     FilesLost(LostContribution),
-    /// The node was asked for as long as the rules ask for, and the file has not come back. The round closes without the contribution.
+    /// The file has not come back in the rules' time. The round closes without the contribution.
     ContributionLeftOut(LostContribution),
 }
 
-/// An accepted contribution of which a file is lost: its update, or its proof.
+/// An accepted contribution with a lost update or proof.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct LostContribution {
-    /// The round, which is open.
+    /// The open round.
     pub round: u64,
-    /// Who contributed.
+    /// The contributor.
     pub node: NodeId,
 }
 
-/// The moments of a round by FedAdam were computed.
+/// A round's moments (FedAdam).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct MomentsComputed {
     /// The round, whose result is taken.
     pub round: u64,
-    /// SHA-256 of the file of the moments.
+    /// SHA-256 of the moments' file.
     pub moments: Digest,
 }
 
-/// The commitments of a round closed.
+/// The closing of a round's commitments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct CommitmentsClosed {
     /// The round.
@@ -115,12 +115,12 @@ pub struct CommitmentsClosed {
     pub commitments: Digest,
 }
 
-/// The randomness of a round's challenges was drawn.
+/// The randomness of a round.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct RandomnessDrawn {
     /// The round.
     pub round: u64,
-    /// The randomness, with whatever shows that it comes from the source that the rules name.
+    /// The randomness, with the evidence of its source.
     pub drawing: Drawing,
 }
 
@@ -129,16 +129,16 @@ pub struct RandomnessDrawn {
 pub struct ProposalSettled {
     /// Its number.
     pub proposal: u64,
-    /// What became of it.
+    /// The outcome.
     pub outcome: Outcome,
 }
 
 /// The end of a dispute about verification.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct DisputeResolved {
-    /// Index of the entry that raised it.
+    /// Index of the disputing entry.
     pub dispute: u64,
-    /// Why the contribution does not verify; `None` if it does.
+    /// Why the contribution does not verify, if so.
     #[borsh(deserialize_with = "code::read_option")]
     pub upheld: Option<RefusalCode>,
 }
@@ -146,15 +146,15 @@ pub struct DisputeResolved {
 /// A round opened.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct RoundOpened {
-    /// Counts from 0.
+    /// Its number, from 0.
     pub round: u64,
     /// The weights it starts from.
     pub base: WeightsDigest,
     /// Digest of the evaluation specification.
     pub evaluation: Digest,
-    /// Last moment for a commitment, Unix milliseconds.
+    /// Last moment for a commitment, in Unix milliseconds.
     pub commit_deadline_ms: u64,
-    /// The rules in force. They do not change while the round is open.
+    /// The rules in force until the round closes.
     pub rules: Rules,
 }
 
@@ -163,18 +163,18 @@ pub struct RoundOpened {
 pub struct RoundClosed {
     /// The round.
     pub round: u64,
-    /// The new global weights; the base weights when nobody contributed, or when the result was not taken.
+    /// The new global weights; the base weights if no result was taken.
     pub global: WeightsDigest,
-    /// Who counted for how much, ordered by node.
+    /// The contributors by node, with their shares.
     pub contributors: Vec<Contributor>,
-    /// Who committed and submitted no claim although the randomness was drawn, ordered by node.
+    /// The nodes that committed and submitted no claim despite the randomness, in order.
     pub unanswered: Vec<NodeId>,
-    /// How the result did on the public samples; `None` when nobody contributed, or when the rules name no public samples.
+    /// The result on the public samples; `None` without either.
     pub evaluated: Option<EvaluatedResult>,
 }
 
 impl RoundClosed {
-    /// Whether the result of the contributions became the new global weights.
+    /// Whether the contributions' result became the new global weights.
     pub fn is_taken(&self) -> bool {
         let outcome = self.evaluated.as_ref().map(|evaluated| evaluated.outcome);
         !self.contributors.is_empty()
@@ -182,21 +182,19 @@ impl RoundClosed {
     }
 }
 
-/// One contribution's share in the average, and what it earned.
+/// A contribution's share in the average, and its earnings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Contributor {
     /// The node.
     pub node: NodeId,
-    /// Its share in the average, in basis points of the contributor in the middle
-    /// ([`crate::rules::closing::shares::Shares::of`]).
+    /// Its share, in basis points of the median contributor ([`crate::rules::closing::shares::Shares::of`]).
     pub share: u32,
-    /// The credits that it earned: none where the result was not taken.
+    /// Its credits: none if the result was not taken.
     pub credits: u64,
 }
 
-/// Whether the tree that ends with this entry needs a signed checkpoint, even in the middle of a group. It does where something follows
-/// from the root: the checkpoint that witnesses cosign to draw a round's randomness, or the sample of nodes that may contribute to a
-/// round.
+/// Whether the tree that ends with this entry needs a signed checkpoint, even in the middle of a group: witnesses cosign it for a
+/// round's randomness, or its root draws the sample of nodes that may contribute.
 pub fn needs_checkpoint(body: &Body) -> bool {
     match body {
         Body::CommitmentsClosed(_) => true,

@@ -1,4 +1,4 @@
-//! The genesis, the entry that founds a network, and what follows from it: the network's id and the log's origin.
+//! The entry that founds a network; the network's id and the log's origin.
 
 use crate::public_key::public_key;
 use crate::quote::short;
@@ -14,23 +14,23 @@ use zk0_circuits::{Digest, Mode, WeightsDigest};
 /// The founding document. Its digest is the network id.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Genesis {
-    /// A readable name. It is also the origin line of checkpoints.
+    /// A readable name, also the origin line of checkpoints.
     pub name: String,
     /// ed25519 key that signs checkpoints.
     pub log_key: [u8; 32],
-    /// A random value, so that two networks with the same rules have different ids.
+    /// A random value: networks with the same rules have different ids.
     pub nonce: [u8; 32],
-    /// The rules at the beginning.
+    /// The first rules.
     pub rules: Rules,
-    /// Verifying key of the proof program (SP1 `hash_koalabear`, as `zk0_circuits::claim::program` encodes it).
+    /// Verifying key of the proof program (SP1 `hash_koalabear`, encoded as in `zk0_circuits::claim::program`).
     pub program: Vec<u8>,
     /// How that program proves matrix products.
     pub mode: Mode,
-    /// The evaluation specification, canonical encoding of `zk0_circuits::model::spec::EvalSpec`.
+    /// The evaluation specification, `zk0_circuits::model::spec::EvalSpec` in canonical encoding.
     pub evaluation: Vec<u8>,
-    /// SHA-256 of the whole initial policy (safetensors): frozen part and expert.
+    /// SHA-256 of the whole initial policy (safetensors), frozen part and expert.
     pub policy: Digest,
-    /// The expert weights that round 0 starts from.
+    /// The expert weights of round 0.
     pub initial: WeightsDigest,
 }
 
@@ -41,17 +41,17 @@ impl Genesis {
         tagged_sha256("zk0/genesis/v2", &[&bytes])
     }
 
-    /// The origin line and key name of the log's checkpoints (C2SP tlog-checkpoint): the network's name.
+    /// The origin line and key name of checkpoints (C2SP tlog-checkpoint): the network's name.
     pub fn origin(&self) -> &str {
         &self.name
     }
 
-    /// The key that the log's checkpoints are verified with.
+    /// The key of the log's checkpoints.
     pub fn verifier_key(&self) -> Result<VerifierKey, CheckpointError> {
         log_key(self.origin(), &self.log_key)
     }
 
-    /// The evaluation specification, if it is a valid one in its canonical encoding.
+    /// The evaluation specification, if valid and canonical.
     pub fn evaluation_spec(&self) -> Result<EvalSpec, String> {
         let spec =
             EvalSpec::decode(&self.evaluation).map_err(|error| format!("evaluation: {error}"))?;
@@ -62,7 +62,7 @@ impl Genesis {
         }
     }
 
-    /// Checks every value. The error names the value that a network cannot use, and says why.
+    /// Checks every value. The error names a bad one.
     pub fn check(&self) -> Result<(), String> {
         if !is_log_name(&self.name) {
             return Err(format!(

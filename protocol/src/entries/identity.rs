@@ -1,14 +1,12 @@
-//! Checks of what members write: a key, a name, a line of text.
+//! Checks of members' keys, names and lines of text.
 
 use crate::public_key::public_key;
 use crate::tlog::names::MAX_NAME_BYTES;
 use zk0_circuits::NodeId;
 
-/// What a message says of an identity that is not a usable key.
 pub(crate) const NOT_A_KEY: &str = "its identity is not an ed25519 public key";
 
-/// Refuses an identity that is not a public key, and one for which anybody can sign. This takes about a tenth of the time of a
-/// signature check.
+/// Refuses what is no public key, or one for which anybody can sign. Takes about a tenth of a signature check.
 pub fn check_identity(key: &NodeId) -> Result<(), String> {
     match public_key(&key.0) {
         Some(_) => Ok(()),
@@ -21,7 +19,7 @@ pub fn check_member_name(name: &str) -> Result<(), String> {
     check_line("its name", name, MAX_NAME_BYTES)
 }
 
-/// Checks that a text is one line of at most `most` bytes. The error begins with `what`.
+/// Checks for one line of at most `most` bytes. The error begins with `what`.
 pub fn check_line(what: &str, text: &str, most: usize) -> Result<(), String> {
     if text.is_empty() || text.len() > most || text.chars().any(char::is_control) {
         Err(format!(

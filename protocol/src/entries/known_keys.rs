@@ -1,5 +1,4 @@
-//! Public keys that were decompressed once. A public key is a compressed point of a curve, and decompressing it takes about a tenth of
-//! the time of a signature check. A log holds many signatures of few keys, so whoever reads many entries keeps their keys here.
+//! Decompressed public keys. Decompression takes about a tenth of a signature check, and a log has many signatures of few keys.
 
 use crate::entries::entry::{Body, Entry};
 use crate::public_key::public_key;
@@ -7,15 +6,15 @@ use ed25519_dalek::VerifyingKey;
 use std::collections::BTreeMap;
 use zk0_circuits::NodeId;
 
-/// Most keys that are kept, about one megabyte. The keys beyond them are decompressed for each signature.
+/// Most kept keys, about one megabyte. Others are decompressed each time.
 pub const MAX_KNOWN_KEYS: usize = 4096;
 
-/// Decompressed public keys by identity. An entry has the same verdict whatever keys are known.
+/// Decompressed public keys by identity. They change no entry's verdict.
 #[derive(Clone, Debug, Default)]
 pub struct KnownKeys(BTreeMap<NodeId, VerifyingKey>);
 
 impl KnownKeys {
-    /// The key of `id`. `None` if these bytes are not a usable public key (see [`public_key`]).
+    /// The key of `id`; `None` if it is not a usable public key (see [`public_key`]).
     pub fn key(&self, id: &NodeId) -> Option<VerifyingKey> {
         self.0.get(id).copied().or_else(|| public_key(&id.0))
     }
@@ -29,8 +28,8 @@ impl KnownKeys {
             || retired_by(accepted).is_some_and(|id| retired(&id))
     }
 
-    /// Keeps the key that an accepted entry enrols, rotates to, or is signed with, and drops the key that it rotates away from. Call
-    /// it only for entries that the rules accepted: a stranger could fill the map otherwise.
+    /// Keeps the key that an accepted entry enrols, rotates to, or is signed with, and drops the one it rotates away from. Only
+    /// for accepted entries: otherwise a stranger could fill the map.
     pub fn learn(&mut self, accepted: &Entry) {
         if let Some(id) = retired_by(accepted) {
             self.0.remove(&id);
@@ -45,19 +44,18 @@ impl KnownKeys {
         }
     }
 
-    /// How many keys are kept.
+    /// The number of keys.
     pub fn len(&self) -> usize {
         self.0.len()
     }
 
-    /// Whether no key is kept.
+    /// Whether it has no key.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 }
 
-/// The key whose signatures an accepted entry lets us expect in later ones. Governors, and nodes that joined by a vote, are learnt
-/// from what they sign.
+/// The key that may sign later entries.
 fn used_after(entry: &Entry) -> Option<NodeId> {
     match &entry.body {
         Body::NodeEnrolled(enrolled) => Some(enrolled.node),
@@ -84,7 +82,6 @@ fn used_after(entry: &Entry) -> Option<NodeId> {
     }
 }
 
-/// The key that an accepted entry takes out of use.
 fn retired_by(entry: &Entry) -> Option<NodeId> {
     match &entry.body {
         Body::KeyRotated { rotation, .. } => Some(rotation.statement.node),

@@ -1,4 +1,4 @@
-//! Members of a network: the entry by which a node joins.
+//! Members of a network.
 
 use borsh::{BorshDeserialize, BorshSerialize};
 use zk0_circuits::NodeId;
@@ -17,7 +17,7 @@ pub struct NodeEnrolled {
 pub enum Standing {
     /// The node may contribute.
     Active,
-    /// The node may not contribute until a vote reinstates it. A vote or an upheld dispute suspended it.
+    /// Suspended by a vote or an upheld dispute, until a vote reinstates the node.
     Suspended,
     /// The node may never contribute again.
     Revoked,

@@ -1,4 +1,4 @@
-//! What the log holds: the kinds of entries, their encoding, their signatures, the reasons for refusals.
+//! The log's entries: their kinds, encoding, signatures, and reasons for refusals.
 
 pub mod authentic;
 pub mod codec;

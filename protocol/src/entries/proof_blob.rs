@@ -1,24 +1,24 @@
-//! The blob with a contribution's proof: what the proof leaves to check of the weights, if there is something, and then the SP1 proof.
+//! The blob of a contribution's proof: its weight check, if any, and the SP1 proof.
 
 use zk0_circuits::Claim;
 
-/// The parts of a blob with a proof.
+/// A proof blob's parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ProofBlob<'a> {
-    /// What [`Claim::weight_check`] is the digest of. Nothing in mode `direct`.
+    /// The preimage of [`Claim::weight_check`]. Empty in mode `direct`.
     pub weight_check: &'a [u8],
     /// The SP1 compressed proof.
     pub sp1: &'a [u8],
 }
 
-/// A blob is too short for the weight check that its claim names.
+/// A blob is too short for its claim's weight check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("it has {0} bytes, too few for the weight check that its claim names")]
 pub struct TooShort(usize);
 
 impl<'a> ProofBlob<'a> {
-    /// Splits the blob with the proof of `claim`. Where the claim names no weight check, all of it is the SP1 proof. Otherwise, it begins with
-    /// the length of the weight check as a little-endian u32, and with the weight check.
+    /// Splits the blob with the proof of `claim`: without a weight check in the claim, all of it is the SP1 proof; else it begins
+    /// with the weight check, after its length as a little-endian u32.
     pub fn split(claim: &Claim, blob: &'a [u8]) -> Result<Self, TooShort> {
         if claim.weight_check.is_none() {
             let weight_check = &[];

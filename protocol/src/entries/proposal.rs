@@ -1,4 +1,4 @@
-//! What a proposal changes, how people vote on it, and how it ends.
+//! What a proposal changes, the votes on it, and its end.
 
 use crate::entries::member::NodeEnrolled;
 use crate::entries::program::Program;
@@ -9,67 +9,67 @@ use zk0_circuits::NodeId;
 
 pub mod impossible;
 
-/// What a proposal does once it is executed.
+/// What an executed proposal does.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub enum Action {
-    /// These rules replace all present rules, from the next round on.
+    /// These rules replace all rules from the next round on.
     ChangeRules(Box<Rules>),
     /// A node joins.
     Enrol(NodeEnrolled),
-    /// A node may not contribute until it is reinstated.
+    /// A node may not contribute until reinstated.
     Suspend(NodeId),
     /// A suspended node may contribute again.
     Reinstate(NodeId),
     /// A node may never contribute again.
     Revoke(NodeId),
-    /// A node gets another key, because its own is lost or stolen.
+    /// A node gets another key: its own is lost or stolen.
     ReplaceKey {
         /// The node.
         node: NodeId,
         /// Its new identity.
         with: NodeId,
     },
-    /// A dispute that rests on a document is decided by vote.
+    /// A vote decides a dispute that rests on a document.
     JudgeDispute {
-        /// Index of the entry that raised it.
+        /// Index of the disputing entry.
         dispute: u64,
         /// Whether the contribution was false.
         upheld: bool,
     },
-    /// From the next round on, proofs are of this guest program.
+    /// Proofs are of this guest program from the next round on.
     ReplaceProgram(Program),
-    /// The next round starts from the global weights that an earlier round ended with.
+    /// The next round starts from an earlier round's global weights.
     RestoreWeights {
-        /// The number of that round.
+        /// That round.
         round: u64,
     },
 }
 
-/// How somebody votes.
+/// A vote's choice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub enum Ballot {
     /// For the proposal.
     For,
     /// Against the proposal.
     Against,
-    /// Neither for nor against. It counts towards the quorum.
+    /// Neither. It counts towards the quorum.
     Abstain,
-    /// Stops a proposal that has passed. A veto is possible only during the time lock, after the vote.
+    /// Stops a passed proposal, only during the time lock after the vote.
     Veto,
 }
 
-/// What became of a proposal.
+/// A proposal's end.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub enum Outcome {
-    /// It passed, and its action was executed.
+    /// It passed and was executed.
     Executed,
     /// Too little weight took part.
     NoQuorum,
-    /// Too little of the weight that took part was for it.
+    /// Too little of that weight was for it.
     Rejected,
     /// It passed, and vetoes stopped it.
     Vetoed,
-    /// It passed, but its action was not possible any more. Every replay computes why, and compares.
+    /// It passed, but its action was no longer possible. Replays compute and compare the reason.
     Impossible(Impossible),
 }
 

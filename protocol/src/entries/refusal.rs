@@ -1,4 +1,4 @@
-//! A refusal, as the node that is refused and the log of the program get it: the code that the ledger records, and details for people.
+//! A refusal for the refused node and the program's log: the ledger's code, and details for people.
 
 use crate::entries::refusal::code::RefusalCode;
 use std::fmt;
@@ -6,12 +6,12 @@ use std::fmt;
 pub mod claim_field;
 pub mod code;
 
-/// Why a contribution does not count. Two refusals are equal where their codes are: the detail decides nothing.
+/// Why a contribution does not count. Refusals are equal if their codes are.
 #[derive(Clone, Debug, Eq, thiserror::Error)]
 pub struct Refusal {
-    /// What the ledger records.
+    /// The code on the ledger.
     pub code: RefusalCode,
-    /// What else is known, such as the words of a library; empty where nothing is. It is for people and never goes on the ledger.
+    /// Other details, such as a library's words; may be empty. For people, and never on the ledger.
     pub detail: String,
 }
 
@@ -38,7 +38,7 @@ impl fmt::Display for Refusal {
 }
 
 impl RefusalCode {
-    /// The refusal with this code and this detail for people.
+    /// The refusal with this code and detail.
     pub fn because(self, detail: impl fmt::Display) -> Refusal {
         let detail = detail.to_string();
         Refusal { code: self, detail }

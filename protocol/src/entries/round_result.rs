@@ -1,4 +1,4 @@
-//! What became of a round's result: the weights that its contributions combine to.
+//! The outcome of a round's result.
 
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::fmt;
@@ -7,44 +7,44 @@ use zk0_circuits::WeightsDigest;
 /// A round's result, evaluated on the network's public samples.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct EvaluatedResult {
-    /// The weights that the contributions combine to.
+    /// The combination of the contributions.
     pub weights: WeightsDigest,
-    /// How many elements the losses are summed over: unpadded frames times real action dimensions, over all public samples.
+    /// The losses' elements: unpadded frames times real action dimensions, over all public samples.
     pub elements: u64,
     /// The loss of the round's base weights.
     pub base: PublicLoss,
     /// The loss of the result.
     pub result: PublicLoss,
-    /// Whether the result was taken. It follows from the losses and the rules
+    /// Whether the result was taken, by the losses and the rules
     /// ([`crate::rules::closing::public_samples::PublicSamples::outcome`]).
     pub outcome: ResultOutcome,
 }
 
-/// The loss of some weights on the public samples.
+/// The loss of weights on the public samples.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub enum PublicLoss {
     /// The sum of squared errors, in units of 2^(−2·fraction bits of the velocity).
     SquaredError(u64),
-    /// A value does not fit in the fixed-point evaluation.
+    /// A value does not fit the fixed-point evaluation.
     Overflow {
-        /// The first sample where that happens, from 0.
+        /// The first such sample, from 0.
         sample: u32,
     },
 }
 
-/// Whether a round's result was taken as the new global weights. Otherwise the round keeps its base.
+/// Whether a round's result became the new global weights. Otherwise the base stays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub enum ResultOutcome {
-    /// The result was taken.
+    /// Taken.
     Taken,
-    /// It was not taken: it overflows on a public sample.
+    /// Not taken: it overflows on a public sample.
     Overflow,
-    /// It was not taken: its loss is larger than the base's by more than the rules allow.
+    /// Not taken: its loss exceeds the base's by too much.
     Worse,
 }
 
 impl EvaluatedResult {
-    /// Mean squared errors of the base and of the result, where they have one. `action_bits` are the fraction bits of the velocity
+    /// Mean squared errors of base and result, unless they overflow. `action_bits` are the velocity's fraction bits
     /// ([`zk0_circuits::EvalSpec::action`]).
     pub fn means(&self, action_bits: u8) -> (Option<f64>, Option<f64>) {
         let unit = self.elements.max(1) as f64 * 4f64.powi(action_bits.into());

@@ -1,4 +1,4 @@
-//! Statements signed by a node or a governor: the payload, its canonical encoding and an ed25519 signature (RFC 8032).
+//! Statements signed by a node or a governor, with their canonical encoding and ed25519 signature (RFC 8032).
 
 use crate::entries::proposal::{Action, Ballot};
 use crate::public_key::public_key;
@@ -9,14 +9,14 @@ use zk0_circuits::{Claim, DatasetCommitment, Digest, NodeId, WeightsDigest};
 
 /// A statement that names its signer.
 pub trait SignableStatement: BorshSerialize + BorshDeserialize {
-    /// Domain-separation tag, so that a signature of one kind of statement is not valid for another kind.
+    /// Domain-separation tag: signatures are valid for one kind of statement.
     const TAG: &'static str;
 
-    /// Who must have signed: a node, or a governor.
+    /// The required signer: a node, or a governor.
     fn signer(&self) -> NodeId;
 }
 
-/// A statement and its signature. The signature is not verified yet: see [`Signed::verify`].
+/// A statement and its unverified signature: see [`Signed::verify`].
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Signed<T> {
     /// The statement.
@@ -28,7 +28,7 @@ pub struct Signed<T> {
 /// Why a signature is not valid.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SignatureError {
-    /// The signer's identity is not an ed25519 public key.
+    /// The signer's identity is not a usable key.
     #[error("{0} is not an ed25519 public key")]
     BadKey(NodeId),
     /// The key did not make this signature.
@@ -37,7 +37,7 @@ pub enum SignatureError {
 }
 
 impl<T: SignableStatement> Signed<T> {
-    /// Signs `statement`. With another key than the signer's, the result never verifies.
+    /// Signs `statement`. If `key` is not the signer's, the result never verifies.
     pub fn new(statement: T, key: &SigningKey) -> Self {
         let signature = key.sign(&message(&statement)).to_bytes();
         Self {
@@ -52,8 +52,7 @@ impl<T: SignableStatement> Signed<T> {
         self.verify_with(public_key(&node.0))
     }
 
-    /// [`Signed::verify`] with the signer's key, where the caller has it decompressed already; `None` says that the signer's
-    /// identity is not a usable key.
+    /// [`Signed::verify`] with the signer's decompressed key; `None` if unusable.
     pub(crate) fn verify_with(&self, key: Option<VerifyingKey>) -> Result<&T, SignatureError> {
         let node = self.statement.signer();
         let key = key.ok_or(SignatureError::BadKey(node))?;
@@ -77,18 +76,18 @@ fn message<T: SignableStatement>(statement: &T) -> Vec<u8> {
 /// A node registers a dataset, before any round that uses it.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct DatasetRegistration {
-    /// The network it is for.
+    /// The network.
     pub network: Digest,
-    /// The node whose data it is.
+    /// The dataset's node.
     pub node: NodeId,
     /// The commitment.
     pub dataset: DatasetCommitment,
-    /// How many frames the evaluation set draws: the number that the rules ask for when the dataset is registered.
+    /// How many frames are drawn: the rules' number at registration.
     pub evaluation_frames: u32,
-    /// SHA-256 of the list of drawn frames with their leaf hashes ([`crate::evaluation_set`]). The list is a blob. With it, anybody can
-    /// check that exactly the drawn frames are there, recompute the root, and see which samples are equal.
+    /// SHA-256 of the blob that lists the drawn frames with their leaf hashes ([`crate::evaluation_set`]). With it, anybody can
+    /// check them, recompute the root, and find equal samples.
     pub leaves: Digest,
-    /// Its episodes, in ascending order of their digests and each once. No episode may be registered by another node.
+    /// Its episodes, by ascending digest, each once, and none of another node's.
     pub episodes: Vec<RegisteredEpisode>,
 }
 
@@ -97,11 +96,11 @@ pub struct DatasetRegistration {
 pub struct RegisteredEpisode {
     /// Digest of its states and actions.
     pub digest: Digest,
-    /// How many frames it has.
+    /// Its number of frames.
     pub frames: u32,
 }
 
-/// A node commits to its update before it learns on which samples the update will be evaluated.
+/// A node commits to its update before it knows the evaluation samples.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct UpdateCommitment {
     /// The network.
@@ -110,15 +109,15 @@ pub struct UpdateCommitment {
     pub round: u64,
     /// The node.
     pub node: NodeId,
-    /// Root of the registered dataset from which the evaluation draws its samples.
+    /// Root of the registered dataset for the evaluation.
     pub dataset_root: Digest,
     /// The update.
     pub update: WeightsDigest,
-    /// On how many samples of the dataset it is to be evaluated. The rules bound the number.
+    /// The number of evaluation samples, within the rules' bounds.
     pub eval_samples: u32,
 }
 
-/// A node's claim, and the digest of the proof of it.
+/// A node's claim, and its proof's digest.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Submission {
     /// The claim, equal to the proof's public values.
@@ -127,12 +126,12 @@ pub struct Submission {
     pub proof: Digest,
 }
 
-/// A node asks to upload a blob of known size and digest.
+/// A node requests to upload a blob of known size and digest.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct UploadRequest {
     /// The network.
     pub network: Digest,
-    /// The round the blob is for.
+    /// The blob's round.
     pub round: u64,
     /// The node.
     pub node: NodeId,
@@ -142,15 +141,15 @@ pub struct UploadRequest {
     pub size: u64,
 }
 
-/// The network's operator enrols a node while the aggregator runs. The ledger records the enrolment as [`NodeEnrolled`], and the log's
-/// signature of the checkpoint that covers it.
+/// The operator enrols a node while the aggregator runs. The ledger records it as [`NodeEnrolled`], under the log's signature of
+/// the checkpoint.
 ///
 /// [`NodeEnrolled`]: crate::entries::member::NodeEnrolled
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Enrolment {
     /// The network.
     pub network: Digest,
-    /// Who enrols: the log's key.
+    /// The operator: the log's key.
     pub operator: NodeId,
     /// The node.
     pub node: NodeId,
@@ -158,63 +157,62 @@ pub struct Enrolment {
     pub name: String,
 }
 
-/// Somebody who may vote proposes a change.
+/// Somebody with a vote proposes a change.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Proposal {
     /// The network.
     pub network: Digest,
-    /// Its number, counted from 0. The number keeps a proposal from being recorded twice.
+    /// Its number, from 0, so that it is recorded only once.
     pub number: u64,
-    /// Who proposes it.
+    /// The proposer.
     pub proposer: NodeId,
     /// A short title.
     pub title: String,
-    /// The reasons for it.
+    /// The reasons.
     pub text: String,
-    /// What it does once it is executed.
+    /// What it does once executed.
     pub action: Action,
 }
 
 impl Proposal {
-    /// The digest by which votes name the proposal: [`tagged_sha256`] of its borsh encoding under `zk0/proposal/v1`. It covers what the
-    /// proposer stated, and not the signature.
+    /// The proposal's digest, for votes: [`tagged_sha256`] of its borsh encoding under `zk0/proposal/v1`, without the signature.
     pub fn digest(&self) -> Digest {
         let bytes = borsh::to_vec(self).expect("writing to a Vec cannot fail");
         tagged_sha256("zk0/proposal/v1", &[&bytes])
     }
 }
 
-/// Somebody's vote on a proposal.
+/// A vote on a proposal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Vote {
     /// The network.
     pub network: Digest,
     /// The proposal's number.
     pub proposal: u64,
-    /// The proposal's digest ([`Proposal::digest`]). Because of it, an aggregator that shows voters another proposal than the ledger has
-    /// under this number cannot record their votes.
+    /// The proposal's digest ([`Proposal::digest`]). So votes on another proposal, shown by a false aggregator, cannot be
+    /// recorded.
     pub of: Digest,
-    /// Who votes.
+    /// The voter.
     pub voter: NodeId,
-    /// How they vote.
+    /// The choice.
     pub ballot: Ballot,
 }
 
-/// A node replaces its key by another key of its own.
+/// A node replaces its key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct KeyRotation {
     /// The network.
     pub network: Digest,
-    /// The node, by its present key.
+    /// The node's present key.
     pub node: NodeId,
     /// Its new key.
     pub with: NodeId,
 }
 
-/// The other half of a [`KeyRotation`], signed with the new key: it shows that the node has that key.
+/// The other half of a [`KeyRotation`], signed with the new key: the node has it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct KeyTakeover {
-    /// The rotation that it belongs to.
+    /// The rotation.
     pub rotation: KeyRotation,
 }
 
@@ -225,8 +223,7 @@ pub struct Leaving {
     pub network: Digest,
     /// The node.
     pub node: NodeId,
-    /// The next round to open when the node leaves: the first one without it. Because of this number, nobody can record the statement again in
-    /// a later round, after the node was enrolled again.
+    /// The first round without the node: the next to open. So this cannot be recorded again after it re-enrolled.
     pub round: u64,
 }
 
@@ -235,18 +232,18 @@ pub struct Leaving {
 pub struct Dispute {
     /// The network.
     pub network: Digest,
-    /// Who disputes it: a node or a governor.
+    /// The disputer: a node or a governor.
     pub disputer: NodeId,
-    /// Index of the entry that accepted it.
+    /// Index of the accepting entry.
     pub contribution: u64,
-    /// The evidence against it.
+    /// The evidence.
     pub evidence: Evidence,
 }
 
 /// The evidence against a contribution, which determines who decides.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub enum Evidence {
-    /// The contribution does not verify. It is verified once more, from the ledger and its blobs, and the result decides.
+    /// The contribution does not verify. Verifying it again decides.
     Verification,
     /// A document with this SHA-256. A vote decides.
     Document(Digest),

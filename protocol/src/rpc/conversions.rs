@@ -1,4 +1,4 @@
-//! Conversions between gRPC messages and the protocol's own types.
+//! Conversions between gRPC messages and the protocol's types.
 
 use super::federation as wire;
 use crate::rules::open_proposal::OpenProposal;
@@ -10,14 +10,14 @@ impl From<Receipt> for wire::Receipt {
         Self {
             index: receipt.index,
             entry: receipt.entry,
-            // By their specification, checkpoints are text.
+            // Checkpoints are text by their specification.
             checkpoint: String::from_utf8_lossy(&receipt.checkpoint).into_owned(),
             inclusion: receipt.proof.iter().map(|hash| hash.0.to_vec()).collect(),
         }
     }
 }
 
-/// A hash in a message does not have 32 bytes, but this many.
+/// A hash in a message has this many bytes instead of 32.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("a hash in the message has {0} bytes, but it has to have 32")]
 pub struct HashLength(pub usize);
@@ -44,7 +44,7 @@ impl TryFrom<wire::Receipt> for Receipt {
 }
 
 impl wire::status_info::Phase {
-    /// All phases, in the order in which the rounds have them.
+    /// All phases, in a round's order.
     pub const ALL: [Self; 5] = [
         Self::Waiting,
         Self::Committing,
@@ -53,7 +53,7 @@ impl wire::status_info::Phase {
         Self::Closing,
     ];
 
-    /// How `zk0 status` and the metrics name it.
+    /// Its name in `zk0 status` and the metrics.
     pub fn name(self) -> &'static str {
         match self {
             Self::Unspecified => "unknown",
@@ -67,7 +67,7 @@ impl wire::status_info::Phase {
 }
 
 impl wire::OpenProposal {
-    /// An open proposal and the count of its votes so far, without the receipt of the entry that recorded it.
+    /// An open proposal with its votes so far, without the receipt of its entry.
     pub fn of(open: &OpenProposal) -> Self {
         let tally = open.tally();
         let weight = |sum: u128| u64::try_from(sum).unwrap_or(u64::MAX);

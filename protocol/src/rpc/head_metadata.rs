@@ -1,12 +1,12 @@
-//! How a request's head travels: as binary gRPC metadata. So every message stays what it is, one function reads the heads of all methods,
-//! and a stream of data has its head before its first message.
+//! A request's head as binary gRPC metadata. So messages do not change, one function reads all heads, and a stream has its head
+//! first.
 
 use crate::entries::signed::Signed;
 use crate::request_head::{HeadRefusal, RequestHead};
 use tonic::metadata::{MetadataMap, MetadataValue};
 use tonic::Request;
 
-/// The name of the metadata. It holds borsh(Signed<RequestHead>).
+/// The metadata's name. It holds borsh(Signed<RequestHead>).
 pub const HEAD: &str = "zk0-head-bin";
 
 /// A request for `message` with this head.

@@ -1,5 +1,5 @@
-//! The gRPC messages of `proto/federation.proto` and `proto/health.proto`, generated once for clients and servers, their conversions,
-//! and the signed heads of requests.
+//! The gRPC messages of `proto/federation.proto` and `proto/health.proto`, generated once for clients and servers, their
+//! conversions, and the signed heads of requests.
 
 pub mod conversions;
 pub mod head_metadata;
@@ -17,5 +17,5 @@ pub mod health {
     tonic::include_proto!("grpc.health.v1");
 }
 
-/// What both services consist of, encoded, for clients that ask the server for it.
+/// Both services' encoded descriptors, for clients that request them.
 pub const SERVICES: &[u8] = tonic::include_file_descriptor_set!("services");

@@ -1,4 +1,4 @@
-//! The fields of a claim that the ledger determines, so that they can be checked before anybody looks at the proof.
+//! The fields of a claim that the ledger determines, checked before the proof.
 
 use crate::entries::member::Standing;
 use crate::entries::refusal::claim_field::ClaimField;
@@ -16,34 +16,33 @@ use zk0_circuits::{Claim, Digest, Disclosure, Losses, NodeId, Terms, CLAIM_VERSI
 pub struct ExpectedClaim {
     /// The claim's terms.
     pub terms: Terms,
-    /// How much the claim has to disclose of the losses.
+    /// The required disclosure of the losses.
     pub disclosure: Disclosure,
 }
 
-/// What the ledger determines of the claims that one node may make now, whatever they say.
+/// The ledger's part of any claim that a node may make now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct ClaimBindings {
     network: Digest,
     node: NodeId,
-    /// The number of the open round.
+    /// The open round's number.
     open: Option<u64>,
-    /// The node's standing, if it is enrolled.
+    /// The node's standing, if enrolled.
     standing: Option<Standing>,
-    /// The node's commitment in the open round.
+    /// Its commitment in the open round.
     commit: Option<OpenCommit>,
 }
 
-/// What the ledger determines of the claim that answers a commitment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 struct OpenCommit {
     /// Whether a claim was accepted or rejected.
     decided: bool,
-    /// The claim, and the last moment for it in Unix milliseconds; `None` before the randomness is drawn.
+    /// The claim, and its deadline in Unix milliseconds; `None` before the randomness.
     expected: Option<(ExpectedClaim, u64)>,
 }
 
 impl ExpectedClaim {
-    /// The claim with these terms and these losses, and without a weight check.
+    /// The claim with these terms and losses, without a weight check.
     pub fn with(&self, losses: Losses) -> Claim {
         Claim {
             version: CLAIM_VERSION,
@@ -55,7 +54,7 @@ impl ExpectedClaim {
 }
 
 impl State {
-    /// What the ledger determines of the claim that `node` may make in the open round.
+    /// The claim that `node` may make in the open round, by the ledger.
     pub fn expected_claim(&self, node: &NodeId) -> Result<ExpectedClaim, Refusal> {
         let (round, commit) = self.commit(node)?;
         let randomness = drawn(round)?;
@@ -83,7 +82,6 @@ impl State {
         })
     }
 
-    /// What the ledger determines of the claims of `node`.
     pub(crate) fn claim_bindings(&self, node: &NodeId) -> ClaimBindings {
         let deadline_ms = |round: &Round| Some(round.randomness?.submit_deadline_ms);
         ClaimBindings {
@@ -98,14 +96,14 @@ impl State {
         }
     }
 
-    /// Compares a claim that is recorded at `time_ms` with what the ledger determines: its network and round, the node's enrolment and
-    /// commitment, that the node has submitted nothing in this round, each field, and the deadline.
+    /// Compares a claim recorded at `time_ms` with the ledger: network, round, enrolment, commitment, one submission a round,
+    /// each field, and the deadline.
     pub fn check_claim(&self, claim: &Claim, time_ms: u64) -> Result<(), Refusal> {
         let bindings = self.claim_bindings(&claim.terms.node);
         bindings.check_claim(claim, time_ms)
     }
 
-    /// Checks that something is for this network, for the open round, and from an active node.
+    /// Checks for this network, the open round, and an active node.
     pub(crate) fn check_addressed(
         &self,
         network: &Digest,
@@ -127,12 +125,12 @@ impl State {
 }
 
 impl ClaimBindings {
-    /// The node's standing, if it is enrolled and these are its bindings.
+    /// The node's standing, if enrolled and if the bindings are its own.
     pub fn standing(&self, node: &NodeId) -> Option<Standing> {
         self.standing.filter(|_| *node == self.node)
     }
 
-    /// The check of [`State::check_claim`].
+    /// As [`State::check_claim`].
     pub fn check_claim(&self, claim: &Claim, time_ms: u64) -> Result<(), Refusal> {
         self.check_bindings(claim)?;
         match self.commit.and_then(|commit| commit.expected) {
@@ -155,7 +153,7 @@ impl ClaimBindings {
             })
     }
 
-    /// What the ledger determines of a claim, if the node may make one now.
+    /// The expected claim, if the node may make one now.
     fn answered(&self, claim: &Claim) -> Result<ExpectedClaim, Refusal> {
         let Terms {
             network,
@@ -181,15 +179,15 @@ impl ClaimBindings {
         }
     }
 
-    /// Whether a refusal of a claim may be recorded at `time_ms` for this reason. It is recorded once, and only for a claim about the open
-    /// round by a node that committed. If the ledger itself shows why a claim is refused, the recorded reason has to be that one.
+    /// Whether a refusal of a claim may be recorded at `time_ms` for this reason: once, about the open round, of a node that
+    /// committed, and with the reason that the ledger shows, if any.
     pub fn check_rejected(
         &self,
         claim: &Claim,
         reason: &RefusalCode,
         time_ms: u64,
     ) -> Result<(), RuleViolation> {
-        // A stranger may send again what the node signed for another round, so only a claim for this round counts.
+        // A stranger may resend what the node signed for another round.
         self.answered(claim).map(drop)?;
         let found = self.check_claim(claim, time_ms);
         let code = found.as_ref().map_err(|refusal| refusal.code);
@@ -206,14 +204,14 @@ impl ClaimBindings {
                     late_ms: at_most,
                 }),
             ) => {
-                // It was refused when it arrived, and recorded a moment later.
+                // It was refused on arrival, and recorded later.
                 (1..=*at_most).contains(late_ms) && round == open && what == late
             }
             (RefusalCode::Late { .. } | RefusalCode::Binding(_), found) => {
                 found.as_ref() == Err(reason)
             }
             (reason, _) if !reason.follows_from_blobs() => false,
-            // Whoever holds the proof and the blobs can check these reasons.
+            // The proof and the blobs show these reasons.
             _ => true,
         };
         if holds {
@@ -230,7 +228,7 @@ impl ClaimBindings {
     }
 }
 
-/// The randomness of a round, without which nobody can make a claim.
+/// A round's randomness; without it no claim is possible.
 fn drawn(round: &Round) -> Result<&Randomness, Refusal> {
     let missing = RefusalCode::NoRandomness {
         round: round.number(),
@@ -238,7 +236,7 @@ fn drawn(round: &Round) -> Result<&Randomness, Refusal> {
     round.randomness.as_ref().ok_or(missing.into())
 }
 
-/// What belongs to the open round, if something is for this network and that round. `open` has the round's number, too.
+/// The open round's part, if network and round are right. `open` has the round's number, too.
 fn in_open_round<R>(
     (network, round): (&Digest, u64),
     ours: &Digest,
@@ -261,7 +259,6 @@ fn in_open_round<R>(
     }
 }
 
-/// What belongs to a node, if it is enrolled and may contribute.
 pub(crate) fn active<N>(id: &NodeId, found: Option<(Standing, N)>) -> Result<N, Refusal> {
     match found {
         None => Err(RefusalCode::NotEnrolled(*id).into()),
@@ -274,7 +271,6 @@ pub(crate) fn active<N>(id: &NodeId, found: Option<(Standing, N)>) -> Result<N, 
     }
 }
 
-/// Refuses something that is recorded after its deadline.
 pub(crate) fn in_time(
     what: RoundStatement,
     round: u64,

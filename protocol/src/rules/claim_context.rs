@@ -1,5 +1,5 @@
-//! What the verification of one claim reads of a state. It is small however long the history is, so a claim can be verified later, or by
-//! another thread, while the history goes on.
+//! What verifying one claim reads of a state. Its size does not depend on the history, so a claim can be verified later, or by
+//! another thread.
 
 use crate::entries::program::Program;
 use crate::entries::refusal::code::RefusalCode;
@@ -11,21 +11,20 @@ use crate::rules::violation::RuleViolation;
 use borsh::{BorshDeserialize, BorshSerialize};
 use zk0_circuits::{Claim, Mode, NodeId};
 
-/// By what the contributions to a round are verified: the rules and the guest program in force, and how claims are evaluated and proven.
+/// How contributions are verified: the rules and guest program in force, and the claims' evaluation and proofs.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct VerificationTerms {
     /// The rules.
     pub rules: Rules,
     /// The guest program.
     pub program: Program,
-    /// The evaluation specification, as the genesis encodes it.
+    /// The evaluation specification, encoded as in the genesis.
     pub evaluation: Vec<u8>,
     /// How the evaluation is proven.
     pub mode: Mode,
 }
 
-/// What the check and the verification of a node's claims read of a state: its enrolment and commitment in the open round, and by what
-/// contributions are verified.
+/// The part of a state for verifying a node's claims: its enrolment and commitment in the open round, and the terms.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct ClaimContext {
     bindings: ClaimBindings,
@@ -33,7 +32,7 @@ pub struct ClaimContext {
 }
 
 impl State {
-    /// What concerns the claims of `node`.
+    /// The context of the claims of `node`.
     pub fn claim_context(&self, node: &NodeId) -> ClaimContext {
         ClaimContext {
             bindings: self.claim_bindings(node),
@@ -48,7 +47,7 @@ impl State {
 }
 
 impl ClaimContext {
-    /// By what contributions are verified.
+    /// The terms for verifying contributions.
     pub fn terms(&self) -> &VerificationTerms {
         &self.terms
     }
@@ -63,12 +62,12 @@ impl ClaimContext {
         self.bindings.standing(node).is_some()
     }
 
-    /// The check of [`State::check_claim`], of a claim of this node.
+    /// [`State::check_claim`] for this node.
     pub fn check_claim(&self, claim: &Claim, time_ms: u64) -> Result<(), Refusal> {
         self.bindings.check_claim(claim, time_ms)
     }
 
-    /// Whether a refusal of a claim of this node may be recorded at `time_ms` for this reason.
+    /// [`ClaimBindings::check_rejected`] for this node.
     pub fn check_rejected(
         &self,
         claim: &Claim,

@@ -1,5 +1,4 @@
-//! Which blobs anybody may read. An update or a proof stays private until its round has closed, so that nobody can copy it in that
-//! round.
+//! Which blobs are public. An update or a proof stays private until its round has closed, so that no other node copies it.
 
 use crate::entries::entry::Body;
 use crate::rules::named_blobs::named_blobs;
@@ -12,13 +11,13 @@ use zk0_circuits::Digest;
 pub enum BlobAccess {
     /// Anybody may read it.
     Public,
-    /// Nobody may read it before the open round has closed.
+    /// Private until the open round has closed.
     HeldBack,
     /// The ledger names no such blob.
     Unknown,
 }
 
-/// The blobs that a log names, gathered entry by entry.
+/// A log's blobs, gathered entry by entry.
 #[derive(Clone, Debug, Default)]
 pub struct DisclosedBlobs {
     public: BTreeSet<Digest>,
@@ -26,10 +25,10 @@ pub struct DisclosedBlobs {
 }
 
 impl DisclosedBlobs {
-    /// Takes the next entry into account.
+    /// Adds the next entry.
     pub fn observe(&mut self, body: &Body) {
         if let Body::RoundClosed(_) = body {
-            // One by one: `append` would build the whole set anew in each round.
+            // One by one: `append` would rebuild the set each round.
             self.public.extend(mem::take(&mut self.held_back));
         }
         for blob in named_blobs(body) {
@@ -52,7 +51,7 @@ impl DisclosedBlobs {
         }
     }
 
-    /// All blobs that anybody may read.
+    /// All public blobs.
     pub fn public(&self) -> impl Iterator<Item = &Digest> {
         self.public.iter()
     }

@@ -1,10 +1,9 @@
 //! How the rules change: proposals, weighted votes, a quorum, a threshold, a time lock, a veto.
 //!
-//! A proposal is open for [`Governance::voting_ms`] after the entry that records it. That entry also determines who may vote, and with
-//! what weight: governors as the rules list them, and active nodes by their credits. At the end of the vote, the proposal has passed
-//! if enough weight took part (the quorum), and if the share of the votes for it, without abstentions, exceeds the threshold. Then
-//! the time lock begins, during which enough weight can veto the proposal. After that the proposal is due. It has to be settled
-//! before the next round opens, so nobody can delay it, and it is settled between rounds, so no rules change during a round.
+//! A proposal is open for [`Governance::voting_ms`] after its entry, which also fixes the voters and their weights: governors by
+//! the rules, active nodes by their credits. It passes if enough weight took part (the quorum), and if the share of the votes for
+//! it, without abstentions, exceeds the threshold. During the time lock that follows, enough weight can veto it. Then it is due,
+//! and must be settled before the next round opens. So it cannot be delayed, and no rules change during a round.
 
 use crate::entries::identity::{check_identity, check_member_name};
 use crate::entries::identity_text;
@@ -13,7 +12,7 @@ use borsh::{BorshDeserialize, BorshSerialize};
 use serde::{Deserialize, Serialize};
 use zk0_circuits::NodeId;
 
-/// Most governors that a network can have.
+/// Most governors of a network.
 pub const MAX_GOVERNORS: usize = 64;
 
 /// Largest weight of one voter.
@@ -25,32 +24,32 @@ pub const MAX_TITLE_BYTES: usize = 200;
 /// Longest text of a proposal, in bytes.
 pub const MAX_TEXT_BYTES: usize = 8 << 10;
 
-/// Proposals that may be open at once.
+/// Most proposals open at once.
 pub const MAX_OPEN_PROPOSALS: usize = 32;
 
-/// How the rules change. Without governors, and with `credits_per_vote` 0, nobody can propose anything, so the rules never change.
+/// How the rules change: never, without governors and with `credits_per_vote` 0.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Governance {
-    /// Who governs, in ascending order of identity.
+    /// The governors, by ascending identity.
     pub governors: Vec<Governor>,
-    /// How many credits give a node one vote; 0 if credits give no votes.
+    /// Credits for one vote of a node; 0 if credits give none.
     pub credits_per_vote: u64,
-    /// Most votes that a node can have from its credits.
+    /// Most votes of a node by its credits.
     pub max_node_votes: u64,
-    /// The share of the electorate's weight that has to take part, in basis points.
+    /// The least share of the electorate's weight to take part, in basis points.
     pub quorum_bps: u32,
-    /// A proposal passes if the weight for it exceeds this share of the weight for and against, in basis points; at least 5,000.
+    /// A proposal passes above this share of the weight for and against, in basis points; at least 5,000.
     pub threshold_bps: u32,
-    /// The share of the electorate's weight that can veto a passed proposal, in basis points.
+    /// The share of the electorate's weight for a veto, in basis points.
     pub veto_bps: u32,
     /// How long a vote lasts, in milliseconds.
     pub voting_ms: u64,
-    /// How long a passed proposal waits after its vote, in milliseconds.
+    /// A passed proposal's time lock, in milliseconds.
     pub time_lock_ms: u64,
 }
 
-/// Somebody who may vote without having a node.
+/// A voter without a node.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Governor {
@@ -59,12 +58,12 @@ pub struct Governor {
     pub key: NodeId,
     /// A readable name.
     pub name: String,
-    /// The weight of their vote; 1 to [`MAX_WEIGHT`].
+    /// The vote's weight; 1 to [`MAX_WEIGHT`].
     pub weight: u64,
 }
 
 impl Governance {
-    /// Rules that nobody can ever change.
+    /// Rules that never change.
     pub fn none() -> Self {
         Self {
             governors: Vec::new(),
@@ -78,7 +77,7 @@ impl Governance {
         }
     }
 
-    /// Votes that `credits` give a node.
+    /// A node's votes by its `credits`.
     pub fn node_votes(&self, credits: u64) -> u64 {
         match credits.checked_div(self.credits_per_vote) {
             Some(votes) => votes.min(self.max_node_votes),
@@ -86,7 +85,7 @@ impl Governance {
         }
     }
 
-    /// Checks every value. The error names the value that cannot be used, and says why.
+    /// Checks every value. The error names a bad one.
     pub fn check(&self) -> Result<(), String> {
         let rule = "rule governance";
         if self.governors.len() > MAX_GOVERNORS {

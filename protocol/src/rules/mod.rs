@@ -1,4 +1,4 @@
-//! The rules of a network, and the state machine that holds entries to them.
+//! The rules of a network, and the state machine that applies them.
 
 pub mod apply;
 pub mod basis_points;

@@ -1,4 +1,4 @@
-//! The blobs that entries name: what each blob holds, how large it may be, and whether it is private at first.
+//! The blobs that entries name: content, largest size, and whether they start private.
 
 use crate::entries::entry::Body;
 use crate::entries::proposal::Action;
@@ -7,10 +7,10 @@ use crate::rules::closing::public_samples::MAX_PUBLIC_SAMPLES_BYTES;
 use crate::rules::network_rules::Rules;
 use zk0_circuits::Digest;
 
-/// Largest initial policy that is fetched, in bytes. It has a limit of its own because no rule limits it.
+/// Largest initial policy fetched, in bytes. No rule limits it.
 const MAX_INITIAL_POLICY_BYTES: u64 = 1 << 36;
 
-/// How much longer the header of a file of moments can be than four headers of a file of weights, in bytes.
+/// A moments file's header bytes beyond four headers of a weights file.
 const MAX_MOMENTS_HEADER_BYTES: u64 = 1 << 16;
 
 /// A blob that an entry names by its SHA-256.
@@ -18,24 +18,24 @@ const MAX_MOMENTS_HEADER_BYTES: u64 = 1 << 16;
 pub struct NamedBlob {
     /// SHA-256 of its bytes.
     pub digest: Digest,
-    /// What it holds.
+    /// Its content.
     pub kind: BlobKind,
 }
 
-/// What a blob holds.
+/// A blob's content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BlobKind {
     /// The whole initial policy.
     Policy,
-    /// Weights that a round starts from.
+    /// A round's base weights.
     Weights,
     /// The moments of a round by FedAdam.
     Moments,
-    /// The samples on which the results of rounds are evaluated.
+    /// The samples that evaluate rounds' results.
     PublicSamples,
     /// The drawn frames of a dataset, with their leaves.
     Leaves {
-        /// How many frames.
+        /// The number of frames.
         drawn: u64,
     },
     /// A node's update.
@@ -45,14 +45,14 @@ pub enum BlobKind {
 }
 
 impl BlobKind {
-    /// Largest size by the rules, in bytes.
+    /// The rules' largest size, in bytes.
     pub fn max_bytes(&self, rules: &Rules) -> u64 {
         match self {
             Self::Policy => MAX_INITIAL_POLICY_BYTES,
             Self::PublicSamples => MAX_PUBLIC_SAMPLES_BYTES,
             Self::Leaves { drawn } => drawn.saturating_mul(DRAWN_LEAF_BYTES as u64),
             Self::Weights | Self::Update => rules.max_update_bytes,
-            // A weight has 2 bytes, and its two moments have 8.
+            // A weight has 2 bytes, and its moments have 8.
             Self::Moments => rules
                 .max_update_bytes
                 .saturating_mul(4)
@@ -61,13 +61,13 @@ impl BlobKind {
         }
     }
 
-    /// Whether the blob stays private until the round that it is for has closed.
+    /// Whether the blob stays private until its round has closed.
     pub fn is_private_at_first(&self) -> bool {
         matches!(self, Self::Update | Self::Proof)
     }
 }
 
-/// The blobs that an entry is the first to name.
+/// The blobs that an entry names first.
 pub fn named_blobs(body: &Body) -> Vec<NamedBlob> {
     let blob = |kind, digest| NamedBlob { digest, kind };
     let public_samples = |rules: &Rules| {
@@ -82,7 +82,7 @@ pub fn named_blobs(body: &Body) -> Vec<NamedBlob> {
         .into_iter()
         .chain(public_samples(&genesis.rules))
         .collect(),
-        // Whoever votes can look at the samples first.
+        // Voters can look at the samples first.
         Body::Proposed(signed) => match &signed.statement.action {
             Action::ChangeRules(rules) => public_samples(rules).into_iter().collect(),
             _ => Vec::new(),

@@ -1,4 +1,4 @@
-//! The rules of a network. The genesis states the first ones, and only a vote changes them ([`crate::rules::governance`]).
+//! The rules of a network. The genesis has the first ones; only a vote changes them ([`crate::rules::governance`]).
 
 use crate::challenge::source::RandomnessSource;
 use crate::challenge::unanswered::UnansweredRule;
@@ -19,13 +19,13 @@ use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::claim::t_test::TTest;
 use zk0_circuits::{Disclosure, Mode, NodeId};
 
-/// Most identities in a list of participants, so that the rules fit in an entry.
+/// Most listed participants: the rules must fit in an entry.
 pub const MAX_LISTED: usize = 1000;
 
-/// Longest policy for witnesses, in bytes.
+/// Longest witness policy, in bytes.
 pub const MAX_WITNESS_POLICY_BYTES: usize = 8 << 10;
 
-/// Fewest samples of a claim. From one sample nobody can tell how far the losses spread.
+/// Fewest samples of a claim. One sample does not show the losses' spread.
 pub const MIN_EVAL_SAMPLES: u32 = 2;
 
 /// Most samples of a claim in this mode.
@@ -36,40 +36,39 @@ pub fn max_eval_samples(mode: Mode) -> u32 {
     }
 }
 
-/// The rules that nodes, aggregator and auditors follow.
+/// The rules for nodes, aggregator and auditors.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Rules {
-    /// Fewest samples that the evaluation set of a registered dataset may have.
+    /// Fewest samples of a dataset's evaluation set.
     pub min_dataset_samples: u64,
-    /// On how many samples a claim evaluates at least; 2 or more. A node chooses the number when it commits to its update.
+    /// Fewest evaluated samples of a claim; 2 or more. A node chooses the number with its commitment.
     pub min_eval_samples: u32,
-    /// On how many samples a claim evaluates at most.
+    /// Most evaluated samples of a claim.
     pub max_eval_samples: u32,
-    /// The smallest relative improvement of the loss that counts, in basis points; at least 1.
+    /// The smallest relative improvement of the loss, in basis points; at least 1.
     pub min_improvement_bps: u32,
-    /// How sure the test of an improvement has to be.
+    /// The required confidence of an improvement.
     pub confidence: Confidence,
     /// How much each contribution counts.
     pub shares: Shares,
-    /// The samples on which a round's result is evaluated before it is taken; without them every result is taken.
+    /// The samples that evaluate a round's result; without them every result is taken.
     pub public_samples: Option<PublicSamples>,
     /// How much a proof discloses of the losses.
     pub disclosure: Disclosure,
-    /// How long after a round's opening nodes can commit to updates, in milliseconds.
+    /// How long nodes can commit after a round's opening, in milliseconds.
     pub commit_window_ms: u64,
-    /// How long after the randomness was drawn nodes can submit claims, in milliseconds.
+    /// How long nodes can submit claims after the randomness is drawn, in milliseconds.
     pub submit_window_ms: u64,
-    /// Largest file of weights, in bytes: of an update, and of the weights that a round starts from, which are as long.
+    /// Largest file of weights, in bytes: of an update or a round's base.
     pub max_update_bytes: u64,
     /// Largest proof, in bytes.
     pub max_proof_bytes: u64,
-    /// How many frames of a recording are drawn into its evaluation set. A dataset that is registered already keeps its number when
-    /// this changes.
+    /// How many frames of a recording its evaluation set draws. Registered datasets keep their number when this changes.
     pub evaluation_frames: u32,
     /// Largest Euclidean norm of an update's difference from its base, in basis points of the base's norm; 0 for no bound.
     pub max_update_norm_bps: u32,
-    /// How a round's updates become the new global weights.
+    /// How updates become the new global weights.
     pub strategy: Strategy,
     /// Who may contribute to a round.
     pub participation: Participation,
@@ -77,102 +76,99 @@ pub struct Rules {
     pub enrolment: EnrolmentRule,
     /// What a contribution earns.
     pub credits: CreditRule,
-    /// Which witnesses have to cosign a checkpoint before it is published: a C2SP tlog-policy with the witnesses' addresses and a
-    /// quorum. It is empty if the log's own signature is enough.
+    /// The witnesses that must cosign a checkpoint before it is published: a C2SP tlog-policy with addresses and a quorum; empty
+    /// for none.
     pub witness_policy: String,
     /// How these rules change.
     pub governance: Governance,
-    /// Where the randomness of the challenges comes from.
+    /// The source of the challenges' randomness.
     pub randomness: RandomnessSource,
-    /// How long after the closing of the commitments the randomness can be drawn, in milliseconds. A round without randomness closes
-    /// then, and keeps its base.
+    /// How long the randomness can be drawn after the commitments close, in milliseconds. A round without it closes then, and
+    /// keeps its base.
     pub randomness_window_ms: u64,
     /// How often a node may commit without a claim that counts.
     pub unanswered: UnansweredRule,
-    /// What the nodes' recordings have to agree in.
+    /// What recordings must agree in.
     pub recordings: RecordingRules,
 }
 
-/// How a round's updates become the new global weights. Each strategy gives the same bits on every machine.
+/// How a round's updates become the new global weights, with the same bits on every machine.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize,
 )]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Strategy {
-    /// The mean, weighted by shares ([`Shares`]; McMahan et al. 2017, arXiv:1602.05629).
+    /// The mean, weighted by shares (McMahan et al. 2017, arXiv:1602.05629).
     FedAvg,
     /// The median of each parameter, with equal weights (Yin et al. 2018, arXiv:1803.01498).
     Median,
-    /// The mean of each parameter without its largest and its smallest values, with equal weights (ibid.).
+    /// The mean of each parameter without its extremes, with equal weights (ibid.).
     TrimmedMean {
-        /// The share of the contributors that is left out at either end, in basis points, rounded down; less than 5,000.
+        /// The share of contributors left out at either end, in basis points, rounded down; below 5,000.
         trim_bps: u32,
     },
-    /// The one contribution that is nearest to the others around it (Blanchard et al. 2017, arXiv:1703.02757).
+    /// The contribution nearest to others (Blanchard et al. 2017, arXiv:1703.02757).
     Krum {
-        /// The share of the contributors that may be malicious, in basis points, rounded down; 1 to 4,999.
+        /// The share of contributors that may be malicious, in basis points, rounded down; 1 to 4,999.
         byzantine_bps: u32,
     },
-    /// The mean of the contributions that Krum finds best, with equal weights (ibid.).
+    /// The mean of Krum's best contributions, with equal weights (ibid.).
     MultiKrum {
         /// As for [`Strategy::Krum`].
         byzantine_bps: u32,
-        /// The share of the contributors that is kept, in basis points, rounded down, and at least one contributor; 1 to 10,000.
+        /// The share of contributors kept, at least one, in basis points, rounded down; 1 to 10,000.
         keep_bps: u32,
     },
-    /// The mean, weighted by shares, of contributions whose difference from the base is scaled down where it is too long.
+    /// The mean, weighted by shares, with long differences from the base scaled down.
     NormClipping {
         /// The longest difference, in basis points of the base's Euclidean norm; 1 to 1,000,000.
         max_norm_bps: u32,
     },
     /// The mean, weighted by shares, as a step of gradient descent with momentum (Hsu et al. 2019, arXiv:1909.06335).
     FedAvgM {
-        /// How far the base moves towards the mean, in basis points of the way; 1 to 100,000.
+        /// How far the base moves to the mean, in basis points of the way; 1 to 100,000.
         server_rate_bps: u32,
-        /// How much of the last round's movement is added, in basis points; less than 10,000.
+        /// How much of the last movement is added, in basis points; below 10,000.
         momentum_bps: u32,
     },
     /// The mean, weighted by shares, as a step of Adam (Reddi et al. 2021, arXiv:2003.00295).
     FedAdam {
         /// The server's learning rate η, in billionths; 1 to 1,000,000,000.
         server_rate_billionths: u32,
-        /// How much of the first moment is kept, β₁, in basis points; less than 10,000.
+        /// How much of the first moment is kept, β₁, in basis points; below 10,000.
         beta1_bps: u32,
-        /// How much of the second moment is kept, β₂, in basis points; less than 10,000.
+        /// The same of the second moment, β₂.
         beta2_bps: u32,
-        /// What is added to the root of the second moment, τ, in billionths; 1 to 1,000,000,000. The larger it is, the less the step of a
-        /// weight depends on how much the weight moved before.
+        /// A constant beside the root of the second moment, τ, in billionths; 1 to 1,000,000,000. The larger, the less a step
+        /// depends on the weight's earlier movement.
         tau_billionths: u32,
     },
-    /// The mean, with equal weights, of updates that nodes train by SCAFFOLD, which these rules then ask for (Karimireddy et al. 2020,
-    /// arXiv:1910.06378, option II).
+    /// The mean, with equal weights, of updates that nodes must train by SCAFFOLD (Karimireddy et al. 2020, arXiv:1910.06378,
+    /// option II).
     Scaffold(Scaffold),
 }
 
-/// How nodes train by SCAFFOLD. The control variates follow from the ledger only if all nodes train alike, so the rules say how.
+/// How nodes train by SCAFFOLD: all alike, or the control variates would not follow from the ledger.
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize,
 )]
 #[serde(deny_unknown_fields)]
 pub struct Scaffold {
-    /// How many steps of SGD each node makes, K; 1 to 1,000,000.
+    /// Steps of SGD by each node, K; 1 to 1,000,000.
     pub steps: u32,
     /// The learning rate of each step, η, in millionths; 1 to 100,000,000.
     pub learning_rate_millionths: u32,
-    /// The control variates begin with 0 again in each round whose number is a multiple of this; 1 to 1,000.
+    /// The control variates restart from 0 in each round that is a multiple of this; 1 to 1,000.
     pub restart_rounds: u32,
 }
 
-/// Most local steps of [`Strategy::Scaffold`].
 const MAX_LOCAL_STEPS: u32 = 1_000_000;
 
 /// One, in the units of [`Scaffold::learning_rate_millionths`].
 const MILLIONTHS: u32 = 1_000_000;
 
-/// Fastest learning rate of [`Strategy::Scaffold`].
 const MAX_LOCAL_RATE_MILLIONTHS: u32 = 100 * MILLIONTHS;
 
-/// Most rounds of [`Strategy::Scaffold`] until the control variates begin again.
 const MAX_RESTART_ROUNDS: u32 = 1_000;
 
 impl Scaffold {
@@ -181,19 +177,17 @@ impl Scaffold {
         f64::from(self.learning_rate_millionths) / f64::from(MILLIONTHS)
     }
 
-    /// The round, up to `round`, in which the control variates of `round` began with 0 at the latest.
+    /// The last round, up to `round`, in which the control variates restarted.
     pub fn begins(&self, round: u64) -> u64 {
         round - round % u64::from(self.restart_rounds.max(1))
     }
 }
 
-/// Longest difference that [`Strategy::NormClipping`] can allow: a hundred times the base's norm.
 const MAX_CLIPPING_BPS: u32 = 100 * BPS;
 
-/// Fastest server rate of [`Strategy::FedAvgM`]: ten times the way to the mean.
 const MAX_SERVER_RATE_BPS: u32 = 10 * BPS;
 
-/// One in the units of [`Strategy::FedAdam`]'s rate and τ: the most that either can be.
+/// One in the units of [`Strategy::FedAdam`]'s rate and τ, and their maximum.
 pub const BILLIONTHS: u32 = 1_000_000_000;
 
 /// Who may contribute to a round.
@@ -202,19 +196,19 @@ pub const BILLIONTHS: u32 = 1_000_000_000;
 pub enum Participation {
     /// Every active node with a dataset.
     All,
-    /// The active nodes with a dataset that are listed here, in ascending order.
+    /// These active nodes with a dataset, in ascending order.
     #[serde(with = "identity_text::list")]
     Listed(Vec<NodeId>),
-    /// A sample of the active nodes with a dataset. The checkpoint after a round's opening determines who is drawn for that round.
+    /// A sample of the active nodes with a dataset, drawn by the checkpoint after the round's opening.
     Sampled {
         /// How many; at least 1.
         nodes: u32,
     },
-    /// Every active node with a dataset, in rounds that open only while enough of them are present.
+    /// As [`Participation::All`], if enough of them are present when the round opens.
     Present {
-        /// How many have to be present; 1 to [`MAX_COMMITS`](crate::rules::upper_bounds::MAX_COMMITS).
+        /// The least number present; 1 to [`MAX_COMMITS`](crate::rules::upper_bounds::MAX_COMMITS).
         min_nodes: u32,
-        /// Which share of these nodes has to be present, too, in basis points, rounded up; at most 10,000.
+        /// The least share present, in basis points, rounded up; at most 10,000.
         fraction_bps: u32,
     },
 }
@@ -232,9 +226,7 @@ pub enum EnrolmentRule {
 }
 
 impl Default for Rules {
-    /// Rules to begin with: rounds of little more than an hour, 16 to 256 samples a claim, a minimum improvement of 1 % at a confidence of
-    /// 99 %, FedAvg over the nodes that the operator enrols, a week for disputes, randomness from the log's key, and nobody who could
-    /// change the rules. `docs/samples.md` says why these numbers of samples.
+    /// The rules of a new network. `docs/samples.md` explains the numbers of samples.
     fn default() -> Self {
         const MINUTE_MS: u64 = 60_000;
         Self {
@@ -271,7 +263,7 @@ impl Default for Rules {
 }
 
 impl Rules {
-    /// The test that an improvement has to pass.
+    /// The test for an improvement.
     pub fn test(&self) -> TTest {
         TTest {
             min_improvement_bps: self.min_improvement_bps,
@@ -279,7 +271,7 @@ impl Rules {
         }
     }
 
-    /// Checks every rule of a network that proves in this mode, as [`Self::check`] does, and those that no node could satisfy in it.
+    /// [`Self::check`], and that nodes can satisfy the rules in this mode.
     pub fn check_in(&self, mode: Mode) -> Result<(), String> {
         self.check()?;
         let most = max_eval_samples(mode);
@@ -293,7 +285,7 @@ impl Rules {
         }
     }
 
-    /// Checks every rule, whatever the mode is. The error names the rule that a network cannot use, and says why.
+    /// Checks every rule, in any mode. The error names a bad one.
     pub fn check(&self) -> Result<(), String> {
         let at_least_one = [
             ("min_dataset_samples", self.min_dataset_samples),
@@ -351,7 +343,7 @@ impl Rules {
         self.governance.check()
     }
 
-    /// Checks that no rule about a time or a size is above its bound.
+    /// Checks the bounds of times and sizes.
     fn check_upper_bounds(&self) -> Result<(), String> {
         use crate::rules::upper_bounds::*;
         let (credits, governance) = (&self.credits, &self.governance);
@@ -383,7 +375,7 @@ impl Rules {
         }
     }
 
-    /// The witnesses and the quorum that these rules require.
+    /// The required witnesses and quorum.
     pub fn witnesses(&self) -> Result<WitnessPolicy, String> {
         let bad = |why: String| format!("rule witness_policy: {why}");
         match self.witness_policy.len() {

@@ -1,4 +1,4 @@
-//! Open proposals, and how their votes are counted.
+//! Open proposals, and their votes.
 
 use crate::entries::proposal::{Action, Ballot, Outcome};
 use crate::rules::basis_points::BPS;
@@ -9,33 +9,33 @@ use zk0_circuits::{Digest, NodeId};
 /// A proposal that is not settled yet.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct OpenProposal {
-    /// The digest of the proposal as it was signed ([`Proposal::digest`]). Votes name it.
+    /// The digest of the signed proposal ([`Proposal::digest`]). Votes name it.
     ///
     /// [`Proposal::digest`]: crate::entries::signed::Proposal::digest
     pub digest: Digest,
-    /// Who proposed it.
+    /// The proposer.
     pub proposer: NodeId,
     /// A short title.
     pub title: String,
     /// What it does.
     pub action: Action,
-    /// Who may vote, and with what weight. It is the weight at the time of the proposal, less what the voter has lost since.
+    /// The voters' weights at the time of the proposal, less later losses.
     pub electorate: BTreeMap<NodeId, u64>,
-    /// The quorum that was in force when it was proposed.
+    /// The quorum at that time.
     pub quorum_bps: u32,
-    /// Likewise.
+    /// The threshold then.
     pub threshold_bps: u32,
-    /// Likewise.
+    /// The veto share then.
     pub veto_bps: u32,
-    /// The least weight for it, beside quorum and threshold; 0 but where a governor is to be removed who does not vote on it.
+    /// The least weight for it, beside quorum and threshold; 0 unless it removes a governor, who does not vote on it.
     pub least_for: u128,
-    /// Last moment for a vote, Unix milliseconds.
+    /// Last moment for a vote, in Unix milliseconds.
     pub voting_ends_ms: u64,
-    /// Last moment for a veto, Unix milliseconds. After it the proposal has to be settled before the next round opens.
+    /// Last moment for a veto, in Unix milliseconds. Then it must be settled before the next round.
     pub veto_ends_ms: u64,
-    /// The votes. Nobody can change theirs.
+    /// The votes, which are final.
     pub votes: BTreeMap<NodeId, Ballot>,
-    /// Who has vetoed it.
+    /// The voters with a veto.
     pub vetoes: BTreeSet<NodeId>,
 }
 
@@ -50,7 +50,7 @@ pub struct Tally {
     pub abstained: u128,
     /// The weight of the vetoes.
     pub vetoes: u128,
-    /// The weight of everybody who may vote.
+    /// The weight of all voters.
     pub electorate: u128,
 }
 
@@ -71,7 +71,7 @@ impl OpenProposal {
         }
     }
 
-    /// Moves a voter's weight and votes to the key that replaces the voter's.
+    /// Moves a voter's weight and votes to its new key.
     pub(crate) fn rename(&mut self, old: &NodeId, new: &NodeId) {
         if let Some(weight) = self.electorate.remove(old) {
             self.electorate.insert(*new, weight);
@@ -87,7 +87,7 @@ impl OpenProposal {
         }
     }
 
-    /// Makes the proposed action concern a node's new key, so that no node can avoid it by changing its key.
+    /// Makes the action follow a node to its new key, so that the node cannot avoid it.
     pub(crate) fn follow(&mut self, old: &NodeId, new: &NodeId) {
         match &mut self.action {
             Action::Suspend(node)
@@ -102,7 +102,7 @@ impl OpenProposal {
         }
     }
 
-    /// Lowers a voter's weight to at most `most`. A voter without weight also loses its votes.
+    /// Lowers a voter's weight to at most `most`; at 0, its votes go too.
     pub(crate) fn limit_weight(&mut self, voter: &NodeId, most: u64) {
         if most == 0 {
             self.electorate.remove(voter);
@@ -113,7 +113,7 @@ impl OpenProposal {
         }
     }
 
-    /// How the vote ended, once the proposal is due; `None` if it passed and was not vetoed.
+    /// How a due proposal failed; `None` if it passed without a veto.
     pub fn failed(&self) -> Option<Outcome> {
         let tally = self.tally();
         let share = |part: u128, bps: u32| (part * u128::from(BPS), u128::from(bps));

@@ -1,39 +1,36 @@
-//! The updates that nodes committed to last, so that no node can contribute what another node has trained.
+//! The last committed updates, so that no node contributes another node's.
 //!
-//! Their number is limited, so that following a log takes a limited amount of memory. It is a number of updates, and not of rounds or
-//! days, because an aggregator could let any number of empty rounds pass at once, while each node commits only once a round.
+//! A limit bounds the memory for following a log. It counts updates, not rounds or days: an aggregator could let many empty
+//! rounds pass at once, but each node commits once a round.
 
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::collections::{BTreeMap, VecDeque};
 use zk0_circuits::{Digest, NodeId, WeightsDigest};
 
-/// How many updates are remembered. Another node could commit to an older one, but that update would have to improve on what the network
-/// has become since.
+/// How many updates are remembered. A copy of an older one must still improve on the present network.
 pub const REMEMBERED_UPDATES: usize = 1 << 16;
 
-/// The last [`REMEMBERED_UPDATES`] updates, and the node of each.
+/// The last [`REMEMBERED_UPDATES`] updates, each with its node.
 #[derive(Clone, Debug, Default, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Updates {
-    /// By the digest of their bytes and by the digest of their numbers, because the same numbers in other bytes are the same update.
+    /// By the digests of bytes and of numbers: the same numbers in other bytes are the same update.
     by_digest: BTreeMap<Digest, CommittedUpdate>,
-    /// In the order of their entries.
     in_order: VecDeque<(u64, WeightsDigest)>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 struct CommittedUpdate {
     node: NodeId,
-    /// Index of the last entry that commits to it.
+    /// The last entry that commits to it.
     entry: u64,
 }
 
 impl Updates {
-    /// Who committed to an update with this digest.
     pub(crate) fn committer(&self, digest: &Digest) -> Option<&NodeId> {
         self.by_digest.get(digest).map(|committed| &committed.node)
     }
 
-    /// Remembers an update of `node`, committed by entry `entry`, and forgets the oldest beyond the limit.
+    /// Remembers the update of entry `entry`, and forgets the oldest beyond the limit.
     pub(crate) fn remember(&mut self, update: &WeightsDigest, node: NodeId, entry: u64) {
         for digest in [update.blob, update.quantised] {
             self.by_digest
@@ -47,7 +44,7 @@ impl Updates {
         }
     }
 
-    /// Forgets an update, unless a later entry commits to it too.
+    /// Forgets an update, unless a later entry commits to it.
     fn forget(&mut self, entry: u64, update: &WeightsDigest) {
         for digest in [update.blob, update.quantised] {
             let known = self.by_digest.get(&digest);
@@ -79,7 +76,7 @@ mod tests {
         let (node, limit) = (NodeId([7; 32]), REMEMBERED_UPDATES as u64);
         let mut updates = Updates::default();
         (0..limit).for_each(|number| updates.remember(&update(number), node, number));
-        // Somebody commits this update again, so it counts as recent from then on.
+        // A second commitment makes this update recent again.
         updates.remember(&update(1), node, limit);
         let known = |updates: &Updates, number| {
             let WeightsDigest { blob, quantised } = update(number);

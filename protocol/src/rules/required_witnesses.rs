@@ -1,5 +1,4 @@
-//! Which witnesses a network's rules require, read from its entries without a state. It is for programs that publish or copy a log and
-//! do not replay it.
+//! The witnesses that a network's rules require, read from its entries without a replay, for programs that publish or copy a log.
 
 use crate::entries::entry::Body;
 use crate::entries::proposal::{Action, Outcome};
@@ -7,8 +6,7 @@ use crate::rules::network_rules::Rules;
 use crate::tlog::witness_policy::WitnessPolicy;
 use std::collections::BTreeMap;
 
-/// The required witnesses, gathered entry by entry from the first one. It does not check whether entries follow the rules: a replay does
-/// that.
+/// The required witnesses. Only a replay checks the entries.
 #[derive(Clone, Debug, Default)]
 pub struct RequiredWitnesses {
     rules: Rules,
@@ -17,7 +15,7 @@ pub struct RequiredWitnesses {
 }
 
 impl RequiredWitnesses {
-    /// Takes the next entry into account.
+    /// Adds the next entry.
     pub fn observe(&mut self, body: &Body) {
         match body {
             Body::Genesis(genesis) => self.rules = genesis.rules.clone(),
@@ -37,7 +35,7 @@ impl RequiredWitnesses {
         }
     }
 
-    /// The policy in the rules in force; [`WitnessPolicy::none`] if they require no witnesses.
+    /// The policy in the rules in force; [`WitnessPolicy::none`] without witnesses.
     pub fn policy(&self) -> Result<WitnessPolicy, String> {
         self.rules.witnesses()
     }

@@ -1,4 +1,4 @@
-//! The state of a network after its entries so far. It is a plain value, computed from the entries and nothing else.
+//! A network's state: a plain value, computed from the entries alone.
 
 use crate::challenge::closing::CommitmentsClosing;
 use crate::challenge::unanswered::CommitRecord;
@@ -18,43 +18,33 @@ use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::{DatasetCommitment, Digest, NodeId, WeightsDigest};
 
-/// The state of a network. [`State::found`] makes one from a genesis, [`State::apply`] takes it one entry further.
+/// [`State::found`] makes a state from a genesis, [`State::apply`] adds an entry.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct State {
     pub(crate) genesis: Genesis,
     pub(crate) network: Digest,
-    /// Digest of the genesis' evaluation specification.
     pub(crate) evaluation: Digest,
     pub(crate) entries: u64,
     pub(crate) time_ms: u64,
-    /// The rules in force.
     pub(crate) rules: Rules,
     pub(crate) nodes: BTreeMap<NodeId, Node>,
-    /// Keys that nodes no longer use, each with the key that its node uses now.
+    /// Retired keys, each with its node's present key.
     pub(crate) retired: BTreeMap<NodeId, NodeId>,
-    /// Every episode that was ever registered, and the node that registered it.
+    /// Every registered episode, and its node.
     pub(crate) episodes: BTreeMap<Digest, NodeId>,
-    /// Every dataset root that was ever registered, and the node that registered it.
+    /// Every registered dataset root, and its node.
     pub(crate) datasets: BTreeMap<Digest, NodeId>,
-    /// The updates that nodes committed to last.
     pub(crate) updates: Updates,
     pub(crate) global: WeightsDigest,
     pub(crate) next_round: u64,
     pub(crate) round: Option<Round>,
     pub(crate) next_proposal: u64,
-    /// The proposals that are not settled, by number.
     pub(crate) proposals: BTreeMap<u64, OpenProposal>,
-    /// Accepted contributions to closed rounds that may still be disputed, by the entry that accepted them.
     pub(crate) contributions: BTreeMap<u64, Contribution>,
-    /// The disputes that are not decided, by the entry that raised them.
     pub(crate) disputes: BTreeMap<u64, OpenDispute>,
-    /// The guest program in force.
     pub(crate) program: Program,
-    /// What the last rounds ended with.
     pub(crate) results: RoundResults,
-    /// What the last closed round started from; `None` before the first one, and after a vote that restored weights.
     pub(crate) earlier_base: Option<WeightsDigest>,
-    /// The moments of FedAdam.
     pub(crate) moments: Option<ServerMoments>,
 }
 
@@ -63,73 +53,73 @@ pub struct State {
 pub struct Node {
     /// A readable name.
     pub name: String,
-    /// Its dataset, if it registered one.
+    /// Its dataset, if registered.
     pub dataset: Option<RegisteredDataset>,
     /// Whether it may contribute.
     pub standing: Standing,
-    /// Its credits: those that it has earned, less those that it has lost.
+    /// Its credits: earned less lost.
     pub credits: u64,
-    /// What became of its last commitments.
+    /// The record of its last commitments.
     pub record: CommitRecord,
 }
 
-/// An accepted contribution to a round that is over.
+/// An accepted contribution to a closed round.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Contribution {
-    /// Who contributed.
+    /// The contributor.
     pub node: NodeId,
-    /// To which round.
+    /// The round.
     pub round: u64,
-    /// What it earned.
+    /// Its credits.
     pub credits: u64,
-    /// Last moment for a dispute, Unix milliseconds.
+    /// Last moment for a dispute, in Unix milliseconds.
     pub disputable_until_ms: u64,
-    /// Whether it was verified again because of a dispute, and is valid.
+    /// Whether a dispute had it verified again, and it is valid.
     pub verified_again: bool,
 }
 
-/// A dispute that is not decided.
+/// An undecided dispute.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct OpenDispute {
-    /// Who raised it.
+    /// The disputer.
     pub disputer: NodeId,
     /// The entry that accepted the contribution.
     pub contribution: u64,
-    /// The evidence against the contribution.
+    /// The evidence.
     pub evidence: Evidence,
-    /// When it ends without a decision, in Unix milliseconds. A dispute about verification never ends without one.
+    /// When it ends undecided, in Unix milliseconds. A dispute about verification never does.
     pub lapses_ms: u64,
 }
 
 /// A registered dataset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct RegisteredDataset {
-    /// What it commits to.
+    /// The commitment.
     pub commitment: DatasetCommitment,
     /// SHA-256 of the list of drawn frames.
     pub leaves: Digest,
-    /// Index of the entry that registered it.
+    /// Index of the registering entry.
     pub entry: u64,
 }
 
 /// The open round.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Round {
-    /// How it opened.
+    /// Its opening.
     pub opened: RoundOpened,
-    /// Index of the entry that opened it.
+    /// Index of the opening entry.
     pub entry: u64,
-    /// Who may contribute, if the rules draw a sample.
+    /// The nodes that may contribute, if sampled.
     pub sample: Option<BTreeSet<NodeId>>,
     /// The commitments, by node.
     pub commits: BTreeMap<NodeId, Commit>,
-    /// How the commitments closed, once they are closed.
+    /// The closing of the commitments, once closed.
     pub closing: Option<CommitmentsClosing>,
-    /// The randomness of the challenges, once it is drawn.
+    /// The randomness of the challenges, once drawn.
     pub randomness: Option<Randomness>,
-    /// SHA-256 of the moments that the round ends with, once they are computed.
+    /// SHA-256 of the final moments, once computed.
     pub moments: Option<Digest>,
-    /// Since when the aggregator asks nodes for a file of their accepted contributions that it has lost, in Unix milliseconds.
+    /// When the aggregator first requested a lost file, in Unix milliseconds, by the node of the contribution.
     pub lost: BTreeMap<NodeId, u64>,
 }
 
@@ -138,9 +128,9 @@ pub struct Round {
 pub struct Randomness {
     /// The randomness.
     pub value: Digest,
-    /// Index of the entry that drew it.
+    /// Index of the drawing entry.
     pub entry: u64,
-    /// Last moment for a submission, Unix milliseconds.
+    /// Last moment for a submission, in Unix milliseconds.
     pub submit_deadline_ms: u64,
 }
 
@@ -149,31 +139,31 @@ pub struct Randomness {
 pub struct Commit {
     /// The update.
     pub update: WeightsDigest,
-    /// The dataset it will be evaluated on. The node may have registered another one since, for later rounds.
+    /// The dataset for its evaluation, though the node may have registered a later one.
     pub dataset: DatasetCommitment,
-    /// On how many samples it will be evaluated.
+    /// The number of evaluation samples.
     pub eval_samples: u32,
-    /// Index of the entry that recorded it.
+    /// Index of its entry.
     pub entry: u64,
-    /// Digest of what the node signed, from which its challenge follows.
+    /// Digest of the signed statement, for the challenge.
     pub commitment: Digest,
-    /// Whether the contribution was accepted or rejected, once that is decided.
+    /// The decision, once made.
     pub decision: Option<Decision>,
 }
 
 /// The decision about a contribution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub enum Decision {
-    /// It was accepted.
+    /// Accepted.
     Accepted {
-        /// Index of the entry that says so.
+        /// Index of the accepting entry.
         entry: u64,
-        /// The improvement that it proves, in basis points.
+        /// The proven improvement, in basis points.
         improvement_bps: u64,
     },
-    /// It was rejected.
+    /// Rejected.
     Rejected,
-    /// It was accepted, and the aggregator has lost a file of it.
+    /// Accepted, and the aggregator has lost a file of it.
     LeftOut,
 }
 
@@ -188,35 +178,34 @@ impl State {
         &self.network
     }
 
-    /// The rules in force. They do not change while a round is open.
+    /// The rules in force; constant while a round is open.
     pub fn rules(&self) -> &Rules {
         &self.rules
     }
 
-    /// The guest program that the proofs of the open round, or else of the next one, are of. It does not change while a round is open.
+    /// The guest program of the open round, or else of the next one; constant while a round is open.
     pub fn program(&self) -> &Program {
         &self.program
     }
 
-    /// The weights that the last closed rounds ended with.
+    /// The final weights of the last closed rounds.
     pub fn results(&self) -> &RoundResults {
         &self.results
     }
 
-    /// The weights that the round before the open one, or else before the next one, started from. The difference to the base is what
-    /// that round changed. It is `None` for the first round, and for a round whose base a vote restored: the way to those weights was
-    /// no training.
+    /// The base of the round before the open one, or else before the next one. Its difference to the present base is that round's
+    /// change. `None` for the first round, and if a vote restored the base, without training.
     pub fn earlier_base(&self) -> Option<&WeightsDigest> {
         self.earlier_base.as_ref()
     }
 
-    /// The moments of FedAdam that the open round, or else the next one, starts with. It is `None` where they begin afresh, and where the
-    /// last round closed by another strategy.
+    /// The moments of FedAdam that the open round, or else the next one, starts with; `None` if they start at zero, or after
+    /// another strategy.
     pub fn moments(&self) -> Option<&ServerMoments> {
         self.moments.as_ref()
     }
 
-    /// Digest of the evaluation specification that rounds and claims name.
+    /// Digest of the genesis' evaluation specification, in rounds and claims.
     pub fn evaluation(&self) -> &Digest {
         &self.evaluation
     }
@@ -226,7 +215,7 @@ impl State {
         self.entries
     }
 
-    /// Time of the last entry, in Unix milliseconds. The next entry cannot be earlier.
+    /// Time of the last entry, in Unix milliseconds.
     pub fn time_ms(&self) -> u64 {
         self.time_ms
     }
@@ -256,7 +245,7 @@ impl State {
         self.next_round
     }
 
-    /// The proposals that are not settled, by number.
+    /// The open proposals, by number.
     pub fn proposals(&self) -> &BTreeMap<u64, OpenProposal> {
         &self.proposals
     }
@@ -266,18 +255,18 @@ impl State {
         self.next_proposal
     }
 
-    /// The accepted contributions that may still be disputed, by the entry that accepted them.
+    /// Accepted contributions that may still be disputed, by the accepting entry.
     pub fn contributions(&self) -> &BTreeMap<u64, Contribution> {
         &self.contributions
     }
 
-    /// The disputes that are not decided, by the entry that raised them.
+    /// The undecided disputes, by the disputing entry.
     pub fn disputes(&self) -> &BTreeMap<u64, OpenDispute> {
         &self.disputes
     }
 
-    /// The contributors to the open round, their shares and what they earn, ordered by node, as `RoundClosed` has to list them. Both
-    /// depend on all contributors, so they are final once every commitment is decided.
+    /// The open round's contributors by node, with shares and credits, as in `RoundClosed`; final once every commitment is
+    /// decided.
     pub fn contributors(&self) -> Vec<Contributor> {
         let accepted = |(node, commit): (&NodeId, &Commit)| match commit.decision {
             Some(Decision::Accepted {
@@ -297,8 +286,7 @@ impl State {
         accepted.into_iter().zip(shares).map(contributor).collect()
     }
 
-    /// Who has committed in the open round and has submitted nothing although the randomness is drawn, ordered by node, as
-    /// `RoundClosed` has to list them.
+    /// The nodes that committed in the open round and submitted nothing despite the randomness, in order, as in `RoundClosed`.
     pub fn unanswered(&self) -> Vec<NodeId> {
         let drawn = self.round.iter().filter(|round| round.randomness.is_some());
         let commits = drawn.flat_map(|round| &round.commits);
@@ -306,14 +294,14 @@ impl State {
         waiting.map(|(node, _)| *node).collect()
     }
 
-    /// Whether `node` may contribute to `round`, by the rules in force, the node's standing and its last commitments. A node that has committed may,
-    /// whatever it has registered since.
+    /// Whether `node` may contribute to `round`, by the rules, its standing and its last commitments. A node that has committed
+    /// may, despite later registrations.
     pub fn may_contribute(&self, round: &Round, id: &NodeId) -> bool {
         let committed = round.commits.contains_key(id) && self.active(id).is_ok();
         committed || self.ready(id, round.number(), round.entry) && round.invites(id, &self.rules)
     }
 
-    /// Who may contribute to the next round, if it opens now. Of these, a round with a sample draws some.
+    /// The nodes that may contribute if the next round opens now, before sampling.
     pub fn expected(&self) -> impl Iterator<Item = &NodeId> {
         let (round, entry) = (self.next_round, self.entries);
         let listed = |node: &NodeId| match &self.rules.participation {
@@ -324,7 +312,7 @@ impl State {
         nodes.filter(move |node| self.ready(node, round, entry) && listed(node))
     }
 
-    /// Which active nodes may not contribute to the next round because they left too many commitments without a claim.
+    /// The active nodes paused in the next round, after too many commitments without a claim.
     pub fn pausing(&self) -> impl Iterator<Item = &NodeId> {
         let pauses = |node: &Node| node.record.paused_until(self.next_round).is_some();
         let active = |node: &Node| node.standing == Standing::Active;
@@ -333,8 +321,8 @@ impl State {
         nodes.map(|(id, _)| id)
     }
 
-    /// How many of the nodes in [`State::expected`] have to be present before the next round opens. Who is present is not on the ledger: the
-    /// aggregator sees it, and a replay does not check it.
+    /// How many nodes of [`State::expected`] must be present to open the next round. Only the aggregator sees presence; a replay
+    /// does not check it.
     pub fn least_present(&self) -> usize {
         match self.rules.participation {
             Participation::Present {
@@ -349,7 +337,7 @@ impl State {
         }
     }
 
-    /// Whether a node may commit in `round`, is active, and had a large enough dataset before entry `entry`.
+    /// Whether an active node may commit in `round`, and had a large enough dataset before entry `entry`.
     pub(crate) fn ready(&self, id: &NodeId, round: u64, entry: u64) -> bool {
         let least = self.rules.min_dataset_samples;
         self.nodes.get(id).is_some_and(|node| {
@@ -361,7 +349,7 @@ impl State {
         })
     }
 
-    /// Whether two identities belong to the same node, now or before it changed its key.
+    /// Whether two identities are, or were, the same node's.
     pub(crate) fn same_node(&self, one: &NodeId, other: &NodeId) -> bool {
         self.present_key(one) == self.present_key(other)
     }
@@ -370,7 +358,7 @@ impl State {
         *self.retired.get(id).unwrap_or(id)
     }
 
-    /// The digest of the state: [`tagged_sha256`] of its borsh encoding under `zk0/state/v7`. Equal histories give equal digests.
+    /// The state's digest: [`tagged_sha256`] of its borsh encoding under `zk0/state/v7`. Equal histories give equal digests.
     pub fn digest(&self) -> Digest {
         let bytes = borsh::to_vec(self).expect("writing to a Vec cannot fail");
         tagged_sha256("zk0/state/v7", &[&bytes])
@@ -383,7 +371,7 @@ impl Round {
         self.opened.round
     }
 
-    /// Whether a node may contribute to this round by `rules`, without a look at its standing.
+    /// Whether `rules` let a node contribute to this round, regardless of its standing.
     pub fn invites(&self, node: &NodeId, rules: &Rules) -> bool {
         match &rules.participation {
             Participation::All | Participation::Present { .. } => true,

@@ -1,5 +1,5 @@
-//! The most that a rule about a time or a size can say. Without such bounds one vote could stop a network for ever: for example, no
-//! proposal would end whose vote lasts a thousand years.
+//! The upper bounds of times and sizes in rules. Without them one vote could stop a network for ever, with a vote of a thousand
+//! years.
 
 const DAY_MS: u64 = 24 * 60 * 60 * 1000;
 
@@ -12,15 +12,14 @@ pub const MAX_GOVERNANCE_WINDOW_MS: u64 = 366 * DAY_MS;
 /// The largest file of weights: 64 GiB, an expert of 34 billion weights.
 pub const MAX_UPDATE_BYTES: u64 = 64 << 30;
 
-/// The largest proof: 64 MiB, fifty times what a compressed SP1 proof has. A proof is in memory as a whole.
+/// The largest proof: 64 MiB, fifty times a compressed SP1 proof. Proofs are in memory as a whole.
 pub const MAX_PROOF_BYTES: u64 = 64 << 20;
 
-/// Most nodes that may commit in one round. The entry that closes the round names each of them, in 44 bytes. So no rule can ask for more
-/// nodes to be present.
+/// Most nodes that commit in one round, or must be present: the entry that closes it names each in 44 bytes.
 pub const MAX_COMMITS: usize = 1300;
 
-/// The longest pause of a node that leaves its commitments without claims, in rounds. A pause that has begun outlasts a vote that shortens the rule.
+/// The longest pause after commitments without claims, in rounds. A vote does not shorten a pause that has begun.
 pub const MAX_PAUSE_ROUNDS: u64 = 1000;
 
-/// The most credits for one contribution. The sum over a million such contributions still fits 64 bits.
+/// The most credits for one contribution. A million of them still sum to 64 bits.
 pub const MAX_CREDITS: u64 = 1 << 40;

@@ -1,4 +1,4 @@
-//! The reasons for which the state refuses an entry.
+//! Why the state refuses an entry.
 
 use crate::challenge::drawing::RandomnessError;
 use crate::entries::codec::EntryError;
@@ -6,37 +6,37 @@ use crate::entries::refusal::code::RefusalCode;
 use crate::entries::refusal::Refusal;
 use zk0_circuits::{Digest, NodeId};
 
-/// Why an entry cannot follow the history so far.
+/// Why an entry cannot come next.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RuleViolation {
-    /// The rules refuse what a node states.
+    /// The rules refuse a node's statement.
     #[error(transparent)]
     Refused(#[from] Refusal),
-    /// The entry is too large, or of another version.
+    /// The entry is too large or of another version.
     #[error(transparent)]
     Entry(#[from] EntryError),
-    /// The entry is older than the entry before it.
+    /// The entry is older than the last.
     #[error("the entry's time is {time_ms} ms, but the entry before it has {last_ms} ms")]
     TimeBackwards { time_ms: u64, last_ms: u64 },
     /// The first entry is not a genesis.
     #[error("the first entry is not a genesis")]
     NoGenesis,
-    /// A genesis comes after the first entry.
+    /// A second genesis.
     #[error("this is a second genesis; a log has one, its first entry")]
     SecondGenesis,
-    /// The genesis has a value that a network cannot use.
+    /// The genesis has an unusable value.
     #[error("genesis: {0}")]
     BadGenesis(String),
     /// The node cannot be enrolled.
     #[error("node {node} cannot be enrolled: {why}")]
     BadNode { node: NodeId, why: String },
-    /// The key belongs to an enrolled node, or did so. The text is data of the ledger (see [`crate::entries::proposal::Outcome`]).
+    /// The key belongs or belonged to a node. The text is data of the ledger (see [`crate::entries::proposal::Outcome`]).
     #[error("node {0} is already enrolled")]
     AlreadyEnrolled(NodeId),
-    /// The round before is not closed.
+    /// The last round is not closed.
     #[error("round {0} is still open")]
     RoundStillOpen(u64),
-    /// A field of a round's opening or closing has another value than the ledger determines.
+    /// A field of a round's opening or closing is not the ledger's.
     #[error("round {round}: {field} is {found}, but it has to be {expected}")]
     RoundField {
         round: u64,
@@ -44,32 +44,32 @@ pub enum RuleViolation {
         found: String,
         expected: String,
     },
-    /// There is no such round to close.
+    /// No such round is open.
     #[error("round {0} is not open")]
     RoundNotOpen(u64),
-    /// The round would close while a node can still contribute.
+    /// A node can still contribute to the round.
     #[error("round {round} cannot close yet: {waiting_for}")]
     ClosedEarly { round: u64, waiting_for: String },
-    /// The commitments would close while a node can still commit.
+    /// A node can still commit.
     #[error("the commitments of round {round} cannot close {early_ms} ms before their deadline: node {node} may still commit")]
     CommitmentsOpen {
         round: u64,
         early_ms: u64,
         node: NodeId,
     },
-    /// The commitments of the round are closed already, or its randomness is drawn already.
+    /// The round's commitments are closed already, or its randomness is drawn.
     #[error("{what} of round {round} {done} already")]
     Again {
         round: u64,
         what: &'static str,
         done: &'static str,
     },
-    /// A file can be lost only of an accepted contribution.
+    /// The lost file is not of an accepted contribution.
     #[error(
         "round {round} has accepted no contribution of node {node} of which a file could be lost"
     )]
     NotAccepted { round: u64, node: NodeId },
-    /// A node is asked for a lost file before its contribution is left out.
+    /// The node was not asked for the lost file.
     #[error("round {round} cannot leave out the contribution of node {node}: no entry records that a file of it is lost")]
     NotAskedFor { round: u64, node: NodeId },
     /// The node may still send the lost file.
@@ -79,22 +79,22 @@ pub enum RuleViolation {
         node: NodeId,
         early_ms: u64,
     },
-    /// The commitments have to close before the randomness is drawn.
+    /// The commitments are not closed.
     #[error("the randomness of round {0} cannot be drawn before its commitments are closed")]
     NotClosed(u64),
-    /// The randomness comes too late. The round closes without it.
+    /// The randomness is too late.
     #[error("the randomness of round {round} comes {late_ms} ms too late")]
     RandomnessLate { round: u64, late_ms: u64 },
-    /// The randomness is not what its source determines.
+    /// The source determines another randomness.
     #[error("the randomness of round {round}: {error}")]
     BadRandomness { round: u64, error: RandomnessError },
-    /// The recorded reason for a refusal is not the true one.
+    /// Another reason for the refusal is true.
     #[error("the recorded reason for the refusal is '{given}', but {found}")]
     WrongReason { given: String, found: String },
-    /// The operator cannot enrol nodes in this network.
+    /// The operator cannot enrol nodes here.
     #[error("the operator cannot enrol node {0}: by the rules, only a vote can")]
     EnrolmentByVote(NodeId),
-    /// The two halves of a key rotation do not fit together.
+    /// The two halves of a key rotation differ.
     #[error("node {0}'s key cannot be rotated: the new key signed another rotation")]
     OtherTakeover(NodeId),
     /// The node has used its key in the open round.
@@ -103,49 +103,49 @@ pub enum RuleViolation {
     /// The node has committed in the open round.
     #[error("node {node} cannot leave yet: it has committed an update in round {round}, which is open; leave when the round is over")]
     LeavesRound { node: NodeId, round: u64 },
-    /// The node has signed that it leaves at another time.
+    /// The node has signed to leave at another time.
     #[error("node {node} has signed that round {round} is the first one without it, but the next round is {next}: sign again")]
     OtherLeaving { node: NodeId, round: u64, next: u64 },
-    /// The rules ask for more nodes than there are.
+    /// The round requires more nodes than there are.
     #[error("round {round} cannot open: {nodes} nodes may contribute to it, and the rules ask for {least} that are present")]
     TooFewNodes {
         round: u64,
         nodes: usize,
         least: usize,
     },
-    /// The node has changed its key too often. A limit keeps the search for former keys short.
+    /// The node has changed its key too often.
     #[error("node {node} has changed its key {limit} times: only a vote can give it another")]
     TooManyKeys { node: NodeId, limit: usize },
     /// The proposal is not possible.
     #[error("proposal {number}: {why}")]
     BadProposal { number: u64, why: String },
-    /// The identity belongs neither to a governor nor to a node with enough credits.
+    /// No governor, and no node with enough credits.
     #[error("{0} may not vote here: it is neither a governor nor a node with enough credits")]
     NoVote(NodeId),
-    /// There is no such open proposal.
+    /// The proposal is not open.
     #[error("proposal {0} is not open")]
     ProposalNotOpen(u64),
-    /// The voter has signed a vote on something else than the proposal with this number.
+    /// The voter signed a vote on another proposal of this number.
     #[error("the vote is on the proposal with digest {found}, but proposal {number} has digest {expected}: it is another one")]
     OtherProposal {
         number: u64,
         found: Digest,
         expected: Digest,
     },
-    /// The vote or veto comes too late.
+    /// The vote or veto is too late.
     #[error("a {what} on proposal {number} comes {late_ms} ms too late")]
     VoteClosed {
         number: u64,
         what: String,
         late_ms: u64,
     },
-    /// The veto comes while the vote lasts.
+    /// The veto comes during the vote.
     #[error("a veto on proposal {number} comes {early_ms} ms too early: vote against it, or wait for the end of the vote")]
     VetoEarly { number: u64, early_ms: u64 },
-    /// The voter has voted before.
+    /// The voter has already voted.
     #[error("{voter} has voted on proposal {number} already; votes are final")]
     VotedTwice { number: u64, voter: NodeId },
-    /// The proposal can still be voted on or vetoed.
+    /// Votes or vetoes are still possible.
     #[error("proposal {number} cannot be settled for another {early_ms} ms")]
     SettledEarly { number: u64, early_ms: u64 },
     /// The recorded outcome is not the true one.
@@ -155,16 +155,16 @@ pub enum RuleViolation {
         found: String,
         expected: String,
     },
-    /// A round cannot open while a proposal is due.
+    /// A due proposal prevents the round's opening.
     #[error("proposal {0} has to be settled before a round opens")]
     ProposalDue(u64),
-    /// A dispute, or its end, is not possible.
+    /// The dispute, or its end, is impossible.
     #[error("dispute about entry {entry}: {why}")]
     BadDispute { entry: u64, why: String },
-    /// A round cannot open before disputed contributions were verified again.
+    /// A dispute prevents the round's opening.
     #[error("the dispute of entry {0} has to be decided before a round opens")]
     DisputeUndecided(u64),
-    /// The deadlines are too far in the future.
+    /// The deadlines do not fit in 64 bits.
     #[error("round {0}'s deadlines do not fit in 64 bits")]
     EndOfTime(u64),
 }

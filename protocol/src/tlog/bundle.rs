@@ -1,20 +1,20 @@
-//! Entry bundles (C2SP tlog-tiles): each item after its length, 16 bits, big-endian.
+//! Entry bundles (C2SP tlog-tiles): each item after its length (16 bits, big-endian).
 
-/// Why bytes are not a bundle of so many items.
+/// Why bytes are not a bundle.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BundleError {
-    /// An item has more bytes than 16 bits can count.
+    /// An item's length exceeds 16 bits.
     #[error("an item of {0} bytes does not fit in a bundle")]
     TooLarge(usize),
     /// The bundle ends before or within an item.
     #[error("the bundle ends before the end of its item {0} (from 0)")]
     Short(usize),
-    /// The bundle goes on after its last item.
+    /// The bundle has bytes after its last item.
     #[error("the bundle has {0} bytes after its last item")]
     Long(usize),
 }
 
-/// Most bytes that a bundle of `width` items can have.
+/// Most bytes of a bundle of `width` items.
 pub fn max_bytes(width: u16) -> u64 {
     u64::from(width) * (2 + u64::from(u16::MAX))
 }

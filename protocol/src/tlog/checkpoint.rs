@@ -1,5 +1,5 @@
-//! Signed checkpoints: C2SP tlog-checkpoint bodies in C2SP signed notes, with one ed25519 signature by the log's key. A checkpoint with
-//! cosignatures is opened by a [`crate::tlog::witness_policy::WitnessPolicy`].
+//! Signed checkpoints: C2SP tlog-checkpoint bodies in C2SP signed notes, with one ed25519 signature by the log's key.
+//! [`crate::tlog::witness_policy::WitnessPolicy`] opens checkpoints with cosignatures.
 
 use crate::quote::short;
 use crate::tlog::verifier_key::{KeyError, Role, VerifierKey};
@@ -10,31 +10,31 @@ use tlog_tiles::checkpoint::Checkpoint as Body;
 use tlog_tiles::tlog::Hash;
 use zk0_circuits::Digest;
 
-/// Longest checkpoint that is read, in bytes, if it has only the log's signature.
+/// Longest checkpoint with only the log's signature, in bytes.
 pub const MAX_CHECKPOINT_BYTES: usize = 4096;
 
-/// Longest checkpoint with cosignatures that is read, in bytes. It has room for a hundred of them.
+/// Longest checkpoint with cosignatures, in bytes: room for a hundred.
 pub const MAX_NOTE_BYTES: usize = 64 * 1024;
 
-/// What stands in a C2SP signed note before its first signature.
+/// What precedes the first signature of a C2SP signed note.
 const SIGNED: &[u8] = "\n\n— ".as_bytes();
 
-/// A checkpoint: the log's first `size` entries have this root.
+/// The root of the log's first `size` entries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Checkpoint {
     /// Number of entries.
     pub size: u64,
-    /// RFC 6962 root over them.
+    /// Their RFC 6962 root.
     pub root: Digest,
 }
 
 /// Why a text is not a valid checkpoint of the log.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CheckpointError {
-    /// The text has no signature, not even a damaged one, so it is not a C2SP signed note and nobody's checkpoint.
+    /// The text has no signature, not even a damaged one, so it is no signed note.
     #[error("this is not a signed note: {0}")]
     NoNote(String),
-    /// The text is too long, damaged, or a C2SP signed note of something else.
+    /// The text is too long, damaged, or another C2SP signed note.
     #[error("this is not a signed checkpoint: {0}")]
     Malformed(String),
     /// The checkpoint is of another log.
@@ -43,13 +43,13 @@ pub enum CheckpointError {
     /// The log's key did not sign it.
     #[error("the checkpoint has no valid signature of the log's key: {0}")]
     Signature(String),
-    /// The text says more, or says it otherwise, than the only encoding of this checkpoint.
+    /// The text is not the only encoding of this checkpoint.
     #[error("the checkpoint is not in its canonical form")]
     NotCanonical,
     /// The log's key is not a usable ed25519 key.
     #[error("the log's key is not an ed25519 public key")]
     BadKey,
-    /// Too few of the policy's witnesses have cosigned it.
+    /// Too few of the policy's witnesses cosigned it.
     #[error("the policy requires cosignatures of {wanted}; the checkpoint of {size} entries carries cosignatures of {found}")]
     NoQuorum {
         size: u64,
@@ -66,7 +66,7 @@ impl Checkpoint {
         Ok(body.to_bytes())
     }
 
-    /// Signs the checkpoint. The result is the text that is published.
+    /// Signs the checkpoint. Returns the published text.
     pub fn sign(&self, origin: &str, key: &SigningKey) -> Result<Vec<u8>, CheckpointError> {
         let malformed = |error: String| CheckpointError::Malformed(error);
         let mut note =
@@ -80,15 +80,14 @@ impl Checkpoint {
         Ok(note.to_bytes())
     }
 
-    /// Opens a signed checkpoint of the log `origin`. The text has to be the only encoding of the checkpoint with one signature, by
-    /// `log_key`: any other byte is refused.
+    /// Opens a checkpoint of the log `origin`. The text must be its only encoding with one signature, by `log_key`.
     pub fn open(text: &[u8], origin: &str, log_key: &[u8; 32]) -> Result<Self, CheckpointError> {
         if text.len() > MAX_CHECKPOINT_BYTES {
             return Err(CheckpointError::Malformed(format!("{} bytes", text.len())));
         }
         let parsed = Parsed::read(text)?;
         let signatures = parsed.signed_by(&self::log_key(origin, log_key)?)?;
-        // Encoded again with only the log's signature, the checkpoint has to give the same text.
+        // Re-encoded with only the log's signature, it must give the same text.
         let canonical = Note::new(parsed.note.text(), &signatures).map(|note| note.to_bytes());
         if canonical.ok().as_deref() == Some(text) {
             Ok(parsed.checkpoint)
@@ -98,18 +97,18 @@ impl Checkpoint {
     }
 }
 
-/// A checkpoint that is not verified yet. It may be of any log, with any signatures.
+/// An unverified checkpoint of any log, with any signatures.
 pub struct Parsed {
     /// The note.
     pub note: Note,
-    /// The log that it claims to be of.
+    /// The claimed log.
     pub origin: String,
-    /// The size and root that it claims.
+    /// The claimed size and root.
     pub checkpoint: Checkpoint,
 }
 
 impl Parsed {
-    /// Reads a signed note with a checkpoint in its canonical encoding, without extension lines.
+    /// Reads a signed note with a checkpoint in canonical encoding, without extension lines.
     pub fn read(text: &[u8]) -> Result<Self, CheckpointError> {
         if text.len() > MAX_NOTE_BYTES {
             return Err(CheckpointError::Malformed(format!("{} bytes", text.len())));
@@ -137,7 +136,7 @@ impl Parsed {
         })
     }
 
-    /// The log's signature, if this is a checkpoint of the log `key` with a valid signature.
+    /// The log's signature, if `key` validly signed this checkpoint.
     pub fn signed_by(
         &self,
         key: &VerifierKey,
@@ -157,7 +156,7 @@ impl Parsed {
     }
 }
 
-/// The verifier key of the log `origin` with this public key.
+/// The verifier key of the log `origin`.
 pub fn log_key(origin: &str, key: &[u8; 32]) -> Result<VerifierKey, CheckpointError> {
     VerifierKey::new(Role::Log, origin, key).map_err(|error| match error {
         KeyError::Key(_) => CheckpointError::BadKey,

@@ -1,13 +1,13 @@
-//! Cosignatures (C2SP tlog-cosignature, `cosignature/v1`). With one, a witness states that, at a certain time, this was the largest
-//! consistent tree of the log that it had seen.
+//! Cosignatures (C2SP tlog-cosignature, `cosignature/v1`): a witness states that, at a time, this was the largest consistent tree
+//! of the log that it had seen.
 //!
-//! The signature in the note is the time (POSIX seconds, 8 bytes big-endian) and an ed25519 signature of
-//! `cosignature/v1\ntime <seconds>\n` followed by the note's text.
+//! The note's signature is the time (POSIX seconds, 8 bytes big-endian) and an ed25519 signature of
+//! `cosignature/v1\ntime <seconds>\n` and the note's text.
 
 use ed25519_dalek::{Signature, VerifyingKey};
 
-/// The time of a valid cosignature of a note's text, in POSIX seconds; `None` if it is not valid. A time of 0, which stands for no time,
-/// and a time beyond 2⁶³ − 1 are not valid.
+/// The time of a valid cosignature of a note's text, in POSIX seconds; else `None`. Times 0 (no time) and beyond 2⁶³ − 1 are
+/// invalid.
 pub fn verify(key: &VerifyingKey, text: &[u8], signature: &[u8]) -> Option<u64> {
     let (time_s, signature) = signature.split_first_chunk::<8>()?;
     let time_s = u64::from_be_bytes(*time_s);

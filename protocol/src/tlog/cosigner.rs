@@ -1,4 +1,4 @@
-//! Who makes cosignatures, and how to find one in a witness' answer.
+//! Makes cosignatures, and finds one in a witness' answer.
 
 use crate::tlog::cosignature::message;
 use crate::tlog::verifier_key::{KeyError, Role, VerifierKey};
@@ -12,7 +12,7 @@ pub struct Cosigner {
 }
 
 impl Cosigner {
-    /// A witness that signs as `name`. Use each key for one name and for nothing else, because the name is not part of the message.
+    /// A witness that signs as `name`. The message does not contain the name, so use each key for one name only.
     pub fn new(name: &str, secret: SigningKey) -> Result<Self, KeyError> {
         let key = VerifierKey::new(Role::Witness, name, secret.verifying_key().as_bytes())?;
         Ok(Self { key, secret })
@@ -23,8 +23,8 @@ impl Cosigner {
         &self.key
     }
 
-    /// Cosigns a note's text at `time_s`, in POSIX seconds. Returns the signature line with its newline. It does not check whether the text
-    /// may be cosigned: [`crate::tlog::witness`] does.
+    /// Cosigns a note's text at `time_s`, in POSIX seconds. Returns the signature line with its newline. [`crate::tlog::witness`]
+    /// checks what may be cosigned.
     pub fn cosign(&self, text: &[u8], time_s: u64) -> Vec<u8> {
         let signature = self.secret.sign(&message(text, time_s));
         let bytes = [&time_s.to_be_bytes()[..], &signature.to_bytes()[..]].concat();
@@ -34,7 +34,7 @@ impl Cosigner {
     }
 }
 
-/// Finds the valid cosignature of this note by `key` in a witness' answer, which has one signature a line. Other lines are ignored.
+/// Finds this note's valid cosignature by `key` in a witness' answer, one signature a line. Other lines are ignored.
 pub fn find(answer: &[u8], key: &VerifierKey, note: &Note) -> Option<signed_note::Signature> {
     answer
         .split_inclusive(|byte| *byte == b'\n')

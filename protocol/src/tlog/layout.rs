@@ -1,16 +1,14 @@
-//! The files that a log serves: those of C2SP tlog-tiles, and some more kinds.
+//! The files that a log serves: those of C2SP tlog-tiles, and others.
 //!
-//! | path | content |
-//! |---|---|
-//! | `checkpoint` | the newest published checkpoint, a C2SP signed note |
-//! | `tile/<L>/<N>[.p/<W>]` | 256 tree hashes, 32 bytes each, of level 8·L; `.p/<W>`: the first W of them |
-//! | `tile/entries/<N>[.p/<W>]` | 256 entries, each after its length (16 bits, big-endian) |
-//! | `zk0/checkpoints/<N>[.p/<W>]` | the log's checkpoints after these entries, each after its length; empty where there is none |
-//! | `zk0/policy` | the log's key and the witnesses that cosign its checkpoints (C2SP tlog-policy) |
-//! | `zk0/pruned` | what the operator says about blobs that are no longer kept ([`crate::pruning`]); missing if nothing was pruned |
-//! | `blobs/sha256/<digest>` | proofs and weights, once they are public |
+//! - `checkpoint`: the newest published checkpoint, a C2SP signed note
+//! - `tile/<L>/<N>[.p/<W>]`: 256 tree hashes, 32 bytes each, of level 8·L; `.p/<W>`: the first W of them
+//! - `tile/entries/<N>[.p/<W>]`: 256 entries, each after its length (16 bits, big-endian)
+//! - `zk0/checkpoints/<N>[.p/<W>]`: the checkpoints after these entries, each after its length; empty without one
+//! - `zk0/policy`: the log's key and the witnesses of its checkpoints (C2SP tlog-policy)
+//! - `zk0/pruned`: the statement on blobs no longer kept ([`crate::pruning`]); missing without pruning
+//! - `blobs/sha256/<digest>`: proofs and weights, once public
 //!
-//! Only `checkpoint`, `zk0/policy` and `zk0/pruned` change. All other files stay as they are.
+//! Only `checkpoint`, `zk0/policy` and `zk0/pruned` change.
 
 use crate::tlog::decimal::decimal;
 use std::fmt;
@@ -22,17 +20,17 @@ pub const TILE_WIDTH: u64 = 256;
 /// Height of a tile.
 pub const TILE_HEIGHT: u8 = 8;
 
-/// Largest tree that is read from others. The limit keeps the positions of its hashes well within 64 bits.
+/// Largest tree read from others: positions of its hashes stay well within 64 bits.
 pub const MAX_TREE_SIZE: u64 = 1 << 48;
 
-/// Something that a log serves.
+/// What a log serves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Resource {
     /// The newest published checkpoint.
     Checkpoint,
     /// The log's key and witnesses.
     Policy,
-    /// Which blobs are no longer kept.
+    /// The statement on blobs no longer kept.
     Pruned,
     /// A tile, or a bundle.
     Tile(Tile),
@@ -43,11 +41,11 @@ pub enum Resource {
 /// A tile or bundle: `width` items, beginning with item `number`·256.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Tile {
-    /// What its items are.
+    /// The kind of its items.
     pub kind: TileKind,
     /// Its number, from 0.
     pub number: u64,
-    /// How many items it has, from 1 to 256.
+    /// Its number of items, 1 to 256.
     pub width: u16,
 }
 
@@ -63,7 +61,6 @@ pub enum TileKind {
 }
 
 impl Tile {
-    /// How many items of this kind a log of `size` entries has.
     fn held(kind: TileKind, size: u64) -> u64 {
         match kind {
             TileKind::Hashes(level) => size >> (u32::from(level) * u32::from(TILE_HEIGHT)),
@@ -71,7 +68,7 @@ impl Tile {
         }
     }
 
-    /// The widest tile of this number that a log of `size` entries has.
+    /// The widest tile of this number in a log of `size` entries.
     pub fn at(kind: TileKind, number: u64, size: u64) -> Option<Self> {
         let rest = Self::held(kind, size).checked_sub(number.checked_mul(TILE_WIDTH)?)?;
         let width = rest.min(TILE_WIDTH) as u16;
@@ -106,7 +103,7 @@ impl Tile {
     }
 }
 
-/// All tiles and bundles of a log of `size` entries, the widest of each, in order.
+/// All tiles and bundles of a log of `size` entries, the widest, in order.
 pub fn tiles(size: u64) -> impl Iterator<Item = Tile> {
     let levels = (0..=7).map(TileKind::Hashes);
     levels
@@ -153,7 +150,7 @@ impl fmt::Display for Resource {
 }
 
 impl Resource {
-    /// Reads a path without a leading slash; `None` if no file has this path, or if the path could be written otherwise.
+    /// Reads a path without a leading slash; `None` if no file has it, or if it is not canonical.
     pub fn parse(path: &str) -> Option<Self> {
         let found = match path {
             "checkpoint" => Self::Checkpoint,

@@ -1,4 +1,4 @@
-//! Receipts. A node keeps a receipt to show that its entry is in the log.
+//! Receipts: a node's evidence that its entry is in the log.
 
 use crate::entries::codec::EntryError;
 use crate::tlog::checkpoint::{Checkpoint, CheckpointError};
@@ -7,14 +7,14 @@ use borsh::{BorshDeserialize, BorshSerialize};
 use tlog_tiles::tlog::{check_record, record_hash, Hash};
 use zk0_circuits::Digest;
 
-/// A proof that an entry is in the log: a signed checkpoint, and the entry's inclusion in its tree.
+/// A signed checkpoint, and an entry's inclusion in its tree.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Receipt {
-    /// Position of the entry, from 0.
+    /// The entry's position, from 0.
     pub index: u64,
     /// Its canonical encoding.
     pub entry: Vec<u8>,
-    /// The signed checkpoint (C2SP signed note) of a tree that holds it.
+    /// The signed checkpoint (C2SP signed note) of a tree with the entry.
     pub checkpoint: Vec<u8>,
     /// RFC 6962 audit path, from the leaf upwards.
     pub proof: Vec<Digest>,
@@ -23,13 +23,13 @@ pub struct Receipt {
 /// Why a receipt is not valid.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ReceiptError {
-    /// Its checkpoint is not a valid checkpoint of the log.
+    /// Its checkpoint is not valid.
     #[error("receipt: {0}")]
     Checkpoint(#[from] CheckpointError),
     /// Its bytes are not an entry.
     #[error("receipt: {0}")]
     Entry(#[from] EntryError),
-    /// Its path does not lead from the entry to the checkpoint's root.
+    /// Its path does not lead to the checkpoint's root.
     #[error("receipt: the proof does not show that entry {index} is in the tree of {size} entries: {why}")]
     NotIncluded { index: u64, size: u64, why: String },
 }
@@ -48,7 +48,7 @@ impl Receipt {
             size: checkpoint.size,
             why,
         };
-        // A path cannot be longer than the tree is high, and `check_record` copies it once for each level.
+        // The tree's height limits the path, and `check_record` copies it once for each level.
         if self.proof.len() > 64 {
             return Err(refuse(format!(
                 "it has {} hashes, which is too many",

@@ -1,7 +1,6 @@
-//! Receipts as files: `tlog-proof` bundles (C2SP tlog-proof). Anybody can verify one offline, with the log's key and a policy.
+//! Receipts as files: `tlog-proof` bundles (C2SP tlog-proof), verifiable offline with the log's key and a policy.
 //!
-//! The bundle's extra data is the entry itself, so that the file is complete. The proof authenticates the entry, because the entry's
-//! hash is the leaf.
+//! The bundle's extra data is the entry, so the file is complete. The proof covers it, because its hash is the leaf.
 
 use crate::entries::codec::EntryError;
 use crate::entries::entry::MAX_ENTRY_BYTES;
@@ -15,21 +14,20 @@ use base64::prelude::{Engine as _, BASE64_STANDARD};
 use tlog_tiles::tlog::{check_record, record_hash, Hash};
 use zk0_circuits::Digest;
 
-/// First line of a bundle.
 const HEADER: &str = "c2sp.org/tlog-proof@v1";
 
-/// Longest bundle that is read, in bytes. It has room for an entry in base64, a path and a cosigned checkpoint.
+/// Longest bundle, in bytes: an entry in base64, a path and a cosigned checkpoint.
 pub const MAX_PROOF_BYTES: usize = 2 * MAX_ENTRY_BYTES + crate::tlog::checkpoint::MAX_NOTE_BYTES;
 
-/// Most hashes in an inclusion proof, because no tree is higher.
+/// Most hashes in a proof: no tree is higher.
 const MAX_HASHES: usize = 63;
 
-/// A proof that an entry is in a log, which anybody can verify offline.
+/// A proof of an entry in a log, verifiable offline.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TlogProof {
-    /// Extra data; here it is the entry's canonical bytes.
+    /// Extra data; here the entry's canonical bytes.
     pub extra: Option<Vec<u8>>,
-    /// Position of the entry, from 0.
+    /// The entry's position, from 0.
     pub index: u64,
     /// RFC 6962 audit path, from the leaf upwards.
     pub hashes: Vec<Digest>,
@@ -43,7 +41,7 @@ pub enum ProofError {
     /// The text is not a bundle.
     #[error("this is not a tlog-proof: {0}")]
     Form(String),
-    /// The bundle does not hold the entry, and the caller gave none.
+    /// Neither the bundle nor the caller gives the entry.
     #[error("the proof does not hold its entry (no `extra` line): give the entry too")]
     NoEntry,
     /// Its checkpoint is not valid.
@@ -52,7 +50,7 @@ pub enum ProofError {
     /// The proven bytes are not an entry.
     #[error("proof: {0}")]
     Entry(#[from] EntryError),
-    /// The path does not lead from the entry to the checkpoint's root.
+    /// The path does not lead to the checkpoint's root.
     #[error("the proof does not show that entry {index} is in the tree of {size} entries: {why}")]
     NotIncluded { index: u64, size: u64, why: String },
 }
@@ -69,7 +67,7 @@ impl From<Receipt> for TlogProof {
 }
 
 impl TlogProof {
-    /// The text of the bundle. Files with it have the extension `.tlog-proof`.
+    /// The text of a `.tlog-proof` file.
     pub fn encode(&self) -> Vec<u8> {
         let mut text = format!("{HEADER}\n");
         if let Some(extra) = &self.extra {
@@ -83,7 +81,7 @@ impl TlogProof {
         [text.as_bytes(), &self.checkpoint].concat()
     }
 
-    /// Reads a bundle. [`TlogProof::verify`] reads the checkpoint in it.
+    /// Reads a bundle; [`TlogProof::verify`] reads its checkpoint.
     pub fn decode(bytes: &[u8]) -> Result<Self, ProofError> {
         let form = |why: &str| ProofError::Form(why.into());
         if bytes.len() > MAX_PROOF_BYTES {
@@ -140,7 +138,7 @@ impl TlogProof {
         Ok((witnessed, Entry::decode(bytes)?))
     }
 
-    /// Does the same for a leaf that the caller has from elsewhere.
+    /// As [`TlogProof::verify`], for a leaf that the caller has.
     pub fn verify_leaf(
         &self,
         log: &VerifierKey,

@@ -1,25 +1,24 @@
-//! The right edge of an RFC 6962 tree. It is enough to append leaves and to compute the root.
+//! The right edge of an RFC 6962 tree: enough to append leaves and to compute the root.
 
 use tlog_tiles::tlog::{
     node_hash, record_hash, sub_tree_index, Error as TreeError, Hash, HashReader, EMPTY_HASH,
 };
 use zk0_circuits::Digest;
 
-/// Most leaves. The limit keeps the positions of the hashes well within 64 bits.
+/// Most leaves: positions of the hashes stay well within 64 bits.
 const MAX_LEAVES: u64 = 1 << 60;
 
-/// A tree of `size` leaves, represented by the roots of its complete subtrees. There are at most log₂ of `size` of them.
+/// A tree of `size` leaves, as the roots of its complete subtrees, at most log₂ of `size`.
 #[derive(Clone, Debug, Default)]
 pub struct Frontier {
     size: u64,
-    /// One root for each one among the bits of `size`, with the largest subtree's first.
+    /// One root for each one bit of `size`, the largest subtree first.
     edge: Vec<Hash>,
 }
 
 impl Frontier {
     /// The right edge of the first `size` leaves, from stored hashes.
     pub fn read(size: u64, stored: &impl HashReader) -> Result<Self, TreeError> {
-        // Largest subtree first.
         let edge = stored.read_hashes(&sub_tree_index(0, size, Vec::new()))?;
         Ok(Self { size, edge })
     }
@@ -29,13 +28,13 @@ impl Frontier {
         self.size
     }
 
-    /// Appends a leaf. Returns the hashes that become final with it, beginning with the hash of the leaf itself. They are stored at
-    /// consecutive positions from `tlog_tiles::tlog::stored_hash_index(0, n)` on. A tree has at most 2⁶⁰ leaves.
+    /// Appends a leaf. Returns the hashes that become final, the leaf's own first, for consecutive positions from
+    /// `tlog_tiles::tlog::stored_hash_index(0, n)` on. A tree has at most 2⁶⁰ leaves.
     pub fn push(&mut self, entry: &[u8]) -> Result<Vec<Hash>, TreeError> {
         self.push_leaf(record_hash(entry))
     }
 
-    /// [`Frontier::push`] of a leaf whose hash (`tlog_tiles::tlog::record_hash`) is known.
+    /// [`Frontier::push`] of a leaf with a known hash (`tlog_tiles::tlog::record_hash`).
     pub fn push_leaf(&mut self, leaf: Hash) -> Result<Vec<Hash>, TreeError> {
         if self.size >= MAX_LEAVES {
             return Err(TreeError::InvalidInput(format!(
@@ -44,7 +43,7 @@ impl Frontier {
         }
         let mut new = vec![leaf];
         let mut hash = leaf;
-        // For each one at the end of the size's bits, the leaf completes a subtree of twice the size.
+        // For each trailing one bit of the size, a subtree of twice the size is complete.
         for _ in 0..self.size.trailing_ones() {
             let left = self.edge.pop().ok_or(TreeError::IndexesNotInTree)?;
             hash = node_hash(left, hash);
@@ -55,7 +54,7 @@ impl Frontier {
         Ok(new)
     }
 
-    /// The root: RFC 6962's Merkle tree hash of all leaves.
+    /// The RFC 6962 Merkle tree hash of all leaves.
     pub fn root(&self) -> Result<Digest, TreeError> {
         let mut subtrees = self.edge.iter().rev();
         let Some(smallest) = subtrees.next() else {

@@ -1,8 +1,8 @@
-//! Verifier keys: the name and the public key of a signer in one line of text (C2SP signed-note, "vkeys").
+//! Verifier keys: a signer's name and public key in one line of text (C2SP signed-note, "vkeys").
 //!
 //! `<name>+<key id, hexadecimal>+base64(signature type ‖ ed25519 public key)`. A log signs checkpoints with type `0x01`, a
-//! witness cosigns them with type `0x04` (C2SP tlog-cosignature). The type is part of the key's id, so one kind of signature is never
-//! taken for the other.
+//! witness cosigns them with type `0x04` (C2SP tlog-cosignature). The id covers the type, so one kind of signature is never taken
+//! for the other.
 
 use crate::public_key::public_key;
 use crate::quote::short;
@@ -48,14 +48,14 @@ pub enum KeyError {
     /// A key cannot have this name.
     #[error("'{0}' cannot be the name of a key. A name has 1 to {MAX_NAME_BYTES} bytes and no spaces, plus signs or control characters")]
     Name(String),
-    /// The key is of another kind.
+    /// The key has another type.
     #[error("key '{name}' has signature type {found:#04x}, but it has to be {expected}")]
     Type {
         name: String,
         found: u8,
         expected: &'static str,
     },
-    /// The id does not belong to the name and the key.
+    /// The id does not match the name and the key.
     #[error("key '{name}' has the id {found}, but the id of this name and key is {expected}: some character is wrong")]
     Id {
         name: String,
@@ -68,7 +68,7 @@ pub enum KeyError {
 }
 
 impl VerifierKey {
-    /// A key from its parts. Points of small order are refused, because anybody can make signatures for them.
+    /// A key from its parts. Points of small order are refused: anybody can sign for them.
     pub fn new(role: Role, name: &str, key: &[u8; 32]) -> Result<Self, KeyError> {
         if !is_log_name(name) {
             return Err(KeyError::Name(short(name)));
@@ -83,7 +83,7 @@ impl VerifierKey {
         }
     }
 
-    /// Reads a key, which has to have this role.
+    /// Reads a key of this role.
     pub fn of_role(role: Role, text: &str) -> Result<Self, KeyError> {
         let key: Self = text.parse()?;
         if key.role == role {
@@ -100,7 +100,7 @@ impl VerifierKey {
         }
     }
 
-    /// The name. The name of a log's key is the log's origin.
+    /// The name; for a log's key, the log's origin.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -120,7 +120,7 @@ impl VerifierKey {
         signed_note::key_id(&self.name, &self.encoded())
     }
 
-    /// The time of a valid cosignature of a note's text (POSIX seconds). `None` if it is not valid, or if this is not a witness' key.
+    /// The time of a valid cosignature of a note's text (POSIX seconds); else `None`, as for a log's key.
     pub fn cosigned_at(&self, text: &[u8], signature: &[u8]) -> Option<u64> {
         match self.role {
             Role::Witness => cosignature::verify(&self.key, text, signature),

@@ -1,6 +1,5 @@
-//! The decisions of a witness (C2SP tlog-witness), without sockets, files or clocks. A witness remembers one checkpoint for each log, and
-//! cosigns another checkpoint only if it continues the first. So a log cannot show two histories to two readers who require this
-//! witness' cosignature.
+//! The decisions of a witness (C2SP tlog-witness), without sockets, files or clocks. A witness remembers one checkpoint for each
+//! log, and cosigns only a continuation of it. So a log cannot show two histories to readers who require this witness.
 
 use crate::quote::short;
 use crate::tlog::checkpoint::{Checkpoint, CheckpointError, Parsed, MAX_NOTE_BYTES};
@@ -20,7 +19,7 @@ pub const MAX_REQUEST_BYTES: usize = 64 * 48 + MAX_NOTE_BYTES;
 /// A request for a cosignature.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AddCheckpoint {
-    /// Size of the last checkpoint that the witness cosigned, as far as the client knows; 0 if there is none.
+    /// Size of the witness' last checkpoint, as far as the client knows; 0 without one.
     pub old: u64,
     /// RFC 6962 consistency proof from that size to the new checkpoint.
     pub proof: Vec<Digest>,
@@ -31,7 +30,7 @@ pub struct AddCheckpoint {
 /// Why a witness does not cosign.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WitnessRefusal {
-    /// The bytes are not a request, or the request contradicts itself.
+    /// The bytes are not a request, or contradict themselves.
     #[error("{0}")]
     Malformed(String),
     /// The witness does not watch this log.
@@ -40,20 +39,20 @@ pub enum WitnessRefusal {
     /// The log did not sign the checkpoint.
     #[error("{0}")]
     NotSigned(CheckpointError),
-    /// The client is wrong about the last checkpoint that the witness cosigned.
+    /// The client is wrong about the witness' last checkpoint.
     #[error("the last checkpoint that this witness cosigned has {last} entries, not {old}")]
     Conflict { last: u64, old: u64 },
-    /// The witness has cosigned another tree of the same size: the log shows two histories.
+    /// The witness cosigned another tree of the same size: the log shows two histories.
     #[error("this witness has cosigned another tree of {size} entries")]
     OtherTree { size: u64 },
-    /// The proof does not show that the new tree continues the old one. Anybody can send a checkpoint of an honest log without its proof, so
+    /// The proof does not show a continuation of the old tree. Anybody can send an honest log's checkpoint without its proof, so
     /// this is no evidence against the log.
     #[error("the proof does not show that the tree of {size} entries continues the one of {last} entries that this witness cosigned: {why}")]
     Inconsistent { last: u64, size: u64, why: String },
 }
 
 impl WitnessRefusal {
-    /// The HTTP status of this refusal.
+    /// The refusal's HTTP status.
     pub fn status(&self) -> u16 {
         match self {
             Self::Malformed(_) => 400,
@@ -76,7 +75,7 @@ impl AddCheckpoint {
         [text.as_bytes(), &self.checkpoint].concat()
     }
 
-    /// Reads a request's body, but not the checkpoint in it.
+    /// Reads a request's body, but not its checkpoint.
     pub fn decode(body: &[u8]) -> Result<Self, WitnessRefusal> {
         let malformed = |why: &str| WitnessRefusal::Malformed(why.into());
         if body.len() > MAX_REQUEST_BYTES {
@@ -111,7 +110,7 @@ impl AddCheckpoint {
     }
 }
 
-/// A witness: the logs that it watches, and the last checkpoint of each that it cosigned.
+/// The watched logs, and the last cosigned checkpoint of each.
 pub struct Witness {
     cosigner: Cosigner,
     logs: BTreeMap<String, WatchedLog>,
@@ -122,9 +121,9 @@ struct WatchedLog {
     last: Option<Checkpoint>,
 }
 
-/// A checkpoint that may be cosigned. Once it is on disk, [`Witness::record`] makes it the log's last one.
+/// A checkpoint to cosign. Once it is on disk, [`Witness::record`] makes it the log's last one.
 pub struct AcceptedCheckpoint {
-    /// The log that it is of.
+    /// Its log.
     pub origin: String,
     /// The checkpoint.
     pub checkpoint: Checkpoint,
@@ -143,7 +142,7 @@ impl Witness {
         }
     }
 
-    /// Starts to watch a log, from the last checkpoint that was cosigned. A witness cannot watch two keys for one origin.
+    /// Watches a log from its last cosigned checkpoint. An origin has one key.
     pub fn watch(&mut self, key: VerifierKey, last: Option<Checkpoint>) -> Result<(), String> {
         if self.logs.contains_key(key.name()) {
             Err(format!("the log '{}' is named twice", key.name()))
@@ -154,7 +153,7 @@ impl Witness {
         }
     }
 
-    /// The key that verifies its cosignatures.
+    /// The key of its cosignatures.
     pub fn key(&self) -> &VerifierKey {
         self.cosigner.key()
     }
@@ -164,7 +163,7 @@ impl Witness {
         self.logs.values().map(|watched| &watched.key)
     }
 
-    /// Decides on a request at `time_s`, in POSIX seconds, and changes nothing. The caller first writes the note to disk, then records it,
+    /// Decides on a request at `time_s`, in POSIX seconds, and changes nothing. The caller writes the note to disk, records it,
     /// and only then hands out the cosignature.
     pub fn check(&self, body: &[u8], time_s: u64) -> Result<AcceptedCheckpoint, WitnessRefusal> {
         let request = AddCheckpoint::decode(body)?;
@@ -203,7 +202,7 @@ impl Witness {
         })
     }
 
-    /// Makes what was accepted the last checkpoint of its log.
+    /// Makes the accepted checkpoint its log's last one.
     pub fn record(&mut self, accepted: &AcceptedCheckpoint) {
         if let Some(watched) = self.logs.get_mut(&accepted.origin) {
             watched.last = Some(accepted.checkpoint);
@@ -228,7 +227,7 @@ fn continues(
         Some(last) if last.size == new.size && last.root != new.root => {
             Err(WitnessRefusal::OtherTree { size: new.size })
         }
-        // Every tree continues the empty tree, and a tree continues itself. No proof is needed.
+        // Every tree continues the empty tree and itself, without a proof.
         _ if last.is_none_or(|last| last.size == 0 || last.size == new.size) => {
             if proof.is_empty() {
                 Ok(())

@@ -1,5 +1,4 @@
-//! Witness policies (C2SP tlog-policy): the logs and witnesses that a reader knows, and the quorum of cosignatures that a checkpoint
-//! needs.
+//! Witness policies (C2SP tlog-policy): a reader's logs and witnesses, and the quorum of cosignatures that a checkpoint needs.
 //!
 //! ```text
 //! witness A a.example+6c1bbd5e+BO… https://a.example/witness
@@ -9,7 +8,7 @@
 //! quorum two-of-three
 //! ```
 //!
-//! A policy belongs to a reader of a log, not to the log, so an auditor may be stricter than the aggregator.
+//! A policy belongs to a reader, not to the log, so an auditor may be stricter than the aggregator.
 
 use crate::quote::short;
 use crate::tlog::checkpoint::{Checkpoint, CheckpointError, Parsed};
@@ -33,14 +32,14 @@ pub struct WitnessPolicy {
     text: String,
 }
 
-/// A witness that a policy names.
+/// A policy's witness.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PolicyWitness {
     /// Its name within the policy.
     pub name: String,
     /// The key that verifies its cosignatures.
     pub key: VerifierKey,
-    /// The address where it takes checkpoints (the submission prefix of C2SP tlog-witness), if the policy has it.
+    /// Its address for checkpoints (the submission prefix of C2SP tlog-witness), if given.
     pub url: Option<String>,
 }
 
@@ -49,7 +48,7 @@ pub struct PolicyWitness {
 pub struct Witnessed {
     /// The checkpoint.
     pub checkpoint: Checkpoint,
-    /// The names of the policy's witnesses that cosigned it, each with the time in POSIX seconds.
+    /// The policy's witnesses that cosigned it, by name, with the time in POSIX seconds.
     pub cosigners: Vec<(String, u64)>,
 }
 
@@ -69,16 +68,16 @@ pub enum WitnessPolicyError {
     /// The policy is too large.
     #[error("the policy is too large: it has {0}")]
     TooLarge(String),
-    /// A line has none of the known forms.
+    /// A line has no known form.
     #[error("policy, line {line}: '{text}' has none of the forms `log VKEY [URL]`, `witness NAME VKEY [URL]`, `group NAME all|any|K NAME…` and `quorum NAME`")]
     Line { line: usize, text: String },
     /// A key is not a verifier key.
     #[error("policy, line {line}: {error}")]
     Key { line: usize, error: KeyError },
-    /// A name or a key may not be used here.
+    /// A name or a key is not allowed here.
     #[error("policy, line {line}: {why}")]
     Name { line: usize, why: String },
-    /// The policy has no quorum line, or more than one.
+    /// The quorum lines are not exactly one.
     #[error("the policy has {0} quorum lines. It needs exactly one, which names the required cosignatures (`quorum none` requires none)")]
     Quorums(usize),
 }
@@ -124,12 +123,12 @@ impl WitnessPolicy {
         !matches!(self.quorum, Quorum::None)
     }
 
-    /// The witnesses, in the order in which [`WitnessPolicy::met_by`] takes them.
+    /// The witnesses, in the order of [`WitnessPolicy::met_by`].
     pub fn witnesses(&self) -> &[PolicyWitness] {
         &self.witnesses
     }
 
-    /// The key of the log with this origin, if the policy names it.
+    /// The key of the log with this origin, if named.
     pub fn log(&self, origin: &str) -> Option<&VerifierKey> {
         self.logs.iter().find(|key| key.name() == origin)
     }
@@ -144,7 +143,7 @@ impl WitnessPolicy {
         &self.text
     }
 
-    /// The same policy for one log, so that others can verify this log's checkpoints. `comment` becomes its first line.
+    /// The policy for one log, for others to verify its checkpoints. `comment` becomes the first line.
     pub fn for_log(&self, log: &VerifierKey, comment: &str) -> String {
         let others = self
             .text
@@ -158,13 +157,13 @@ impl WitnessPolicy {
         text
     }
 
-    /// Whether the quorum is met when these of the witnesses have cosigned.
+    /// Whether these cosignatures, one flag for each witness, meet the quorum.
     pub fn met_by(&self, cosigned: &[bool]) -> bool {
         met(&self.quorum, cosigned)
     }
 
-    /// Opens a checkpoint of `log`, which the log has to have signed and a quorum has to have cosigned. Signatures of unknown keys are
-    /// ignored. An invalid signature of a known key makes the whole checkpoint invalid.
+    /// Opens a checkpoint that `log` signed and a quorum cosigned. Signatures of unknown keys are ignored. An invalid signature
+    /// of a known key makes the checkpoint invalid.
     pub fn open(&self, text: &[u8], log: &VerifierKey) -> Result<Witnessed, CheckpointError> {
         let parsed = Parsed::read(text)?;
         parsed.signed_by(log)?;
@@ -251,7 +250,7 @@ struct PolicyParser {
 
 struct Named {
     quorum: Quorum,
-    /// Whether it is already a member of a group.
+    /// Whether a group has it.
     taken: bool,
 }
 

@@ -1,27 +1,27 @@
-//! How much memory the limits of control groups leave: `MemoryMax=` of systemd, or the limit of a container.
+//! Memory left by control groups: `MemoryMax=` of systemd, or a container's limit.
 
 use std::fs;
 use std::path::Path;
 
-/// Bytes left under the limits of the version 2 control groups that this process is in; `None` where there is no limit.
+/// Bytes left under the limits of this process's version 2 groups; `None` without a limit.
 pub fn room() -> Option<u64> {
     let groups = fs::read_to_string("/proc/self/cgroup").ok()?;
     room_below(Path::new("/sys/fs/cgroup"), own(&groups)?)
 }
 
-/// The path of the process's version 2 group below the hierarchy's root, as `/proc/self/cgroup` has it. In a container it is usually `/`.
+/// The process's version 2 group in `/proc/self/cgroup`, usually `/` in a container.
 fn own(groups: &str) -> Option<&str> {
     groups.lines().find_map(|line| line.strip_prefix("0::/"))
 }
 
-/// The least that is left in the group `own` and in those that it is in, up to the hierarchy's root.
+/// The least left in the group `own` and its parents.
 fn room_below(root: &Path, own: &str) -> Option<u64> {
     let own = root.join(own);
     let groups = own.ancestors().take_while(|group| group.starts_with(root));
     groups.filter_map(left_in).min()
 }
 
-/// Bytes left under the limit of one group; `None` where there is no limit. The page cache counts as used there, but the kernel can drop it, so it
+/// Bytes left under one group's limit; `None` without a limit. The group counts the page cache as used; the kernel can drop it, so it
 /// counts as free here.
 fn left_in(group: &Path) -> Option<u64> {
     let number = |file: &str| -> Option<u64> {
@@ -31,7 +31,7 @@ fn left_in(group: &Path) -> Option<u64> {
             .parse()
             .ok()
     };
-    let limit = number("memory.max")?; // "max" where there is no limit
+    let limit = number("memory.max")?; // "max" without a limit
     let used = number("memory.current")?;
     let cache: u64 = fs::read_to_string(group.join("memory.stat"))
         .ok()?
@@ -64,7 +64,7 @@ mod tests {
         assert_eq!(room_below(root.path(), ""), None);
     }
 
-    /// systemd puts each service into a group of its own, whose limit is `MemoryMax=`, and the groups above it may have limits, too.
+    /// systemd limits each service's group by `MemoryMax=`. The groups above may have limits, too.
     #[test]
     fn the_least_of_the_limits_of_a_service_and_of_the_groups_above_it_counts() {
         let root = tempfile::tempdir().unwrap();

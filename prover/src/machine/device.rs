@@ -1,5 +1,4 @@
-//! What SP1 proves on: this machine's CPU or its GPU, or machines of others. A device of this machine is found here; [`crate::prove`] starts
-//! SP1 on it. [`crate::network`] is for the machines of others.
+//! Where SP1 proves: on this machine's CPU or GPU ([`crate::prove`]), or elsewhere ([`crate::network`]).
 
 use super::device_error::DeviceError;
 #[cfg(feature = "cuda")]
@@ -8,19 +7,19 @@ use super::options::{ProverOptions, Resources};
 use std::fmt;
 use std::str::FromStr;
 
-/// What an operator asks to prove on.
+/// Where an operator wants to prove.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeviceKind {
-    /// The CPU. Every build can prove on it.
+    /// The CPU, in every build.
     #[default]
     Cpu,
-    /// An NVIDIA GPU. Only builds with the feature `cuda` can prove on it.
+    /// An NVIDIA GPU, in builds with the feature `cuda`.
     Cuda,
-    /// Succinct's prover network, or an SP1 cluster. Only builds with the feature `network` can ask them.
+    /// Succinct's prover network, or an SP1 cluster, in builds with the feature `network`.
     Network,
 }
 
-/// The text does not name a device.
+/// The text names no device.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("'{0}' is not a device that can prove: write cpu, cuda or network")]
 pub struct UnknownDevice(String);
@@ -48,18 +47,18 @@ impl fmt::Display for DeviceKind {
     }
 }
 
-/// A device that this machine has, with memory enough to start.
+/// A device of this machine, with enough memory to start.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Device {
-    /// The CPU, and how SP1 is to use it.
+    /// The CPU, and SP1's options for it.
     Cpu(ProverOptions),
-    /// The GPU. SP1 chooses how to use it.
+    /// The GPU. SP1 chooses its options.
     #[cfg(feature = "cuda")]
     Cuda(Gpu),
 }
 
 impl Device {
-    /// Finds the device on this machine.
+    /// Finds the device.
     pub fn find(kind: DeviceKind) -> Result<Self, DeviceError> {
         let host = Resources::of_this_machine()?;
         match kind {
@@ -72,8 +71,8 @@ impl Device {
         }
     }
 
-    /// The GPU memory in use, in bytes; `None` for a CPU. After a proof this is the most that the proof took, because SP1 keeps its
-    /// memory while the process lives. The memory of other programs counts too.
+    /// The GPU memory in use, in bytes, also by other programs; `None` for a CPU. After a proof this is the peak, because SP1 keeps its
+    /// memory.
     pub fn gpu_memory_used(&self) -> Option<u64> {
         match self {
             Self::Cpu(_) => None,

@@ -1,4 +1,4 @@
-//! The NVIDIA GPU of this machine, and whether it has memory enough. Not yet run on a GPU.
+//! This machine's NVIDIA GPU, if its memory suffices. Not yet run on a GPU.
 
 use super::device_error::DeviceError;
 use super::options::Resources;
@@ -10,26 +10,26 @@ use sp1_prover::CORE_LOG_STACKING_HEIGHT;
 
 const GIB: u64 = 1 << 30;
 
-/// Free GPU memory that proving needs, in GiB. SP1 panics on GPUs of less than 24 GB, by which it means more than 19 GiB.
+/// Free GPU memory for proving, in GiB. SP1 panics below 24 GB, by which it means 19 GiB or less.
 const NEEDED_GIB: u64 = 20;
 
-/// The first GPU of this machine.
+/// This machine's first GPU.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Gpu {
-    /// The name that its driver gives.
+    /// The driver's name for it.
     pub name: String,
-    /// Its memory, in bytes.
+    /// The memory, in bytes.
     pub memory: u64,
 }
 
 impl Gpu {
-    /// Finds the GPU, and checks that there is memory enough to start: on the GPU what SP1 asks for, and on `host` what SP1 locks for
-    /// traces. A proof takes more of `host`. How much more has not been measured yet, so the operator has to see to that.
+    /// Finds the GPU, and checks the memory to start: on the GPU what SP1 requires, on `host` what SP1 locks for traces. A proof takes more
+    /// of `host`, not yet measured, so the operator must ensure it.
     pub(crate) fn find(host: Resources) -> Result<Self, DeviceError> {
         let none = |error: sp1_gpu_cudart::CudaError| DeviceError::NoGpu(error.to_string());
         let (free, total) = cuda_memory_info().map_err(none)?;
         let name = cuda_device_name().map_err(none)?.to_owned();
-        // The size is rounded up, as SP1 does, because a card that is sold as 24 GB has some MiB less.
+        // Rounded up, as in SP1, because a card sold as 24 GB has some MiB less.
         let free = (free as u64).div_ceil(GIB);
         if free < NEEDED_GIB {
             return Err(DeviceError::SmallGpu {
@@ -55,8 +55,8 @@ impl Gpu {
     }
 }
 
-/// Host memory that `cuda_worker_builder` locks, in bytes: four buffers of field elements for each of four provers. It may be called
-/// only once the GPU is known to have memory enough.
+/// Host memory that `cuda_worker_builder` locks, in bytes: four buffers of field elements for each of four provers. Check the GPU's memory
+/// before.
 fn locked_memory() -> u64 {
     let core = local_gpu_opts().sharding_threshold.element_threshold as usize
         + (1 << CORE_LOG_STACKING_HEIGHT);

@@ -1,7 +1,6 @@
-//! Shared memory that killed provers left behind.
+//! Shared memory that killed provers left.
 //!
-//! SP1's executor keeps a program's memory in files of `/dev/shm`. Where the process is killed, nobody removes them, and they take
-//! gigabytes until the machine starts again. The next prover would be refused for want of memory.
+//! SP1's executor keeps a program's memory in `/dev/shm`. A killed process leaves gigabytes there, which the next prover may lack.
 
 use std::fs::{self, DirEntry};
 use std::io;
@@ -9,11 +8,11 @@ use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::time::{Duration, SystemTime};
 
-/// How old a file has to be: between creating a file and mapping it, a process looks as if it did not use the file.
+/// Minimum age: between creating and mapping a file, a process seems not to use it.
 const OLD: Duration = Duration::from_secs(60);
 
-/// Removes SP1's files in `folder` that belong to this user, that no process has mapped, and that have not changed for a minute. The caller
-/// holds the lock of provers. Where the system does not tell what processes have mapped, the files stay.
+/// Removes this user's SP1 files in `folder` that no process has mapped and that are unchanged for a minute. The caller holds the lock of
+/// provers. If the system hides the mappings, the files stay.
 pub fn remove(folder: &Path) {
     let Ok(leftovers) = find(folder, SystemTime::now()) else {
         return;
@@ -38,7 +37,7 @@ pub fn remove(folder: &Path) {
     }
 }
 
-/// The names of such files, and how many bytes of memory each holds.
+/// The names of such files, and their bytes of memory.
 fn find(folder: &Path, now: SystemTime) -> io::Result<Vec<(String, u64)>> {
     let mine = fs::metadata("/proc/self")?.uid();
     let mut found = old_files(fs::read_dir(folder)?, mine, now)?;
@@ -51,7 +50,7 @@ fn find(folder: &Path, now: SystemTime) -> io::Result<Vec<(String, u64)>> {
     Ok(found)
 }
 
-/// The same, whether or not a process has them mapped.
+/// The same, mapped or not.
 fn old_files(
     entries: impl Iterator<Item = io::Result<DirEntry>>,
     mine: u32,
@@ -60,7 +59,7 @@ fn old_files(
     let mut found = vec![];
     for entry in entries {
         let entry = entry?;
-        // Other processes remove their files meanwhile.
+        // Other processes may remove their files.
         let Ok(metadata) = entry.metadata() else {
             continue;
         };
@@ -80,7 +79,7 @@ fn old_files(
     Ok(found)
 }
 
-/// What the processes of a user have mapped, as the system prints it.
+/// The mappings of a user's processes, as the system prints them.
 fn mapped(user: u32) -> io::Result<String> {
     let mut all = String::new();
     for entry in fs::read_dir("/proc")? {
@@ -89,7 +88,7 @@ fn mapped(user: u32) -> io::Result<String> {
         let is_process = process
             .to_str()
             .is_some_and(|name| name.parse::<u32>().is_ok());
-        // A process may end while this runs.
+        // A process may have ended.
         if !is_process
             || entry
                 .metadata()
@@ -97,7 +96,7 @@ fn mapped(user: u32) -> io::Result<String> {
         {
             continue;
         }
-        // Some processes of the system hide what they have mapped. Provers do not.
+        // Some system processes hide their mappings. Provers do not.
         if let Ok(maps) = fs::read_to_string(entry.path().join("maps")) {
             all.push_str(&maps);
         }
@@ -143,7 +142,7 @@ mod tests {
         assert_eq!(names, ["sp1_b_m"]);
     }
 
-    /// A program that runs is a file that is mapped.
+    /// A running program is a mapped file.
     #[test]
     fn a_file_that_is_mapped_stays() {
         let folder = tempfile::tempdir().unwrap();
@@ -156,7 +155,7 @@ mod tests {
             .arg("60")
             .spawn()
             .unwrap();
-        // The system maps the program a moment after it has told that the process runs.
+        // The system maps the program a moment after it reports the process.
         let maps = format!("/proc/{}/maps", running.id());
         while !fs::read_to_string(&maps).unwrap().contains("/sp1_sleep") {
             std::thread::sleep(Duration::from_millis(1));

@@ -1,4 +1,4 @@
-//! A lock that lets one prover run at a time on a machine: two provers need more memory than the machine has for them.
+//! A lock that lets one prover run at a time on a machine, because two exceed its memory.
 
 use rustix::fs::OFlags;
 use std::fs::{self, File, OpenOptions, Permissions, TryLockError};
@@ -7,20 +7,19 @@ use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Shared memory. SP1 keeps its data there. All services and users of a machine have the same folder, also a service of systemd that has a
-/// temporary folder of its own.
+/// Shared memory, where SP1 keeps its data. All services and users share this folder, even systemd services with private temporary folders.
 const SHARED_MEMORY: &str = "/dev/shm";
 
-/// The lock, held while a prover lives. The system releases it when the process ends, however it ends.
+/// The lock. The system releases it when the process ends.
 #[derive(Debug)]
 pub struct ProverLock {
     _file: File,
 }
 
-/// Why the lock could not be taken.
+/// The lock was not taken.
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
-    /// Another process proves.
+    /// Another process holds it.
     #[error("another prover runs on this machine (it holds the lock of {0}): wait until it ends, or use its service")]
     Held(PathBuf),
     /// The lock file cannot be used.
@@ -28,21 +27,21 @@ pub enum LockError {
     Io {
         /// The lock file.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         error: io::Error,
     },
 }
 
 impl ProverLock {
-    /// What provers of this machine lock: the folder of shared memory itself, so that there is no file which somebody else can make first, or
-    /// remove. Where there is no such folder, it is a file in the temporary folder.
+    /// What provers lock: the folder of shared memory itself, because other users could make or remove a file. Without it, a temporary
+    /// file.
     pub fn default_path() -> PathBuf {
         let shared = fs::canonicalize(SHARED_MEMORY).ok();
         let shared = shared.filter(|path| path.is_dir() && File::open(path).is_ok());
         shared.unwrap_or_else(|| std::env::temp_dir().join("zk0-prover.lock"))
     }
 
-    /// Takes the lock of a folder or a file. If another process holds it, this waits for it, at most as long as `patience`.
+    /// Takes the lock of a folder or a file. Waits at most `patience` for another process.
     pub fn acquire(path: &Path, patience: Duration) -> Result<Self, LockError> {
         let broken = |error| LockError::Io {
             path: path.to_owned(),
@@ -65,7 +64,7 @@ impl ProverLock {
     }
 }
 
-/// Opens a folder or a file to lock it. It may belong to another user: to lock it, it is enough to read it.
+/// Opens a folder or a file to lock it. Read access is enough, so another user may own it.
 fn open(path: &Path) -> io::Result<File> {
     match existing(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => {}
@@ -73,7 +72,7 @@ fn open(path: &Path) -> io::Result<File> {
     }
     match OpenOptions::new().write(true).create_new(true).open(path) {
         Ok(file) => {
-            // Other users have to be able to read it, whatever this user's mask for new files.
+            // Other users must be able to read it, whatever the umask.
             file.set_permissions(Permissions::from_mode(0o644))?;
             Ok(file)
         }
@@ -82,7 +81,7 @@ fn open(path: &Path) -> io::Result<File> {
     }
 }
 
-/// Opens what is there. In a folder where everybody writes, it may be a link to elsewhere, or a pipe that keeps its readers waiting.
+/// Opens an existing path. Where everyone can write, it may be a link to elsewhere, or a pipe that blocks readers.
 fn existing(path: &Path) -> io::Result<File> {
     let careful = OFlags::NOFOLLOW | OFlags::NONBLOCK;
     let flags = careful.bits() as i32;

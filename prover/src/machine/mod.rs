@@ -1,4 +1,4 @@
-//! What this machine can prove with. All of it is found out before any work that takes minutes.
+//! What this machine can prove with, checked before work that takes minutes.
 
 mod control_group;
 mod device;

@@ -1,7 +1,7 @@
-//! SP1's options for the CPU, chosen from this machine's free memory and cores.
+//! SP1's options for the CPU, by free memory and cores.
 //!
 //! SP1's defaults suit a server: four provers at a time over shards of 400 million trace elements. On a small machine, the kernel kills
-//! such a prover for want of memory after minutes of work. So the options are chosen, or proving is refused, before anything runs.
+//! them after minutes. So this chooses options or refuses first.
 
 use super::control_group;
 use sp1_core_executor::SP1CoreOpts;
@@ -9,16 +9,16 @@ use std::fs;
 
 const GIB: u64 = 1 << 30;
 
-/// What a proof can use of this machine.
+/// What a proof can use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Resources {
-    /// Memory that is free without swapping, in bytes.
+    /// Memory free without swapping, in bytes.
     pub memory: u64,
     /// Hardware threads.
     pub cores: usize,
 }
 
-/// Why the resources or options could not be determined.
+/// Why there are no options.
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum OptionsError {
     /// The proof would not fit.
@@ -33,7 +33,7 @@ pub enum OptionsError {
         /// Bytes free.
         free: u64,
     },
-    /// The system does not say how much memory is free.
+    /// The system does not report its free memory.
     #[error("zk0 cannot tell how much memory is free: {0}")]
     Unknown(String),
 }
@@ -43,8 +43,7 @@ fn gib(bytes: &u64) -> f64 {
 }
 
 impl Resources {
-    /// Reads them from the system: `MemAvailable`, the limits of the control groups that this process is in, and the cores that it may
-    /// run on.
+    /// Reads `MemAvailable`, the limits of control groups, and the usable cores.
     pub fn of_this_machine() -> Result<Self, OptionsError> {
         let meminfo = fs::read_to_string("/proc/meminfo")
             .map_err(|error| OptionsError::Unknown(format!("/proc/meminfo: {error}")))?;
@@ -59,44 +58,42 @@ impl Resources {
     }
 }
 
-/// The most memory that this process has had so far, in bytes, if the system tells.
+/// This process's peak memory so far, in bytes, if the system reports it.
 pub fn peak_memory() -> Option<u64> {
     bytes_of("VmHWM:", &fs::read_to_string("/proc/self/status").ok()?)
 }
 
-/// A size of a file in /proc, in bytes.
+/// A size in a /proc file, in bytes.
 fn bytes_of(name: &str, text: &str) -> Option<u64> {
     let line = text.lines().find_map(|line| line.strip_prefix(name))?;
     let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     kibibytes.checked_mul(1024)
 }
 
-/// How SP1 proves on this machine's CPU.
+/// SP1's options on this machine's CPU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ProverOptions {
     /// Most trace elements in a shard.
     pub element_threshold: u64,
     /// Most rows of one table in a shard.
     pub height_threshold: u64,
-    /// Workers of each kind, and slots in the buffers between them. So many shards are in memory at the same time.
+    /// Workers of each kind, and buffer slots between them: the shards in memory at the same time.
     pub workers: usize,
 }
 
-/// Free memory from which shards of twice the smallest size fit: a claim of 7.4 M cycles, several full shards of 192 Mi
-/// elements, peaked at 22.6 GiB.
+/// Free memory for shards of twice the smallest size: a claim of 7.4 M cycles, several full shards of 192 Mi elements, peaked at 22.6 GiB.
 const MIDDLE: u64 = 26 * GIB;
 
-/// Free memory from which SP1's own shard size, twice as much again, should fit. At 23 GiB it does not fit: the kernel killed the
-/// proof of the claim that takes 22.6 GiB in shards of half the size.
+/// Free memory that should suffice for SP1's own shard size, twice as much again. 23 GiB do not: the kernel killed the claim that takes
+/// 22.6 GiB at half the size.
 const LARGE: u64 = 48 * GIB;
 
 impl ProverOptions {
-    /// Memory for a compressed proof under the smallest options, in bytes, however long the claim is: SP1 proves one shard while it
-    /// recurses over another. A claim of 7.4 M cycles peaked at 19.7 GiB. Smaller shards would not help, because recursion alone takes
-    /// 14 GiB.
+    /// Bytes for a compressed proof of any length under the smallest options, because SP1 proves one shard while it recurses over another.
+    /// A claim of 7.4 M cycles peaked at 19.7 GiB. Smaller shards do not help: recursion alone takes 14 GiB.
     pub const NEEDED: u64 = 20 * GIB;
 
-    /// The options for `resources`; the error says how much memory is missing.
+    /// The options for `resources`; the error names the missing memory.
     pub fn choose(resources: Resources) -> Result<Self, OptionsError> {
         let Resources { memory, cores } = resources;
         let small = Self {
@@ -129,8 +126,7 @@ impl ProverOptions {
         }
     }
 
-    /// SP1's core options with these thresholds. Where SP1's own variables `ELEMENT_THRESHOLD` and `HEIGHT_THRESHOLD` are set, they
-    /// take precedence.
+    /// SP1's core options with these thresholds. SP1's variables `ELEMENT_THRESHOLD` and `HEIGHT_THRESHOLD` take precedence.
     pub fn core(&self) -> SP1CoreOpts {
         let mut options = SP1CoreOpts::default();
         let sharding = &mut options.sharding_threshold;
@@ -153,8 +149,7 @@ impl ProverOptions {
         options
     }
 
-    /// Sets the environment variables from which SP1 reads the number of workers, and of the buffer slots between them, when its prover
-    /// starts. Variables that the operator has set keep their values.
+    /// Sets the environment variables for the workers and buffer slots of SP1's prover. The operator's values stay.
     pub fn export(&self) {
         for (variable, per_worker) in WORKERS {
             let name = format!("SP1_WORKER_{variable}");
@@ -165,7 +160,7 @@ impl ProverOptions {
     }
 }
 
-/// SP1's variables and how many of each a worker needs.
+/// SP1's variables, and their counts per worker.
 const WORKERS: [(&str, usize); 18] = [
     ("NUM_SPLICING_WORKERS", 1),
     ("SPLICING_BUFFER_SIZE", 1),

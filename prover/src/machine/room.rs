@@ -1,4 +1,4 @@
-//! Whether this machine has room for the argument of mode `succinct`, which is made before SP1 starts.
+//! Whether there is room for the argument of mode `succinct`, made before SP1 starts.
 
 use super::options::Resources;
 use std::io;
@@ -7,24 +7,24 @@ use zk0_argument::claim::Cost;
 
 const GB: f64 = 1e9;
 
-/// What this machine lacks.
+/// What is missing.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum NoRoom {
-    /// The files of committed values would not fit.
+    /// Disk for the files of committed values.
     #[error(
         "the argument about the losses needs {:.1} GB of disk for the values of its samples, and {} has {:.1} GB free: free some, take a \
          folder on another disk, or have fewer samples evaluated",
         *needed as f64 / GB, folder.display(), *free as f64 / GB
     )]
     Disk {
-        /// Where the files are to be.
+        /// The files' folder.
         folder: PathBuf,
         /// Bytes needed.
         needed: u64,
         /// Bytes free.
         free: u64,
     },
-    /// The prover would not fit.
+    /// Memory for the prover.
     #[error(
         "the argument about the losses needs {:.1} GB of memory, and {:.1} GB are free: close other programs, or take another machine",
         *needed as f64 / GB, *free as f64 / GB
@@ -37,7 +37,7 @@ pub enum NoRoom {
     },
 }
 
-/// Checks that `free` bytes of disk in a folder suffice.
+/// Checks for enough bytes of disk.
 pub fn check_disk(cost: &Cost, folder: &Path, free: u64) -> Result<(), NoRoom> {
     if cost.files <= free {
         Ok(())
@@ -50,7 +50,7 @@ pub fn check_disk(cost: &Cost, folder: &Path, free: u64) -> Result<(), NoRoom> {
     }
 }
 
-/// Checks that the free memory suffices.
+/// Checks for enough free memory.
 pub fn check_memory(cost: &Cost, free: Resources) -> Result<(), NoRoom> {
     if cost.memory <= free.memory {
         Ok(())
@@ -62,7 +62,7 @@ pub fn check_memory(cost: &Cost, free: Resources) -> Result<(), NoRoom> {
     }
 }
 
-/// Bytes that this user can write to the disk of a folder.
+/// Bytes of a folder's disk that this user can write.
 pub fn free_disk(folder: &Path) -> io::Result<u64> {
     let disk = rustix::fs::statvfs(folder)?;
     Ok(disk.f_bavail.saturating_mul(disk.f_frsize))

@@ -1,17 +1,17 @@
-//! What claims cost: guest cycles and gas for each profile and mode, on private inputs made from a fixed seed.
+//! Guest cycles and gas of claims for each profile and mode, on private inputs from a fixed seed.
 //!
-//! `circuits/CYCLES.json` holds the committed figures; a test fails when they grow.
+//! `circuits/CYCLES.json` holds the figures; a test fails when they grow.
 
 use crate::program::{synthetic, ExecuteError, Executor};
 use serde::{Deserialize, Serialize};
 use zk0_circuits::{EvalSpec, Mode};
 
-/// A claim that is measured.
+/// A claim to measure.
 #[derive(Clone, Copy, Debug)]
 pub struct Case {
     /// Name of the dimensions.
     pub profile: &'static str,
-    /// How the evaluation is proven.
+    /// How the claim is proven.
     pub mode: Mode,
     /// Samples evaluated.
     pub samples: u32,
@@ -22,7 +22,7 @@ pub struct Case {
 pub struct CycleCount {
     /// Name of the dimensions.
     pub profile: String,
-    /// How the evaluation is proven.
+    /// How the claim is proven.
     pub mode: String,
     /// Samples evaluated.
     pub samples: u32,
@@ -32,7 +32,7 @@ pub struct CycleCount {
     pub gas: u64,
 }
 
-/// All that `make cycles` measures, the quick ones first.
+/// All that `make cycles` measures, quickest first.
 pub fn cases() -> Vec<Case> {
     [
         ("micro", Mode::Direct, 6),

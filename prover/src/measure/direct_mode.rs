@@ -1,48 +1,48 @@
-//! Which mode is the best for a policy: `direct`, in which the guest multiplies by every weight, or `succinct`.
+//! The best mode for a policy: `direct`, in which the guest multiplies by every weight, or `succinct`.
 
 use zk0_circuits::Mode;
 
-/// Guest cycles of a multiply-add in mode `direct`, at best.
+/// Best-case guest cycles of a multiply-add in mode `direct`.
 const CYCLES: u64 = 4;
 
-/// Guest cycles of a claim in mode `succinct`, which hardly depend on the policy's size: so many, and so many more for each sample. This is a little more than
-/// what `make cycles` prints.
+/// Guest cycles of a claim in mode `succinct`, for most policies: a constant, and more per sample, slightly above what `make cycles`
+/// prints.
 const SUCCINCT_CYCLES: (u64, u64) = (4_400_000, 800_000);
 
-/// If the multiply-adds alone take this many cycles, a proof takes more than a day on two cores.
+/// With these multiply-adds alone, a proof takes over a day on two cores.
 const ENDLESS_CYCLES: u64 = 1_000_000_000;
 
-/// What mode `direct` costs.
+/// The cost of mode `direct`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DirectCost {
-    /// No more than mode `succinct`.
+    /// At most that of mode `succinct`.
     Fair,
-    /// More cycles than mode `succinct`.
+    /// Above that of mode `succinct`.
     Dear,
-    /// More than a day for one claim.
+    /// Over a day for one claim.
     Endless,
 }
 
-/// The multiply-adds of a claim in mode `direct`.
+/// The multiply-adds of mode `direct`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DirectMode {
-    /// The weights of the policy's expert.
+    /// The weights of the expert.
     pub weights: u64,
-    /// Samples evaluated for a claim.
+    /// Samples evaluated.
     pub samples: u32,
-    /// Frames of an action chunk.
+    /// Frames of a chunk.
     pub chunk: u64,
 }
 
 impl DirectMode {
-    /// The cycles that the multiply-adds take at best: both models use every weight once for each sample and each frame of the chunk.
+    /// Best-case cycles: both models use each weight once per sample and frame.
     pub fn cycles(&self) -> u64 {
         [2, u64::from(self.samples), self.chunk, self.weights]
             .into_iter()
             .fold(CYCLES, u64::saturating_mul)
     }
 
-    /// The mode in which a claim takes the fewest cycles.
+    /// The mode with the fewest cycles.
     pub fn best(&self) -> Mode {
         match self.cost() {
             DirectCost::Fair => Mode::Direct,
@@ -50,7 +50,7 @@ impl DirectMode {
         }
     }
 
-    /// Whether that is a fair cost.
+    /// How fair that cost is.
     pub fn cost(&self) -> DirectCost {
         let (all, each) = SUCCINCT_CYCLES;
         if self.cycles() >= ENDLESS_CYCLES {

@@ -1,8 +1,7 @@
-//! What a claim will cost on this machine: cycles, memory and time. An operator sees it before spending anything.
+//! A claim's cost on this machine, for the operator: cycles, memory and time.
 //!
-//! The cycles are counted: the guest program is executed on random weights and samples of the claim's dimensions, for two samples and
-//! for three. Each further sample costs what the third one did. Real samples cost at most that much, because their prefix is not
-//! longer, and the work depends on values only for a few cycles in ten thousand.
+//! The guest program runs on two and on three random samples with random weights of the claim's dimensions. Each further sample costs as
+//! much as the third. Real samples cost at most that: their prefixes are not longer, and values affect only a few cycles in ten thousand.
 
 use crate::machine::{check_disk, check_memory, free_disk, ProverOptions, Resources};
 use crate::program::{synthetic, ExecuteError, Executor};
@@ -12,20 +11,20 @@ use std::env::temp_dir;
 use zk0_argument::claim::Cost;
 use zk0_circuits::{EvalSpec, Mode};
 
-/// The cost of one claim.
+/// One claim's cost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Estimate {
     /// `direct` or `succinct`.
     pub mode: String,
-    /// Samples that the claim evaluates, each under both sets of weights.
+    /// Samples evaluated, each under both sets of weights.
     pub samples: u32,
     /// Guest instructions.
     pub cycles: u64,
     /// SP1's estimate of proving cost, precompiles included.
     pub gas: u64,
-    /// Bytes of the private input that goes to the proving service.
+    /// Bytes of the private input for the proving service.
     pub private_input_bytes: u64,
-    /// Free memory that a proof takes, in bytes.
+    /// Free memory for a proof, in bytes.
     pub memory_needed_bytes: u64,
     /// Free memory of this machine, in bytes.
     pub memory_free_bytes: u64,
@@ -33,31 +32,31 @@ pub struct Estimate {
     pub cores: usize,
     /// Seconds until the proving service is ready, once.
     pub start_seconds: f64,
-    /// Seconds of one proof on this machine's CPU.
+    /// Seconds of a proof on this machine's CPU.
     pub proving_seconds: f64,
-    /// What comes before the proof, in mode `succinct`.
+    /// The argument before the proof, in mode `succinct`.
     pub argument: Option<ArgumentEstimate>,
 }
 
-/// The cost of the argument that a node makes in mode `succinct`, before SP1 starts.
+/// The cost of a node's argument in mode `succinct`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ArgumentEstimate {
     /// Seconds on this machine.
     pub seconds: f64,
-    /// The most memory that it uses at once, in bytes.
+    /// Peak memory, in bytes.
     pub memory_bytes: u64,
-    /// The files that are in the node's state folder meanwhile, in bytes.
+    /// The argument's files in the node's state folder, in bytes.
     pub file_bytes: u64,
 }
 
-/// The cores on which the seconds of [`Cost`] were measured.
+/// Cores for the seconds of [`Cost`].
 const CORES: f64 = 2.0;
 
-/// Most samples of a claim that is executed.
+/// Most samples of an executed claim.
 const EXECUTED: u32 = 3;
 
 impl ArgumentEstimate {
-    /// Of a claim over `samples` samples. Checks that this machine has room for the arguments that are made for an estimate.
+    /// The cost for `samples` samples. Checks the room for the arguments.
     fn of(spec: &EvalSpec, samples: u32, machine: Resources) -> Result<Self, ExecuteError> {
         let failed = |error: &dyn std::fmt::Display| {
             ExecuteError::Failed(format!(
@@ -78,9 +77,8 @@ impl ArgumentEstimate {
 }
 
 impl Estimate {
-    /// Counts the cycles of a claim over `samples` samples, at least 2 and at most
-    /// [`zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES`], and derives memory and time from them. Takes seconds for small
-    /// models. In mode `succinct` it makes the arguments, which takes ten minutes and 10 GB of memory at the published size.
+    /// Counts the cycles of a claim over `samples` samples, from 2 to [`zk0_circuits::claim::challenge::MAX_EVAL_SAMPLES`], and derives
+    /// memory and time. Takes seconds for small models. Mode `succinct` makes the arguments: ten minutes and 10 GB at the published size.
     pub async fn of(
         executor: &Executor,
         spec: &EvalSpec,
@@ -117,7 +115,7 @@ impl Estimate {
         })
     }
 
-    /// Whether this machine has the memory.
+    /// Whether this machine has enough memory.
     pub fn fits(&self) -> bool {
         self.memory_needed_bytes <= self.memory_free_bytes
     }

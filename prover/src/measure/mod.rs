@@ -1,4 +1,4 @@
-//! What claims cost: counted in guest cycles, and estimated in memory and time.
+//! The cost of claims in guest cycles, memory and time.
 
 pub mod cycles;
 mod direct_mode;

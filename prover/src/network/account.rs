@@ -1,4 +1,4 @@
-//! Whose account asks the network, and where the network is. Both come from the environment variables that users of SP1 know.
+//! The account and the address of the network, from SP1's environment variables.
 
 use std::env::{self, VarError};
 use tonic::transport::Uri;
@@ -8,7 +8,7 @@ const KEY: &str = "NETWORK_PRIVATE_KEY";
 /// The network's address.
 const ADDRESS: &str = "NETWORK_RPC_URL";
 
-/// The account, and where to ask. It has no `Debug`, so that no log can show the key.
+/// The account and the address. Without `Debug`, so that no log can show the key.
 #[derive(Clone, PartialEq, Eq)]
 pub struct ProverAccount {
     key: String,
@@ -24,15 +24,15 @@ pub enum AccountError {
          which are 64 hexadecimal digits"
     )]
     NoKey,
-    /// There is something else than a key. The error does not show it.
+    /// Not a key. The error does not show the text.
     #[error("NETWORK_PRIVATE_KEY is not a private key of 64 hexadecimal digits, with or without 0x in front: {0}")]
     NotAKey(String),
-    /// There is something else than an address.
+    /// Not an address.
     #[error("NETWORK_RPC_URL is not an address such as https://HOST or http://HOST:PORT: '{text}' {why}")]
     NotAnAddress {
-        /// What it is.
+        /// The text.
         text: String,
-        /// What is wrong with it.
+        /// What is wrong.
         why: String,
     },
 }
@@ -54,7 +54,7 @@ impl ProverAccount {
         Self::new(key, address)
     }
 
-    /// Checks both. Without an address it is that of Succinct's network for the strategy.
+    /// Checks both. The default address is Succinct's for the strategy.
     pub fn new(key: Option<String>, address: Option<String>) -> Result<Self, AccountError> {
         let key = key.ok_or(AccountError::NoKey)?;
         let digits = key.strip_prefix("0x").unwrap_or(&key);
@@ -84,14 +84,14 @@ impl ProverAccount {
         &self.key
     }
 
-    /// The address, if there is one.
+    /// The address, if set.
     #[cfg(feature = "network")]
     pub(super) fn address(&self) -> Option<&str> {
         self.address.as_deref()
     }
 }
 
-/// Whether gRPC can be spoken there.
+/// Whether gRPC can use the address.
 fn check_address(text: &str) -> Result<(), String> {
     let uri: Uri = text.parse().map_err(|error| format!("({error})"))?;
     if !matches!(uri.scheme_str(), Some("http" | "https")) {
@@ -100,7 +100,7 @@ fn check_address(text: &str) -> Result<(), String> {
     if uri.host().is_none_or(str::is_empty) {
         return Err("names no host".into());
     }
-    // gRPC would leave the path out without a word.
+    // gRPC would silently omit the path.
     if uri.path() != "/" || uri.query().is_some() {
         return Err("has a path behind the host".into());
     }

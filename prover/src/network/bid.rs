@@ -1,9 +1,9 @@
-//! What a request says in an auction: whom it names, and what it pays at most. The network suggests all of it.
+//! A request's terms in an auction: whom it names, and its maximum price.
 
 use sp1_sdk::network::proto::{types, GetProofRequestParamsResponse};
 use sp1_sdk::network::{Address, DEFAULT_MAX_PRICE_PER_PGU_BUFFER};
 
-/// What a request says beside the proof that it asks for. Outside of auctions it says nothing.
+/// A request's terms; empty outside of auctions.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(super) struct Bid {
     pub auctioneer: Address,
@@ -17,11 +17,11 @@ pub(super) struct Bid {
 }
 
 impl Bid {
-    /// What the network suggests. The price may be a fifth higher than it suggests, as in SP1's own client, so that somebody takes the
-    /// request although prices move.
+    /// The network's suggestion, at a price up to a fifth higher, as in SP1's client, so that a prover takes the request although prices
+    /// move.
     ///
     /// # Errors
-    /// The suggestion makes no sense. The error says why.
+    /// The suggestion makes no sense.
     pub fn suggested(params: GetProofRequestParamsResponse) -> Result<Self, String> {
         let GetProofRequestParamsResponse::Auction(params) = params else {
             return Err("it holds no auctions".into());
@@ -46,7 +46,7 @@ impl Bid {
             verifier: address("verifier", &verifier)?,
             treasury: address("treasury", &treasury)?,
             base_fee: number("base_fee", &base_fee)?,
-            // Prices are multiples of the auction's tick. 0 means that the network does not name one.
+            // Prices are multiples of the auction's tick; 0 means no tick.
             max_price: price - price % tick_size.max(1),
             domain,
         })

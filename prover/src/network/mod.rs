@@ -1,5 +1,4 @@
-//! Has claims of mode `succinct` proven elsewhere: by Succinct's prover network, or by an SP1 cluster. What asks them is behind the feature
-//! `network`. Everything else is in every build.
+//! Proofs of mode `succinct` from Succinct's prover network or an SP1 cluster. Only the client needs the feature `network`.
 
 mod account;
 #[cfg(feature = "network")]

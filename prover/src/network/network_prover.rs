@@ -1,5 +1,4 @@
-//! Asks the network for proofs, and verifies what it gets. Never run against Succinct's network or a cluster yet: tests play the network on
-//! this machine.
+//! Asks the network for proofs, and verifies them. Never run against Succinct's network or a cluster yet: tests play the network.
 
 use super::account::{AccountError, ProverAccount};
 use super::bid::Bid;
@@ -20,63 +19,63 @@ use tokio::time::{sleep, timeout};
 use tonic::transport::Uri;
 use zk0_circuits::Mode;
 
-/// Time between two questions how far a proof is. SP1's own client waits as long.
+/// Time between questions about a proof, as in SP1's client.
 const POLL: Duration = Duration::from_secs(2);
-/// How long the network has to answer a first connection.
+/// The network's time to answer a first connection.
 const CONNECT: Duration = Duration::from_secs(10);
-/// How long the end of a request that nobody waits for may take.
+/// Time to end an unwanted request.
 const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Why there is no proof.
 #[derive(Debug, thiserror::Error)]
 pub enum NetworkError {
-    /// The key is none, although it has the right length.
+    /// The key has the right length, but is invalid.
     #[error(transparent)]
     Account(#[from] AccountError),
-    /// Nobody answers.
+    /// No answer.
     #[error("cannot reach the prover network at {address}: {reason}")]
     Unreachable {
-        /// Where.
+        /// The address.
         address: String,
-        /// Why.
+        /// The reason.
         reason: String,
     },
     /// SP1 failed on this machine.
     #[error(transparent)]
     Sp1(#[from] ExecuteError),
-    /// The ELF is not the program that verifiers expect.
+    /// Verifiers do not expect this ELF.
     #[error(transparent)]
     OtherProgram(#[from] OtherProgram),
-    /// The network refuses, or answers what makes no sense.
+    /// The network refuses, or gives a senseless answer.
     #[error("the prover network could not {doing}: {reason}")]
     Refused {
-        /// What it was asked for.
+        /// The question.
         doing: &'static str,
-        /// What it said.
+        /// The answer.
         reason: String,
     },
-    /// The network has ended the request.
+    /// The network ended the request.
     #[error("the prover network ended the request {request} without a proof: {how}")]
     Ended {
-        /// The request's number there.
+        /// The request's number.
         request: B256,
-        /// How.
+        /// The end.
         how: &'static str,
     },
-    /// It took too long.
+    /// The time-out.
     #[error(
         "the prover network made no proof within {0} s: look for the reason there, or give it more time (--network-minutes)"
     )]
     TimedOut(u64),
-    /// Nobody waits for the proof any more.
+    /// The client no longer waits.
     #[error("the request to the prover network was given up: {0}")]
     GivenUp(String),
-    /// The network sent something else than a proof of the program.
+    /// The network sent no proof of the program.
     #[error("the prover network sent a proof that does not verify: {0}")]
     Unsound(String),
 }
 
-/// An account on a network that knows the program.
+/// An account on a network that has the program.
 pub struct NetworkProver {
     client: NetworkClient,
     options: NetworkOptions,
@@ -85,7 +84,7 @@ pub struct NetworkProver {
 }
 
 impl NetworkProver {
-    /// Connects to the network and registers the program of a mode there. The program is public.
+    /// Connects to the network and registers a mode's public program.
     pub async fn start(
         account: &ProverAccount,
         options: NetworkOptions,
@@ -115,9 +114,8 @@ impl NetworkProver {
         })
     }
 
-    /// Has a claim proven, and verifies the proof as a verifier would. `cost` is what the program took when it was executed. When
-    /// `given_up` is ready, or after the time-out, the request is withdrawn where the network allows that. `taken` hears whether a
-    /// prover is at work.
+    /// Has a claim proven, and verifies the proof as a verifier would. `cost` is the program's execution. When `given_up` is ready, or
+    /// after the time-out, the request is withdrawn where possible. `taken` hears whether a prover works on it.
     pub async fn prove(
         &self,
         input: Shareable<'_>,
@@ -135,7 +133,7 @@ impl NetworkProver {
         let request = self.request(&stdin, cost);
         tokio::pin!(end, request);
         taken(false);
-        // A request that nobody waits for must not begin.
+        // An unwanted request must not begin.
         tokio::select! {
             biased;
             error = &mut end => return Err(error),
@@ -144,7 +142,7 @@ impl NetworkProver {
         let id = tokio::select! {
             id = &mut request => id?,
             error = &mut end => {
-                // The network may have taken the request already. Without its number nobody could withdraw it.
+                // The network may have the request already. Withdrawal needs its number.
                 if let Ok(Ok(id)) = timeout(PATIENCE, request).await {
                     self.withdraw(id).await;
                 }
@@ -167,7 +165,7 @@ impl NetworkProver {
             .map_err(NetworkError::Unsound)
     }
 
-    /// Uploads the private input and asks for a proof. Returns the request's number.
+    /// Uploads the private input and requests a proof. Returns the request's number.
     async fn request(&self, stdin: &SP1Stdin, cost: &Execution) -> Result<B256, NetworkError> {
         let doing = "take the request";
         let ProverSelection::Auction = self.options.strategy else {
@@ -189,7 +187,7 @@ impl NetworkProver {
         bid: Bid,
     ) -> Result<B256, NetworkError> {
         let doing = "take the request";
-        // A cluster of one's own is asked as SP1's client asks it: without limits, and with an input that any of its machines may fetch.
+        // As in SP1's client, a private cluster gets no limits, and an input that any of its machines may fetch.
         let (strategy, cycle_limit, gas_limit, private) = match self.options.strategy {
             ProverSelection::Auction => (FulfillmentStrategy::Auction, cost.cycles, cost.gas, true),
             ProverSelection::Reserved => {
@@ -240,7 +238,7 @@ impl NetworkProver {
     ) -> Result<ProofFromNetwork, NetworkError> {
         let ended = |how| Err(NetworkError::Ended { request, how });
         loop {
-            // SP1's client asks again while the network is away. By default it gives up after two minutes, and another proof would cost as much again.
+            // While the network is away, SP1's client retries, by default for two minutes only. A new proof would cost as much again.
             let (status, proof) = self
                 .client
                 .get_proof_request_status(request, Some(self.options.timeout))
@@ -252,7 +250,7 @@ impl NetworkProver {
             if status.execution_status() == ExecutionStatus::Unexecutable as i32 {
                 return ended("it cannot execute the program on this input");
             }
-            // The client refuses numbers that are not in the protocol.
+            // The client refuses numbers outside the protocol.
             match FulfillmentStatus::try_from(status.fulfillment_status()) {
                 Ok(FulfillmentStatus::Unfulfillable) => return ended("it cannot be fulfilled"),
                 Ok(FulfillmentStatus::Reverted) => return ended("it failed in settlement"),
@@ -263,7 +261,7 @@ impl NetworkProver {
         }
     }
 
-    /// Withdraws a request, so that nobody works on it and nobody pays for it. Only auctions know that.
+    /// Withdraws a request, so that no prover works on it and no account pays. Only auctions allow that.
     async fn withdraw(&self, request: B256) {
         if self.options.strategy != ProverSelection::Auction {
             tracing::warn!(%request, "nobody waits for this proof; the network may go on with it until its deadline, because only auctions let requests be withdrawn");
@@ -281,7 +279,7 @@ impl NetworkProver {
     }
 }
 
-/// Whether somebody listens there. SP1's client would try for two minutes, and would not say why it fails.
+/// Whether a server listens there. SP1's client would try for two minutes, without a reason.
 async fn reach(address: &str) -> Result<(), NetworkError> {
     let unreachable = |reason: String| NetworkError::Unreachable {
         address: address.to_owned(),
@@ -305,7 +303,7 @@ async fn reach(address: &str) -> Result<(), NetworkError> {
     }
 }
 
-/// Makes sure that the network has the program. Returns the program's name there.
+/// Registers the program, unless the network has it. Returns its name there.
 async fn register(
     client: &NetworkClient,
     program: &SP1ProvingKey,

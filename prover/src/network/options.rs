@@ -4,19 +4,19 @@ use std::fmt;
 use std::str::FromStr;
 use std::time::Duration;
 
-/// Who proves, and how a prover is found. The names are SP1's.
+/// Who proves, by SP1's names.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ProverSelection {
-    /// Provers of Succinct's network bid for each proof.
+    /// Provers of Succinct's network bid for a proof.
     #[default]
     Auction,
-    /// A prover of Succinct's network with whom the account has an agreement.
+    /// A prover of Succinct's network under an agreement with the account.
     Reserved,
-    /// Succinct's own provers, or an SP1 cluster of one's own behind its network gateway.
+    /// Succinct's own provers, or a private SP1 cluster behind its network gateway.
     Hosted,
 }
 
-/// The text does not name a strategy.
+/// The text names no strategy.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("'{0}' is not a strategy of a prover network: write auction, reserved or hosted")]
 pub struct UnknownStrategy(String);
@@ -44,12 +44,12 @@ impl fmt::Display for ProverSelection {
     }
 }
 
-/// How the network is asked.
+/// How to ask the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NetworkOptions {
     /// Who proves.
     pub strategy: ProverSelection,
-    /// A proof that takes longer is given up.
+    /// The time-out of a proof.
     pub timeout: Duration,
 }
 

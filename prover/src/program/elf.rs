@@ -1,9 +1,8 @@
-//! The ELFs of the guest programs. Their verifying keys, which are all that a verifier needs, are in
-//! [`zk0_circuits::claim::program`].
+//! The guest programs' ELFs. Their verifying keys are in [`zk0_circuits::claim::program`].
 
 use zk0_circuits::Mode;
 
-/// The ELF of the program of `mode`, as `circuits/build-guest.sh` builds it.
+/// The ELF for `mode`, built by `circuits/build-guest.sh`.
 pub fn elf(mode: Mode) -> &'static [u8] {
     match mode {
         Mode::Direct => include_bytes!("../../../circuits/elf/direct.elf"),

@@ -1,5 +1,4 @@
-//! Runs a guest program without proving it. That takes a second, and gives the same public values and the cycles that a proof would
-//! have to prove.
+//! Runs a guest program without a proof, in a second, for its public values and cycles.
 
 use sp1_sdk::blocking::{LightProver, Prover};
 use sp1_sdk::{
@@ -7,34 +6,34 @@ use sp1_sdk::{
 };
 use tokio::sync::watch;
 
-/// What one run of a guest program gave.
+/// The result of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Execution {
-    /// What the program committed to: borsh([`zk0_circuits::Claim`]).
+    /// The program's commitment: borsh([`zk0_circuits::Claim`]).
     pub public_values: Vec<u8>,
-    /// The RISC-V instructions that ran. Proving time grows with them.
+    /// The RISC-V instructions run. Proving time grows with them.
     pub cycles: u64,
     /// SP1's estimate of proving cost, precompiles included.
     pub gas: u64,
 }
 
-/// Why an execution gave no public values.
+/// Why there are no public values.
 #[derive(Debug, thiserror::Error)]
 pub enum ExecuteError {
-    /// The program ended with an error: the statement does not hold for this input.
+    /// The program ended with an error: the statement does not hold.
     #[error("the guest program refuses the input: {0}")]
     Refused(String),
-    /// SP1 could not run the program.
+    /// SP1 did not run the program.
     #[error("SP1 cannot execute the guest program: {0}")]
     Failed(String),
 }
 
-/// A program's verifying key in the two forms that verifiers ask for.
+/// A program's verifying key in both forms that verifiers use.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct VerifyingKey {
-    /// bincode of `vk.hash_koalabear()`: what compressed proofs are verified against.
+    /// bincode of `vk.hash_koalabear()`, for compressed proofs.
     pub koalabear: Vec<u8>,
-    /// `vk.bytes32()`, hexadecimal with 0x: what Groth16 and PLONK proofs are verified against.
+    /// `vk.bytes32()`, hexadecimal with 0x, for Groth16 and PLONK proofs.
     pub bytes32: String,
 }
 
@@ -47,7 +46,7 @@ impl VerifyingKey {
     }
 }
 
-/// SP1's executor. It makes no proof, and starts in about a second. Clones share it.
+/// SP1's executor, without proofs. Starts in about a second. Clones share it.
 #[derive(Clone)]
 pub struct Executor {
     client: LightProver,
@@ -60,7 +59,7 @@ impl Executor {
         Ok(Self { client })
     }
 
-    /// Runs `elf` on `input`, one buffer per read of the guest.
+    /// Runs `elf` on `input`, one buffer per guest read.
     pub async fn execute(
         &self,
         elf: &'static [u8],
@@ -86,13 +85,13 @@ impl Executor {
         .await
     }
 
-    /// Derives the verifying key of `elf`; takes some seconds.
+    /// Derives the verifying key of `elf` in seconds.
     pub async fn verifying_key(&self, elf: &'static [u8]) -> Result<VerifyingKey, ExecuteError> {
         let program = self.set_up(elf).await?;
         VerifyingKey::of(program.verifying_key()).map_err(failed)
     }
 
-    /// Derives the keys of `elf`; takes some seconds.
+    /// Derives the keys of `elf` in seconds.
     pub(crate) async fn set_up(&self, elf: &'static [u8]) -> Result<SP1ProvingKey, ExecuteError> {
         let client = self.client.clone();
         blocking(move || client.setup(Elf::Static(elf)).map_err(failed)).await
@@ -103,7 +102,7 @@ fn failed(error: impl ToString) -> ExecuteError {
     ExecuteError::Failed(error.to_string())
 }
 
-/// Runs SP1 on a thread where it may block; its panics become errors.
+/// Runs SP1 on a thread that may block; panics become errors.
 async fn blocking<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, ExecuteError> + Send + 'static,
 ) -> Result<T, ExecuteError> {
@@ -112,7 +111,7 @@ async fn blocking<T: Send + 'static>(
         .unwrap_or_else(|panic| Err(ExecuteError::Failed(panic.to_string())))
 }
 
-/// The input stream of the guest: one entry per buffer, unframed, as `sp1_zkvm::io::read_vec` reads them.
+/// The guest's input stream: one unframed entry per buffer, as `sp1_zkvm::io::read_vec` reads it.
 pub(crate) fn stdin(input: &[Vec<u8>]) -> SP1Stdin {
     let mut stdin = SP1Stdin::new();
     for buffer in input {
@@ -127,8 +126,7 @@ fn gas(report: &ExecutionReport) -> Result<u64, ExecuteError> {
         .ok_or_else(|| ExecuteError::Failed("no gas was calculated".into()))
 }
 
-/// The message of a Rust panic, in one line. Before the message, the guest's runtime writes the place in the source; after it, the
-/// runtime writes the message again.
+/// The message of a Rust panic, in one line, without its source and its repetition by the guest's runtime.
 fn panic_message(stderr: &str) -> String {
     let text = match stderr.split_once("panicked at ") {
         Some((_, rest)) => rest.split_once('\n').map_or(rest, |(_, message)| message),

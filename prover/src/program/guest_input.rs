@@ -1,4 +1,4 @@
-//! What a guest program reads, and the claim that follows from it.
+//! A guest program's input, and the claim it proves.
 
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::path::Path;
@@ -9,46 +9,45 @@ use zk0_circuits::claim::statement::check;
 use zk0_circuits::claim::statement_error::StatementError;
 use zk0_circuits::{Claim, Mode, PrivateInput};
 
-/// An input as the program of a mode reads it. In mode `direct` it holds samples and weights, and in both modes the dataset's salt, so it
-/// must stay private.
+/// A program's input. It must stay private: in mode `direct` it holds samples and weights, and in both modes the dataset's salt.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct GuestInput {
-    /// The program that reads it.
+    /// The program's mode.
     pub mode: Mode,
-    /// One buffer for each read.
+    /// One buffer per read.
     pub buffers: Vec<Vec<u8>>,
 }
 
-/// A claim that is ready to be proven.
+/// A claim ready to prove.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct PreparedClaim {
     /// The claim.
     pub claim: Claim,
-    /// What [`Claim::weight_check`] is the digest of. It travels with the proof. Nothing in mode `direct`.
+    /// The preimage of [`Claim::weight_check`], which travels with the proof. Empty in mode `direct`.
     pub weight_check: Vec<u8>,
-    /// What the guest program reads.
+    /// The guest program's input.
     pub input: GuestInput,
 }
 
 /// Why a claim cannot be proven.
 #[derive(Debug, PartialEq, thiserror::Error)]
 pub enum NotProvable {
-    /// It does not hold.
+    /// The claim does not hold.
     #[error(transparent)]
     Statement(#[from] StatementError),
-    /// A sample cannot be read.
+    /// A sample is unreadable.
     #[error("a sample of the claim cannot be read: {0}")]
     Sample(String),
-    /// There is no argument for it, in mode `succinct`.
+    /// Mode `succinct` could not make the argument.
     #[error(transparent)]
     Argument(NotMade),
-    /// The argument that was made does not verify.
+    /// The argument does not verify.
     #[error("the argument was made, but it does not verify: {0}")]
     Unsound(NotShown),
 }
 
 impl NotProvable {
-    /// Whether the claim may be provable all the same: a file could not be read or written, for example because the disk is full.
+    /// Whether a retry may succeed: a file could not be read or written, perhaps because the disk is full.
     pub fn may_pass(&self) -> bool {
         matches!(
             self,
@@ -72,24 +71,24 @@ impl From<NotMade> for NotProvable {
 /// Why an input proves no claim.
 #[derive(Debug, thiserror::Error)]
 pub enum GuestInputError {
-    /// The buffers do not have the form that the program reads.
+    /// The program cannot read the buffers.
     #[error("the private input cannot be read: {0}")]
     Unreadable(#[from] InputError),
     /// The statement is false.
     #[error("the claim does not hold: {0}")]
     Statement(#[from] StatementError),
-    /// The same, in mode `succinct`.
+    /// The statement is false, in mode `succinct`.
     #[error("the claim does not hold: {0}")]
     NotShown(#[from] NotShown),
 }
 
 impl PreparedClaim {
-    /// The claim that `source` proves, and what the program reads. `blind` hides the samples. In mode `succinct`, this makes the argument that the program verifies; with a
-    /// folder, values of samples are in files there meanwhile, and `progress` is told which share of the work is done, from 0 to 1. At the published
-    /// size this takes minutes for each sample.
+    /// The claim that `source` proves, and the program's input. `blind` hides the samples. Mode `succinct` makes the argument, in minutes
+    /// per sample at the published size. With a folder, values of samples are in files there meanwhile. `progress` gets the share done,
+    /// from 0 to 1.
     ///
     /// # Errors
-    /// The claim does not hold, or cannot be proven in this mode.
+    /// The claim does not hold, or this mode cannot prove it.
     pub fn of(
         mode: Mode,
         source: &impl ClaimSource,
@@ -129,7 +128,7 @@ impl GuestInput {
         self.buffers.iter().map(|buffer| buffer.len() as u64).sum()
     }
 
-    /// The claim. It is found by running natively what the program runs; the error says why there is no claim.
+    /// The claim, from a native run of the program's checks.
     pub fn claim(&self) -> Result<Claim, GuestInputError> {
         Ok(match self.mode {
             Mode::Direct => check(&PrivateInput::from_buffers(&self.buffers)?)?,

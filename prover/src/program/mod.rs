@@ -1,4 +1,4 @@
-//! The guest programs, their input, and how to run them without a proof.
+//! The guest programs, their input, and execution without a proof.
 
 mod elf;
 mod execute;

@@ -3,12 +3,12 @@
 use super::guest_input::GuestInput;
 use zk0_circuits::Mode;
 
-/// A private input that may go to a machine of somebody else: it holds no recording and no weights. What it shows all the same is in
-/// docs/prove.md, "What leaves the machine?".
+/// A private input that may go to another party's machine, without recording or weights. What it still shows: docs/prove.md, "What leaves
+/// the machine?".
 #[derive(Clone, Copy, Debug)]
 pub struct Shareable<'a>(&'a GuestInput);
 
-/// The private input holds what must stay on this machine.
+/// The private input holds data that must stay on this machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "a private input of mode {0} holds samples of the recording, so it must not go to a prover network: have this claim proven with \
@@ -17,7 +17,7 @@ pub struct Shareable<'a>(&'a GuestInput);
 pub struct HoldsRecording(pub Mode);
 
 impl<'a> Shareable<'a> {
-    /// Lets inputs of mode `succinct` pass.
+    /// Allows inputs of mode `succinct`.
     pub fn of(input: &'a GuestInput) -> Result<Self, HoldsRecording> {
         match input.mode {
             Mode::Succinct => Ok(Self(input)),
@@ -25,7 +25,7 @@ impl<'a> Shareable<'a> {
         }
     }
 
-    /// What may be sent.
+    /// The input to send.
     pub fn input(self) -> &'a GuestInput {
         self.0
     }

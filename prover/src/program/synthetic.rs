@@ -1,7 +1,7 @@
-//! Private inputs made from a seed. They serve to count cycles, to compare guest and host, and to try a machine's prover.
+//! Private inputs from a seed, to count cycles, compare guest and host, and test a machine's prover.
 //!
-//! Weights and samples are random numbers of a trained model's magnitudes. The base's velocities are twice as large as those, and the
-//! update's a quarter, so that the update has the lower loss. The result depends on the seed alone, so it is the same on every machine.
+//! Weights and samples are random numbers of a trained model's magnitudes. The base's velocities are doubled and the update's quartered, so
+//! that the update has the lower loss. The seed alone decides the result.
 
 use super::elf::elf;
 use super::execute::{ExecuteError, Execution, Executor};
@@ -27,22 +27,22 @@ use zk0_circuits::{
     Sample, Terms, WeightsDigest,
 };
 
-/// How often weights are drawn until the test passes. With two samples it passes about every third time.
+/// Most draws of weights. With two samples, about a third pass the test.
 const TRIES: usize = 64;
 
-/// How large the velocities of base and update are.
+/// The factors of base and update velocities.
 const LOUDNESS: [f32; 2] = [2.0, 0.25];
 
-/// The seed of claims that are executed.
+/// The seed of executed claims.
 const SEED: u64 = 1;
 
-/// Random numbers that the salt and the header take.
+/// Random numbers for salt and header.
 const HEADER_WORDS: u64 = 5;
 
 /// A private input whose statement holds in `mode`, over `samples` samples of a dataset three times as large.
 ///
 /// # Errors
-/// `spec` cannot be used, random values do not fit its scales, or `samples` is 0 or 1: no test passes on so few.
+/// `spec` is unusable, random values do not fit its scales, or `samples` is 0 or 1: no test passes on so few.
 pub fn private_input(
     spec: &EvalSpec,
     mode: Mode,
@@ -54,12 +54,12 @@ pub fn private_input(
     Ok(input)
 }
 
-/// What hides the samples of [`private_input`].
+/// The blind of [`private_input`]'s samples.
 pub fn blind(seed: u64) -> Blind {
     Blind::new(tagged_sha256("zk0/synthetic-blind", &[&seed.to_le_bytes()]).0)
 }
 
-/// A private input whose samples are made again when somebody reads them, so that they take no memory.
+/// A private input that makes samples on each read, to save memory.
 pub struct MadeAgain {
     header: Header,
     models: [QuantisedWeights; 2],
@@ -69,7 +69,7 @@ pub struct MadeAgain {
 }
 
 impl MadeAgain {
-    /// The input that [`private_input`] makes.
+    /// The input of [`private_input`].
     pub fn new(spec: &EvalSpec, mode: Mode, samples: u32, seed: u64) -> Result<Self, String> {
         let (mut input, dataset) = improving(spec, samples, seed)?;
         let kept = commit(&mut input, mode, &dataset, &blind(seed));
@@ -112,8 +112,7 @@ impl ClaimSource for MadeAgain {
     }
 }
 
-/// Names weights and samples as nodes of a network do whose claims are proven in `mode`.
-/// Returns what is kept of the commitments to the opened samples.
+/// Names weights and samples as nodes in `mode` do. Returns what is kept of the opened samples' commitments.
 fn commit(input: &mut PrivateInput, mode: Mode, dataset: &[Sample], blind: &Blind) -> Vec<Vec<u8>> {
     let header = &mut input.header;
     let committed = dataset
@@ -134,7 +133,7 @@ fn commit(input: &mut PrivateInput, mode: Mode, dataset: &[Sample], blind: &Blin
         .collect()
 }
 
-/// A private input in mode `direct`, whose statement holds, and its dataset.
+/// A private input in mode `direct` whose statement holds, and its dataset.
 fn improving(
     spec: &EvalSpec,
     samples: u32,
@@ -207,10 +206,10 @@ fn improving(
     checked.map(|()| (input, dataset))
 }
 
-/// The dimensions that go by this name.
+/// The dimensions of this name.
 ///
 /// # Errors
-/// There are none of this name.
+/// The name is unknown.
 pub fn dims(name: &str) -> Result<Dims, String> {
     match name {
         "micro" => Ok(Dims::MICRO),
@@ -219,8 +218,8 @@ pub fn dims(name: &str) -> Result<Dims, String> {
     }
 }
 
-/// Makes a claim over `samples` samples, and executes its program. Returns what the program read and what it gave. At full size that
-/// takes a minute and half a gigabyte for every sample.
+/// Makes a claim over `samples` samples, and executes its program. Returns the program's input and results. At full size a sample takes a
+/// minute and half a gigabyte.
 ///
 /// # Errors
 /// There is no such claim, or SP1 fails.
@@ -241,8 +240,8 @@ pub async fn execute(
     Ok((input, run))
 }
 
-/// The weights (base, update) that [`private_input`] tries with the same arguments, one pair after the other. It returns with one of them. Samples are not made,
-/// so this takes seconds at the published size.
+/// The pairs of weights (base, update) that [`private_input`] tries with the same arguments, until one passes. Makes no samples, so this
+/// takes seconds at the published size.
 pub fn weights_tried(
     spec: &EvalSpec,
     samples: u32,
@@ -252,7 +251,7 @@ pub fn weights_tried(
     random.skip(3 * u64::from(samples) * sample_words(&spec.dims));
     (0..TRIES).map(move |tries| {
         if tries > 0 {
-            // Between two tries, the files are named. The header is made after the first weights.
+            // Between tries, the files are named. The header follows the first weights.
             random.skip(if tries == 1 { HEADER_WORDS + 2 } else { 2 });
         }
         let base = weights(spec, &mut random, LOUDNESS[0])?;
@@ -261,7 +260,6 @@ pub fn weights_tried(
     })
 }
 
-/// Names the weights in the header.
 fn name_weights(input: &mut PrivateInput, blobs: [Digest; 2]) {
     let [base, update] = [&input.base, &input.update].map(|weights| weights.digest(Mode::Direct));
     let name = |blob, quantised| WeightsDigest { blob, quantised };
@@ -269,7 +267,7 @@ fn name_weights(input: &mut PrivateInput, blobs: [Digest; 2]) {
     input.header.terms.update = name(blobs[1], update);
 }
 
-/// Random weights: gains around one, small biases, and linear layers of unit gain, except that velocities are `loudness` times as large.
+/// Random weights: gains around one, small biases, linear layers of unit gain, and velocities `loudness` times as large.
 fn weights(
     spec: &EvalSpec,
     random: &mut SplitMix64,
@@ -324,7 +322,7 @@ fn sample(spec: &EvalSpec, random: &mut SplitMix64, index: u32) -> Result<Sample
     Sample::quantise(spec, parts).map_err(|error| error.to_string())
 }
 
-/// Random numbers that a sample takes.
+/// The random numbers of a sample.
 fn sample_words(dims: &Dims) -> u64 {
     let [layers, prefix, chunk, width] = [
         dims.layers,
@@ -339,7 +337,7 @@ fn sample_words(dims: &Dims) -> u64 {
 /// SplitMix64 (Steele, Lea and Flood 2014).
 struct SplitMix64(u64);
 
-/// What the generator adds for each word.
+/// The generator's increment.
 const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
 impl SplitMix64 {
@@ -382,7 +380,7 @@ mod tests {
     #[test]
     fn the_weights_of_an_input_are_among_those_tried() {
         let spec = EvalSpec::micro();
-        // These seeds take different numbers of tries.
+        // These seeds differ in their numbers of tries.
         let tries = [1, 2, 3, 4, 5, 6].map(|seed| {
             let input = private_input(&spec, Mode::Direct, 2, seed).unwrap();
             let mut tried = weights_tried(&spec, 2, seed).map(Result::unwrap);

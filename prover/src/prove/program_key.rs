@@ -1,11 +1,11 @@
-//! A program is only proven if verifiers know it.
+//! Checks a program's verifying key before proofs.
 
 use crate::program::VerifyingKey;
 use sp1_sdk::{ProvingKey, SP1ProvingKey};
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::Mode;
 
-/// The ELF is not the program that verifiers expect.
+/// Verifiers expect another program than the ELF.
 #[derive(Debug, thiserror::Error)]
 #[error("the guest ELF has another verifying key ({found}) than the one recorded with it: run `make guest`, which builds and records both")]
 pub struct OtherProgram {
@@ -13,7 +13,7 @@ pub struct OtherProgram {
     pub found: String,
 }
 
-/// Compares the key of a program with the recorded one of its mode.
+/// Compares a program's key with its mode's recorded one.
 pub(crate) fn check_program(program: &SP1ProvingKey, mode: Mode) -> Result<(), OtherProgram> {
     match VerifyingKey::of(program.verifying_key()) {
         Ok(key) if key.koalabear == verifying_key(mode) => Ok(()),

@@ -1,11 +1,11 @@
-//! A compressed proof, as nodes and the aggregator exchange it.
+//! The proof that nodes and the aggregator exchange.
 
 /// A compressed proof and what it proves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Proof {
-    /// bincode of SP1's `SP1Proof::Compressed`: what `SP1CompressedVerifierRaw::verify_with_public_values` of
-    /// `sp1-verifier` reads. About 1.3 MB whatever the program.
+    /// bincode of SP1's `SP1Proof::Compressed`, the input of `SP1CompressedVerifierRaw::verify_with_public_values` in `sp1-verifier`. About
+    /// 1.3 MB for any program.
     pub bytes: Vec<u8>,
-    /// What the program committed to: borsh([`zk0_circuits::Claim`]).
+    /// The program's commitment: borsh([`zk0_circuits::Claim`]).
     pub public_values: Vec<u8>,
 }

@@ -1,8 +1,7 @@
-//! The prover of this machine.
+//! This machine's prover.
 //!
-//! Starting it takes minutes (SP1 derives its recursion programs) and gigabytes, so a process has one [`Sp1Prover`] and keeps
-//! it. A [lock](ProverLock) keeps other processes from having one too. SP1 blocks, so it runs on threads of its own, and the caller's
-//! runtime stays free to answer.
+//! Its start takes minutes (SP1 derives its recursion programs) and gigabytes, so a process keeps one [`Sp1Prover`], and a
+//! [lock](ProverLock) excludes other processes. SP1 blocks, so it runs on its own threads.
 
 use super::engine::{self, ProverEngine};
 use super::program_key::{check_program, OtherProgram};
@@ -22,23 +21,23 @@ pub enum ProveError {
     /// Another process proves.
     #[error(transparent)]
     Lock(#[from] LockError),
-    /// The ELF is not the program that verifiers expect.
+    /// Verifiers expect another program than the ELF.
     #[error(transparent)]
     OtherProgram(#[from] OtherProgram),
-    /// SP1 failed. Its log says more.
+    /// SP1 failed. Its log has details.
     #[error("SP1 could not {doing}: {reason}")]
     Sp1 {
-        /// What it was doing.
+        /// The failed step.
         doing: &'static str,
-        /// What it said.
+        /// SP1's error.
         reason: String,
     },
-    /// SP1 made a proof that a verifier would refuse.
+    /// A verifier would refuse SP1's proof.
     #[error("SP1 made a proof that does not verify: {0}")]
     Unsound(String),
 }
 
-/// The one prover of this machine.
+/// This machine's one prover.
 pub struct Sp1Prover {
     sp1: Arc<Sp1>,
     /// One proof at a time.
@@ -47,14 +46,14 @@ pub struct Sp1Prover {
 
 struct Sp1 {
     engine: Box<dyn ProverEngine>,
-    /// Per mode, as [`Mode::ALL`] lists them.
+    /// Per mode, in the order of [`Mode::ALL`].
     programs: [SP1ProvingKey; 2],
     _lock: Arc<ProverLock>,
 }
 
 impl Sp1Prover {
-    /// Starts SP1 on `device` for the programs of all modes. Their verifying keys must be the recorded ones. Takes one to
-    /// two minutes on two cores.
+    /// Starts SP1 on `device` for all modes' programs, whose verifying keys must be the recorded ones. Takes one to two minutes on two
+    /// cores.
     pub async fn start(device: Device, lock: Arc<ProverLock>) -> Result<Self, ProveError> {
         let failed = |reason| ProveError::Sp1 {
             doing: "start",
@@ -82,14 +81,13 @@ impl Sp1Prover {
         })
     }
 
-    /// Proves that the program accepts `input`, and verifies the proof as a verifier would. Run an
-    /// [`Executor`](crate::program::Executor) first: an input that the program refuses costs minutes here, and the error does not say
-    /// why it is refused.
+    /// Proves that the program accepts `input`, and verifies the proof as a verifier would. Run an [`Executor`](crate::program::Executor)
+    /// first: a refused input costs minutes here, and the error gives no reason.
     pub async fn prove_compressed(&self, input: &GuestInput) -> Result<Proof, ProveError> {
         let turn = self.proving.clone().lock_owned().await;
         let (sp1, mode, stdin) = (self.sp1.clone(), input.mode, stdin(&input.buffers));
         let work = spawn_blocking(move || {
-            // The work itself holds the turn, so that a caller that stops waiting does not let a second proof start beside it.
+            // The work itself holds the turn. If a caller stops waiting, no second proof starts beside it.
             let _turn = turn;
             sp1.prove(mode, stdin)
         });

@@ -1,4 +1,4 @@
-//! A proof is verified before anybody gets it, whoever made it.
+//! Verifies each proof before use, whatever made it.
 
 use super::proof::Proof;
 use sp1_sdk::SP1Proof;
@@ -6,7 +6,7 @@ use sp1_verifier::compressed::SP1CompressedVerifierRaw;
 use zk0_circuits::claim::program::verifying_key;
 use zk0_circuits::Mode;
 
-/// The proof as nodes exchange it, if SP1's verifier accepts it for the program of `mode`; otherwise, why not.
+/// The proof to exchange, if SP1's verifier accepts it for the program of `mode`; otherwise, why not.
 pub(crate) fn verified(
     mode: Mode,
     proof: &SP1Proof,

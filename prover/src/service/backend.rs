@@ -1,23 +1,23 @@
-//! What checks and proves claims behind the service. Tests play it, so that they need no SP1.
+//! Checks and proves claims behind the service. Tests replace it, without SP1.
 
 use super::waiting::{GivenUp, WaitingClient};
 use crate::program::{Execution, GuestInput, GuestInputError, HoldsRecording};
 use crate::prove::Proof;
 use tonic::Status;
 
-/// Why a request is refused or fails.
+/// A request's refusal or failure.
 #[derive(Debug, thiserror::Error)]
 pub enum JobError {
     /// The private input proves no claim.
     #[error(transparent)]
     Input(#[from] GuestInputError),
-    /// The private input must not leave this machine, and the prover is elsewhere.
+    /// The private input must stay on this machine, and the prover is elsewhere.
     #[error(transparent)]
     Private(#[from] HoldsRecording),
-    /// Nobody waits for the proof any more: the service stops, so that the client has to ask again.
+    /// Waiting ended, for example because the service stops. The client has to ask again.
     #[error(transparent)]
     GivenUp(#[from] GivenUp),
-    /// As many claims wait as may.
+    /// The queue has no place.
     #[error("the prover's queue is full until a proof is done")]
     QueueFull,
     /// The prover failed.
@@ -45,21 +45,21 @@ impl From<JobError> for Status {
     }
 }
 
-/// What checks claims and proves them.
+/// Checks and proves claims.
 #[tonic::async_trait]
 pub trait Backend: Send + Sync + 'static {
-    /// Gets ready to prove. The service calls this once, before the first proof.
+    /// Prepares for proofs. The service calls this once, first.
     async fn start(&self) -> Result<(), JobError>;
     /// Checks the statement and counts its cycles, in seconds.
     async fn check(&self, input: &GuestInput) -> Result<Execution, JobError>;
-    /// Proves it. The service calls this for one input at a time. `execution` is what [`Self::check`] gave for it.
+    /// Proves it. The service calls this for one input at a time, with the `execution` that [`Self::check`] gave.
     async fn prove(
         &self,
         input: &GuestInput,
         execution: &Execution,
         waiting: &WaitingClient,
     ) -> Result<Proof, JobError>;
-    /// Whether [`Self::prove`] gives up a proof whose client has gone. Otherwise the proof is made to the end, and kept.
+    /// Whether [`Self::prove`] gives up a proof whose client has gone. Otherwise the proof is finished and kept.
     fn withdraws(&self) -> bool {
         false
     }

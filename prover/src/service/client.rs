@@ -1,4 +1,4 @@
-//! A node's side of the proving service.
+//! A node's client of the proving service.
 
 use super::upload;
 use crate::program::GuestInput;
@@ -19,16 +19,16 @@ pub struct ProvingClient {
     client: ProverClient<InterceptedService<transport::Channel, Carrier>>,
 }
 
-/// Why a service gave no proof.
+/// Why there is no proof.
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
-    /// There is no connection.
+    /// No connection.
     #[error("{0}; `zk0 prover serve` runs it")]
     Connect(#[from] ConnectError),
-    /// The connection broke before the proof came, and may be made again.
+    /// The connection broke before the proof; a new one may work.
     #[error("{0}; `zk0 prover serve` runs it")]
     Lost(ConnectError),
-    /// The service refuses. Code and reason are those of `proto/prover.proto`.
+    /// The service refuses, with a code and reason of `proto/prover.proto`.
     #[error(
         "the proving service at {url} {}: {}",
         match may_pass(status) { true => "cannot take the claim now", false => "gives no proof" },
@@ -37,7 +37,7 @@ pub enum ClientError {
     Refused {
         /// The service's address.
         url: String,
-        /// What it says.
+        /// The refusal.
         status: Box<Status>,
     },
     /// The service ended before the proof came.
@@ -49,7 +49,7 @@ pub enum ClientError {
 }
 
 impl ClientError {
-    /// Whether the service may prove the claim when it is asked again: it was lost, it is stopping, or its queue is full.
+    /// Whether a retry may succeed: the service was lost, is stopping, or has a full queue.
     pub fn may_pass(&self) -> bool {
         match self {
             Self::Lost(_) | Self::NoProof { .. } => true,
@@ -59,7 +59,7 @@ impl ClientError {
     }
 }
 
-/// Whether a refusal says something about the service and not about the claim. The private input comes too late where the connection is cut.
+/// Whether a refusal concerns the service, not the claim. When the connection is cut, the private input is late.
 fn may_pass(refusal: &Status) -> bool {
     matches!(
         refusal.code(),
@@ -68,9 +68,9 @@ fn may_pass(refusal: &Status) -> bool {
 }
 
 impl ProvingClient {
-    /// The address of a service, such as `http://127.0.0.1:7072`, to which [`Self::connect`] connects.
+    /// The address of a service for [`Self::connect`], such as `http://127.0.0.1:7072`.
     pub fn address(url: String) -> ServiceAddress {
-        // A proof takes all cores of its machine, so the service may be slow to answer. A lost connection would lose the proof.
+        // A proof takes all cores, so the service may answer slowly. A lost connection would lose the proof.
         ServiceAddress::new("proving service", url, "--prover-ca").with_silence(Silence {
             asks_after: Duration::from_secs(60),
             lost_after: Duration::from_secs(300),
@@ -83,8 +83,8 @@ impl ProvingClient {
         let mut client = ProverClient::with_interceptor(channel, Carrier)
             .max_encoding_message_size(upload::MAX_MESSAGE_BYTES)
             .max_decoding_message_size(upload::MAX_EVENT_BYTES);
-        // Whether somebody speaks gRPC there shows only when a request is made, and a node trains before it has something to prove. So it
-        // makes a request without content. Every proving service refuses that, and takes nothing for it.
+        // Only a request shows whether a server speaks gRPC, and a node trains before its first proof. So this sends a request without
+        // content, which the service refuses at no cost.
         if let Err(status) = client.prove(tokio_stream::empty()).await {
             if let Some(error) = address.first_failure(&status) {
                 return Err(error.into());
@@ -97,8 +97,8 @@ impl ProvingClient {
         Ok(Self { address, client })
     }
 
-    /// Has a claim proven. `progress` is called with every event on the way. The proof is not verified here. Whoever may ask again keeps an `Arc`
-    /// of the input. A lost connection is made again then.
+    /// Has a claim proven. Calls `progress` with every event. Does not verify the proof. To retry, keep an `Arc` of the input; the retry
+    /// reconnects.
     #[instrument(name = "have it proven", skip_all)]
     pub async fn prove(
         &mut self,
@@ -125,7 +125,7 @@ impl ProvingClient {
         })
     }
 
-    /// Why a request gave no proof.
+    /// Why a request failed.
     fn failed(&self, status: Status) -> ClientError {
         match self.address.lost(&status) {
             Some(error) => ClientError::Lost(error),

@@ -1,4 +1,4 @@
-//! Proofs of the service that a prover network makes. They need no memory here, and so no lock.
+//! The service's proofs from a prover network. They need no memory here, so no lock.
 
 use super::backend::JobError;
 use super::waiting::{GivenUp, WaitingClient};
@@ -8,7 +8,7 @@ use crate::prove::Proof;
 use tokio::sync::OnceCell;
 use zk0_circuits::Mode;
 
-/// An account on a network. It connects when it is first needed.
+/// An account on a network, connected on first use.
 pub(super) struct Elsewhere {
     account: ProverAccount,
     options: NetworkOptions,
@@ -28,7 +28,7 @@ impl Elsewhere {
         self.options
     }
 
-    /// The network, connected.
+    /// The connected network.
     pub async fn prover(&self, executor: &Executor) -> Result<&NetworkProver, JobError> {
         self.prover
             .get_or_try_init(|| {
@@ -53,7 +53,7 @@ impl Elsewhere {
             .prove(input, execution, waiting.given_up(), taken)
             .await
             .map_err(|error| match error {
-                // A client that has gone hears nothing, so it is the service that stops.
+                // A client that has gone hears nothing, so this means a stopping service.
                 NetworkError::GivenUp(_) => JobError::GivenUp(GivenUp::Stopping),
                 error => JobError::failed(error),
             })

@@ -1,4 +1,4 @@
-//! Proofs of the service that this machine makes itself.
+//! The service's proofs from this machine.
 
 use super::backend::JobError;
 use crate::machine::{leftovers, Device, DeviceError, DeviceKind, LockError, ProverLock};
@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::OnceCell;
 
-/// The one prover of this machine. It starts when it is first needed.
+/// This machine's prover, started on first use.
 pub(super) struct Here {
     device: Device,
     lock: Arc<ProverLock>,
@@ -18,7 +18,7 @@ pub(super) struct Here {
 /// Why this machine cannot prove now.
 #[derive(Debug, thiserror::Error)]
 pub enum HereError {
-    /// The machine lacks the device, or memory.
+    /// No such device, or too little memory.
     #[error(transparent)]
     Device(#[from] DeviceError),
     /// Another prover runs.
@@ -27,7 +27,7 @@ pub enum HereError {
 }
 
 impl Here {
-    /// Takes this machine's prover lock, removes what killed provers left in memory, and finds the device.
+    /// Takes this machine's prover lock, removes killed provers' shared memory, and finds the device.
     pub fn find(device: DeviceKind) -> Result<Self, HereError> {
         let lock = ProverLock::acquire(&ProverLock::default_path(), Duration::ZERO)?;
         leftovers::remove(Path::new("/dev/shm"));

@@ -1,5 +1,5 @@
-//! Proofs that are there already. A node that was interrupted, or whose connection broke, asks for its proof again with the same bytes. It gets
-//! the proof that was made meanwhile, or the one that is being made, so that nobody proves the same claim again.
+//! Existing proofs. After an interruption, a node repeats its request. It gets the proof made meanwhile, or waits for the one in progress,
+//! so that a claim is proven once.
 
 use super::schedule::QueuePosition;
 use crate::program::GuestInput;
@@ -9,12 +9,12 @@ use std::sync::Arc;
 use tokio::sync::watch;
 use zk0_circuits::Mode;
 
-/// The SHA-256 of everything that decides a proof: the mode, which names the program, and the buffers that the program reads.
+/// The SHA-256 of all that decides a proof: the mode, which names the program, and the buffers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct RequestDigest([u8; 32]);
 
 impl RequestDigest {
-    /// The digest of a request. A gigabyte takes seconds.
+    /// A request's digest. A gigabyte takes seconds.
     pub fn of(input: &GuestInput) -> Self {
         let mode = match input.mode {
             Mode::Direct => 1u64,
@@ -23,7 +23,7 @@ impl RequestDigest {
         let mut hasher = Sha256::new();
         hasher.update(mode.to_le_bytes());
         for buffer in &input.buffers {
-            // The length comes first, so that bytes cannot move from one buffer to the next.
+            // The length comes first, so that bytes cannot move between buffers.
             hasher.update((buffer.len() as u64).to_le_bytes());
             hasher.update(buffer);
         }
@@ -31,12 +31,12 @@ impl RequestDigest {
     }
 }
 
-/// The proofs of a service that somebody may still ask for: two at most, of 1.3 MB each.
+/// Proofs that a client may still ask for: at most two, of 1.3 MB each.
 #[derive(Default)]
 pub(super) struct Made(watch::Sender<Proofs>);
 
-/// The service cannot know that a client has a proof: it may have gone while the last bytes were on their way. So the newest proof stays in any
-/// case until the next one is made, and a proof that was not sent stays besides it.
+/// A client may not have a proof that was sent: the last bytes may be lost. So the newest proof stays until the next one, and a proof not
+/// sent stays beside it.
 #[derive(Default)]
 struct Proofs {
     making: Option<(RequestDigest, QueuePosition)>,
@@ -47,28 +47,28 @@ struct Proofs {
 struct MadeProof {
     of: RequestDigest,
     proof: Arc<rpc::Proof>,
-    /// Whether it was sent to a client.
+    /// Whether a client was sent it.
     taken: bool,
 }
 
 impl Made {
-    /// The proof of this request is being made from now on, at this place of the queue.
+    /// This request's proof begins, at this place of the queue.
     pub fn begins(&self, of: RequestDigest, place: QueuePosition) {
         self.0
             .send_modify(|proofs| proofs.making = Some((of, place)));
     }
 
-    /// No proof is being made any more.
+    /// The proof in progress ended.
     pub fn ends(&self) {
         self.0.send_modify(|proofs| proofs.making = None);
     }
 
-    /// Keeps a proof. Those who wait for it in [`Self::until`] get it.
+    /// Keeps a proof, and gives it to those who wait in [`Self::until`].
     pub fn keep(&self, of: RequestDigest, proof: Arc<rpc::Proof>) {
         self.0.send_modify(|proofs| proofs.keep(of, proof));
     }
 
-    /// The proof of this request was sent to a client.
+    /// A client was sent this request's proof.
     pub fn taken(&self, of: RequestDigest) {
         self.0.send_modify(|proofs| {
             let kept = [&mut proofs.newest, &mut proofs.untaken];
@@ -78,32 +78,32 @@ impl Made {
         });
     }
 
-    /// The proof of this request, if it is there.
+    /// This request's proof, if present.
     pub fn proof(&self, of: RequestDigest) -> Option<Arc<rpc::Proof>> {
         self.0.borrow().proof(of)
     }
 
-    /// Whether the proof of this request is there or is being made.
+    /// Whether this request's proof is present or in progress.
     pub fn has(&self, of: RequestDigest) -> bool {
-        // A proof is kept before its making ends.
+        // A proof is kept before its work ends.
         self.making(of).is_some() || self.proof(of).is_some()
     }
 
-    /// The place at which the proof of this request is being made, if it is.
+    /// The place of this request's proof in progress, if any.
     pub fn making(&self, of: RequestDigest) -> Option<QueuePosition> {
         let (making, place) = self.0.borrow().making?;
         (making == of).then_some(place)
     }
 
-    /// Waits as long as the proof of this request is being made. Then it is there, or it has failed.
+    /// Waits until this request's proof is no longer in progress.
     pub async fn ended(&self, of: RequestDigest) {
         let mut changes = self.0.subscribe();
         let ended = |proofs: &Proofs| proofs.making.is_none_or(|(making, _)| making != of);
-        // An error says that the service itself is gone.
+        // An error means that the service is gone.
         let _ = changes.wait_for(ended).await;
     }
 
-    /// The proof of this request, as soon as it is there.
+    /// Waits for this request's proof.
     pub async fn until(&self, of: RequestDigest) -> Arc<rpc::Proof> {
         let mut changes = self.0.subscribe();
         loop {
@@ -111,7 +111,7 @@ impl Made {
                 return proof;
             }
             if changes.changed().await.is_err() {
-                // The service itself is gone.
+                // The service is gone.
                 std::future::pending::<()>().await;
             }
         }
@@ -145,7 +145,7 @@ mod tests {
         RequestDigest([name; 32])
     }
 
-    /// Keeps proofs of these requests, one after the other. Those that are `true` are taken. Returns which of them are there at the end.
+    /// Keeps these requests' proofs in order; `true` marks a taken one. Returns those left.
     fn kept(proofs: &[(u8, bool)]) -> Vec<u8> {
         let made = Made::default();
         for (name, taken) in proofs {

@@ -1,8 +1,8 @@
-//! The proving service that the nodes of one machine share, and its client.
+//! The proving service of one machine's nodes, and its client (`proto/prover.proto`).
 //!
-//! The service checks a request at once: it runs the statement and counts its cycles. A client whose claim does not hold learns that
-//! within seconds. Then the request queues, first come, first served, and the service makes one proof at a time. A proof that nobody took is kept
-//! for who asks again. The protocol is `proto/prover.proto`. What proves is a [`Backend`], so that tests try the queue and the protocol without SP1.
+//! The service first runs the statement and counts its cycles, so that a client with a false claim learns it in seconds. Requests queue in
+//! order, and one proof is made at a time. A proof that no client took is kept for a repeated request. Tests replace the [`Backend`], which
+//! proves.
 
 mod backend;
 mod client;

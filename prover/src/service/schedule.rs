@@ -1,27 +1,26 @@
-//! How long proofs take, and which come first. The proving service tells this to the clients that wait.
+//! The order and duration of proofs, for waiting clients.
 //!
-//! Proving time is about `fixed + cycles / rate`: recursion down to one proof costs the same for any small program. The
-//! constants are measurements on two cores (docs/prove.md, "How long does it take?"). After each proof, the time that it really took
-//! on this machine scales them.
+//! Proving time is about `fixed + cycles / rate`: recursion to one proof costs the same for any small program. The constants are measured
+//! on two cores (docs/prove.md, "How long does it take?"). Each proof's real time then scales them.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// Proving time of an empty program, in seconds, on two cores: the start of a compressed proof and its recursion.
+/// Seconds to prove an empty program on two cores: start and recursion of a compressed proof.
 const FIXED_SECONDS: f64 = 300.0;
-/// Cycles proven in a second, beyond that, on two cores.
+/// Further cycles proven per second on two cores.
 const CYCLES_PER_SECOND: f64 = 12_000.0;
-/// Time to start SP1, in seconds, on two cores.
+/// Seconds to start SP1 on two cores.
 const START_SECONDS: f64 = 70.0;
-/// The cores the constants were measured on.
+/// The cores of these measurements.
 const CORES: f64 = 2.0;
 
-/// The work of one place in the queue.
+/// Work at one place in the queue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Work {
     /// Starting SP1.
     Start,
-    /// A proof of so many guest cycles.
+    /// A proof of this many guest cycles.
     Proof {
         /// Guest instructions.
         cycles: u64,
@@ -32,12 +31,12 @@ pub enum Work {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct QueuePosition(u64);
 
-/// What comes before a place, and how long it and its own work will take.
+/// The work before a place, and the time until its own is done.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Outlook {
-    /// Proofs that come first.
+    /// Proofs before it.
     pub ahead: u32,
-    /// From now until the work of this place is done.
+    /// Time from now until this place's work is done.
     pub remaining: Duration,
 }
 
@@ -47,22 +46,22 @@ struct Job {
     began: Option<Instant>,
 }
 
-/// How fast proofs are made.
+/// The speed of proofs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Pace {
-    /// In the time that the constants give, multiplied by this.
+    /// The constants' time, multiplied by this.
     Scaled(f64),
-    /// Nobody knows yet. After this time a proof is there, or it has failed.
+    /// Unknown. After this time a proof is there, or has failed.
     AtMost(Duration),
 }
 
 impl Pace {
-    /// That of a machine with `cores` hardware threads of which nothing else is known.
+    /// The pace of a machine of which only its `cores` hardware threads are known.
     pub fn of_cores(cores: usize) -> Self {
         Self::Scaled(CORES / cores.max(1) as f64)
     }
 
-    /// How long the work takes.
+    /// The work's duration.
     fn expects(self, work: Work) -> Duration {
         match (self, work) {
             (Self::Scaled(scale), work) => Duration::from_secs_f64(expected(work) * scale),
@@ -72,7 +71,7 @@ impl Pace {
     }
 }
 
-/// The queue, with the times it will take. The caller hands in the clock.
+/// The queue, and its times. The caller supplies the clock.
 pub struct ProofQueue {
     pace: Pace,
     next: u64,
@@ -101,19 +100,19 @@ impl ProofQueue {
         place
     }
 
-    /// Work at `place` begins.
+    /// Begins the work at `place`.
     pub fn begin(&mut self, place: QueuePosition, now: Instant) {
         if let Some(job) = self.jobs.iter_mut().find(|job| job.place == place) {
             job.began = Some(now);
         }
     }
 
-    /// Leaves the queue: the work is done, has failed, or was given up.
+    /// Leaves the queue after success, failure, or giving up.
     pub fn leave(&mut self, place: QueuePosition) {
         self.jobs.retain(|job| job.place != place);
     }
 
-    /// Leaves the queue with the work done. Returns the time that it took, which scales later estimates.
+    /// Leaves the queue after the work. Returns its time, which scales later estimates.
     pub fn finish(&mut self, place: QueuePosition, now: Instant) -> Duration {
         let job = self.jobs.iter().find(|job| job.place == place);
         let took = match job.and_then(|job| Some((job.work, job.began?))) {
@@ -130,7 +129,7 @@ impl ProofQueue {
         took
     }
 
-    /// What is ahead of `place`; nothing if it has left the queue.
+    /// The work before `place`; empty after it left the queue.
     pub fn outlook(&self, place: QueuePosition, now: Instant) -> Outlook {
         let mut outlook = Outlook::default();
         for job in &self.jobs {
@@ -148,12 +147,12 @@ impl ProofQueue {
     }
 }
 
-/// Seconds that `work` takes on a machine with `cores` hardware threads of which nothing else is known.
+/// Seconds of `work` on a machine of which only its `cores` hardware threads are known.
 pub fn expected_on(cores: usize, work: Work) -> f64 {
     Pace::of_cores(cores).expects(work).as_secs_f64()
 }
 
-/// Seconds on the machine on which the constants were measured.
+/// Seconds of `work` where the constants were measured.
 fn expected(work: Work) -> f64 {
     match work {
         Work::Start => START_SECONDS,

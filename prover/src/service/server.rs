@@ -1,4 +1,4 @@
-//! The proving service itself: it receives requests, checks them, queues them, and has them proven one at a time.
+//! The server: receives, checks and queues requests, and has one proven at a time.
 
 use super::backend::{Backend, JobError};
 use super::made::{Made, RequestDigest};
@@ -27,15 +27,15 @@ use zk0_tls::incoming::{connections, Bounds, Connection};
 use zk0_tls::server_certificate::ServerCertificate;
 use zk0_traces::request;
 
-/// Memory for the private inputs of all requests, in MiB.
+/// MiB for all requests' private inputs.
 const MEMORY_MIB: u32 = 4 << 10;
-/// Requests on one connection at a time.
+/// Simultaneous requests per connection.
 const REQUESTS_PER_CONNECTION: usize = 16;
-/// Events that a client may be behind.
+/// Events that a client may lag.
 const EVENTS: usize = 4;
-/// Time between two progress events.
+/// Time between progress events.
 const TICK: Duration = Duration::from_secs(1);
-/// How long the last answers may take when the service ends. A client that takes nothing would hold it for ever.
+/// Time for the last answers when the service ends, because a client that reads nothing would hold it for ever.
 const ENDING: Duration = Duration::from_secs(5);
 
 /// The service. Clones share one queue.
@@ -47,23 +47,23 @@ pub struct ProvingService<B> {
 
 struct ServerState<B> {
     backend: B,
-    /// Requests that are served or wait: one, and as many as the queue is long. A request for a proof that is there or being made needs none.
+    /// Requests served or waiting: one, and the queue's length. A present proof, or one in progress, needs no slot.
     slots: Arc<Semaphore>,
-    /// What is left of [`MEMORY_MIB`].
+    /// The rest of [`MEMORY_MIB`].
     memory: Arc<Semaphore>,
     /// One check at a time.
     checking: Semaphore,
-    /// One proof at a time, in order of arrival.
+    /// One proof at a time, in order.
     proving: Arc<Semaphore>,
     schedule: Mutex<ProofQueue>,
-    /// Proofs that a client may ask for again.
+    /// Proofs that a client may request again.
     made: Made,
-    /// Whether the process has been told to end.
+    /// Whether the process has to end.
     stopping: watch::Sender<bool>,
 }
 
 impl<B: Backend> ProvingService<B> {
-    /// Starts `backend` in the background. While it proves one request, at most `queue` others wait. The first estimates are at `pace`.
+    /// Starts `backend` in the background. While it proves one request, at most `queue` others wait. `pace` gives the first estimates.
     pub fn start(backend: B, queue: usize, pace: Pace) -> Self {
         let shared = Arc::new(ServerState {
             backend,
@@ -75,7 +75,7 @@ impl<B: Backend> ProvingService<B> {
             made: Made::default(),
             stopping: watch::Sender::new(false),
         });
-        // Starting takes the first place in the queue. A request that comes meanwhile waits for it, and is told how long.
+        // The start takes the queue's first place. Requests wait, and are told how long.
         let turn = shared.proving.clone().try_acquire_owned();
         let place = shared.schedule().join(Work::Start);
         shared.schedule().begin(place, Instant::now());
@@ -105,20 +105,20 @@ impl<B: Backend> ProvingService<B> {
         }
     }
 
-    /// From now on, clients have this time to begin a connection, and for their private inputs.
+    /// Limits the time to begin a connection, and to send a private input.
     pub fn with_patience(mut self, patience: UploadTimeout) -> Self {
         self.patience = patience;
         self
     }
 
-    /// From now on, there are at most this many connections at a time. Others wait until one ends.
+    /// Limits simultaneous connections. Others wait.
     pub fn with_connections(mut self, most: usize) -> Self {
         self.bounds.most = most;
         self
     }
 
-    /// Serves requests on `listener` until `shutdown` is ready. Then the backend hears that nobody waits any more, and the service ends
-    /// with the last request. Connections that are left after a few seconds are cut.
+    /// Serves requests on `listener` until `shutdown` is ready. Then the backend hears that the service stops. The service ends with the
+    /// last request, and cuts connections after a few seconds.
     pub async fn serve(
         self,
         listener: TcpListener,
@@ -127,7 +127,7 @@ impl<B: Backend> ProvingService<B> {
         self.serve_on(listener, None, shutdown).await
     }
 
-    /// Like [`Self::serve`], over TLS with this certificate.
+    /// [`Self::serve`] over TLS with this certificate.
     pub async fn serve_encrypted(
         self,
         listener: TcpListener,
@@ -155,7 +155,7 @@ impl<B: Backend> ProvingService<B> {
         };
         let mut stopping = shared.stopping.subscribe();
         let overdue = async {
-            // An error says that the service itself is gone.
+            // An error means that the service is gone.
             let _ = stopping.wait_for(|stopping| *stopping).await;
             sleep(ENDING).await;
         };
@@ -172,14 +172,14 @@ impl<B: Backend> ProvingService<B> {
             served = serving => served?,
             () = overdue => tracing::warn!("some clients have not taken their answers; their connections are cut"),
         }
-        // Work whose client has gone may still hold the turn, because it is being withdrawn elsewhere.
+        // Work whose client has gone may hold the turn while it is withdrawn elsewhere.
         let _ = shared.proving.acquire().await;
         Ok(())
     }
 }
 
-/// Answers requests on `connections` until `shutdown` is ready and the open ones are answered. A client that has been silent for long is asked
-/// whether it is there. The future is boxed, so that a crate with a backend of its own does not compile the server anew.
+/// Answers requests on `connections` until `shutdown` is ready and no request is open. Pings silent clients. Boxed, so that a crate with
+/// its own backend does not compile the server again.
 fn answered(
     routes: Routes,
     connections: ReceiverStream<io::Result<Connection>>,
@@ -189,7 +189,7 @@ fn answered(
     let server = transport::Server::builder()
         .concurrency_limit_per_connection(REQUESTS_PER_CONNECTION)
         .http2_keepalive_interval(Some(silence))
-        // A proof takes all cores, also from a client on the same machine.
+        // A proof takes all cores, also from a client on this machine.
         .http2_keepalive_timeout(Some(5 * silence))
         .add_routes(routes);
     Box::pin(server.serve_with_incoming_shutdown(connections, shutdown))
@@ -224,7 +224,7 @@ impl<B: Backend> prover_server::Prover for ProvingService<B> {
 }
 
 impl<B> ProvingService<B> {
-    /// Receives a request in time, if there is room for it and the service does not end.
+    /// Receives a request in time, if there is room and the service is not ending.
     async fn taken(
         &self,
         parts: Streaming<rpc::ProvePart>,
@@ -244,7 +244,7 @@ impl<B> ProvingService<B> {
         mut parts: impl Stream<Item = Result<rpc::ProvePart, Status>> + Unpin,
         events: mpsc::Sender<Result<rpc::ProveEvent, Status>>,
     ) -> Result<ProofJob<B>, Status> {
-        // Whoever announces nothing takes nothing.
+        // A request that announces nothing takes no memory.
         let announced = Announced::receive(&mut parts).await?;
         let mebibytes = announced.bytes().div_ceil(1 << 20).min(MEMORY_MIB.into()) as u32;
         let memory = self.shared.memory.clone().try_acquire_many_owned(mebibytes);
@@ -258,7 +258,7 @@ impl<B> ProvingService<B> {
         let read = input.clone();
         let of = spawn_blocking(move || RequestDigest::of(&read)).await;
         let of = of.map_err(JobError::failed)?;
-        // A full queue refuses before the first event, so that a client hears of no progress then.
+        // A full queue refuses before the first event, so the client hears of no progress.
         let slot = match self.shared.made.has(of) {
             true => None,
             false => Some(self.shared.slot()?),
@@ -277,7 +277,7 @@ impl<B> ProvingService<B> {
 
 impl<B> ServerState<B> {
     fn schedule(&self) -> MutexGuard<'_, ProofQueue> {
-        // Nothing panics while it holds this lock. If something did, the figures would still be right.
+        // The lock's holders do not panic, and a panic would leave the figures right.
         self.schedule.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -295,18 +295,18 @@ struct ProofJob<B> {
     of: RequestDigest,
     events: mpsc::Sender<Result<rpc::ProveEvent, Status>>,
     came: Instant,
-    /// None if the proof was there or was being made when the request came.
+    /// None if the proof was present or in progress when the request came.
     slot: Option<OwnedSemaphorePermit>,
     _memory: OwnedSemaphorePermit,
 }
 
-/// The client has gone, so nobody waits for the result.
+/// The client has gone.
 struct Gone {
-    /// Whether the proof is made to the end all the same.
+    /// Whether the proof is finished all the same.
     kept: bool,
 }
 
-/// A proof that is being made. However that ends, its place is free then.
+/// A proof in progress, whose place is freed in any case.
 struct Making<B> {
     shared: Arc<ServerState<B>>,
     place: QueuePosition,
@@ -352,9 +352,9 @@ impl<B: Backend> ProofJob<B> {
         let code = last.as_ref().map_or_else(Status::code, |_| Code::Ok);
         request::end(&Span::current(), code);
         let proven = last.is_ok();
-        // This fails, too, when the client has gone.
+        // This fails, too, after the client has gone.
         let sent = self.events.send(last).await;
-        // There is room for all events once the proof is on its way to the client.
+        // All events have room once the proof is on its way to the client.
         if proven && sent.is_ok() && self.events.reserve_many(EVENTS).await.is_ok() {
             self.shared.made.taken(self.of);
         }
@@ -362,7 +362,7 @@ impl<B: Backend> ProofJob<B> {
 
     async fn steps(&self) -> Result<Result<Arc<rpc::Proof>, JobError>, Gone> {
         let (shared, of) = (&self.shared, self.of);
-        // If exactly this proof is being made, the client waits for it, and for nothing in the queue.
+        // If this proof is in progress, the client waits for it, not for the queue.
         if let Some(place) = shared.made.making(of) {
             let outlook = || (Phase::Proving, Some(place));
             self.during(outlook, shared.made.ended(of)).await?;
@@ -371,7 +371,7 @@ impl<B: Backend> ProofJob<B> {
             tracing::info!("this proof is there already");
             return Ok(Ok(proof));
         }
-        // If it failed, it is made anew, and whoever waited for it needs a slot like everybody else.
+        // If it failed, it is made again, and those who waited need a slot.
         let _slot = match self.slot.is_none().then(|| shared.slot()).transpose() {
             Ok(slot) => slot,
             Err(full) => return Ok(Err(full)),
@@ -404,14 +404,14 @@ impl<B: Backend> ProofJob<B> {
                 turn = turn => Ok(turn),
             }
         };
-        // The same request may have come first, also while it was not being proven yet.
+        // The same request may have come first, perhaps not being proven yet.
         let outlook = || match shared.made.making(of) {
             Some(made_at) => (Phase::Proving, Some(made_at)),
             None => (Phase::Queued, Some(place)),
         };
         let turn = self.during(outlook, turn).await;
         let turn = turn.inspect_err(|_| shared.schedule().leave(place))?;
-        // The proof may have been done just before the turn came.
+        // The proof may have come just before the turn.
         let turn = turn.and_then(|turn| shared.made.proof(of).map_or(Ok(turn), Err));
         let turn = match turn {
             Ok(turn) => turn,
@@ -422,8 +422,8 @@ impl<B: Backend> ProofJob<B> {
             }
         };
 
-        // A task of its own holds the turn. SP1 cannot be interrupted, so on this machine a proof whose client goes away is still made to the
-        // end before the next one begins, and kept for that client. A request at a network is withdrawn.
+        // A separate task holds the turn. SP1 cannot be interrupted, so without a client this machine finishes the proof before the next
+        // one, and keeps it. A network's request is withdrawn.
         let making = Making::begin(shared.clone(), of, place);
         let (prover, input, expected) = (shared.clone(), self.input.clone(), execution);
         let waiting = WaitingClient::new(self.events.clone(), shared.stopping.subscribe());
@@ -458,7 +458,7 @@ impl<B: Backend> ProofJob<B> {
         Ok(proven.unwrap_or_else(|panic| Err(JobError::failed(panic))))
     }
 
-    /// Reports progress until `work` is done or the client has gone. `outlook` says what the client waits for.
+    /// Reports progress until `work` is done or the client has gone. `outlook` describes the awaited work.
     async fn during<T>(
         &self,
         outlook: impl Fn() -> (Phase, Option<QueuePosition>),
@@ -472,7 +472,7 @@ impl<B: Backend> ProofJob<B> {
                 () = self.events.closed() => return Err(Gone { kept: false }),
                 result = &mut work => return Ok(result),
                 _ = tick.tick() => {
-                    // A client that is too slow misses some events. It must not hold up the work.
+                    // A slow client misses some events, and must not delay the work.
                     let (phase, place) = outlook();
                     let _ = self.events.try_send(Ok(self.progress(phase, place)));
                 }

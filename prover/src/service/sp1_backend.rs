@@ -1,4 +1,4 @@
-//! SP1 as the backend of the proving service: on this machine, or on a prover network.
+//! SP1 as the service's backend: on this machine, or on a prover network.
 
 use super::backend::{Backend, JobError};
 #[cfg(feature = "network")]
@@ -16,7 +16,7 @@ use crate::program::{elf, ExecuteError, Execution, Executor, GuestInput};
 use crate::prove::Proof;
 use zk0_circuits::Claim;
 
-/// Executes on this machine with SP1's executor, and proves here or elsewhere.
+/// Executes with SP1 here, and proves here or elsewhere.
 pub struct Sp1Backend {
     executor: Executor,
     place: ProverLocation,
@@ -29,7 +29,7 @@ enum ProverLocation {
     Elsewhere(Elsewhere),
 }
 
-/// Why there can be no proofs now.
+/// Why there can be no proofs.
 #[derive(Debug, thiserror::Error)]
 pub enum Sp1BackendError {
     /// This machine cannot prove.
@@ -38,7 +38,7 @@ pub enum Sp1BackendError {
     /// This build cannot ask a network.
     #[error(transparent)]
     Device(#[from] DeviceError),
-    /// There is no account for the network.
+    /// The network has no account.
     #[error(transparent)]
     Account(#[from] AccountError),
     /// SP1's executor did not start.
@@ -47,8 +47,7 @@ pub enum Sp1BackendError {
 }
 
 impl Sp1Backend {
-    /// Finds this machine's device, or reads the account on the network from the environment. SP1 itself, or the connection, starts when the
-    /// service starts.
+    /// Finds this machine's device, or reads the network's account from the environment. SP1, or the connection, starts with the service.
     pub async fn new(device: DeviceKind, network: NetworkOptions) -> Result<Self, Sp1BackendError> {
         let place = match device {
             DeviceKind::Network => elsewhere(network)?,
@@ -57,7 +56,7 @@ impl Sp1Backend {
         Self::at(place).await
     }
 
-    /// The backend for an account on a network.
+    /// The backend of an account on a network.
     #[cfg(feature = "network")]
     pub async fn of_account(
         account: ProverAccount,
@@ -71,7 +70,7 @@ impl Sp1Backend {
         Ok(Self { executor, place })
     }
 
-    /// How fast proofs are likely to be made, before the first one is there. A GPU is taken for a CPU.
+    /// The likely pace before the first proof. A GPU counts as a CPU.
     pub fn pace(&self) -> Pace {
         match &self.place {
             ProverLocation::Here(_) => {
@@ -106,12 +105,12 @@ impl Backend for Sp1Backend {
     }
 
     async fn check(&self, input: &GuestInput) -> Result<Execution, JobError> {
-        // Whoever may not send the input to the network hears so before anything else is done with it.
+        // If the input may not go to the network, the client hears so first.
         #[cfg(feature = "network")]
         if let ProverLocation::Elsewhere(_) = self.place {
             Shareable::of(input)?;
         }
-        // The native check comes first: it takes a moment, and gives the reason in full.
+        // The native check comes first: it is fast, and gives the full reason.
         let claim = input.claim()?;
         let execution = self
             .executor
@@ -126,7 +125,7 @@ impl Backend for Sp1Backend {
         }
     }
 
-    // A prover of this machine does not need the cost.
+    // A local prover does not need the cost.
     #[cfg_attr(not(feature = "network"), allow(unused_variables))]
     async fn prove(
         &self,
@@ -143,7 +142,7 @@ impl Backend for Sp1Backend {
                 };
                 tokio::select! {
                     proven = proven => proven,
-                    // SP1 cannot be interrupted. It goes on until the process ends, and nothing waits for it.
+                    // SP1 cannot be interrupted. It runs until the process ends.
                     () = waiting.stopping() => Err(GivenUp::Stopping.into()),
                 }
             }

@@ -1,4 +1,4 @@
-//! How a private input travels to the proving service: its mode and the sizes of its buffers, then their bytes.
+//! How a private input travels to the proving service: mode and buffer sizes, then the bytes.
 
 use crate::program::GuestInput;
 use crate::rpc::prove_part::Part;
@@ -9,23 +9,23 @@ use tokio_stream::{Stream, StreamExt};
 use tonic::Status;
 use zk0_circuits::Mode;
 
-/// Bytes in one message.
+/// Bytes per message.
 const CHUNK_BYTES: usize = 1 << 20;
-/// Largest message: a chunk, and what encodes it.
+/// Largest message: a chunk, and its encoding.
 pub const MAX_MESSAGE_BYTES: usize = 2 * CHUNK_BYTES;
-/// Largest event that the service sends: a proof (1.3 MB) with its public values.
+/// Largest event: a proof (1.3 MB) with its public values.
 pub const MAX_EVENT_BYTES: usize = 8 << 20;
-/// Most buffers: no program reads more than four.
+/// Most buffers. No program reads more than four.
 const MAX_BUFFERS: usize = 16;
-/// Largest input. A claim at the published size takes one to three megabytes in mode `succinct`. In mode `direct` the weights and samples have to fit.
+/// Largest input. At the published size, a claim takes 1 to 3 MB in mode `succinct`, and weights and samples in mode `direct`.
 pub const MAX_INPUT_BYTES: u64 = 1 << 30;
 
-/// How long a client may take to send its private input. Meanwhile it holds memory of the service.
+/// A client's time to send its private input, which holds memory of the service.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UploadTimeout {
-    /// How long it may send nothing.
+    /// Longest silence.
     pub silence: Duration,
-    /// How long all of it may take.
+    /// Longest whole upload.
     pub whole: Duration,
 }
 
@@ -38,13 +38,13 @@ impl Default for UploadTimeout {
     }
 }
 
-/// What a request says first: its mode, and the sizes of its buffers.
+/// A request's first message: its mode and buffer sizes.
 pub struct Announced {
     mode: Mode,
     sizes: Vec<u64>,
 }
 
-/// The messages that carry `input`. Each is made when it is sent.
+/// The messages that carry `input`, each made when sent.
 pub fn parts(input: impl Into<Arc<GuestInput>>) -> impl Iterator<Item = ProvePart> + Send {
     let input: Arc<GuestInput> = input.into();
     let mode = match input.mode {
@@ -106,7 +106,7 @@ impl Announced {
             .fold(0, |sum, &size| sum.saturating_add(size))
     }
 
-    /// Reads the buffers. Memory grows with the bytes that have come, not with the sizes that were announced.
+    /// Reads the buffers. Memory grows with received bytes, not with announced sizes.
     pub async fn rest(
         self,
         parts: &mut (impl Stream<Item = Result<ProvePart, Status>> + Unpin),
@@ -137,7 +137,7 @@ impl Announced {
     }
 }
 
-/// The same messages. It is an error if none comes for this long.
+/// The same messages. A silence of this length is an error.
 pub(super) fn in_time(
     parts: impl Stream<Item = Result<ProvePart, Status>>,
     silence: Duration,

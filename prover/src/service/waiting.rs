@@ -1,4 +1,4 @@
-//! The client that waits for a proof, as a backend sees it.
+//! The client that waits for a proof, for a backend.
 
 use crate::rpc::progress::Phase;
 use crate::rpc::ProveEvent;
@@ -6,18 +6,18 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use tokio::sync::{mpsc, watch};
 use tonic::Status;
 
-/// Why nobody waits for a proof any more.
+/// Why waiting ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GivenUp {
-    /// The connection is closed.
+    /// The connection closed.
     #[error("the client has gone")]
     ClientGone,
-    /// The process has been told to end.
+    /// The process has to end.
     #[error("the proving service is stopping")]
     Stopping,
 }
 
-/// The client that waits for a proof. A backend that can stop its work looks here whether it should.
+/// The client that waits for a proof. A backend that can stop its work asks this whether to stop.
 pub struct WaitingClient {
     events: mpsc::Sender<Result<ProveEvent, Status>>,
     stopping: watch::Receiver<bool>,
@@ -36,7 +36,7 @@ impl WaitingClient {
         }
     }
 
-    /// Ready as soon as nobody waits any more.
+    /// Ready when waiting has ended.
     pub async fn given_up(&self) -> GivenUp {
         tokio::select! {
             () = self.events.closed() => GivenUp::ClientGone,
@@ -44,19 +44,19 @@ impl WaitingClient {
         }
     }
 
-    /// Ready as soon as the process has been told to end.
+    /// Ready when the process has to end.
     pub async fn stopping(&self) {
         let mut stopping = self.stopping.clone();
-        // An error says that the service itself is gone.
+        // An error means that the service is gone.
         let _ = stopping.wait_for(|stopping| *stopping).await;
     }
 
-    /// Tells the client whether a prover is at work on its claim, or the claim still waits for one. Until a backend calls this, it is at work.
+    /// Tells the client whether a prover works on its claim, or the claim waits. By default, a prover works on it.
     pub fn taken(&self, taken: bool) {
         self.taken.store(taken, Ordering::Relaxed);
     }
 
-    /// What the client is told.
+    /// The phase for the client.
     pub(super) fn phase(&self) -> Phase {
         if self.taken.load(Ordering::Relaxed) {
             Phase::Proving

@@ -3,24 +3,23 @@
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// How sure intervals are: 95 in 100 of them hold the true mean, if the values are normally distributed and independent.
+/// 95 in 100 intervals hold the true mean, if the values are normally distributed and independent.
 pub const CONFIDENCE: f64 = 0.95;
 
-/// A mean, and the interval around it.
+/// A mean and its interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
-    /// The mean of the values.
+    /// The mean.
     pub mean: f64,
-    /// Where the interval begins.
+    /// The lower end.
     pub low: f64,
-    /// Where it ends.
+    /// The upper end.
     pub high: f64,
 }
 
 impl Interval {
-    /// The mean of some values, and its 95 % confidence interval: the mean, plus or minus the 97.5 % quantile of Student's t distribution
-    /// with one degree of freedom less than there are values, times the standard error. `None` for fewer than two values, because one value
-    /// does not say how much values vary.
+    /// The mean of some values and its 95 % confidence interval: the mean plus or minus the standard error times the 97.5 % quantile of
+    /// Student's t distribution with `values.len() - 1` degrees of freedom. `None` for fewer than two values.
     pub fn of(values: &[f64]) -> Option<Self> {
         let freedom = values.len().checked_sub(1).filter(|freedom| *freedom > 0)? as f64;
         let count = values.len() as f64;
@@ -46,7 +45,7 @@ mod tests {
         assert!((one - other).abs() <= 1e-9 * other.abs(), "{one} {other}");
     }
 
-    /// The numbers are those of scipy 1.17: `stats.t.interval(0.95, len(x) - 1, numpy.mean(x), stats.sem(x))`.
+    /// From scipy 1.17: `stats.t.interval(0.95, len(x) - 1, numpy.mean(x), stats.sem(x))`.
     #[test]
     fn intervals_are_those_of_scipy() {
         let cases: [(&[f64], f64, f64, f64); 3] = [

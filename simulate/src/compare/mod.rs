@@ -1,9 +1,9 @@
-//! Federated training against centralised training and against each node alone, with the same data and the same evaluation.
+//! Compares federated training with centralised training and with each node alone, on the same data.
 //!
 //! - [`variant`]: who trains on what, for how many steps.
-//! - [`run`]: makes a run, and measures it along the way.
+//! - [`run`]: trains and measures one run.
 //! - [`interval`]: a mean with its confidence interval.
-//! - [`summary`]: what the runs of several seeds come to.
+//! - [`summary`]: results over several seeds.
 //! - [`search`]: chooses learning rates, FedProx's μ and strategies.
 
 pub mod interval;

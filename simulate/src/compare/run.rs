@@ -1,5 +1,5 @@
-//! A run of a comparison: a variant trains with a seed, and is measured along the way. All variants start from the same weights, train on the
-//! same samples, and are measured on the same frames with the same noise and times, as int16 weights.
+//! One run of a comparison: a variant trains with a seed and is measured along the way. All variants have the same first weights, samples,
+//! evaluated frames, noise and times, and are measured as int16 weights.
 
 use crate::compare::variant::{Hyperparameters, SameSteps, Variant, VariantKind};
 use crate::robots::data::NodeData;
@@ -19,34 +19,34 @@ use zk0_weights::Format;
 
 /// What all runs of a comparison share.
 pub struct ComparisonSetting {
-    /// The dimensions of the policy.
+    /// The policy's dimensions.
     pub config: PolicyConfig,
-    /// How its weights travel.
+    /// The format of its weights.
     pub format: Format,
     /// The nodes.
     pub nodes: Arc<[NodeData]>,
-    /// Recordings that nobody trains on.
+    /// Recordings that no variant trains on.
     pub unseen: Vec<NodeData>,
-    /// The rounds of the federation.
+    /// The federation's rounds.
     pub rounds: u64,
-    /// How a node trains in a round. The learning rate, μ and the seed are those of a run.
+    /// How a node trains in a round. A run sets the learning rate, μ and the seed.
     pub training: Training,
-    /// How many steps centralised training makes.
+    /// Centralised training's number of steps.
     pub same_steps: SameSteps,
-    /// Losses are measured after these rounds, in ascending order: 0 is before the first. The last one is the last round.
+    /// Losses are measured after these rounds, in ascending order: 0 is before the first, and the last is the final round.
     pub measured: Vec<u64>,
 }
 
-/// The losses after some rounds.
+/// Losses after some rounds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CurvePoint {
-    /// The rounds; for a variant without rounds, as many steps as its share of those.
+    /// The rounds; without rounds, the steps that stand for them.
     pub round: u64,
-    /// The losses on the held-out frames of each node, then those on each unseen recording.
+    /// Losses on each node's held-out frames, then on each unseen recording.
     pub losses: Vec<f64>,
 }
 
-/// What a run came to.
+/// A run's result.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Run {
     /// Who trained on what.
@@ -55,19 +55,18 @@ pub struct Run {
     pub seed: u64,
     /// How it trained.
     pub values: Hyperparameters,
-    /// The steps of all who trained, together.
+    /// The steps of all who trained.
     pub steps: u64,
-    /// The losses along the way, the last of them after the last step.
+    /// The losses along the way. The last are after the last step.
     pub points: Vec<CurvePoint>,
 }
 
-/// Which rounds losses are measured after: the first, the last, and some between, evenly spread.
+/// The rounds to measure after: the first, the last, and some between, evenly spread.
 pub fn measured_rounds(rounds: u64, most: u64) -> Vec<u64> {
     let between = rounds.min(most);
     (0..=between).map(|one| one * rounds / between).collect()
 }
 
-/// The frames of all nodes, as if they were one recording.
 struct Union<'a>(Vec<&'a [PreparedSample]>);
 
 impl SampleSource<PreparedSample> for Union<'_> {
@@ -90,10 +89,10 @@ impl SampleSource<PreparedSample> for Union<'_> {
 }
 
 impl ComparisonSetting {
-    /// Trains `variant` from `start`, on `threads` threads.
+    /// Trains `variant` from `start` on `threads` threads.
     ///
     /// # Errors
-    /// Training fails, for example because it diverges, or a value is one that no network accepts.
+    /// Training fails or diverges, or no network accepts a value.
     pub fn run(
         &self,
         variant: Variant,
@@ -129,11 +128,10 @@ impl ComparisonSetting {
         })
     }
 
-    /// The mean of the losses that a kind of variant ends with on the held-out frames of the nodes: each node alone on its own, the others on
-    /// those of all nodes.
+    /// The mean final loss of a kind of variant on the nodes' held-out frames: each node alone on its own, the others on all nodes'.
     ///
     /// # Errors
-    /// As [`Self::run`].
+    /// Those of [`Self::run`].
     pub fn own_loss(
         &self,
         kind: VariantKind,
@@ -161,7 +159,6 @@ impl ComparisonSetting {
         self.same_steps.in_a_round(variant, self.nodes.len(), steps)
     }
 
-    /// Federated training: a simulation in which all nodes take part in each round.
     fn in_rounds(
         &self,
         robots: &Robots,
@@ -182,8 +179,7 @@ impl ComparisonSetting {
         Ok(points)
     }
 
-    /// Training without a federation. It does not start again in each round: one optimiser and one schedule of the learning rate, as
-    /// `zk0 train` has them.
+    /// Trains without a federation: one optimiser and one schedule for all steps, as in `zk0 train`.
     fn in_one_go(
         &self,
         robots: &Robots,
@@ -206,7 +202,7 @@ impl ComparisonSetting {
             seed: seed << 32,
             ..TrainOptions::default()
         };
-        // It starts from rounded weights, as a federation does.
+        // Rounded weights, as in a federation.
         let start = robots.start(start)?.base.weights;
         let mut trainer = Trainer::new(
             &self.config,
@@ -247,7 +243,7 @@ impl ComparisonSetting {
     }
 }
 
-/// The loss of a run on the held-out frames of those who trained: of one node, or the mean over all.
+/// A run's loss on the held-out frames of those who trained: one node's, or the mean over all.
 pub fn own(variant: &Variant, losses: &[f64], nodes: usize) -> f64 {
     match variant {
         Variant::Alone(node) => losses[*node],

@@ -1,5 +1,5 @@
-//! Chooses learning rates, FedProx's μ and strategies by trying some, with the tree-structured Parzen estimator (Bergstra et al. 2011) of the
-//! crate `tpe`. What is tried next depends on the seed and the trials so far alone, so a search goes on where it was stopped.
+//! Chooses learning rates, FedProx's μ and strategies by trials, with the tree-structured Parzen estimator (Bergstra et al. 2011) of the
+//! crate `tpe`. The next trial depends only on the seed and earlier trials, so a stopped search can go on.
 
 use crate::compare::variant::{Hyperparameters, VariantKind};
 use rand_0_10::rngs::StdRng;
@@ -10,29 +10,29 @@ use tpe::range::Range;
 use tpe::{TpeOptimizer, TpeOptimizerBuilder};
 use zk0_protocol::rules::network_rules::Strategy;
 
-/// After the first one, this many trials of a kind are chosen at random, because the estimator needs something to begin with.
+/// A kind's random trials after the first, which the estimator needs.
 pub const AT_RANDOM: usize = 4;
 
-/// The part of the trials that the estimator takes for the good ones.
+/// The part of the trials that counts as good.
 const GOOD: f64 = 0.25;
 
-/// What a search tries. The first trial of each kind has the values that the user gave.
+/// What a search tries. Each kind's first trial has the user's values.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Space {
-    /// The values that the user gave.
+    /// The user's values.
     pub given: Hyperparameters,
-    /// Learning rates from the given one divided by this factor to the given one times this factor.
+    /// Learning rates lie between the given one divided by this factor and the given one times it.
     pub factor: f64,
-    /// FedProx's μ is one of these.
+    /// The choices for FedProx's μ.
     pub mus: Vec<f64>,
-    /// The strategy is one of these.
+    /// The choices for the strategy.
     pub strategies: Vec<Strategy>,
 }
 
-/// A trial, and what it came to.
+/// A trial and its result.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
-    /// What it was a trial of.
+    /// The kind of variant.
     pub kind: VariantKind,
     /// The values.
     pub values: Hyperparameters,
@@ -43,14 +43,13 @@ pub struct Trial {
 }
 
 impl Trial {
-    /// What the search minimises: a trial that failed is worse than all others.
+    /// What the search minimises. A failed trial is worst.
     fn score(&self) -> f64 {
         let finite = self.loss.filter(|loss| loss.is_finite());
         finite.unwrap_or(f64::INFINITY)
     }
 }
 
-/// One value that is searched for.
 struct SearchedValue {
     of: fn(&Hyperparameters, &Space) -> Option<f64>,
     range: Option<Range>,
@@ -58,7 +57,7 @@ struct SearchedValue {
 }
 
 impl Space {
-    /// The values of the next trial of a kind, after these trials of the same kind.
+    /// A kind's next values, after these trials of it.
     pub fn next(&self, kind: VariantKind, seed: u64, trials: &[Trial]) -> Hyperparameters {
         if trials.is_empty() {
             return self.given(kind);
@@ -81,7 +80,7 @@ impl Space {
             estimator: tpe::parzen_estimator,
         });
         if let Some(rate) = rate {
-            // So many digits as are printed, so that whoever gives the printed rate gets the same result.
+            // As many digits as are printed, so that the printed rate gives the same result.
             let digits = format!("{:.3e}", rate.exp());
             values.learning_rate = digits.parse().unwrap_or(values.learning_rate);
         }
@@ -103,7 +102,7 @@ impl Space {
         values
     }
 
-    /// What the user gave for a kind.
+    /// The user's values for a kind.
     pub fn given(&self, kind: VariantKind) -> Hyperparameters {
         match kind {
             VariantKind::Federated => self.given.clone(),
@@ -115,7 +114,7 @@ impl Space {
         }
     }
 
-    /// Logarithms of the learning rates. `None` where there is only one.
+    /// Logarithms of the learning rates; `None` for only one.
     fn rates(&self) -> Option<Range> {
         let (given, factor) = (self.given.learning_rate.ln(), self.factor.ln());
         tpe::range(given - factor, given + factor).ok()
@@ -129,7 +128,7 @@ impl Space {
             .ok()?;
         for trial in known {
             let value = (searched.of)(&trial.values, self);
-            // A value outside the range says nothing about what lies in it.
+            // A value outside the range gives no information about it.
             let _ = optimizer.tell(value.unwrap_or(f64::NAN), trial.score());
         }
         optimizer.ask(rng).ok()
@@ -141,7 +140,7 @@ fn place<T: PartialEq>(all: &[T], one: &T) -> Option<f64> {
     Some(place as f64)
 }
 
-/// The best trial: that with the least loss, and the first of those. `None` if all failed.
+/// The first of the trials with the least loss; `None` if all failed.
 pub fn best(trials: &[Trial]) -> Option<&Trial> {
     let ended = trials.iter().filter(|trial| trial.score().is_finite());
     ended.min_by(|one, other| one.score().total_cmp(&other.score()))
@@ -168,7 +167,6 @@ mod tests {
         }
     }
 
-    /// The best rate is 3e-3, the best μ 0.01, and the best strategy the median.
     fn loss(values: &Hyperparameters) -> f64 {
         let rate = (values.learning_rate / 3e-3).ln().powi(2);
         let mu = f64::from(u8::from(values.fedprox_mu != Some(0.01)));
@@ -208,7 +206,6 @@ mod tests {
             }
             let best = best(&trials).unwrap();
             assert!(loss(&best.values) < 0.05, "seed {seed}: {best:?}");
-            // Later trials are better, because they are chosen by the earlier ones.
             let mean = |some: &[Trial]| some.iter().map(Trial::score).sum::<f64>() / 20.0;
             assert!(
                 mean(&trials[40..]) < 0.5 * mean(&trials[..20]),

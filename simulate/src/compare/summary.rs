@@ -1,4 +1,4 @@
-//! What the runs of several seeds come to: means, and differences between the federation and the others, seed by seed.
+//! Sums up the runs of several seeds: means, and differences between the federation and the others, seed by seed.
 
 use crate::compare::interval::Interval;
 use crate::compare::run::{own, Run};
@@ -7,16 +7,16 @@ use crate::robots::data::NodeData;
 use crate::robots::error::SimulationError;
 use serde::Serialize;
 
-/// A loss of a kind of variant.
+/// A kind of variant's loss.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Loss {
     /// What it is measured on.
     pub on: String,
-    /// What trained: for `alone`, this is the mean over the nodes.
+    /// What trained. For `alone`, the mean over the nodes.
     pub variant: &'static str,
     /// The mean over the seeds.
     pub loss: Interval,
-    /// The loss of each seed.
+    /// One loss a seed.
     pub by_seed: Vec<f64>,
 }
 
@@ -29,39 +29,39 @@ pub struct Difference {
     pub federated_minus: String,
     /// The mean over the seeds.
     pub difference: Interval,
-    /// The difference at each seed.
+    /// One difference a seed.
     pub by_seed: Vec<f64>,
-    /// What the interval says.
+    /// The verdict.
     pub shows: FederationVerdict,
 }
 
-/// What an interval of differences says about the federation.
+/// What an interval of differences shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FederationVerdict {
-    /// Its loss is lower: the interval lies below 0.
+    /// The interval lies below 0.
     FederationIsBetter,
-    /// Its loss is higher: the interval lies above 0.
+    /// The interval lies above 0.
     FederationIsWorse,
     /// The interval holds 0.
     NoDifferenceShown,
 }
 
-/// The losses after some rounds on the held-out episodes of those who trained.
+/// Losses along the way, on the held-out episodes of those who trained.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LossProgress {
     /// What trained.
     pub variant: &'static str,
-    /// The rounds, and the mean over the seeds.
+    /// Rounds, each with the mean over the seeds.
     pub points: Vec<(u64, Interval)>,
 }
 
-/// What the runs come to.
+/// The results of all runs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ComparisonSummary {
     /// The losses at the end.
     pub losses: Vec<Loss>,
-    /// The federation against centralised training and against nodes alone, on average over the nodes.
+    /// The federation against centralised training and nodes alone, on average over the nodes.
     pub differences: Vec<Difference>,
     /// The federation against each node alone.
     pub each_node: Vec<Difference>,
@@ -69,19 +69,18 @@ pub struct ComparisonSummary {
     pub progress: Vec<LossProgress>,
 }
 
-/// What losses are measured on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Measure {
     /// The held-out episodes of the node that trained, or of all nodes.
     Own,
-    /// The held-out episodes of the nodes that did not train; of all nodes where all trained.
+    /// The held-out episodes of the nodes that did not train; of all if all trained.
     Others,
     /// The unseen recording with this number.
     Unseen(usize),
 }
 
 impl Measure {
-    /// The loss of a run, from its losses on all frames that there are.
+    /// A run's loss, from its losses on all frames.
     fn of(self, variant: &Variant, losses: &[f64], nodes: usize) -> f64 {
         match (self, variant) {
             (Self::Others, Variant::Alone(node)) => {
@@ -94,7 +93,6 @@ impl Measure {
     }
 }
 
-/// All runs of all seeds.
 struct Runs<'a> {
     runs: &'a [Run],
     seeds: Vec<u64>,
@@ -102,7 +100,7 @@ struct Runs<'a> {
 }
 
 impl Runs<'_> {
-    /// The loss of each seed: the mean over all runs of this seed for which `which` holds, after the point with this number from the end.
+    /// Per seed, the mean loss of the runs that `which` selects, after the point with this number from the end.
     fn by_seed(
         &self,
         which: &dyn Fn(&Variant) -> bool,
@@ -156,7 +154,7 @@ impl FederationVerdict {
         }
     }
 
-    /// For people.
+    /// Text for people.
     pub fn text(self) -> &'static str {
         match self {
             Self::FederationIsBetter => "the federation is better",
@@ -221,7 +219,7 @@ pub fn summary(
             });
         }
     }
-    // Where all train, the nodes themselves and the others are the same episodes.
+    // Where all nodes train, their own and the others' episodes are the same.
     differences.retain(|one| {
         !(one.on == measures[1].1 && one.federated_minus == VariantKind::Centralised.name())
     });
@@ -312,7 +310,6 @@ mod tests {
         }
     }
 
-    /// Two nodes, one unseen recording, two seeds.
     fn runs() -> Vec<Run> {
         let mut runs = Vec::new();
         for (seed, more) in [(7, 0.0), (8, 0.5)] {

@@ -1,4 +1,4 @@
-//! The variants of a comparison: who trains on what, for how many steps.
+//! The variants of a comparison.
 
 use crate::robots::data::NodeData;
 use serde::{Deserialize, Serialize};
@@ -8,16 +8,16 @@ use zk0_protocol::rules::network_rules::Strategy;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Variant {
-    /// All nodes, each on its own frames, and their updates are combined in each round.
+    /// All nodes, each on its own frames. Each round combines their updates.
     Federated,
-    /// One machine that has the frames of all nodes.
+    /// One machine with the frames of all nodes.
     Centralised,
-    /// The node with this number, without the others.
+    /// The node with this number alone.
     Alone(usize),
 }
 
 impl Variant {
-    /// All variants of a comparison with this many nodes.
+    /// All variants with this many nodes.
     pub fn all(nodes: usize) -> Vec<Self> {
         let alone = (0..nodes).map(Self::Alone);
         [Self::Federated, Self::Centralised]
@@ -26,7 +26,7 @@ impl Variant {
             .collect()
     }
 
-    /// What it is called.
+    /// Its name.
     pub fn name(self, nodes: &[NodeData]) -> String {
         match self {
             Self::Federated => "federated".into(),
@@ -35,7 +35,7 @@ impl Variant {
         }
     }
 
-    /// What its values are chosen as.
+    /// Its kind.
     pub fn kind(self) -> VariantKind {
         match self {
             Self::Federated => VariantKind::Federated,
@@ -58,10 +58,10 @@ pub enum VariantKind {
 }
 
 impl VariantKind {
-    /// All kinds, in the order in which they are shown.
+    /// All kinds, in the order of reports.
     pub const ALL: [Self; 3] = [Self::Federated, Self::Centralised, Self::Alone];
 
-    /// What it is called.
+    /// Its name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Federated => "federated",
@@ -82,18 +82,18 @@ pub struct Hyperparameters {
     pub strategy: Option<Strategy>,
 }
 
-/// What centralised training has the same number of steps as.
+/// What centralised training shares its number of steps with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SameSteps {
-    /// As all nodes of the federation together: the same number of gradients.
+    /// All nodes together: the same number of gradients.
     Total,
-    /// As one node of the federation: the same number of steps one after another.
+    /// One node: the same number of steps in sequence.
     Node,
 }
 
 impl SameSteps {
-    /// The steps of a variant in one round of a federation with this many nodes, each of which makes `steps` in a round.
+    /// A variant's steps per round in a federation of `nodes` nodes with `steps` steps each.
     pub fn in_a_round(self, variant: Variant, nodes: usize, steps: usize) -> usize {
         match (variant, self) {
             (Variant::Federated, _) | (Variant::Centralised, Self::Total) => nodes * steps,

@@ -12,52 +12,52 @@ use zk0_smolvla::measure::evaluate::{fixed_draws, FlowDraw};
 use zk0_smolvla::policy::policy_file::PolicyFile;
 use zk0_smolvla::train::split::Split;
 
-/// What a node has. All of it is in memory.
+/// A node's data, in memory.
 pub struct NodeData {
     /// The node's name.
     pub name: String,
-    /// The names of its recordings.
+    /// Its recordings' names.
     pub recordings: Vec<String>,
-    /// The episodes that it does not train on and that losses are measured on, such as `so100_pickplace episode 3`.
+    /// The episodes that only losses are measured on, such as `so100_pickplace episode 3`.
     pub held_out: Vec<String>,
-    /// The frames that it trains on.
+    /// The frames to train on.
     pub trained_on: Vec<PreparedSample>,
-    /// The frames that losses are measured on.
+    /// The frames to measure losses on.
     pub evaluated: Vec<PreparedSample>,
-    /// Noise and time for each of them, the same in all rounds.
+    /// Noise and time for each of these, the same in all rounds.
     pub draws: Vec<FlowDraw>,
 }
 
-/// What data nodes get.
+/// How data is dealt to nodes.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Dealing {
     /// The number of nodes; `None` for one per recording.
     pub nodes: Option<usize>,
-    /// The share of each node's episodes that it does not train on, and that losses are measured on.
+    /// The share of each node's episodes that is held out.
     pub held_out: f64,
-    /// The share of each node's episodes that are set aside before: nobody trains on them, and nothing is measured on them. They are those
-    /// that are held out with this share and the same seed.
+    /// The share of each node's episodes set aside before, neither for training nor for measuring: those that this share and the same seed
+    /// hold out.
     pub set_aside: f64,
-    /// The most frames of a node that losses are measured on.
+    /// The most frames per node to measure losses on.
     pub evaluated: usize,
-    /// Chooses the held-out episodes, noise and times.
+    /// Chooses held-out episodes, noise and times.
     pub seed: u64,
 }
 
-/// A recording, and all its frames as samples.
+/// A recording with all its frames as samples.
 pub struct SampledRecording {
-    /// The name of its folder.
+    /// Its folder's name.
     pub name: String,
-    /// Digest of its episodes.
+    /// Its episodes' digest.
     pub digest: [u8; 32],
-    /// Digest of each episode.
+    /// Each episode's digest.
     pub episode_digests: Vec<[u8; 32]>,
     episodes: Vec<Range<usize>>,
     samples: Vec<PreparedSample>,
 }
 
 impl SampledRecording {
-    /// Makes samples of the recording's frames with the policy of `file`, as a node does.
+    /// Makes samples of all frames with the policy of `file`, as a node does.
     ///
     /// # Errors
     /// A frame cannot be read.
@@ -80,7 +80,6 @@ impl SampledRecording {
     }
 }
 
-/// An episode of a recording: the recording's number, and the episode's.
 type Dealt = (usize, usize);
 
 /// Deals the recordings out to nodes.
@@ -123,7 +122,7 @@ pub fn deal(
     nodes.collect()
 }
 
-/// A recording that no node has, to measure losses on.
+/// A recording that no node has, for measuring losses.
 pub fn unseen(recorded: &SampledRecording, file: &PolicyFile, dealing: &Dealing) -> NodeData {
     let evaluated = spread(&recorded.samples, dealing.evaluated);
     NodeData {
@@ -136,7 +135,6 @@ pub fn unseen(recorded: &SampledRecording, file: &PolicyFile, dealing: &Dealing)
     }
 }
 
-/// The episodes of a node that it trains on, and those that it holds out.
 fn divided(
     episodes: &[Dealt],
     dealing: &Dealing,
@@ -169,8 +167,7 @@ fn divided(
     Ok((of(&rest, &split.train), of(&rest, &split.eval)))
 }
 
-/// The episodes of each node. With a number of nodes, the episodes of all recordings are counted through, and number `i` goes to node
-/// `i % nodes`.
+/// Each node's episodes. With a number of nodes, all recordings' episodes are counted through: number `i` goes to node `i % nodes`.
 fn shares(
     recordings: &[SampledRecording],
     nodes: Option<usize>,

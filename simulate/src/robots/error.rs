@@ -1,4 +1,4 @@
-//! Why a simulation cannot go on.
+//! Errors of a simulation.
 
 use std::io;
 use zk0_circuits::model::spec::SpecError;
@@ -7,7 +7,7 @@ use zk0_smolvla::PolicyError;
 use zk0_verifier::combine::error::CombineError;
 use zk0_weights::WeightFileError;
 
-/// Why a simulation cannot go on.
+/// Why a simulation stops.
 #[derive(Debug, thiserror::Error)]
 pub enum SimulationError {
     /// A node cannot train.
@@ -17,39 +17,39 @@ pub enum SimulationError {
         round: u64,
         /// The node's name.
         node: String,
-        /// What is wrong.
+        /// The cause.
         error: Box<ParticipantError>,
     },
     /// The policy, a recording or an option does not fit.
     #[error(transparent)]
     Policy(#[from] PolicyError),
-    /// Weights cannot be written as a network's.
+    /// A network cannot have these weights.
     #[error(transparent)]
     Participant(Box<ParticipantError>),
-    /// As above.
+    /// A weight file cannot be made.
     #[error(transparent)]
     Weights(#[from] WeightFileError),
-    /// The policy has dimensions that no network has.
+    /// No network can have the policy's dimensions.
     #[error("no network can have a policy of these dimensions: {0}")]
     Spec(#[from] SpecError),
     /// The updates cannot be combined.
     #[error(transparent)]
     Combine(#[from] CombineError),
-    /// A rule has a value that no network accepts.
+    /// No network accepts a rule's value.
     #[error("{0}")]
     Rules(String),
-    /// The nodes' data is not as it has to be.
+    /// The nodes' data is not usable.
     #[error("{0}")]
     Data(String),
-    /// A saved simulation is of other options, or is damaged.
+    /// A saved simulation has other options, or is damaged.
     #[error("{0}")]
     Saved(String),
     /// A file cannot be read or written.
     #[error("{what}: {error}")]
     File {
-        /// Which file.
+        /// The file.
         what: String,
-        /// What is wrong.
+        /// The cause.
         error: io::Error,
     },
 }

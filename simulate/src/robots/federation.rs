@@ -1,4 +1,4 @@
-//! The nodes and the network as a federation.
+//! The nodes and their network as a federation.
 
 use crate::robots::data::NodeData;
 use crate::robots::error::SimulationError;
@@ -31,17 +31,17 @@ pub struct Training {
     pub batch_size: usize,
     /// Learning rate.
     pub learning_rate: f64,
-    /// FedProx: the strength of the pull towards the round's base.
+    /// FedProx's pull towards the round's base.
     pub fedprox_mu: f64,
-    /// FedCM: the part of each step that is the node's own; 1 for all of it.
+    /// FedCM: the node's own part of each step; 1 for all.
     pub fedcm_alpha: f64,
-    /// Decides the order of samples, noise and times. With 0, all are as in a network.
+    /// Decides the order of samples, noise and times; 0 for a network's.
     pub seed: u64,
 }
 
-/// Nodes with their data, and how their updates are combined.
+/// Nodes with their data, and how to combine their updates.
 pub struct Robots {
-    /// The dimensions of the policy.
+    /// The policy's dimensions.
     pub config: PolicyConfig,
     format: Format,
     strategy: Strategy,
@@ -50,19 +50,19 @@ pub struct Robots {
     pub nodes: Arc<[NodeData]>,
 }
 
-/// The weights after some rounds, and what the next round needs besides.
+/// The weights after some rounds, and what else the next needs.
 pub struct GlobalState {
-    /// The weights, as they travel and in float32.
+    /// The weights, in int16 and float32.
     pub base: Base,
-    /// What the last round started from; `None` before the first round.
+    /// The last round's base; `None` before the first.
     pub earlier: Option<Base>,
     /// FedAdam's moments and their file.
     pub moments: Option<(ServerMoments, Vec<u8>)>,
-    /// What the nodes of the last round told.
+    /// The last round's reports.
     pub trained: Vec<TrainedNode>,
 }
 
-/// What a node sends, and what it tells about its training.
+/// A node's update and report.
 pub struct Update {
     weights: QuantisedWeights,
     trained: TrainedNode,
@@ -72,7 +72,7 @@ impl Robots {
     /// Nodes of a network whose policy has these dimensions.
     ///
     /// # Errors
-    /// The strategy has a value that no network accepts, there is no node, or no network can have such a policy.
+    /// There is no node, or no network accepts the strategy or the dimensions.
     pub fn new(
         config: PolicyConfig,
         format: Format,
@@ -102,12 +102,12 @@ impl Robots {
         })
     }
 
-    /// How the weights look as files.
+    /// The format of weight files.
     pub fn format(&self) -> &Format {
         &self.format
     }
 
-    /// What the first round starts from. It is rounded once, as founding a network does.
+    /// The first round's start, rounded once as in founding a network.
     ///
     /// # Errors
     /// A weight is too large for every scale.
@@ -122,7 +122,7 @@ impl Robots {
         })
     }
 
-    /// The loss of weights on the evaluation samples of a node.
+    /// The loss of weights on a node's evaluation samples.
     ///
     /// # Errors
     /// A sample does not fit the policy.
@@ -143,7 +143,7 @@ impl Robots {
             batch_size: how.batch_size,
             learning_rate: how.learning_rate,
             fedprox_mu: how.fedprox_mu,
-            // A network's nodes take the number of the round.
+            // A network's seed is the round's number.
             seed: round.wrapping_add(how.seed << 32),
             ..TrainOptions::default()
         };
@@ -169,7 +169,6 @@ impl Robots {
         Ok(Update { weights, trained })
     }
 
-    /// The new weights, and FedAdam's moments if it is the strategy.
     fn combined(
         &self,
         global: &GlobalState,
@@ -227,7 +226,7 @@ impl Robots {
     }
 }
 
-/// The identity of a simulated node. Strategies that break ties do so by identities.
+/// A simulated node's identity, for strategies that break ties.
 fn id(node: usize) -> NodeId {
     let mut id = [0; 32];
     id[24..].copy_from_slice(&(node as u64).to_be_bytes());
@@ -237,7 +236,7 @@ fn id(node: usize) -> NodeId {
 impl Federation for Robots {
     type Global = GlobalState;
     type Update = Update;
-    /// The strategies are exact, and some need all updates. They take 2 bytes for each weight.
+    /// All updates, at 2 bytes a weight, because some exact strategies need all.
     type Collected = (Vec<(usize, QuantisedWeights)>, Vec<TrainedNode>);
     type Error = SimulationError;
 

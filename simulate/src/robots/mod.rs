@@ -1,9 +1,9 @@
-//! Nodes that train SmolVLA's expert on recordings, as `zk0 node join` does, and a network that combines their updates as `zk0 aggregator serve`
-//! does. Both use the code of a real network: what travels is int16 weights, and the strategies are exact.
+//! Nodes that train SmolVLA's expert on recordings, and their network. Both use the code of `zk0 node join` and `zk0 aggregator serve`:
+//! int16 weights and exact strategies.
 //!
 //! - [`data`]: which node has which frames.
-//! - [`federation`]: how nodes train, and how their updates are combined.
-//! - [`outcome`]: what a round came to. [`saved`]: a simulation on disk.
+//! - [`federation`]: how nodes train, and how updates are combined.
+//! - [`outcome`]: a round's results. [`saved`]: a simulation on disk.
 
 pub mod data;
 pub mod error;

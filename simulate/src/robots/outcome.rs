@@ -1,25 +1,25 @@
-//! What a round came to, as `round_N.json`. The fields that the Python zk0 has too have its names.
+//! A round's results, as `round_N.json`. Fields of the Python zk0 keep its names.
 
 use crate::robots::data::NodeData;
 use serde::{Deserialize, Serialize};
 use zk0_smolvla::train::TrainingStep;
 
-/// What a node tells about its training in a round.
+/// A node's report on a round.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrainedNode {
     /// The node's name.
     pub client_id: String,
     /// Its recordings.
     pub dataset_name: String,
-    /// The frames that it trains on.
+    /// The frames it trains on.
     pub num_examples: usize,
-    /// The mean of its steps' losses.
+    /// The mean loss of its steps.
     pub loss: f64,
     /// The mean of FedProx's term.
     pub fedprox_loss: f64,
-    /// The mean norm of its gradients, before clipping.
+    /// The mean gradient norm, before clipping.
     pub grad_norm: f64,
-    /// The mean of its steps' learning rates.
+    /// The mean learning rate.
     #[serde(skip)]
     pub learning_rate: f64,
     #[serde(skip)]
@@ -27,7 +27,7 @@ pub struct TrainedNode {
 }
 
 impl TrainedNode {
-    /// Before the first step.
+    /// Before any step.
     pub fn of(data: &NodeData) -> Self {
         Self {
             client_id: data.name.clone(),
@@ -53,55 +53,55 @@ impl TrainedNode {
     }
 }
 
-/// The loss of weights on the evaluation samples of a node, or of a recording that no node has.
+/// A loss on a node's evaluation samples, or on a recording that no node has.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EvaluationLoss {
-    /// The node, or the recording.
+    /// The node or the recording.
     pub name: String,
     /// The flow-matching loss: a mean squared error.
     pub loss: f64,
 }
 
-/// What the nodes of a round told, together.
+/// The reports on a round, together.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Aggregated {
-    /// The mean of the nodes' training losses.
+    /// The mean training loss.
     pub avg_client_loss: f64,
     /// Their standard deviation.
     pub std_client_loss: f64,
     /// The mean of FedProx's terms.
     pub avg_client_proximal_loss: f64,
-    /// The mean norm of gradients.
+    /// The mean gradient norm.
     pub avg_client_grad_norm: f64,
-    /// How many nodes took part.
+    /// The number of nodes that took part.
     pub num_clients: usize,
-    /// The Euclidean norm of the change of the global weights.
+    /// The Euclidean norm of the global weights' change.
     pub param_update_norm: f64,
 }
 
-/// A round. In round 0 nobody has trained yet.
+/// A round. Round 0 is before any training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SimulatedRound {
-    /// Its number; the first round that trains is 1.
+    /// Its number.
     pub round: u64,
     /// Always false: a simulation proves nothing.
     pub proven: bool,
-    /// The mean loss of the global weights over all nodes.
+    /// The global weights' mean loss over all nodes.
     pub mean_loss: f64,
-    /// Their loss on the evaluation samples of each node.
+    /// Their loss on each node's evaluation samples.
     pub nodes: Vec<EvaluationLoss>,
     /// Their loss on recordings that no node has.
     pub unseen: Vec<EvaluationLoss>,
-    /// What the nodes told.
+    /// The reports together.
     pub aggregated_client_metrics: Option<Aggregated>,
-    /// What each of them told.
+    /// Each node's report.
     pub individual_client_metrics: Vec<TrainedNode>,
-    /// SHA-256 of the global weights, as a network's ledger would name them.
+    /// SHA-256 of the global weights, as in a network's ledger.
     pub weights: String,
 }
 
 impl Aggregated {
-    /// Of the nodes that took part; `None` if nobody did.
+    /// Sums up the reports; `None` if there are none.
     pub fn of(trained: &[TrainedNode], param_update_norm: f64) -> Option<Self> {
         if trained.is_empty() {
             return None;

@@ -1,4 +1,4 @@
-//! A simulation on disk, so that it goes on where it was stopped.
+//! A simulation on disk, so that a stopped one can go on.
 
 use crate::robots::error::SimulationError;
 use crate::robots::federation::{GlobalState, Robots};
@@ -9,15 +9,13 @@ use zk0_files::{atomic_file, bounded_file};
 use zk0_node::exchanged_weights::Base;
 use zk0_protocol::rules::closing::server_moments::ServerMoments;
 
-/// Room for what is beside the weights: their files, and the moments with 8 bytes for each weight.
+/// Room for all but weight files and moments (8 bytes a weight).
 const FIELDS_BYTES: u64 = 1 << 20;
 
-/// What the next round needs.
 #[derive(BorshSerialize, BorshDeserialize)]
 struct SavedRound {
-    /// What the simulation is of.
+    /// Digest of what is simulated.
     of: Digest,
-    /// The rounds that are done.
     rounds: u64,
     base: Vec<u8>,
     earlier: Option<Vec<u8>>,
@@ -28,12 +26,12 @@ fn path(out: &Path) -> PathBuf {
     out.join("simulation")
 }
 
-/// Whether there is a simulation in `out`.
+/// Whether `out` holds a simulation.
 pub fn exists(out: &Path) -> bool {
     path(out).exists()
 }
 
-/// Keeps a simulation after `rounds` rounds. It is on disk when this returns. `of` says what it is of: policy, recordings and options.
+/// Saves a simulation after `rounds` rounds, on disk when this returns. `of` identifies policy, recordings and options.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -57,10 +55,10 @@ pub fn keep(
     written.map_err(|error| failed(&path, error))
 }
 
-/// The simulation in `out`: the rounds that are done, and what the next one starts from.
+/// Reads the simulation in `out`: the finished rounds, and the next one's start.
 ///
 /// # Errors
-/// The file cannot be read, or the simulation is of something else than `of`.
+/// The file cannot be read, or belongs to another simulation than `of`.
 pub fn read(
     out: &Path,
     of: Digest,

@@ -1,12 +1,11 @@
-//! Samples that are made in the background, before the steps that take them.
+//! Makes samples in the background, before their steps.
 //!
-//! [`ahead`] gives its work a source of the same samples. When the work says which samples come ([`SampleSource::expect`]), two threads
-//! begin to make them, in that order: the first reads samples from the cache and decodes frames, the second runs the frozen half of the
-//! policy. Whoever asks for the next sample waits only if it is not ready. On a GPU, the thread that asks runs the frozen half, and only
-//! decoding is in the background.
+//! [`ahead`] gives its work a source of the same samples. When the work announces samples ([`SampleSource::expect`]), two threads make them
+//! in order: the first reads the cache and decodes frames, the second runs the policy's frozen half. The caller waits only for unfinished
+//! samples. On a GPU, only decoding is in the background, and the caller's thread runs the frozen half.
 //!
-//! Memory is bounded: the threads wait when as many samples are ready as the work takes at once, and hold three more at most. Samples
-//! and errors are the same as without this, and come in the same places.
+//! When as many samples are ready as the work takes at once, the threads wait, with at most three more. Samples and errors are the same as
+//! without this, in the same order.
 
 use std::borrow::Cow;
 use std::cell::RefCell;
@@ -18,7 +17,7 @@ use crate::error::Result;
 use crate::frames::batch::SampleSource;
 use crate::frames::making::{Begun, Coming, MakesSamples};
 
-/// Does `work` with the samples of `source`, and makes those that `work` expects in the background, where `source` makes samples.
+/// Does `work` with the samples of `source`, and makes expected samples in the background if `source` makes any.
 pub fn ahead<S, R>(source: &dyn SampleSource<S>, work: impl FnOnce(&dyn SampleSource<S>) -> R) -> R
 where
     S: Clone + Send + 'static,
@@ -26,7 +25,7 @@ where
     let Some(maker) = source.makes() else {
         return work(source);
     };
-    // At the end, or when `work` fails, the threads end after the frames that they are at.
+    // When `work` ends or fails, the threads finish their current frames.
     thread::scope(|scope| {
         work(&Ahead {
             source,
@@ -44,18 +43,18 @@ struct Ahead<'scope, 'env, S> {
     expected: RefCell<Option<Expected<'scope, S>>>,
 }
 
-/// A sample's number, and the sample as far as it is made.
+/// A sample's number, and what is made of it.
 type Next<S> = (usize, Result<Begun<S>>);
 
 struct Expected<'scope, S> {
     ready: Receiver<Next<S>>,
-    /// Taken from `ready`, and not asked for yet.
+    /// Taken from `ready`, not yet asked for.
     next: Option<Next<S>>,
     threads: Vec<ScopedJoinHandle<'scope, ()>>,
 }
 
 impl<S> Expected<'_, S> {
-    /// Sample `index` if it is the next one. Waits for the next one.
+    /// Waits for the next sample; `None` unless its number is `index`.
     fn take(&mut self, index: usize) -> Option<Result<Begun<S>>> {
         if self.next.is_none() {
             self.next = self.ready.recv().ok();
@@ -79,7 +78,7 @@ impl<'scope, S: Clone + Send + 'static> Ahead<'scope, '_, S> {
         let (maker, scope) = (self.maker, self.scope);
         let begin = move |sender: SyncSender<Next<S>>| {
             for index in coming {
-                // Nobody takes samples any more when this fails.
+                // Fails when no more samples are taken.
                 if sender.send((index, maker.begin(index))).is_err() {
                     return;
                 }

@@ -1,4 +1,4 @@
-//! Where samples come from, and batches of them as tensors.
+//! Sources of samples, and batches as tensors.
 
 use std::borrow::Cow;
 
@@ -12,7 +12,7 @@ use crate::policy::model::key_values::PrefixCache;
 
 /// Samples by number: in memory, or read from a [cache](crate::frames::prefix_cache) one at a time.
 pub trait SampleSource<S: Clone> {
-    /// How many there are.
+    /// The number of samples.
     fn len(&self) -> usize;
 
     /// Whether there are none.
@@ -23,30 +23,29 @@ pub trait SampleSource<S: Clone> {
     /// Sample `index`, which is below [`Self::len`].
     ///
     /// # Errors
-    /// It cannot be had, and why.
+    /// The sample cannot be made.
     fn sample(&self, index: usize) -> Result<Cow<'_, S>>;
 
-    /// Frees what only making samples needs, until it is needed again.
+    /// Frees what only making samples needs.
     fn rest(&self) {}
 
-    /// Takes note that the samples `coming` are asked for next, `at_once` at a time. Only a source of
-    /// [`ahead`](crate::frames::ahead::ahead) makes use of that.
+    /// Announces the next samples, `at_once` at a time, for a source of [`ahead`](crate::frames::ahead::ahead).
     fn expect(&self, _coming: Coming, _at_once: usize) {}
 
-    /// What makes the samples, for threads that make them before they are asked for; `None` if they need not be made.
+    /// The maker of the samples, for other threads; `None` if there is nothing to make.
     fn makes(&self) -> Option<&dyn MakesSamples<S>> {
         None
     }
 }
 
-/// Samples that are in memory.
+/// Samples in memory.
 pub struct SamplesInMemory<'a, S>(&'a [S]);
 
 impl<'a, S: FromFrame> SamplesInMemory<'a, S> {
-    /// Checks all of them.
+    /// Checks all samples.
     ///
     /// # Errors
-    /// [`PolicyError::Sample`] when there is none, or one does not fit the policy or holds a value that is not finite.
+    /// [`PolicyError::Sample`]: there is none, one does not fit the policy, or a value is not finite.
     pub fn new(config: &PolicyConfig, samples: &'a [S]) -> Result<Self> {
         let all: Vec<&S> = samples.iter().collect();
         check(config, &all, &[])?;
@@ -65,15 +64,14 @@ impl<S: Clone> SampleSource<S> for SamplesInMemory<'_, S> {
     }
 }
 
-/// The error of a number beyond the end.
 pub(crate) fn missing(index: usize, len: usize) -> PolicyError {
     PolicyError::Sample(format!("there is no sample {index} among {len}"))
 }
 
-/// Samples of a source, at chosen numbers.
+/// The samples with these numbers.
 ///
 /// # Errors
-/// As [`SampleSource::sample`].
+/// Those of [`SampleSource::sample`].
 pub fn pick<'a, S: Clone>(
     source: &'a dyn SampleSource<S>,
     indices: &[usize],
@@ -81,9 +79,9 @@ pub fn pick<'a, S: Clone>(
     indices.iter().map(|index| source.sample(*index)).collect()
 }
 
-/// Some samples as tensors, shorter prefixes filled up and masked.
+/// Samples as tensors. Shorter prefixes are filled up and masked.
 pub struct Batch {
-    /// Their prefix.
+    /// The prefix.
     pub cache: PrefixCache,
     /// (B, chunk, max_action_dim).
     pub actions: Tensor,
@@ -92,10 +90,10 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// Copies samples to a device; `numbers` are their names in errors.
+    /// Copies samples to a device; `numbers` names them in errors.
     ///
     /// # Errors
-    /// [`PolicyError::Sample`] when there is none, or one does not fit the policy or holds a value that is not finite.
+    /// [`PolicyError::Sample`]: there is none, one does not fit the policy, or a value is not finite.
     pub fn new(
         config: &PolicyConfig,
         samples: &[&PreparedSample],
@@ -134,9 +132,9 @@ impl Batch {
     }
 }
 
-/// Some samples without their state's token as tensors, and their states.
+/// Samples without their state's token, and their states.
 pub struct ObservedBatch {
-    /// The samples; their prefix lacks the last token.
+    /// The samples, without the prefix's last token.
     pub observed: Batch,
     /// (B, max_state_dim).
     pub state: Tensor,
@@ -146,7 +144,7 @@ impl ObservedBatch {
     /// As [`Batch::new`].
     ///
     /// # Errors
-    /// As [`Batch::new`].
+    /// Those of [`Batch::new`].
     pub fn new(
         config: &PolicyConfig,
         samples: &[&ObservedSample],
@@ -164,7 +162,6 @@ impl ObservedBatch {
     }
 }
 
-/// Checks samples; `numbers` are their names in errors, where they have any.
 fn check<S: FromFrame>(config: &PolicyConfig, samples: &[&S], numbers: &[usize]) -> Result<()> {
     if samples.is_empty() {
         return Err(PolicyError::Sample("there are no samples".into()));
@@ -178,7 +175,7 @@ fn check<S: FromFrame>(config: &PolicyConfig, samples: &[&S], numbers: &[usize])
     Ok(())
 }
 
-/// Rows one after another, each with zeros after it up to `length`.
+/// Rows in order, each zero-padded to `length`.
 fn filled_up<'a>(rows: impl Iterator<Item = &'a [f32]>, length: usize, count: usize) -> Vec<f32> {
     let mut all = Vec::with_capacity(count * length);
     for (i, row) in rows.enumerate() {

@@ -1,21 +1,19 @@
-//! Which camera of a recording fills which slot of the policy's prefix, as LeRobot's `prepare_images`.
+//! Which of a recording's cameras fills which of the policy's slots, as in LeRobot's `prepare_images`.
 
 use zk0_lerobot::config::PolicyConfig;
 use zk0_lerobot::policy_folder::IMAGES;
 
 use crate::error::{PolicyError, Result};
 
-/// The prefix's cameras in order, each as an index into `found` (names of the cameras of a recording or a batch), or `None`
-/// for a blank one.
+/// The prefix's cameras in order: indices into `found` (a recording's or batch's camera names), or `None` for a blank one.
 ///
-/// Cameras have the names that the policy's `rename_map` gives them. They come in the policy's order, and others than the policy's are left
-/// out. Then come blank ones for those that are missing, `empty_cameras` at most. As in `lerobot-train`, a policy without a map takes a
-/// recording that lacks cameras, or one that has more, but not one that does both. A policy that names no cameras goes by the order of the
-/// recording's names. The common start `observation.images.` may be left out.
+/// The policy's `rename_map` renames cameras. They come in the policy's order, without those that it lacks; up to `empty_cameras` blank
+/// ones stand for missing ones. As in `lerobot-train`, a policy without a map takes a recording with missing or with extra cameras, but not
+/// with both. A policy without camera names takes the order of the recording's names. The prefix `observation.images.` is optional.
 ///
 /// # Errors
-/// [`PolicyError::Sample`] when none of the policy's cameras is found, or two for one slot; when cameras are missing and others are there;
-/// and for a policy without names, when there are more cameras than slots.
+/// [`PolicyError::Sample`]: none of the policy's cameras is found, two have one slot, some are missing and others extra, or a policy
+/// without names has too few slots.
 pub fn camera_slots(
     config: &PolicyConfig,
     empty_cameras: usize,
@@ -70,7 +68,6 @@ fn by_policy(config: &PolicyConfig, found: &[&str]) -> Result<Vec<usize>> {
     Ok(order)
 }
 
-/// What the policy calls a camera of the recording.
 fn renamed<'a>(config: &'a PolicyConfig, name: &'a str) -> &'a str {
     let mut pairs = config.rename_map.iter();
     let pair = pairs.find(|(old, _)| short(old) == short(name));
@@ -111,7 +108,6 @@ mod tests {
         let found = ["observation.images.top", "observation.images.wrist"];
         assert_eq!(slots(&three, 1, &found), [Some(1), Some(0), None]);
         assert_eq!(slots(&three, 0, &["top", "wrist"]), [Some(1), Some(0)]);
-        // Two cameras are missing, and one of them may be blank.
         assert_eq!(slots(&three, 1, &["top"]), [Some(0), None]);
     }
 
@@ -130,7 +126,6 @@ mod tests {
         assert_eq!(slots(&swapped, 0, &["top", "wrist"]), [Some(1), Some(0)]);
         let one = policy(&["camera1", "camera2"], &[("wrist", "camera2")]);
         assert_eq!(slots(&one, 0, &["top", "wrist"]), [Some(1)]);
-        // A recording that has the policy's names needs no map.
         assert_eq!(slots(&one, 0, &["camera2", "camera1"]), [Some(1), Some(0)]);
         let said = refused(&one, &["camera2", "wrist"]);
         assert!(said.contains("camera2 and wrist are both"), "{said}");

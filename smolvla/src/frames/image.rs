@@ -1,16 +1,16 @@
-//! Camera frames brought to the vision tower's size, as LeRobot's `resize_with_pad`.
+//! Resizes camera frames for the vision tower, as LeRobot's `resize_with_pad`.
 
-/// Resizes planes (channels, height, width) with bilinear interpolation (no antialiasing, corners not aligned) so that they
-/// fit into `size` (height, width) with their aspect kept, and fills what is left **above and to the left** with 0.
+/// Resizes planes (channels, height, width) to fit into `size` (height, width) with the same aspect, by bilinear interpolation (no
+/// antialiasing, corners not aligned). Fills the rest **above and to the left** with 0.
 ///
-/// `planes` holds whole planes of `height * width`, all of them at least 1.
+/// `planes` holds whole planes of `height * width`, both at least 1.
 pub fn resize_with_pad(
     planes: &[f32],
     (height, width): (usize, usize),
     size: (usize, usize),
 ) -> Vec<f32> {
     let (out_height, out_width) = size;
-    // The result is computed in f64 and truncated, as LeRobot's Python does.
+    // In f64, truncated, as in LeRobot's Python.
     let ratio = (width as f64 / out_width as f64).max(height as f64 / out_height as f64);
     let scaled = |length: usize, limit: usize| ((length as f64 / ratio) as usize).clamp(1, limit);
     let (rows, columns) = (scaled(height, out_height), scaled(width, out_width));
@@ -35,24 +35,24 @@ pub fn resize_with_pad(
     out
 }
 
-/// An 8-bit RGB picture (3, height, width) as the vision tower reads it: (3, size, size) in [-1, 1], padding at -1.
+/// An 8-bit RGB picture (3, height, width) for the vision tower: (3, size, size) in [-1, 1], padding at -1.
 pub fn vision_input(pixels: &[u8], shape: (usize, usize), size: usize) -> Vec<f32> {
     let unit: Vec<f32> = pixels.iter().map(|p| f32::from(*p) / 255.0).collect();
     unit_vision_input(&unit, shape, size)
 }
 
-/// As [`vision_input`], of a picture whose values are between 0 and 1.
+/// As [`vision_input`], for values between 0 and 1.
 pub fn unit_vision_input(unit: &[f32], shape: (usize, usize), size: usize) -> Vec<f32> {
     let mut resized = resize_with_pad(unit, shape, (size, size));
     resized.iter_mut().for_each(|x| *x = 2.0 * *x - 1.0);
     resized
 }
 
-/// The two neighbours an output pixel is mixed from along one axis.
+/// An output pixel's two input neighbours along one axis.
 struct Tap {
     first: usize,
     second: usize,
-    /// Share of the second.
+    /// The second's share.
     weight: f32,
 }
 

@@ -1,41 +1,41 @@
-//! Making samples in two parts, which may run on two threads.
+//! Makes samples in two parts, which may run on two threads.
 
 use zk0_lerobot::dataset::Frame;
 
 use crate::error::Result;
 use crate::frames::image_transforms::picture::Picture;
 
-/// The numbers of the samples that are asked for next, in order.
+/// Numbers of the next samples, in order.
 pub type Coming = Box<dyn Iterator<Item = usize> + Send>;
 
-/// A frame that is read.
+/// A decoded frame.
 pub struct DecodedFrame {
-    /// The frame as it was recorded.
+    /// The recorded frame.
     pub frame: Frame,
-    /// Its pictures transformed, camera after camera, if they are.
+    /// Its transformed pictures, one a camera, if any.
     pub pictures: Option<Vec<Picture>>,
 }
 
-/// A sample that is there, or a frame to make it of.
+/// A sample, or a frame to make it from.
 pub enum Begun<S> {
-    /// It was at hand.
+    /// A finished sample.
     Whole(S),
-    /// The frame is decoded, and the frozen half of the policy has to run over it.
+    /// A decoded frame for the policy's frozen half.
     Decoded(Box<DecodedFrame>),
 }
 
-/// What makes samples, on whatever thread.
+/// Makes samples on any thread.
 pub trait MakesSamples<S>: Sync {
-    /// The first part of making sample `index`.
+    /// The first part of sample `index`.
     ///
     /// # Errors
-    /// The sample cannot be had, and why.
+    /// The sample cannot be made.
     fn begin(&self, index: usize) -> Result<Begun<S>>;
 
-    /// The rest of it.
+    /// The second part.
     ///
     /// # Errors
-    /// The sample cannot be had, and why.
+    /// The sample cannot be made.
     fn finish(&self, index: usize, begun: Begun<S>) -> Result<S>;
 
     /// Whether only the thread that asks for samples may [finish](Self::finish) them.

@@ -1,12 +1,12 @@
 //! Frames of recordings as samples.
 //!
-//! - [`sample`] turns one frame into a [`sample::PreparedSample`]: it makes tokens of the instruction, brings the pictures to size
-//!   ([`image`]), puts them into the policy's camera slots ([`cameras`]), and runs the frozen half of the policy once.
-//! - [`recording`] prepares the frames of a recording, normalised by its statistics.
-//! - [`prefix_cache`] keeps samples on disk.
-//! - [`image_transforms`] changes the pictures of training frames at random.
-//! - [`batch`] makes tensors of several samples, wherever they come from.
-//! - [`ahead`] makes samples in the background, before a step takes them. [`making`] is what it needs of a source for that.
+//! - [`sample`]: turns a frame into a [`sample::PreparedSample`]: tokenizes the instruction, resizes the pictures ([`image`]), assigns them
+//!   to the policy's camera slots ([`cameras`]), and runs the policy's frozen half once.
+//! - [`recording`]: prepares a recording's frames, normalised by its statistics.
+//! - [`prefix_cache`]: keeps samples on disk.
+//! - [`image_transforms`]: changes training pictures at random.
+//! - [`batch`]: makes tensors of several samples.
+//! - [`ahead`]: makes samples in the background, through the interface in [`making`].
 
 pub mod ahead;
 pub mod batch;

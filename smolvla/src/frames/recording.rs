@@ -1,4 +1,4 @@
-//! A whole recording, prepared: the bridge from [`zk0_lerobot::dataset`] to [`crate::frames::sample`].
+//! Prepares whole recordings: the bridge from [`zk0_lerobot::dataset`] to [`crate::frames::sample`].
 
 use zk0_lerobot::dataset::{Dataset, DatasetError, Frame, Loader};
 
@@ -9,8 +9,8 @@ use crate::frames::sample::{
 };
 
 impl Preparer<'_> {
-    /// Prepares the frames `wanted` of a recording, normalised with [`Dataset::normalisation`]. Ascending order is fastest. `progress` is
-    /// called with the frames done and their total.
+    /// Prepares the frames `wanted`, normalised with [`Dataset::normalisation`]. Ascending order is fastest. `progress` gets the frames
+    /// done and their total.
     pub fn prepare_frames(
         &self,
         dataset: &Dataset,
@@ -27,7 +27,7 @@ impl Preparer<'_> {
         Ok(samples)
     }
 
-    /// Makes a sample of frame `index` of a recording, with a loader of that recording.
+    /// Makes a sample of frame `index` with the recording's loader.
     pub fn prepare_frame<S: FromFrame>(
         &self,
         dataset: &Dataset,
@@ -41,7 +41,7 @@ impl Preparer<'_> {
         Ok(self.prepare_decoded(dataset, decoded)?)
     }
 
-    /// Makes a sample of a frame of `dataset` that is decoded.
+    /// Makes a sample of a decoded frame.
     ///
     /// # Errors
     /// The frame does not fit the policy.
@@ -79,14 +79,13 @@ impl Preparer<'_> {
     }
 }
 
-/// Brings a frame's state and actions to mean 0 and standard deviation 1, by the recording's statistics unless it was given
-/// others.
+/// Normalises state and actions to mean 0 and standard deviation 1, by the recording's own or given statistics.
 pub(crate) fn normalise(dataset: &Dataset, frame: &mut Frame) {
     dataset.normalisation().state.normalize(&mut frame.state);
     dataset.normalisation().action.normalize(&mut frame.actions);
 }
 
-/// Preparing a whole recording can fail in the recording or in the policy.
+/// Why a recording cannot be prepared.
 #[derive(Debug, thiserror::Error)]
 pub enum PrepareError {
     /// The recording cannot be read.

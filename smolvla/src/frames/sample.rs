@@ -1,10 +1,10 @@
 //! Prepared samples: what one frame contributes to training and to a claim.
 //!
-//! The frozen half of the policy runs once per frame. What is left is its key/value cache, without the tokens that are
-//! padding (they influence nothing), the normalised action chunk, and which of its frames are padding.
+//! The policy's frozen half runs once per frame. It leaves the key/value cache without padding tokens (they influence nothing), the
+//! normalised action chunk, and which of its frames are padding.
 //!
-//! Where the state projection is trained too, the state's token is not the same from step to step. All other tokens are, as
-//! they do not see it: what is left of a frame then is an [`ObservedSample`].
+//! If the state projection is trained too, the state's token changes at each step. No other token sees it: a frame is then an
+//! [`ObservedSample`].
 
 use candle_core::{Device, Tensor};
 use zk0_lerobot::config::PolicyConfig;
@@ -22,7 +22,7 @@ use crate::policy::weights::Policy;
 /// One frame, ready for the expert.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PreparedSample {
-    /// Tokens of the prefix, all of them real.
+    /// The prefix's tokens, all of them real.
     pub prefix_tokens: usize,
     /// Per layer (prefix_tokens, kv_width), after the rotary embedding.
     pub keys: Vec<Vec<f32>>,
@@ -30,31 +30,31 @@ pub struct PreparedSample {
     pub values: Vec<Vec<f32>>,
     /// (chunk_size, max_action_dim), normalised and zero-padded.
     pub actions: Vec<f32>,
-    /// Per frame of the chunk: past the end of the episode.
+    /// Per frame of the chunk: past the episode's end.
     pub is_pad: Vec<bool>,
 }
 
-/// One frame as its cameras and its instruction make it, with the state beside them: what training the state projection takes.
+/// One frame with its state apart, for training the state projection.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ObservedSample {
-    /// The prepared sample without the state's token, the last one.
+    /// The prepared sample without the state's token, the last.
     pub observed: PreparedSample,
     /// (max_state_dim), normalised and zero-padded.
     pub state: Vec<f32>,
 }
 
-/// A kind of sample that a frame can be made into.
+/// A kind of sample made from a frame.
 pub trait FromFrame: Clone + Send + 'static {
-    /// Runs the frozen part over one frame.
+    /// Runs the frozen half over one frame.
     ///
     /// # Errors
-    /// As [`Preparer::prepare`].
+    /// Those of [`Preparer::prepare`].
     fn from_frame(preparer: &Preparer, observation: &Observation) -> Result<Self>;
 
-    /// Says what does not fit the policy, or that a value is not finite.
+    /// Checks that the sample fits the policy and all values are finite.
     ///
     /// # Errors
-    /// What that is.
+    /// What is wrong.
     fn check(&self, config: &PolicyConfig) -> std::result::Result<(), String>;
 }
 
@@ -135,7 +135,7 @@ fn finite(what: &str, values: &[f32]) -> std::result::Result<(), String> {
 
 /// One camera's picture.
 pub struct CameraImage<'a> {
-    /// The camera's name in the recording; which slot of the policy it fills is said by [`camera_slots`].
+    /// The camera's name in the recording, for [`camera_slots`].
     pub name: &'a str,
     /// Pixels from top to bottom.
     pub height: usize,
@@ -148,7 +148,7 @@ pub struct CameraImage<'a> {
 /// The pixels of a picture.
 #[derive(Clone, Copy, Debug)]
 pub enum Pixels<'a> {
-    /// As a camera recorded them, 8 bits each.
+    /// 8 bits each, as recorded.
     Bytes(&'a [u8]),
     /// Between 0 and 1.
     Unit(&'a [f32]),
@@ -163,9 +163,9 @@ impl Pixels<'_> {
     }
 }
 
-/// One frame of a recording, with state and actions already normalised.
+/// One frame of a recording, with normalised state and actions.
 pub struct Observation<'a> {
-    /// All that the recording has. [`camera_slots`] takes those of the policy.
+    /// All of the recording's cameras. [`camera_slots`] chooses.
     pub cameras: Vec<CameraImage<'a>>,
     /// (state_dim), normalised.
     pub state: &'a [f32],
@@ -177,7 +177,7 @@ pub struct Observation<'a> {
     pub task: &'a str,
 }
 
-/// Runs the frozen half of a policy over frames.
+/// Runs a policy's frozen half over frames.
 pub struct Preparer<'a> {
     model: PrefixModel,
     tokenizer: &'a dyn Tokenizer,
@@ -185,14 +185,14 @@ pub struct Preparer<'a> {
 }
 
 impl<'a> Preparer<'a> {
-    /// For the frozen half of `policy`, where and how dataset commitments want it computed.
+    /// For the frozen half of `policy`, computed as dataset commitments need it.
     pub fn new(policy: &Policy, tokenizer: &'a dyn Tokenizer) -> Result<Self> {
         let place = FrozenPlace::default();
         let parameters = PolicyParameters::load(&policy.frozen, &place.device)?;
         Self::of(&place, &policy.config, parameters, tokenizer)
     }
 
-    /// For the frozen half of `policy`, computed at `place`. On the CPU it is not copied: a published one has 1.4 GB.
+    /// For the frozen half of `policy` at `place`, without a copy (1.4 GB) on the CPU.
     pub fn at(place: &FrozenPlace, policy: Policy, tokenizer: &'a dyn Tokenizer) -> Result<Self> {
         let parameters = PolicyParameters::take(policy.frozen, &place.device)?;
         Self::of(place, &policy.config, parameters, tokenizer)
@@ -208,7 +208,7 @@ impl<'a> Preparer<'a> {
         Ok(Self::with_model(config, model, tokenizer))
     }
 
-    /// For a frozen half of these dimensions that is loaded already.
+    /// For a loaded frozen half of these dimensions.
     pub fn with_model(
         config: &PolicyConfig,
         model: PrefixModel,
@@ -221,12 +221,12 @@ impl<'a> Preparer<'a> {
         }
     }
 
-    /// Dimensions of the policy.
+    /// The policy's dimensions.
     pub fn config(&self) -> &PolicyConfig {
         &self.config
     }
 
-    /// Where it computes.
+    /// The device that computes.
     pub fn device(&self) -> &Device {
         self.model.device()
     }
@@ -239,7 +239,7 @@ impl<'a> Preparer<'a> {
     /// Prepares one frame.
     ///
     /// # Errors
-    /// [`PolicyError::Sample`] says what does not fit the policy, or which value is not a number.
+    /// [`PolicyError::Sample`]: what does not fit, or which value is not a number.
     pub fn prepare(&self, observation: &Observation) -> Result<PreparedSample> {
         let c = &self.config;
         check_chunk(c, observation)?;
@@ -269,13 +269,13 @@ impl<'a> Preparer<'a> {
         })
     }
 
-    /// Prepares one frame but for its state.
+    /// Prepares one frame without its state.
     ///
     /// # Errors
-    /// As [`Self::prepare`].
+    /// Those of [`Self::prepare`].
     pub fn observe(&self, observation: &Observation) -> Result<ObservedSample> {
         let c = &self.config;
-        // Only the state's token, which is the last one, sees the state. The other tokens are the same without it.
+        // Only the state's token, the last, sees the state.
         let mut observed = self.prepare(observation)?;
         observed.prefix_tokens -= 1;
         let values = observed.prefix_tokens * c.kv_width();
@@ -287,10 +287,10 @@ impl<'a> Preparer<'a> {
         })
     }
 
-    /// The prefix cache, as a batch of one, of what the robot sees: cameras, normalised state (state_dim) and instruction.
+    /// The prefix cache of the robot's view, as a batch of one: cameras, normalised state (state_dim) and instruction.
     ///
     /// # Errors
-    /// As [`Self::prepare`].
+    /// Those of [`Self::prepare`].
     pub fn prefix(
         &self,
         cameras: &[CameraImage],
@@ -302,7 +302,7 @@ impl<'a> Preparer<'a> {
         let device = self.device();
         let size = c.vision.image_size;
         let names: Vec<&str> = cameras.iter().map(|camera| camera.name).collect();
-        // No token attends to blank cameras, so leaving them out changes no token that counts.
+        // No token attends to blank cameras, so they can be omitted.
         let slots = camera_slots(c, 0, &names)?;
         let cameras = slots.into_iter().flatten().map(|i| {
             let camera = &cameras[i];
@@ -338,7 +338,6 @@ impl<'a> Preparer<'a> {
     }
 }
 
-/// What the prefix is made of.
 fn check_view(c: &PolicyConfig, cameras: &[CameraImage], state: &[f32]) -> Result<()> {
     for camera in cameras {
         let pixels = camera
@@ -365,7 +364,6 @@ fn check_view(c: &PolicyConfig, cameras: &[CameraImage], state: &[f32]) -> Resul
     check_finite("state", state)
 }
 
-/// What a sample holds besides its prefix.
 fn check_chunk(c: &PolicyConfig, observation: &Observation) -> Result<()> {
     if observation.is_pad.len() != c.chunk_size
         || observation.actions.len() != c.chunk_size * c.action_dim
@@ -391,7 +389,7 @@ fn check_finite(what: &str, values: &[f32]) -> Result<()> {
     }
 }
 
-/// Rows of `dim` values, each filled up with zeros to `wide`, as LeRobot's `pad_vector`.
+/// Rows of `dim` values, each zero-padded to `wide`, as in LeRobot's `pad_vector`.
 pub fn widen(rows: &[f32], dim: usize, wide: usize) -> Vec<f32> {
     let zeros = std::iter::repeat_n(0.0, wide - dim);
     rows.chunks_exact(dim)

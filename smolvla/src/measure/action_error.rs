@@ -1,4 +1,4 @@
-//! Actions sampled from a policy, and how far they are from those of a demonstration.
+//! Sampled actions and their distance from a demonstration's.
 
 use candle_core::Tensor;
 use zk0_lerobot::config::PolicyConfig;
@@ -10,8 +10,7 @@ use crate::measure::evaluate::FlowDraw;
 use crate::policy::model::expert::ExpertModel;
 use crate::policy::model::sampling;
 
-/// [`sampling::sample_actions`] for a batch: (B, chunk, max_action_dim), normalised, from the noise of `draws`, one per sample of
-/// the batch. (The times of the draws play no part.)
+/// [`sampling::sample_actions`] for a batch: (B, chunk, max_action_dim), normalised, from each sample's noise in `draws`.
 ///
 /// # Errors
 /// [`PolicyError::Options`] for 0 steps, [`PolicyError::Sample`] for draws that do not fit.
@@ -41,7 +40,7 @@ pub struct ActionError {
 }
 
 impl ActionError {
-    /// Nothing seen yet, of actions of `dims` dimensions.
+    /// No frames yet, of `dims` action dimensions.
     pub fn new(dims: usize) -> Self {
         Self {
             sums: vec![0.0; dims],
@@ -49,11 +48,10 @@ impl ActionError {
         }
     }
 
-    /// Adds chunks sampled for a batch, (B, chunk, max_action_dim); they and the batch's are normalised by `normalizer`. Frames
-    /// that are padding do not count.
+    /// Adds a batch's sampled chunks (B, chunk, max_action_dim). `normalizer` normalised both. Padding does not count.
     ///
     /// # Errors
-    /// [`PolicyError::Sample`] when the normaliser or the chunks are of other dimensions.
+    /// [`PolicyError::Sample`] if the normaliser or the chunks do not fit.
     pub fn add(
         &mut self,
         config: &PolicyConfig,
@@ -96,7 +94,7 @@ impl ActionError {
         self.frames
     }
 
-    /// Mean absolute error per dimension; 0 where no frame was seen.
+    /// Mean absolute error per dimension; 0 without frames.
     pub fn means(&self) -> Vec<f64> {
         let frames = self.frames.max(1) as f64;
         self.sums.iter().map(|sum| sum / frames).collect()
@@ -118,7 +116,6 @@ mod tests {
         let normalizer = Normalizer::new(vec![5.0; 6], deviations).unwrap();
         let shape = (2, chunk, wide);
         let sampled = Tensor::ones(shape, DType::F32, &Device::Cpu).unwrap();
-        // The frames that count are off by 2 standard deviations. Those that do not count are off by 100.
         let mut is_pad = vec![vec![false; chunk]; 2];
         is_pad[1][3] = true;
         let shown = is_pad.iter().flatten().flat_map(|pad| {

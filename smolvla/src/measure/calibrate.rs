@@ -1,14 +1,12 @@
-//! Ranges of the fixed-point evaluation, chosen from data: the largest magnitude at every place of a float32 pass
-//! decides how many fraction bits the values there get.
+//! Chooses the fixed-point evaluation's ranges from data: the largest magnitude at each place of a float32 pass decides the fraction bits
+//! there.
 //!
-//! A value at a scale of `b` fraction bits is an int16 in units of 2^-b, so it must stay below 2^(15-b). [`calibrate`]
-//! gives each scale the most fraction bits that leave all its places a headroom of 2^[`HEADROOM_BITS`], so that training
-//! does not push a value out. One scale may hold several places: queries before and after their rotation, a residual
-//! stream and what is added to it, and in self-attention layers the keys (and values) of the prefix and the action tokens.
+//! With `b` fraction bits, a value is an int16 in units of 2^-b, so it must stay below 2^(15-b). [`calibrate`] gives each scale the most
+//! fraction bits that leave its places a headroom of 2^[`HEADROOM_BITS`] for training. A scale may have several places: queries before and
+//! after rotation, a residual stream and its additions, and in self-attention layers the keys (and values) of prefix and action tokens.
 //!
-//! Weights need no calibration: the fraction bits of a tensor follow from its values whenever it is quantised. That a
-//! matrix has at most 16 bits more than its outputs have over its inputs costs little: rounding it then moves a sum by
-//! about as much as rounding the output does.
+//! Weights need no calibration: their values decide a tensor's fraction bits. A matrix has at most 16 bits more than its outputs have over
+//! its inputs, which costs little: its rounding moves a sum by about as much as the output's.
 
 use std::fmt;
 
@@ -21,16 +19,16 @@ use crate::measure::evaluate::{evaluate_each, FlowDraw, LossTotal};
 use crate::policy::model::observe::Site;
 use crate::policy::weights::ExpertWeights;
 
-/// Headroom of calibrated ranges, in bits: values may grow eightfold. The first forty steps from a random start double the
-/// residual stream (`docs/fidelity.md`), and a bit more costs little of the 0.5 % that losses may differ.
+/// Headroom in bits: values may grow eightfold. The first forty steps from a random start double the residual stream (`docs/fidelity.md`);
+/// one bit more costs little of the 0.5 % that losses may differ.
 pub const HEADROOM_BITS: u32 = 3;
 
-/// Where a value must fit its scale.
+/// A place whose values must fit a scale.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CalibrationPoint {
     /// A sample's actions.
     Actions,
-    /// The noise drawn.
+    /// The noise.
     Noise,
     /// The time embedding: sines and cosines.
     TimeEmbedding,
@@ -38,7 +36,7 @@ pub enum CalibrationPoint {
     CachedKeys(usize),
     /// A sample's values in a layer.
     CachedValues(usize),
-    /// A place of the evaluation.
+    /// A place in the evaluation.
     Evaluation(Site),
 }
 
@@ -56,8 +54,7 @@ impl fmt::Display for CalibrationPoint {
 }
 
 impl CalibrationPoint {
-    /// The scale that holds the values of this place. `None` for attention scores, whose scale follows from those of
-    /// queries and keys, and for a layer that `spec` lacks.
+    /// The place's scale. `None` for attention scores, whose scale follows from queries and keys, and for a layer that `spec` lacks.
     fn scale(self, spec: &mut EvalSpec) -> Option<&mut u8> {
         use CalibrationPoint::*;
         let joint = |layer| spec.dims.is_self_attention(layer);
@@ -100,7 +97,7 @@ impl CalibrationPoint {
         })
     }
 
-    /// Least and most fraction bits of its scale, as [`EvalSpec::validate`] has them.
+    /// The limits of its scale's fraction bits, as in [`EvalSpec::validate`].
     fn limits(self) -> (u8, u8) {
         match self {
             Self::Actions | Self::Noise => (1, 12),
@@ -112,16 +109,16 @@ impl CalibrationPoint {
     }
 }
 
-/// The largest magnitude at every place of some passes, in the order of the evaluation.
+/// The largest magnitude at every place, in the evaluation's order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Magnitudes(Vec<(CalibrationPoint, f32)>);
 
 impl Magnitudes {
-    /// Passes in float32 of `weights` over samples with their draws, and what they evaluate to, pair by pair. Frames that
-    /// are padding count, although the fixed-point evaluation leaves most of them out.
+    /// Float32 passes of `weights` over samples with their draws, and their results by pair. Padding counts, though the fixed-point
+    /// evaluation omits most of it.
     ///
     /// # Errors
-    /// As [`crate::measure::evaluate::evaluate`].
+    /// Those of [`crate::measure::evaluate::evaluate`].
     pub fn observe(
         config: &PolicyConfig,
         weights: &ExpertWeights,
@@ -144,7 +141,7 @@ impl Magnitudes {
         })?;
         Ok((seen, evaluations))
     }
-    /// The largest magnitudes of either.
+    /// Keeps the larger magnitude at each place.
     pub fn join(&mut self, other: &Self) {
         for (place, largest) in &other.0 {
             self.add(*place, *largest);
@@ -159,7 +156,7 @@ impl Magnitudes {
     }
 }
 
-/// The largest magnitude; infinite if there is one that is not a number.
+/// Infinite if a value is NaN.
 fn largest(values: &[f32]) -> f32 {
     let magnitude = |value: &f32| {
         if value.is_nan() {
@@ -171,10 +168,10 @@ fn largest(values: &[f32]) -> f32 {
     values.iter().map(magnitude).fold(0.0, f32::max)
 }
 
-/// What a specification holds at a place, and what was seen there.
+/// A place's range in a specification, and what was seen there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ObservedRange {
-    /// Where.
+    /// The place.
     pub place: CalibrationPoint,
     /// The largest magnitude seen.
     pub largest: f32,
@@ -189,7 +186,7 @@ impl ObservedRange {
     }
 }
 
-/// Every place's range in `spec`, in the order of the evaluation. Places that `spec` lacks are left out.
+/// The ranges in the evaluation's order, without places that `spec` lacks.
 pub fn ranges(spec: &EvalSpec, magnitudes: &Magnitudes) -> Vec<ObservedRange> {
     let mut spec = spec.clone();
     let held = |(place, largest): &(CalibrationPoint, f32)| {
@@ -209,7 +206,6 @@ pub fn ranges(spec: &EvalSpec, magnitudes: &Magnitudes) -> Vec<ObservedRange> {
     magnitudes.0.iter().filter_map(held).collect()
 }
 
-/// The largest int16 and the largest int32.
 const VALUE_LIMIT: f64 = i16::MAX as f64;
 const SCORE_LIMIT: f64 = i32::MAX as f64;
 
@@ -221,26 +217,25 @@ fn most(limit: f64, bits: i32) -> f64 {
 /// Why no scales can be chosen.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CalibrateError {
-    /// The dimensions.
+    /// Dimensions out of bounds.
     #[error(transparent)]
     Spec(#[from] SpecError),
     /// Values too large for the coarsest scale.
     #[error("{place}: values reach {largest}; with a headroom of {} no scale holds more than {limit}", 1 << HEADROOM_BITS)]
     TooLarge {
-        /// Where.
+        /// The place.
         place: CalibrationPoint,
         /// The largest magnitude seen.
         largest: f32,
-        /// The largest that may be seen there.
+        /// The limit there.
         limit: f64,
     },
 }
 
-/// A specification for `dims` whose scales leave every magnitude a headroom of 2^[`HEADROOM_BITS`], and are as fine as that
-/// allows. Scales of places that were not seen are the default ones.
+/// The finest scales for `dims` that leave every magnitude a headroom of 2^[`HEADROOM_BITS`]. Unseen places get default scales.
 ///
 /// # Errors
-/// [`CalibrateError::TooLarge`] names the place whose values no scale can hold with that headroom.
+/// [`CalibrateError::TooLarge`] names a place whose values no scale can hold.
 pub fn calibrate(dims: Dims, magnitudes: &Magnitudes) -> Result<EvalSpec, CalibrateError> {
     let mut spec = EvalSpec::new(dims);
     spec.validate()?;
@@ -261,8 +256,8 @@ pub fn calibrate(dims: Dims, magnitudes: &Magnitudes) -> Result<EvalSpec, Calibr
             (scales.key, scales.value) = (scales.cache_key, scales.cache_value);
         }
     }
-    // Scores come last: their fraction bits are those of queries and keys together, and only queries can give way, as the
-    // scale of keys may be the cache's.
+    // Scores come last. Their fraction bits are the sum of those of queries and keys. Only queries can give way: keys may share the cache's
+    // scale.
     for &(place, largest) in &magnitudes.0 {
         if let CalibrationPoint::Evaluation(Site::Scores(layer)) = place {
             if let Some(scales) = spec.layers.get_mut(layer) {
@@ -275,7 +270,7 @@ pub fn calibrate(dims: Dims, magnitudes: &Magnitudes) -> Result<EvalSpec, Calibr
     Ok(spec)
 }
 
-/// The most fraction bits in `least..=upper` with which integers up to `limit` hold `largest` with the headroom.
+/// The most fraction bits in `least..=upper` for `largest` in integers up to `limit`, with the headroom.
 fn finest(
     place: CalibrationPoint,
     largest: f32,
@@ -327,7 +322,6 @@ mod tests {
             .collect()
     }
 
-    /// Returns the address of the scale that holds a place. The address tells the scales apart.
     fn scale(spec: &mut EvalSpec, place: CalibrationPoint) -> Option<*const u8> {
         place.scale(spec).map(|bits| bits as *const u8)
     }
@@ -351,7 +345,7 @@ mod tests {
             let Some(bits) = place.scale(&mut spec) else {
                 continue;
             };
-            // The headroom of the tightest place is below 16.
+            // The tightest headroom is below 16.
             *bits += 4;
             if *bits > place.limits().1 {
                 continue;
@@ -368,7 +362,7 @@ mod tests {
                     );
                     assert_eq!(held, failing, "{site}: fails at {at}");
                 }
-                // The samples' cache has the same scale, so quantising a sample may fail first.
+                // The samples' cache shares the scale, so quantising may fail first.
                 Err(FidelityError::Quantise(error)) => {
                     assert!(matches!(
                         site,
@@ -407,7 +401,7 @@ mod tests {
             seen.add(CalibrationPoint::Evaluation(Site::Scores(layer)), largest);
             calibrate(Dims::MICRO, &seen)
         };
-        // 0.1 with headroom fits into 15 bits. The products fit into 30 bits of an int32 only up to 2/8.
+        // 0.1 with headroom fits into 15 bits; products fit into 30 only up to 2/8.
         let bits = |layer, largest| {
             let spec = scores(layer, largest).unwrap();
             (spec.layers[layer].query, spec.layers[layer].key)

@@ -1,4 +1,4 @@
-//! The flow-matching loss at given noise and times: the float32 side of what a claim proves.
+//! The flow-matching loss at given noise and times: the float32 side of a claim.
 
 use std::iter::Sum;
 
@@ -17,7 +17,7 @@ use crate::policy::model::PolicyParameters;
 use crate::policy::random::{flow_time, normal};
 use crate::policy::weights::ExpertWeights;
 
-/// Samples run through the expert at once.
+/// Samples in one pass of the expert.
 const BATCH: usize = 64;
 
 /// The random part of one loss evaluation.
@@ -30,7 +30,7 @@ pub struct FlowDraw {
 }
 
 impl FlowDraw {
-    /// A draw as in training: time first, then the noise.
+    /// A draw as in training: first the time, then the noise.
     pub fn random(config: &PolicyConfig, rng: &mut impl RngCore) -> Self {
         let time = flow_time(rng);
         Self {
@@ -40,7 +40,7 @@ impl FlowDraw {
     }
 }
 
-/// `count` draws that are the same for one seed: for comparing weights on the same noise and times.
+/// `count` draws from a seed, for comparing weights.
 pub fn fixed_draws(config: &PolicyConfig, count: usize, seed: u64) -> Vec<FlowDraw> {
     let mut rng = ChaCha20Rng::seed_from_u64(seed);
     (0..count)
@@ -48,12 +48,12 @@ pub fn fixed_draws(config: &PolicyConfig, count: usize, seed: u64) -> Vec<FlowDr
         .collect()
 }
 
-/// A loss as the sum it is a mean of.
+/// A loss, as a sum and a count.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LossTotal {
     /// Sum of squared errors over the real action dimensions of frames that are not padding.
     pub squared_error: f64,
-    /// How many were summed.
+    /// The number of terms.
     pub elements: usize,
 }
 
@@ -65,13 +65,12 @@ impl LossTotal {
         }
     }
 
-    /// The `loss_valid_only` of all samples together.
+    /// The `loss_valid_only` of all samples.
     pub fn loss(&self) -> f64 {
         self.squared_error / self.elements.max(1) as f64
     }
 }
 
-/// All samples together.
 impl Sum for LossTotal {
     fn sum<I: Iterator<Item = Self>>(all: I) -> Self {
         all.fold(Self::default(), |sum, one| Self {
@@ -84,7 +83,7 @@ impl Sum for LossTotal {
 /// Evaluates `weights` on samples, each with its draw.
 ///
 /// # Errors
-/// [`PolicyError::Sample`] for a sample or draw that does not fit the policy.
+/// [`PolicyError::Sample`] for a sample or draw that does not fit.
 pub fn evaluate(
     config: &PolicyConfig,
     weights: &ExpertWeights,
@@ -95,10 +94,10 @@ pub fn evaluate(
         .sum())
 }
 
-/// The evaluation of every pair by itself, in their order; `observe` watches the passes.
+/// Each pair's evaluation in order, watched by `observe`.
 ///
 /// # Errors
-/// As [`evaluate`], and those of `observe`.
+/// Those of [`evaluate`] and `observe`.
 pub fn evaluate_each(
     config: &PolicyConfig,
     weights: &ExpertWeights,
@@ -119,19 +118,19 @@ pub fn evaluate_each(
     Ok(all)
 }
 
-/// The two rules by which LeRobot's releases take the mean of one sample's squared errors.
+/// A sample's squared errors, for both means of LeRobot's releases.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SampleErrors {
-    /// Real action dimensions of frames that are not padding: LeRobot 0.6's `loss_valid_only`, and that of a claim.
+    /// Real action dimensions of frames that are not padding: LeRobot 0.6's `loss_valid_only`, as in a claim.
     pub valid_only: LossTotal,
-    /// All dimensions of all frames, padding included: LeRobot 0.4's.
+    /// All dimensions and frames, with padding: LeRobot 0.4's.
     pub plain: LossTotal,
 }
 
-/// The errors of every sample of a batch, each at its draw.
+/// The errors of each sample of a batch at its draw.
 ///
 /// # Errors
-/// [`PolicyError::Sample`] for a draw that does not fit the policy; those of `observe`.
+/// [`PolicyError::Sample`] for a draw that does not fit; those of `observe`.
 pub fn squared_errors(
     config: &PolicyConfig,
     expert: &ExpertModel,
@@ -166,7 +165,7 @@ pub fn squared_errors(
     Ok(each.collect())
 }
 
-/// The squared error of every element of a batch's actions, each sample at its draw.
+/// Squared errors of a batch's action elements, each sample at its draw.
 ///
 /// # Errors
 /// Those of `observe`.

@@ -1,5 +1,4 @@
-//! Fidelity: how far the fixed-point loss is from the float32 loss, on the same weights, samples, noise and times, and how
-//! much room the ranges leave.
+//! Fidelity: how far the fixed-point loss is from the float32 loss on the same inputs, and the ranges' headroom.
 
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::model::eval::{Evaluator, Overflow};
@@ -16,18 +15,18 @@ use crate::measure::evaluate::{FlowDraw, LossTotal};
 use crate::measure::fixed_point::{quantise_sample, quantise_weights};
 use crate::policy::weights::ExpertWeights;
 
-/// Both losses, and the ranges of the passes they come from.
+/// Both losses, and the ranges of their passes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fidelity {
-    /// Evaluations, each a sample at a time and noise of its own.
+    /// Evaluations, each with its own time and noise.
     pub evaluations: usize,
     /// Mean loss in float32.
     pub float32_loss: f64,
-    /// Mean loss in fixed point: what a claim is about.
+    /// Mean loss in fixed point, as in a claim.
     pub fixed_point_loss: f64,
-    /// The largest relative difference of a single evaluation's losses.
+    /// The largest relative difference in one evaluation.
     pub worst_sample: f64,
-    /// Per place, what the specification holds and what the float32 passes reached.
+    /// Each place's range, and what float32 passes reached.
     pub ranges: Vec<ObservedRange>,
 }
 
@@ -37,7 +36,7 @@ impl Fidelity {
         (self.fixed_point_loss / self.float32_loss - 1.0).abs()
     }
 
-    /// The range with the least headroom. Noise and time embedding are left out: they are as large as they will ever be.
+    /// The range with the least headroom, without noise and time embedding, which never grow.
     pub fn tightest(&self) -> Option<&ObservedRange> {
         let bounded = |range: &&ObservedRange| {
             matches!(
@@ -52,7 +51,7 @@ impl Fidelity {
     }
 }
 
-/// Why there is nothing to compare.
+/// Why losses cannot be compared.
 #[derive(Debug, thiserror::Error)]
 pub enum FidelityError {
     /// The float32 side.
@@ -69,7 +68,7 @@ pub enum FidelityError {
     Evaluation(#[from] EvalError),
 }
 
-/// The draws of `count` evaluations under a challenge, as the float32 side takes them: the fixed-point numbers, exactly.
+/// The draws of `count` evaluations under a challenge: exactly the fixed-point numbers.
 pub fn draws(spec: &EvalSpec, challenge: &Digest, count: usize) -> Vec<FlowDraw> {
     let unit = 1.0 / f32::from(1u16 << spec.action.min(15));
     (0..count as u32)
@@ -83,11 +82,11 @@ pub fn draws(spec: &EvalSpec, challenge: &Digest, count: usize) -> Vec<FlowDraw>
         .collect()
 }
 
-/// Evaluates `weights` in float32 and in fixed point, `count` times: on the samples in turn, each time with the next draw
-/// of `challenge`. The float32 side takes weights and samples as they are, before any rounding.
+/// Evaluates `weights` in float32 and in fixed point `count` times, on the samples in turn, with successive draws of `challenge`. The
+/// float32 side rounds nothing.
 ///
 /// # Errors
-/// There is no sample, the policy and `spec` disagree in dimensions, or a value does not fit: see [`FidelityError`].
+/// There is no sample, `spec` has other dimensions than the policy, or a value does not fit.
 pub fn measure(
     spec: &EvalSpec,
     config: &PolicyConfig,

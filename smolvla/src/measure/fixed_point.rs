@@ -1,4 +1,4 @@
-//! The policy in fixed point: its dimensions, weights and samples as [`zk0_circuits`] evaluates them.
+//! A policy's dimensions, weights and samples as [`zk0_circuits`] evaluates them.
 
 use zk0_circuits::model::layout::{expert_tensors, Layout};
 use zk0_circuits::model::quantise::QuantiseError;
@@ -14,14 +14,14 @@ use crate::error::Result;
 use crate::frames::sample::PreparedSample;
 use crate::policy::weights::ExpertWeights;
 
-/// Periods of the time embedding that [`EvalSpec::new`] writes into every specification.
+/// The time embedding's periods in every [`EvalSpec::new`].
 const PERIODS: (f64, f64) = (0.004, 4.0);
 
 /// The dimensions of a policy's expert and samples.
 ///
 /// # Errors
-/// [`StoredPolicyError::Config`] when a dimension is out of every specification's bounds, or the time embedding has other
-/// periods or the norms another epsilon than the evaluation's.
+/// [`StoredPolicyError::Config`]: a dimension is out of bounds, or the time embedding's periods or the norms' epsilon differ from the
+/// evaluation's.
 pub fn dims(config: &PolicyConfig) -> Result<Dims> {
     let periods = (config.min_period, config.max_period);
     if periods != PERIODS {
@@ -60,10 +60,10 @@ pub fn dims(config: &PolicyConfig) -> Result<Dims> {
     Ok(dims)
 }
 
-/// The fixed-point form of a prepared sample.
+/// A prepared sample in fixed point.
 ///
 /// # Errors
-/// A value does not fit its scale, or the sample is of other dimensions.
+/// A value does not fit its scale, or the sample has other dimensions.
 pub fn quantise_sample(
     spec: &EvalSpec,
     sample: &PreparedSample,
@@ -82,10 +82,10 @@ pub fn quantise_sample(
     Sample::quantise(spec, parts)
 }
 
-/// The fixed-point form of expert weights.
+/// Expert weights in fixed point.
 ///
 /// # Errors
-/// A tensor is missing, of other dimensions, or holds a value that no allowed scale can hold.
+/// A tensor is missing, has other dimensions, or no scale can hold its values.
 pub fn quantise_weights(
     spec: &EvalSpec,
     weights: &ExpertWeights,
@@ -96,11 +96,10 @@ pub fn quantise_weights(
     })
 }
 
-/// The float32 form of expert weights, as LeRobot and training read them. It is exact: an int16 times a power of two is a float32.
-/// `weights` are of the specification `spec`.
+/// Expert weights of the specification `spec` in float32, for LeRobot and training. Exact: an int16 times a power of two is a float32.
 ///
 /// # Errors
-/// The specification is not of the policy's dimensions.
+/// The specification has other dimensions than the policy.
 pub fn dequantise_weights(
     config: &PolicyConfig,
     spec: &EvalSpec,
@@ -130,7 +129,7 @@ mod tests {
     use crate::policy::profile::Profile;
     use zk0_circuits::model::layout::TensorSpec;
 
-    /// A node trains from what it makes of the base, and an update that is not trained is the base again.
+    /// Nodes train from dequantised weights, and an untrained update must be the base.
     #[test]
     fn float32_weights_made_of_quantised_ones_quantise_to_the_same() {
         let config = Profile::Micro.config();

@@ -1,9 +1,9 @@
 //! What weights are worth.
 //!
-//! - [`mod@evaluate`] gives the flow-matching loss at chosen noise and times, which is what a claim is about.
-//! - [`action_error`] samples actions and compares them with those of a recording.
-//! - [`fixed_point`] brings weights and samples into the form that a claim evaluates. [`calibrate`] chooses the ranges of that form
-//!   from data, and [`fidelity`] compares its loss with the float32 one.
+//! - [`mod@evaluate`]: a claim's flow-matching loss, at chosen noise and times.
+//! - [`action_error`]: compares sampled actions with a recording's.
+//! - [`fixed_point`]: weights and samples in a claim's form. [`calibrate`] chooses its ranges, and [`fidelity`] compares its loss with the
+//!   float32 one.
 
 pub mod action_error;
 pub mod calibrate;

@@ -9,7 +9,7 @@ use crate::error::{PolicyError, Result};
 /// The device of a name: `cpu`, `cuda` (the first GPU) or `cuda:N`.
 ///
 /// # Errors
-/// [`PolicyError::Options`] for another name, or where this build or machine cannot use that device.
+/// [`PolicyError::Options`] for another name, or a device that this build or machine cannot use.
 pub fn device(name: &str) -> Result<Device> {
     let Some(number) = gpu(name)? else {
         return Ok(Device::Cpu);
@@ -19,22 +19,22 @@ pub fn device(name: &str) -> Result<Device> {
             "device `{name}`: this build of zk0 trains on the CPU alone; `make cuda` makes one for NVIDIA GPUs"
         )));
     }
-    // CUDA's libraries are loaded here, and cudarc panics where it cannot find one.
+    // Loads CUDA's libraries; cudarc panics if one is missing.
     let opened = quietly(|| Device::new_cuda(number).map_err(|error| error.to_string()));
     opened
         .and_then(|opened| opened)
         .map_err(|cause| PolicyError::Options(format!("device `{name}` cannot be used: {cause}")))
 }
 
-/// Refuses what is not the name of a device. Whether this build and machine can use the device is seen by [`device`].
+/// Checks a device's name. Only [`device`] finds out whether this build and machine can use it.
 ///
 /// # Errors
-/// [`PolicyError::Options`] says which names there are.
+/// [`PolicyError::Options`] lists the names.
 pub fn check_name(name: &str) -> Result<()> {
     gpu(name).map(drop)
 }
 
-/// The number of the GPU of this name; `None` for the CPU.
+/// `None` for the CPU.
 fn gpu(name: &str) -> Result<Option<usize>> {
     let unknown = || {
         PolicyError::Options(format!(
@@ -49,7 +49,7 @@ fn gpu(name: &str) -> Result<Option<usize>> {
     }
 }
 
-/// What `work` gives, or what it said when it panicked, which is printed nowhere else.
+/// The result of `work`, or its panic's message, which is not printed.
 fn quietly<T>(work: impl FnOnce() -> T + UnwindSafe) -> std::result::Result<T, String> {
     let hook = panic::take_hook();
     panic::set_hook(Box::new(|_| ()));
@@ -59,7 +59,7 @@ fn quietly<T>(work: impl FnOnce() -> T + UnwindSafe) -> std::result::Result<T, S
         let text = panicked.downcast_ref::<String>().map(String::as_str);
         let text = text.or_else(|| panicked.downcast_ref::<&str>().copied());
         let text = text.unwrap_or("it panicked");
-        // cudarc's message goes on with the thirty names that it looked for.
+        // cudarc's message goes on with thirty names.
         match text.split_once(" - searched") {
             Some((missing, _)) => format!(
                 "{missing}; it wants NVIDIA's driver, and cuBLAS and cuRAND in LD_LIBRARY_PATH"
@@ -84,8 +84,6 @@ mod tests {
         }
     }
 
-    /// The error explains itself in a build without CUDA, in one with CUDA but without its libraries, and in one with both but
-    /// without such a GPU.
     #[test]
     fn a_gpu_that_is_not_there_is_an_error() {
         let error = device("cuda:987").unwrap_err().to_string();

@@ -1,21 +1,21 @@
-//! Where the frozen half of a policy is computed, and in which precision.
+//! Where and in which precision a policy's frozen half is computed.
 //!
-//! Both decide the last digits of a frame's keys and values, and so what a prefix cache holds. They are part of its keys.
+//! Both decide the last digits of keys and values, so both are part of a prefix cache's keys.
 
 use candle_core::{DType, Device};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{PolicyError, Result};
 
-/// What the operands of the frozen half's products are rounded to: those of its linear maps, and of its attention. Sums, norms,
-/// softmax, activations and what layers add to are `f32` always, as under PyTorch's autocast.
+/// What the operands of the frozen half's products (linear maps, attention) are rounded to. Sums, norms, softmax, activations and residual
+/// streams stay `f32`, as under PyTorch's autocast.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FrozenPrecision {
-    /// Not at all.
+    /// No rounding.
     #[default]
     F32,
-    /// bfloat16, as LeRobot computes the frozen half on a GPU. On the CPU the same rounding makes nothing faster.
+    /// bfloat16, as in LeRobot on a GPU; no faster on the CPU.
     Bf16,
 }
 
@@ -42,7 +42,7 @@ impl FrozenPrecision {
         }
     }
 
-    /// The type of the operands.
+    /// The operands' type.
     pub fn operands(self) -> DType {
         match self {
             Self::F32 => DType::F32,
@@ -51,12 +51,12 @@ impl FrozenPrecision {
     }
 }
 
-/// Where and how exactly the frozen half is computed. By default on the CPU in `f32`: what a dataset commitment is about.
+/// The frozen half's device and precision: by default CPU and `f32`, as in dataset commitments.
 #[derive(Clone, Debug)]
 pub struct FrozenPlace {
-    /// Where.
+    /// The device.
     pub device: Device,
-    /// How exactly.
+    /// The precision.
     pub precision: FrozenPrecision,
 }
 
@@ -70,7 +70,7 @@ impl Default for FrozenPlace {
 }
 
 impl FrozenPlace {
-    /// On `device`, in the precision asked for, or else `bf16` on a GPU and `f32` on the CPU.
+    /// On `device`, in the given precision; by default `bf16` on a GPU, `f32` on the CPU.
     pub fn on(device: Device, precision: Option<FrozenPrecision>) -> Self {
         let usual = if device.is_cpu() {
             FrozenPrecision::F32
@@ -83,8 +83,7 @@ impl FrozenPlace {
         }
     }
 
-    /// Names the kind of device and the precision: two places of one name give the same numbers, or nearly so on GPUs of
-    /// different make.
+    /// The kind of device and the precision. Equal names give equal numbers, or nearly so on different GPUs.
     pub fn name(&self) -> String {
         let device = match &self.device {
             Device::Cpu => "cpu",

@@ -1,8 +1,7 @@
-//! A seeded start: random weights for a whole policy, the same bits for the same seed on every machine.
+//! Random weights for a whole policy: a seed gives the same bits on every machine.
 //!
-//! No pretrained weights exist at the micro profile's size. The frozen half is then a fixed random feature
-//! map; scales are chosen so that every layer passes values of about unit size and the expert can learn from
-//! them. To start from pretrained weights, read a policy folder ([`Policy::from_folder`]).
+//! No pretrained weights have the micro profile's size. Its frozen half is a fixed random feature map, scaled so that layers pass values of
+//! about unit size and the expert can learn. [`Policy::from_folder`] reads pretrained weights.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
@@ -16,13 +15,12 @@ use crate::error::Result;
 use crate::policy::random::uniform;
 use crate::policy::weights::Policy;
 
-/// A policy with random weights of the configuration's dimensions.
+/// A policy with random weights.
 ///
-/// Each tensor draws from its own ChaCha20 stream, keyed by the seed and the tensor's name, so that a tensor
-/// keeps its values when others are added.
+/// Each tensor has its own ChaCha20 stream, keyed by the seed and its name, so new tensors do not change it.
 ///
 /// # Errors
-/// When the configuration is not valid.
+/// The configuration is not valid.
 pub fn init_policy(config: &PolicyConfig, seed: u64) -> Result<Policy> {
     config.validate()?;
     let tensors: TensorSet = policy_layout(config)
@@ -45,10 +43,9 @@ pub fn init_policy(config: &PolicyConfig, seed: u64) -> Result<Policy> {
     Ok(Policy::split(config, tensors))
 }
 
-/// How a tensor starts.
 enum Start {
     Constant(f32),
-    /// Uniform around zero with this standard deviation. Its arithmetic is exact, unlike a normal's.
+    /// Uniform around zero with this standard deviation; exact, unlike a normal.
     Uniform(f32),
 }
 
@@ -66,13 +63,13 @@ impl Start {
         Self::Uniform(if name.contains("position_embedding") {
             0.5
         } else if name.contains("embed_tokens") || name.contains("connector") {
-            // An embedding is multiplied by sqrt(width), and has about unit size afterwards.
+            // Embeddings are multiplied by sqrt(width), to about unit size.
             unit.min(1.0 / text_width.sqrt())
         } else if name.contains("action_out_proj") {
-            // The first prediction is small, so the loss starts near its value at v = 0.
+            // A small first prediction: the loss starts near that of v = 0.
             0.1 * unit
         } else if name.ends_with("o_proj.weight") || name.ends_with("down_proj.weight") {
-            // With this size of the residual branches, the sum over all layers keeps unit size.
+            // With these residual branches, the sum over layers keeps unit size.
             unit / (2.0 * config.text.layers as f32).sqrt()
         } else {
             unit

@@ -1,11 +1,10 @@
-//! A whole policy as one file.
+//! A whole policy as one safetensors file with LeRobot's names.
 //!
-//! It is a safetensors file with LeRobot's names. Its metadata hold the policy's dimensions as JSON and, if the policy has a
-//! tokenizer of its own, the text of that `tokenizer.json`. A network's genesis names this file by its digest, so all nodes read
-//! instructions in the same way.
+//! Its metadata hold the policy's dimensions as JSON and the text of its `tokenizer.json`, if any. A network's genesis names this file by
+//! its digest, so all nodes read instructions in the same way.
 //!
-//! In a file that `zk0 train` wrote, the metadata also say how the policy is used ([`Inference`]), with the statistics that it was
-//! trained with. The file of a network does not: each node normalises with the statistics of its own recording.
+//! A file from `zk0 train` also holds the policy's use ([`Inference`]) with its training's statistics. In a network, each node normalises
+//! with its own recording's.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -26,23 +25,23 @@ use crate::policy::weights::Policy;
 
 pub use zk0_tensors::WrittenTensors;
 
-/// Key of the file's metadata under which the dimensions are.
+/// Metadata key of the dimensions.
 pub const CONFIG_KEY: &str = "zk0.config";
-/// Key of the file's metadata under which the tokenizer is. Without it, words are hashed.
+/// Metadata key of the tokenizer. Without it, words are hashed.
 pub const TOKENIZER_KEY: &str = "zk0.tokenizer";
-/// Key of the file's metadata under which its use is. Without it, the policy has no statistics.
+/// Metadata key of the use. Without it, the policy has no statistics.
 pub const INFERENCE_KEY: &str = "zk0.inference";
 
-/// What a policy file holds.
+/// The content of a policy file.
 pub struct PolicyFile {
     /// The policy.
     pub policy: Policy,
-    /// What its instructions are read with.
+    /// The tokenizer of its instructions.
     pub tokenizer: PolicyTokenizer,
 }
 
 impl PolicyFile {
-    /// A policy without a tokenizer of its own: words are hashed.
+    /// For a policy without its own tokenizer: words are hashed.
     pub fn hashing_words(policy: Policy) -> Self {
         Self {
             tokenizer: PolicyTokenizer::word_hash(&policy.config),
@@ -50,11 +49,10 @@ impl PolicyFile {
         }
     }
 
-    /// Writes what [`read`] reads, piece by piece: at the published size it has 1.8 GB. Equal policies and tokenizers give equal
-    /// bytes.
+    /// Writes the file for [`read`], piece by piece: at the published size it has 1.8 GB. Equal policies and tokenizers give equal bytes.
     ///
     /// # Errors
-    /// Those of `out`, and one when the tokenizer's text is longer than a file's metadata can be.
+    /// Those of `out`, or the tokenizer is too long for the metadata.
     pub fn write(&self, out: impl Write) -> io::Result<WrittenTensors> {
         write_used(&self.policy, &self.tokenizer, None, out)
     }
@@ -77,8 +75,7 @@ fn write_used(
 /// Reads what [`PolicyFile::write`] wrote.
 ///
 /// # Errors
-/// As [`Policy::from_safetensors`]; when the dimensions are missing or not usable; when there is a tokenizer that cannot be
-/// used.
+/// Those of [`Policy::from_safetensors`], or dimensions or tokenizer are not usable.
 pub fn read(bytes: &[u8]) -> Result<PolicyFile> {
     let file = TensorFile::open(bytes, HEADER_LIMIT)?;
     let note = |key| file.metadata().as_ref().and_then(|notes| notes.get(key));
@@ -87,7 +84,7 @@ pub fn read(bytes: &[u8]) -> Result<PolicyFile> {
     })?;
     let config: PolicyConfig =
         serde_json::from_str(config).map_err(|e| StoredPolicyError::Config(e.to_string()))?;
-    // The dimensions are checked first, because the tokenizer is made for them.
+    // The tokenizer needs checked dimensions.
     let policy = Policy::from_safetensors(&config, bytes)?;
     let tokenizer = match note(TOKENIZER_KEY) {
         Some(text) => TrainedTokenizer::parse(text, &config)?.into(),
@@ -96,20 +93,20 @@ pub fn read(bytes: &[u8]) -> Result<PolicyFile> {
     Ok(PolicyFile { policy, tokenizer })
 }
 
-/// Reads the file `path`, through a memory map: at the published size a copy of its bytes would be 1.8 GB.
+/// Reads the file `path` through a memory map, without a copy of up to 1.8 GB.
 ///
 /// # Errors
-/// As [`read`], and [`StoredPolicyError::AtPath`].
+/// Those of [`read`], and [`StoredPolicyError::AtPath`].
 pub fn load(path: &Path) -> Result<PolicyFile> {
     let failed = |cause: io::Error| StoredPolicyError::file(path, cause);
     let file = File::open(path).map_err(failed)?;
-    // SAFETY: the bytes are used as names and numbers only, and are checked. A process that shortens the file while it is read
-    // can end this process, and do no other harm.
+    // SAFETY: the bytes are checked, and only used as names and numbers. A process that shortens the file meanwhile can end this one, but
+    // do no other harm.
     let map = unsafe { Mmap::map(&file) }.map_err(failed)?;
     read(&map)
 }
 
-/// How the policy in the file `path` is used: as LeRobot's default where the file does not say it. Reads no weight.
+/// The use of the policy in the file `path`; by default LeRobot's. Reads no weight.
 ///
 /// # Errors
 /// [`StoredPolicyError::AtPath`].
@@ -130,8 +127,7 @@ pub fn inference(path: &Path) -> Result<Inference> {
     Ok(inference)
 }
 
-/// Writes what [`load`] reads, piece by piece and then renamed: whole or not at all. The file of a policy that was trained also
-/// holds its `inference`, which [`inference()`] reads. Returns the file's SHA-256.
+/// Writes the file for [`load`], whole or not at all, with a trained policy's `inference` for [`inference()`]. Returns its SHA-256.
 ///
 /// # Errors
 /// [`StoredPolicyError::AtPath`].
@@ -170,7 +166,6 @@ mod tests {
         bytes
     }
 
-    /// A tokenizer of whole words.
     fn words(words: &[&str]) -> String {
         let ids = words.iter().enumerate();
         let vocabulary: serde_json::Map<_, _> =
@@ -278,7 +273,6 @@ mod tests {
         assert_eq!(inference(&path).unwrap(), with(6));
         let back = load(&path).unwrap();
         assert_eq!(back.policy, file.policy);
-        // A network is founded on the same file as without it.
         assert_eq!(bytes(&back), bytes(&file));
 
         save(&file.policy, &file.tokenizer, Some(&with(5)), &path).unwrap();

@@ -13,19 +13,19 @@ use crate::error::Result;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Profile {
-    /// The dimensions of the reference fixture `smolvla_tiny`.
+    /// The dimensions of the fixture `smolvla_tiny`.
     Tiny,
-    /// Small enough that one proven evaluation stays near two million guest cycles.
+    /// Small enough for a proven evaluation of about two million guest cycles.
     Micro,
     /// The published model (lerobot/smolvla_base) with two cameras on an SO-100 or SO-101.
     Full,
 }
 
 impl Profile {
-    /// All of them.
+    /// All profiles.
     pub const ALL: [Self; 3] = [Self::Tiny, Self::Micro, Self::Full];
 
-    /// The profile of that name, as written on a command line or in the ledger.
+    /// The profile of a command line's or ledger's name.
     pub fn from_name(name: &str) -> Result<Self> {
         let named = Self::ALL.into_iter().find(|profile| profile.name() == name);
         named.ok_or_else(|| {
@@ -45,7 +45,7 @@ impl Profile {
         }
     }
 
-    /// Its dimensions. The small profiles are like the published model where they do not say otherwise.
+    /// Its dimensions. Small profiles otherwise follow the published model.
     pub fn config(self) -> PolicyConfig {
         let vision = |(width, mlp_width, heads)| VisionConfig {
             image_size: 64,

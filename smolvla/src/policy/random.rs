@@ -1,8 +1,7 @@
-//! The random numbers of initialisation and training, from a ChaCha stream.
+//! Random numbers for initialisation and training, from a ChaCha stream.
 //!
-//! Written out rather than taken from a distribution crate, whose releases may change what a seed gives.
-//! [`uniform`] and [`index`] give the same bits on every machine; [`normal`] and [`flow_time`] use a logarithm
-//! and a power, whose last bit is the platform's.
+//! Releases of a distribution crate may change what a seed gives, so none is used. [`uniform`] and [`index`] give the same bits on every
+//! machine; the logarithm of [`normal`] and the power of [`flow_time`] have platform-dependent last bits.
 
 use rand::RngCore;
 
@@ -11,7 +10,7 @@ pub fn uniform(rng: &mut impl RngCore) -> f64 {
     ((rng.next_u64() >> 11) as f64 + 0.5) / (1u64 << 53) as f64
 }
 
-/// Standard normal, by Marsaglia's polar method (one of the pair; the other is dropped).
+/// Standard normal, by Marsaglia's polar method (the pair's second number is dropped).
 pub fn normal(rng: &mut impl RngCore) -> f32 {
     loop {
         let (a, b) = (2.0 * uniform(rng) - 1.0, 2.0 * uniform(rng) - 1.0);
@@ -22,7 +21,7 @@ pub fn normal(rng: &mut impl RngCore) -> f32 {
     }
 }
 
-/// Flow time of training, `0.999 * Beta(1.5, 1) + 0.001`. Beta(1.5, 1) has distribution function x^1.5.
+/// Training's flow time, `0.999 * Beta(1.5, 1) + 0.001`. Beta(1.5, 1) has distribution function x^1.5.
 pub fn flow_time(rng: &mut impl RngCore) -> f32 {
     (0.999 * uniform(rng).powf(1.0 / 1.5) + 0.001) as f32
 }

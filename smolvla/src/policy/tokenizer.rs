@@ -5,21 +5,21 @@ use zk0_lerobot::config::PolicyConfig;
 use zk0_lerobot::error::Result;
 use zk0_lerobot::tokenizer::{Tokenizer, TrainedTokenizer};
 
-/// What a policy's instructions are read with.
+/// The tokenizer of a policy's instructions.
 pub enum PolicyTokenizer {
-    /// The policy has none of its own.
+    /// Hashed words.
     WordHash(WordHash),
     /// The policy's own.
     Trained(Box<TrainedTokenizer>),
 }
 
 impl PolicyTokenizer {
-    /// Hashed words, for a policy of these dimensions.
+    /// Hashed words for these dimensions.
     pub fn word_hash(config: &PolicyConfig) -> Self {
         Self::WordHash(WordHash::new(config))
     }
 
-    /// The `tokenizer.json` that it was made of; `None` where words are hashed.
+    /// The `tokenizer.json` behind it; `None` for hashed words.
     pub fn definition(&self) -> Option<&str> {
         match self {
             Self::WordHash(_) => None,
@@ -43,11 +43,10 @@ impl Tokenizer for PolicyTokenizer {
     }
 }
 
-/// One token a word, by hash: for policies whose vocabulary no trained tokenizer goes with (the micro profile).
+/// One token a word, by hash, for policies without a trained tokenizer (the micro profile).
 ///
-/// Words are maximal runs of letters and digits, lowercased. A word's id is the first 8 bytes of its SHA-256, as a
-/// big-endian number, modulo `vocabulary - 1`: the last id stays free, for padding. Words after the first
-/// `max_language_tokens` are dropped.
+/// Words are maximal runs of letters and digits, lowercased. An id is the first 8 bytes of the word's SHA-256, big-endian, modulo
+/// `vocabulary - 1`: the last id is padding. Words after `max_language_tokens` are dropped.
 #[derive(Clone, Debug)]
 pub struct WordHash {
     vocabulary: usize,
@@ -55,7 +54,7 @@ pub struct WordHash {
 }
 
 impl WordHash {
-    /// For the vocabulary and instruction length of a policy.
+    /// For a policy's vocabulary and instruction length.
     pub fn new(config: &PolicyConfig) -> Self {
         Self {
             vocabulary: config.text.vocabulary,

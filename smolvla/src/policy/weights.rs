@@ -1,7 +1,6 @@
-//! The weights of a policy as plain numbers: its frozen half and its expert.
+//! A policy's weights as plain numbers: frozen half and expert.
 //!
-//! Reading checks names, shapes and types against the layout of the configuration, and that every number is finite. Writing is
-//! deterministic: equal weights give equal bytes.
+//! Reading checks names, shapes and types against the configuration, and that numbers are finite. Equal weights give equal bytes.
 
 use std::collections::BTreeMap;
 
@@ -15,28 +14,28 @@ use zk0_tensors::{
 
 use crate::error::Result;
 
-/// The tensors that training changes and that nodes exchange: the expert's layers and final norm, and the
-/// action and time projections. Always complete, of the configuration's shapes, and finite.
+/// The tensors that training changes and nodes exchange: the expert's layers and final norm, and the action and time projections. Always
+/// complete, well-shaped and finite.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExpertWeights(TensorSet);
 
 impl ExpertWeights {
-    /// Reads the bytes of a safetensors file holding exactly the expert's tensors.
+    /// Reads a safetensors file with exactly the expert's tensors.
     ///
     /// # Errors
-    /// Says which tensor is missing, unexpected, of another shape or type, or not finite.
+    /// The tensor that is missing, unexpected, of another shape or type, or not finite.
     pub fn from_safetensors(config: &PolicyConfig, bytes: &[u8]) -> Result<Self> {
         let file = TensorFile::open(bytes, HEADER_LIMIT)?;
         Ok(Self(file.read_exactly(&expert_layout(config), &[])?))
     }
 
-    /// Takes tensors made elsewhere (an average of several updates, say), with the same checks.
+    /// Takes tensors, such as the average of updates, with the same checks.
     pub fn from_tensors(config: &PolicyConfig, tensors: TensorSet) -> Result<Self> {
         check_layout(&tensors, &expert_layout(config))?;
         Ok(Self(tensors))
     }
 
-    /// The bytes of a safetensors file; equal weights give equal bytes.
+    /// A safetensors file's bytes.
     pub fn to_safetensors(&self) -> Result<Vec<u8>> {
         write(self.0.iter())
     }
@@ -46,29 +45,28 @@ impl ExpertWeights {
         &self.0
     }
 
-    /// Gives the tensors away.
+    /// Returns the tensors.
     pub fn into_tensors(self) -> TensorSet {
         self.0
     }
 }
 
-/// A whole policy: the half that stays frozen and the expert.
+/// A whole policy: the frozen half and the expert.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Policy {
     /// Its dimensions.
     pub config: PolicyConfig,
     /// Vision tower, connector, language layers and state projection.
     pub frozen: TensorSet,
-    /// The trainable rest.
+    /// The trainable half.
     pub expert: ExpertWeights,
 }
 
 impl Policy {
-    /// Reads LeRobot's `policy.state_dict()` as safetensors bytes. The language model's `lm_head`, which the
-    /// policy never uses, may be there.
+    /// Reads LeRobot's `policy.state_dict()` as safetensors bytes, with or without the language model's unused `lm_head`.
     ///
     /// # Errors
-    /// As [`ExpertWeights::from_safetensors`].
+    /// Those of [`ExpertWeights::from_safetensors`].
     pub fn from_safetensors(config: &PolicyConfig, bytes: &[u8]) -> Result<Self> {
         config.validate()?;
         let file = TensorFile::open(bytes, HEADER_LIMIT)?;
@@ -76,15 +74,15 @@ impl Policy {
         Ok(Self::split(config, all))
     }
 
-    /// Reads all weights of a policy folder.
+    /// Reads a policy folder's weights.
     ///
     /// # Errors
-    /// As [`PolicyFolder::tensors`].
+    /// Those of [`PolicyFolder::tensors`].
     pub fn from_folder(folder: &PolicyFolder) -> Result<Self> {
         Ok(Self::split(&folder.config().dims, folder.tensors()?))
     }
 
-    /// Splits a complete, checked set into its two halves.
+    /// Splits a complete, checked set into its halves.
     pub(crate) fn split(config: &PolicyConfig, all: TensorSet) -> Self {
         let trainable = expert_layout(config);
         let (expert, frozen) = all
@@ -97,12 +95,12 @@ impl Policy {
         }
     }
 
-    /// All tensors: the frozen ones in name order, then the expert's.
+    /// All tensors: frozen ones in name order, then the expert's.
     pub fn tensors(&self) -> impl Iterator<Item = (&String, &TensorData)> {
         self.frozen.iter().chain(&self.expert.0)
     }
 
-    /// The bytes of a safetensors file with LeRobot's names; equal policies give equal bytes.
+    /// A safetensors file's bytes with LeRobot's names.
     pub fn to_safetensors(&self) -> Result<Vec<u8>> {
         write(self.tensors())
     }

@@ -1,11 +1,11 @@
-//! How a node's proximal weight and learning rate follow the losses of a federation: the rules of the Python zk0
-//! (<https://github.com/ivelin/zk0>, `src/training/scheduler_utils.py`), as functions of values.
+//! How a node's proximal weight and learning rate follow losses: the Python zk0's rules (<https://github.com/ivelin/zk0>,
+//! `src/training/scheduler_utils.py`), as functions of values.
 //!
-//! - **Dynamic mu.** When the global model's loss stalls, mu and the learning rate both shrink by a fifth; when it grows, both
-//!   grow by a tenth ([`Trend`], [`follow`]).
-//! - **Learning-rate boost.** A client whose loss is far above what it used to be trains at a higher rate ([`boost`]).
+//! - **Dynamic mu.** When the global loss stalls, mu and the learning rate shrink by a fifth; when it grows, they grow by a tenth
+//!   ([`Trend`], [`follow`]).
+//! - **Learning-rate boost.** A client with a loss far above its average trains at a higher rate ([`boost`]).
 //!
-//! [`adapted`] is both together, for a node that measures the loss itself, round after round.
+//! [`adapted`] does both for a node that measures its loss.
 
 use std::fmt;
 
@@ -13,32 +13,32 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{PolicyError, Result};
 
-/// Rounds that a trend is seen over.
+/// A trend's number of rounds.
 const WINDOW: usize = 3;
-/// A loss that grows by more than this share diverges.
+/// A larger share of growth diverges.
 const DIVERGING: f64 = -0.05;
-/// A loss that falls by less than this share stalls.
+/// A smaller share of reduction stalls.
 const STALLED: f64 = 0.01;
 
-/// Where the global model's loss goes.
+/// The course of the global model's loss.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Trend {
     /// Fewer than three rounds were evaluated.
     Unknown,
-    /// It falls by 1 % or more over three rounds.
+    /// It falls by at least 1 % over three rounds.
     Improving,
-    /// It does not.
+    /// It does neither.
     Stalled,
     /// It grows by more than 5 % over three rounds.
     Diverging,
 }
 
 impl Trend {
-    /// From the global model's losses after the rounds so far, oldest first; the last three count.
+    /// From the global model's losses, oldest first; the last three count.
     ///
     /// # Errors
-    /// [`PolicyError::Options`] when a loss is negative or not a number.
+    /// [`PolicyError::Options`] if a loss is negative or not a number.
     pub fn of(losses: &[f64]) -> Result<Self> {
         check("a round's loss", losses)?;
         let [first, .., last] = losses[losses.len().saturating_sub(WINDOW)..] else {
@@ -57,7 +57,7 @@ impl Trend {
         })
     }
 
-    /// What mu and the learning rate are multiplied by.
+    /// The factor of mu and the learning rate.
     pub fn factor(self) -> f64 {
         match self {
             Self::Stalled => 0.8,
@@ -67,7 +67,7 @@ impl Trend {
     }
 }
 
-/// Proximal weight and peak learning rate of a round.
+/// A round's proximal weight and peak learning rate.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Rates {
     /// Weight of FedProx's term.
@@ -76,11 +76,10 @@ pub struct Rates {
     pub learning_rate: f64,
 }
 
-/// Bounds that following a trend does not push the learning rate through: (least, most).
+/// Bounds of a trend's learning rate: (least, most).
 pub const LEARNING_RATES: (f64, f64) = (1e-5, 1e-3);
 
-/// The rates of the next round. A learning rate that is beyond [`LEARNING_RATES`] already is left as it is rather than pulled
-/// back.
+/// The next round's rates. A learning rate beyond [`LEARNING_RATES`] stays.
 pub fn follow(rates: Rates, trend: Trend) -> Rates {
     let (least, most) = LEARNING_RATES;
     let (factor, now) = (trend.factor(), rates.learning_rate);
@@ -95,12 +94,12 @@ pub fn follow(rates: Rates, trend: Trend) -> Rates {
     }
 }
 
-/// When and how much a client's learning rate is raised.
+/// When and how much a client's learning rate rises.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Boost {
-    /// A loss more than so many times the average one counts as high.
+    /// A loss above this multiple of the average is high.
     pub threshold: f64,
-    /// What the learning rate is multiplied by then.
+    /// The learning rate's factor then.
     pub factor: f64,
 }
 
@@ -115,7 +114,7 @@ impl Default for Boost {
 }
 
 impl Boost {
-    /// Refuses a factor that is not in [1, 10], or a threshold below 1.
+    /// Checks that the factor is in [1, 10] and the threshold at least 1.
     ///
     /// # Errors
     /// [`PolicyError::Options`].
@@ -136,12 +135,10 @@ impl Boost {
     }
 }
 
-/// What a client's learning rate is multiplied by: `boost.factor` when its loss now is more than `boost.threshold` times its
-/// average in the rounds before, else 1.
+/// A client's learning-rate factor: `boost.factor` if its loss exceeds `boost.threshold` times its average, else 1.
 ///
 /// # Errors
-/// [`PolicyError::Options`] when a loss is negative or not a number, or the boost is not in [1, 10] above a threshold of 1
-/// or more.
+/// [`PolicyError::Options`] if a loss is negative or not a number, or as [`Boost::check`].
 pub fn boost(boost: Boost, average: f64, current: f64) -> Result<f64> {
     check("a client's loss", &[average, current])?;
     boost.check()?;
@@ -152,44 +149,43 @@ pub fn boost(boost: Boost, average: f64, current: f64) -> Result<f64> {
     })
 }
 
-/// What a node lets follow the losses that it measures.
+/// Which rules a node follows.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Adaptation {
-    /// Mu and the learning rate follow the trend, from round to round.
+    /// Mu and the learning rate follow the trend.
     pub follow: bool,
-    /// A round that begins at a high loss is trained at a higher learning rate.
+    /// A round's high first loss raises its learning rate.
     pub boost: Option<Boost>,
 }
 
 impl Adaptation {
-    /// Whether there is anything to measure a loss for.
+    /// Whether a loss has to be measured.
     pub fn is_wanted(&self) -> bool {
         self.follow || self.boost.is_some()
     }
 }
 
-/// The rates of a round, and what decided them.
+/// A round's rates and their reasons.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Adapted {
-    /// What the round is trained at.
+    /// The round's rates.
     pub rates: Rates,
     /// The loss at its start.
     pub loss: f64,
-    /// Where the losses go, if the rates follow them.
+    /// The losses' course, if the rates follow it.
     pub trend: Option<Trend>,
-    /// The mean of the losses before, if there is one to compare with.
+    /// The mean of earlier losses, if any.
     pub average: Option<f64>,
-    /// What the learning rate has been multiplied by for the round's loss, if it may be.
+    /// The learning rate's factor in this round, if boosts are allowed.
     pub boosted: Option<f64>,
 }
 
-/// The rates of the next round of a node that set out with `start`. `losses` are those of the rounds' base weights on the node's
-/// samples, oldest first, that of the next round the last. With [`Adaptation::follow`] every round so far has changed the
-/// rates as [`follow`] says; a boost is for one round. A function of what it is given alone: whoever has the losses gets the
-/// same rates again.
+/// A node's rates for the next round, from `start`. `losses` are those of the rounds' base weights on its samples, oldest first, the next
+/// round's last. With [`Adaptation::follow`], every round so far changes the rates by [`follow`]; a boost is for one round. Only the
+/// arguments decide the result.
 ///
 /// # Errors
-/// [`PolicyError::Options`] when there is no loss, one is negative or not a number, or as [`Boost::check`].
+/// [`PolicyError::Options`] if there is no loss, or one is negative or not a number, or as [`Boost::check`].
 pub fn adapted(start: Rates, adaptation: Adaptation, losses: &[f64]) -> Result<Adapted> {
     let Some((loss, before)) = losses.split_last() else {
         return Err(PolicyError::Options("no loss to follow".into()));
@@ -300,7 +296,6 @@ mod tests {
             follow(rates(1.0, 9.9e-4), Trend::Diverging),
             rates(1.1, 1e-3),
         );
-        // Small profiles that start from random weights train at more than the bound.
         near(follow(rates(1.0, 2e-3), Trend::Diverging), rates(1.1, 2e-3));
         near(follow(rates(1.0, 1e-6), Trend::Stalled), rates(0.8, 1e-6));
     }
@@ -346,7 +341,6 @@ mod tests {
             learning_rate: once.learning_rate * 0.8,
         };
         assert_eq!(rates(&[1.0, 1.0, 1.0, 1.0]), twice);
-        // A trend that has ended still changes the factor.
         assert_eq!(rates(&[1.0, 1.0, 1.0, 0.5, 0.4]), once);
         let grown = follow(once, Trend::Diverging);
         assert_eq!(rates(&[1.0, 1.0, 1.0, 2.0]), grown);
@@ -390,7 +384,6 @@ mod tests {
     fn losses_and_boosts_that_make_no_sense_are_refused() {
         assert!(adapted(START, following(), &[]).is_err());
         assert!(adapted(START, following(), &[1.0, f64::NAN]).is_err());
-        // The factor is read before there is anything to boost.
         let boost = |factor| Adaptation {
             follow: false,
             boost: Some(Boost {

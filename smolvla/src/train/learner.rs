@@ -1,4 +1,4 @@
-//! The trainable variables and the loss of a batch.
+//! The trainable variables and a batch's loss.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -25,23 +25,23 @@ use crate::train::options::TrainScope;
 /// The state projection, which [`TrainScope::ExpertAndState`] trains besides the expert.
 pub const STATE_PROJECTION: [&str; 2] = ["model.state_proj.weight", "model.state_proj.bias"];
 
-/// What of a policy's frozen half the training of its state projection needs: less than half of it.
+/// The less than half of a frozen half that training its state projection needs.
 pub fn state_part(mut frozen: TensorSet) -> TensorSet {
     frozen.retain(|name, _| STATE_PROJECTION.contains(&name.as_str()) || StateToken::needs(name));
     frozen
 }
 
-/// What a run trains on. Decides its scope.
+/// A run's samples, which decide its scope.
 #[derive(Clone, Copy)]
 pub enum TrainingSamples<'a> {
-    /// [`TrainScope::Expert`].
+    /// For [`TrainScope::Expert`].
     Prepared(&'a dyn SampleSource<PreparedSample>),
-    /// [`TrainScope::ExpertAndState`].
+    /// For [`TrainScope::ExpertAndState`].
     Observed(&'a dyn SampleSource<ObservedSample>),
 }
 
 impl TrainingSamples<'_> {
-    /// What can be trained on them.
+    /// What they can train.
     pub fn scope(&self) -> TrainScope {
         match self {
             Self::Prepared(_) => TrainScope::Expert,
@@ -49,7 +49,7 @@ impl TrainingSamples<'_> {
         }
     }
 
-    /// How many there are.
+    /// The number of samples.
     pub fn len(&self) -> usize {
         match self {
             Self::Prepared(source) => source.len(),
@@ -62,7 +62,7 @@ impl TrainingSamples<'_> {
         self.len() == 0
     }
 
-    /// Does `work` with the same samples, and makes those that `work` takes next in the background, where samples have to be made.
+    /// Does `work` with the same samples, and makes the next ones in the background if needed.
     pub fn ahead<R>(self, work: impl FnOnce(TrainingSamples<'_>) -> R) -> R {
         match self {
             Self::Prepared(source) => {
@@ -83,25 +83,25 @@ impl TrainingSamples<'_> {
     }
 }
 
-/// Trainable variables and the models made of them.
+/// Trainable variables and their models.
 pub struct Learner {
     variables: BTreeMap<String, Var>,
     models: EvaluationModels,
 }
 
-/// The models of a [`Learner`], or of a policy that nobody trains. Those of [`Learner::evaluation_models`] share its memory: use
-/// them before the next step.
+/// A [`Learner`]'s or an untrained policy's models. Those of [`Learner::evaluation_models`] share its memory: use them before the next
+/// step.
 pub struct EvaluationModels {
     config: PolicyConfig,
     device: Device,
     expert: ExpertModel,
-    /// Where the state projection is trained: its token runs through the language layers at every step.
+    /// For a trained state projection.
     state: Option<StateToken>,
 }
 
 impl Learner {
-    /// The expert as it starts. With `frozen`, the frozen half of the policy or [`state_part`] of it, its state projection is
-    /// trained as well; the samples then have to be those of `place`'s precision.
+    /// The untrained expert. With `frozen`, a policy's frozen half or its [`state_part`], the state projection is trained too, on samples
+    /// of `place`'s precision.
     pub fn new(
         config: &PolicyConfig,
         start: &ExpertWeights,
@@ -151,12 +151,12 @@ impl Learner {
         &self.variables
     }
 
-    /// Dimensions of the policy.
+    /// The policy's dimensions.
     pub fn config(&self) -> &PolicyConfig {
         &self.models.config
     }
 
-    /// Their values now.
+    /// Their current values.
     pub fn values(&self) -> Result<TensorSet> {
         let plain = |v: &Var| -> Result<TensorData> {
             Ok(TensorData {
@@ -168,22 +168,22 @@ impl Learner {
         all.map(|(name, v)| Ok((name.clone(), plain(v)?))).collect()
     }
 
-    /// A batch of samples, as the variables are now; gradients reach them through it.
+    /// A batch with the current variables, which gradients reach.
     ///
     /// # Errors
-    /// As [`EvaluationModels::batch`].
+    /// Those of [`EvaluationModels::batch`].
     pub fn batch(&self, samples: TrainingSamples, indices: &[usize]) -> Result<Batch> {
         self.models.batch(samples, indices)
     }
 
-    /// The mean loss of a batch, by `loss_valid_only`.
+    /// A batch's mean loss, by `loss_valid_only`.
     pub fn loss(&self, batch: &Batch, draws: &[FlowDraw]) -> Result<Tensor> {
         let (models, draws) = (&self.models, draws.iter().collect::<Vec<_>>());
         let errors = losses_at(&models.expert, batch, &draws, &mut ignore)?;
         mean_loss_valid_only(&errors, models.config.action_dim, &batch.is_pad)
     }
 
-    /// The models as they are now, for looking at them: nothing is kept for a backward pass.
+    /// The current models, without a backward pass.
     pub fn evaluation_models(&self) -> Result<EvaluationModels> {
         let detached = parameters(&self.variables, Var::as_detached_tensor);
         let (config, state) = (&self.models.config, self.models.state.as_ref());
@@ -196,7 +196,6 @@ impl Learner {
     }
 }
 
-/// The variables as a model takes them.
 fn parameters(
     variables: &BTreeMap<String, Var>,
     tensor: impl Fn(&Var) -> Tensor,
@@ -206,8 +205,7 @@ fn parameters(
 }
 
 impl EvaluationModels {
-    /// A policy's models without any intention to train. `frozen` is needed for observed samples, and the precision of `place`
-    /// has to be theirs.
+    /// An untrained policy's models. Observed samples need `frozen` and the precision of `place`.
     pub fn new(
         config: &PolicyConfig,
         expert: &ExpertWeights,
@@ -222,7 +220,7 @@ impl EvaluationModels {
         &self.expert
     }
 
-    /// Dimensions of the policy.
+    /// The policy's dimensions.
     pub fn config(&self) -> &PolicyConfig {
         &self.config
     }
@@ -230,7 +228,7 @@ impl EvaluationModels {
     /// A batch of samples.
     ///
     /// # Errors
-    /// [`PolicyError::Sample`] for samples of the other scope, or that do not fit the policy.
+    /// [`PolicyError::Sample`] for samples of the other scope, or that do not fit.
     pub fn batch(&self, samples: TrainingSamples, indices: &[usize]) -> Result<Batch> {
         let (config, device) = (&self.config, &self.device);
         match (samples, &self.state) {

@@ -1,4 +1,4 @@
-//! The loss that learning rates follow: on a fixed part of the samples, at fixed noise and times.
+//! The loss that learning rates follow.
 
 use zk0_lerobot::config::PolicyConfig;
 
@@ -9,14 +9,13 @@ use crate::policy::weights::ExpertWeights;
 use crate::train::learner::{EvaluationModels, TrainingSamples};
 use crate::train::trainer::evaluate_samples;
 
-/// Samples that a loss is measured on, at most.
+/// The most samples a loss is measured on.
 const MEASURED: usize = 256;
 
-/// The `loss_valid_only` of `models` on at most 256 of `samples`, evenly spaced, at a noise and time each that follow from
-/// `seed`. Comparable between weights, for the same samples and seed.
+/// The `loss_valid_only` of `models` on at most 256 evenly spaced `samples`, with noise and times from `seed`. Comparable between weights.
 ///
 /// # Errors
-/// [`PolicyError::Sample`] when there is no sample, or one cannot be had or does not fit the policy.
+/// [`PolicyError::Sample`] if there is no sample, or one cannot be made or does not fit.
 pub fn measured_loss(
     models: &EvaluationModels,
     samples: TrainingSamples,
@@ -36,10 +35,10 @@ pub fn measured_loss(
     }
 }
 
-/// As [`measured_loss`], of weights, on the CPU.
+/// As [`measured_loss`], from weights, on the CPU.
 ///
 /// # Errors
-/// As [`measured_loss`].
+/// Those of [`measured_loss`].
 pub fn loss_of(
     config: &PolicyConfig,
     weights: &ExpertWeights,

@@ -1,16 +1,14 @@
-//! Local training: the expert, fitted to samples.
+//! Local training: fits the expert to samples.
 //!
-//! - [`options`]: how to train, LeRobot's preset by default. [`schedule`] gives the learning rate of each step.
-//! - [`order`]: which samples a step takes, and with what noise. Both are functions of the seed and the step's number alone, so a
-//!   run is at every step fully described by its variables, its moments and that number.
-//! - [`learner`]: the trainable variables and the loss of a batch, for either [`TrainScope`].
-//! - [`optimizer`] is AdamW, with what FedProx and FedCM add to its steps; and SGD, for SCAFFOLD.
-//! - [`scaffold`]: the control variates of SCAFFOLD, which follow from the rounds before.
+//! - [`options`]: how to train, by default LeRobot's preset. [`schedule`]: learning rates.
+//! - [`order`]: samples and noise, from the seed and the step's number. So variables, moments and that number describe a run fully.
+//! - [`learner`]: the trainable variables and a batch's loss, for either [`TrainScope`].
+//! - [`optimizer`]: AdamW with FedProx and FedCM, and SGD for SCAFFOLD.
+//! - [`scaffold`]: SCAFFOLD's control variates, from earlier rounds.
 //! - [`trainer`]: makes steps. [`train_on`] makes all of them.
-//! - [`snapshots`]: a run on disk. A run that is stopped at any moment resumes from its newest snapshot and ends with the same bytes.
-//! - [`measured_loss`]: the loss that learning rates follow. [`adaptive`] has the rules by which a federation's losses change its
-//!   rates.
-//! - [`split`]: episodes held out for evaluation.
+//! - [`snapshots`]: a run on disk. A stopped run resumes from the newest and ends with the same bytes.
+//! - [`measured_loss`]: the loss that learning rates follow. [`adaptive`]: how a federation's losses change rates.
+//! - [`split`]: holds out episodes for evaluation.
 //!
 //! The same start, samples and options give the same bits on the same CPU.
 

@@ -10,30 +10,29 @@ use crate::train::schedule::Schedule;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TrainScope {
-    /// The expert, and the action and time projections: what nodes exchange. All before it is computed once per frame.
+    /// The expert, and the action and time projections, which nodes exchange. The rest is computed once per frame.
     #[default]
     Expert,
-    /// The state projection as well, as LeRobot does by default. Its token runs through the frozen language layers at every
-    /// step, forwards and backwards; the other tokens do not see it, and are computed once per frame.
+    /// Also the state projection, as LeRobot does by default. Its token runs through the frozen language layers at every step, both ways.
     ExpertAndState,
 }
 
-/// How to train. By default LeRobot's preset for SmolVLA.
+/// How to train, by default as LeRobot's preset for SmolVLA.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrainOptions {
     /// Optimiser steps.
     pub steps: usize,
     /// Samples a step.
     pub batch_size: usize,
-    /// Peak learning rate. LeRobot fine-tunes pretrained weights at 1e-4; from scratch, small profiles want 1e-3 and more.
+    /// Peak learning rate. LeRobot fine-tunes at 1e-4; small profiles from scratch need at least 1e-3.
     pub learning_rate: f64,
-    /// Its course.
+    /// The learning rate's course.
     pub schedule: Schedule,
     /// Optimiser settings.
     pub adamw: AdamWOptions,
-    /// Weight of FedProx's proximal term; 0 leaves it out.
+    /// Weight of FedProx's proximal term; 0 for none.
     pub fedprox_mu: f64,
-    /// Decides the order of samples, the flow times and the noise.
+    /// Decides the order of samples, the times and the noise.
     pub seed: u64,
 }
 
@@ -52,7 +51,7 @@ impl Default for TrainOptions {
 }
 
 impl TrainOptions {
-    /// Refuses options that make no sense.
+    /// Refuses useless options.
     ///
     /// # Errors
     /// [`PolicyError::Options`] names the option and its value.

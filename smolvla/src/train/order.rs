@@ -1,7 +1,6 @@
-//! Which samples a step takes, and with what noise and times.
+//! A step's samples, noise and times.
 //!
-//! Nothing here has a state that would have to be saved: step `k` has a random stream of its own, and so has epoch `e`, which
-//! is a fresh shuffle of all samples.
+//! No state has to be saved: step `k` and epoch `e`, a fresh shuffle of all samples, have their own random streams.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
@@ -14,7 +13,6 @@ use crate::policy::random::index;
 pub struct Order {
     seed: u64,
     samples: usize,
-    /// The epoch whose shuffle is at hand.
     epoch: Option<(u64, Vec<usize>)>,
 }
 
@@ -28,7 +26,7 @@ impl Order {
         }
     }
 
-    /// The samples of step `step` (from 0) where every step takes `size`.
+    /// The samples of step `step` (from 0), with `size` samples a step.
     pub fn batch(&mut self, step: usize, size: usize) -> Vec<usize> {
         let first = step as u64 * size as u64;
         (first..first + size as u64).map(|at| self.at(at)).collect()
@@ -57,7 +55,6 @@ pub fn draws(config: &PolicyConfig, seed: u64, step: usize, count: usize) -> Vec
         .collect()
 }
 
-/// `0..count` in a random order.
 pub(super) fn shuffle(count: usize, rng: &mut ChaCha20Rng) -> Vec<usize> {
     let mut order: Vec<usize> = (0..count).collect();
     for i in (1..count).rev() {
@@ -66,7 +63,7 @@ pub(super) fn shuffle(count: usize, rng: &mut ChaCha20Rng) -> Vec<usize> {
     order
 }
 
-/// One of the independent streams of a seed: even ones are steps, odd ones are epochs.
+/// One of a seed's independent streams: even for steps, odd for epochs.
 fn stream(seed: u64, number: u64) -> ChaCha20Rng {
     let mut rng = ChaCha20Rng::seed_from_u64(seed);
     rng.set_stream(number);

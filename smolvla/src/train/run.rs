@@ -1,4 +1,4 @@
-//! Training from the first step to the last.
+//! Trains from the first step to the last.
 
 use candle_core::Device;
 use zk0_lerobot::config::PolicyConfig;
@@ -14,20 +14,20 @@ use crate::train::optimizer::Optimizer;
 use crate::train::options::TrainOptions;
 use crate::train::trainer::{FedCm, Trainer, TrainingStep};
 
-/// What training gives.
+/// The result of training.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrainingResult {
     /// The new weights.
     pub weights: ExpertWeights,
-    /// The batch's loss before every step.
+    /// Each batch's loss before its step.
     pub losses: Vec<f32>,
 }
 
-/// Trains the expert from `start` on samples in memory, as [`train_on`] does. All of them are checked first.
+/// As [`train_on`], on samples in memory, all checked first.
 ///
 /// # Errors
-/// [`PolicyError::Options`](crate::PolicyError::Options) and [`PolicyError::Sample`](crate::PolicyError::Sample) before the
-/// first step; those of [`Trainer::step`].
+/// [`PolicyError::Options`](crate::PolicyError::Options) and [`PolicyError::Sample`](crate::PolicyError::Sample) before the first step;
+/// those of [`Trainer::step`].
 pub fn train(
     config: &PolicyConfig,
     start: &ExpertWeights,
@@ -49,9 +49,9 @@ pub fn train(
     )
 }
 
-/// Trains the expert on `device` from `start` on `samples`, by `loss_valid_only` with t = 0.999 Beta(1.5, 1) + 0.001, from the first step
-/// to the last. With `fedcm`, steps follow the last global step in part. `progress` is called after every step.
-/// In memory are the samples of one step, and those of the next one as far as they are [made ahead](crate::frames::ahead).
+/// Trains the expert on `device` from `start` on `samples`, by `loss_valid_only` with t = 0.999 Beta(1.5, 1) + 0.001. With `fedcm`, steps
+/// follow the last global step in part. `progress` is called after every step. Memory holds one step's samples, and the next one's if [made
+/// ahead](crate::frames::ahead).
 ///
 /// # Errors
 /// Those of [`Trainer::new`] and [`Trainer::step`].
@@ -74,7 +74,7 @@ pub fn train_on(
     })
 }
 
-/// Trains the expert as [`train_on`] does, but by SGD, and with `correction` added to each gradient: that of SCAFFOLD.
+/// As [`train_on`], but by SGD with SCAFFOLD's `correction` of gradients.
 ///
 /// # Errors
 /// Those of [`Trainer::by_sgd`] and [`Trainer::step`].
@@ -94,7 +94,7 @@ pub fn train_by_sgd(
     })
 }
 
-/// Prepared samples come from the CPU, on whatever device the expert is trained.
+/// Prepared samples always come from the CPU.
 fn place(device: &Device) -> FrozenPlace {
     FrozenPlace {
         device: device.clone(),

@@ -1,53 +1,53 @@
-//! SCAFFOLD (Karimireddy et al. 2020, arXiv:1910.06378), option II, with control variates that follow from public weights alone.
+//! SCAFFOLD (Karimireddy et al. 2020, arXiv:1910.06378), option II, with control variates from public weights.
 //!
-//! In Algorithm 1, node i makes K steps `y ← y − η·(g − cᵢ + c)` from the base x. Then `cᵢ⁺ = cᵢ − c + (x − yᵢ) / (K·η)`, and c is the mean of all
-//! cᵢ. Nodes send yᵢ and cᵢ⁺. Here they send yᵢ alone:
+//! In Algorithm 1, node i makes K steps `y ← y − η·(g − cᵢ + c)` from the base x. Then `cᵢ⁺ = cᵢ − c + (x − yᵢ) / (K·η)`, and c is the mean
+//! of all cᵢ. Nodes send yᵢ and cᵢ⁺. Here they send only yᵢ:
 //!
-//! - cᵢ follows from x, from the updates yᵢ of node i, and from c.
-//! - c follows from the bases. The next base is the mean of the yᵢ of those that contributed, S, with equal weights. So the mean of
-//!   `(x − yᵢ) / (K·η)` over S is `Δ = (x − x⁺) / (K·η)`. Let U be the nodes that had contributed before: then
-//!   `c⁺ = (|U ∖ S|·c + |S|·Δ) / |U ∪ S|`. With S within U, this is the paper's `c + (|S| / N)·mean(cᵢ⁺ − cᵢ)`, where N is |U|.
-//! - A node that has not contributed yet has cᵢ = c. Then it joins without a change of the mean, and corrects nothing in its first round. In the
-//!   first round all of them are 0, as in the paper.
+//! - cᵢ follows from x, node i's updates yᵢ, and c.
+//! - c follows from the bases. The next base is the mean of the contributors' yᵢ (S), with equal weights. So the mean of `(x − yᵢ) / (K·η)`
+//!   over S is `Δ = (x − x⁺) / (K·η)`. With U the earlier contributors, `c⁺ = (|U ∖ S|·c + |S|·Δ) / |U ∪ S|`. For S within U, this is the
+//!   paper's `c + (|S| / N)·mean(cᵢ⁺ − cᵢ)`, where N is |U|.
+//! - Before its first contribution, a node has cᵢ = c: it joins without a change of the mean, and its first round has no correction. In the
+//!   first round all are 0, as in the paper.
 //!
-//! x⁺ is rounded to int16, so c differs from the mean of the cᵢ by up to half a unit of the last place, divided by K·η, in each round. That and
-//! the cᵢ of nodes that have left are why the control variates have to begin with 0 again after some rounds.
+//! x⁺ is rounded to int16, so each round moves c from the mean of the cᵢ by up to half a unit of the last place, divided by K·η. Therefore,
+//! and because nodes leave with their cᵢ, control variates must restart at 0 after some rounds.
 
 use zk0_tensors::{TensorData, TensorError, TensorSet};
 
 use crate::error::{PolicyError, Result};
 
-/// What is added to a node's gradients, c − cᵢ.
+/// What is added to a node's gradients: c − cᵢ.
 pub type Correction = TensorSet;
 
-/// The control variates of one node: c, and its own cᵢ.
+/// One node's control variates.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ControlVariates {
     /// c.
     pub global: TensorSet,
-    /// cᵢ; `None` for a node that has not contributed, whose cᵢ is c.
+    /// cᵢ; `None` if it is c, before the first contribution.
     pub own: Option<TensorSet>,
 }
 
-/// What a round did, as the control variates see it.
+/// What control variates need of a round.
 #[derive(Clone, Copy)]
 pub struct PastRound<'a> {
-    /// The weights that it started from.
+    /// The first weights.
     pub base: &'a TensorSet,
-    /// The weights that it ended with: the mean of its updates, with equal weights.
+    /// The last weights: the updates' mean, with equal weights.
     pub result: &'a TensorSet,
-    /// The node's own update, if it was accepted.
+    /// The node's own accepted update, if any.
     pub own: Option<&'a TensorSet>,
-    /// How many nodes contributed, |S|.
+    /// The number of contributors, |S|.
     pub contributed: usize,
-    /// How many nodes had contributed before, and did not in this round, |U ∖ S|.
+    /// The number of earlier contributors absent from this round, |U ∖ S|.
     pub sat_out: usize,
-    /// The number of local steps times their learning rate, K·η.
+    /// Local steps times their learning rate, K·η.
     pub way: f64,
 }
 
 impl ControlVariates {
-    /// All of them are 0, for weights like these.
+    /// All 0, for weights like these.
     pub fn zero(like: &TensorSet) -> Self {
         let zero = |(name, tensor): (&String, &TensorData)| {
             let zeros = TensorData {
@@ -62,7 +62,7 @@ impl ControlVariates {
         }
     }
 
-    /// What is added to the node's gradients, c − cᵢ; `None` where that is 0.
+    /// c − cᵢ; `None` for 0.
     pub fn correction(&self) -> Option<Correction> {
         let own = self.own.as_ref()?;
         let difference = |(name, c): (&String, &TensorData)| {
@@ -74,10 +74,10 @@ impl ControlVariates {
         Some(self.global.iter().map(difference).collect())
     }
 
-    /// Takes a round into account. One without contributions changes nothing.
+    /// Takes a round into account; one without contributions changes nothing.
     ///
     /// # Errors
-    /// [`TensorError`] for weights of another shape, and [`PolicyError::Options`] for steps that lead nowhere.
+    /// [`TensorError`] for weights of another shape, and [`PolicyError::Options`] unless [`PastRound::way`] is positive and finite.
     pub fn observe(&mut self, round: &PastRound<'_>) -> Result<()> {
         if !(round.way > 0.0 && round.way.is_finite()) {
             return Err(PolicyError::Options(format!(

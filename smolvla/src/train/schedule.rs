@@ -6,44 +6,43 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{PolicyError, Result};
 
-/// How the learning rate goes from step to step. Lengths are in steps, floors are shares of the peak.
+/// The learning rate's course. Lengths are in steps, floors are shares of the peak.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum Schedule {
     /// The same at every step.
     Constant,
-    /// Linear over `warmup` steps from `peak / (warmup + 1)`, then a cosine down to `floor` of the peak at step `decay`
-    /// (the cosine counts from step 0), constant from there. Both lengths shrink in proportion for a run shorter than
-    /// `decay`: LeRobot's `cosine_decay_with_warmup`.
+    /// LeRobot's `cosine_decay_with_warmup`: linear over `warmup` steps from `peak / (warmup + 1)`, then a cosine, counted from step 0, to
+    /// `floor` at `decay`, then constant. A run shorter than `decay` shrinks both lengths in proportion.
     WarmupCosine {
-        /// Steps until the peak.
+        /// The peak's step.
         warmup: usize,
-        /// Step at which the floor is reached.
+        /// The floor's step.
         decay: usize,
-        /// What is left then.
+        /// The lowest share.
         floor: f64,
     },
-    /// Cosines from the peak down to `floor`, one after another, each `factor` times as long as the one before: SGDR
-    /// (Loshchilov & Hutter 2017), with the meaning of torch's `CosineAnnealingWarmRestarts`.
+    /// Cosines from the peak to `floor`, each `factor` times the last one's length: SGDR (Loshchilov & Hutter 2017), as torch's
+    /// `CosineAnnealingWarmRestarts`.
     CosineWarmRestarts {
-        /// Length of the first cosine.
+        /// The first cosine's length.
         first_period: usize,
-        /// Growth of the length.
+        /// The length's growth.
         factor: usize,
-        /// What is left at the end of each.
+        /// The lowest share.
         floor: f64,
     },
 }
 
 impl Schedule {
-    /// LeRobot's preset for SmolVLA: the peak after 1000 steps, 1/40 of it at step 30,000.
+    /// LeRobot's preset for SmolVLA: the peak after 1000 steps, 1/40 at step 30,000.
     pub const LEROBOT: Self = Self::WarmupCosine {
         warmup: 1000,
         decay: 30_000,
         floor: 0.025,
     };
 
-    /// The learning rate of `step` (from 0) in a run of `steps`, for a peak of `peak`.
+    /// The learning rate of `step` (from 0) of `steps`, with this `peak`.
     pub fn learning_rate(self, peak: f64, step: usize, steps: usize) -> f64 {
         match self {
             Self::Constant => peak,
@@ -79,7 +78,7 @@ impl Schedule {
         }
     }
 
-    /// Refuses a schedule that makes no sense.
+    /// Refuses a useless schedule.
     ///
     /// # Errors
     /// [`PolicyError::Options`] names the value.
@@ -128,7 +127,7 @@ mod tests {
         let rates: Vec<f64> = (0..29)
             .map(|step| schedule.learning_rate(2.0, step, 29))
             .collect();
-        // The periods have 4, 8 and 16 steps: 0..4, 4..12 and 12..28.
+        // The periods 0..4, 4..12 and 12..28.
         for start in [0, 4, 12, 28] {
             assert_eq!(rates[start], 2.0, "step {start}");
         }

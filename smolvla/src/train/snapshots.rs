@@ -1,10 +1,10 @@
 //! Snapshots of a training run on disk.
 //!
 //! A snapshot is a folder `STEP/` with the trained tensors (`weights.safetensors`, LeRobot's names), the optimiser's moments
-//! (`moments.safetensors`) and `state.json`, which names the run and the digests of both.
+//! (`moments.safetensors`) and `state.json`, which names the run and both digests.
 //!
-//! A folder is written under another name, forced to disk and then renamed. Under its own name it is whole, whenever the process or
-//! the machine stops. If the disk damages the newest snapshot later, its digests show it, and the run resumes from the one before.
+//! A folder is forced to disk under another name and renamed, so a snapshot is always whole. If the disk damages the newest later, its
+//! digests show it, and the run resumes from the one before.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -24,44 +24,44 @@ const VERSION: u32 = 1;
 const WEIGHTS: &str = "weights.safetensors";
 const MOMENTS: &str = "moments.safetensors";
 const STATE: &str = "state.json";
-/// Begins the name of a folder that is not a snapshot yet, or not any more.
+/// Begins names of folders that are not, or no longer, snapshots.
 const UNFINISHED: &str = ".unfinished-";
-/// The largest `state.json` that is read.
+/// The largest `state.json`.
 const MAX_STATE: u64 = 1 << 20;
 
-/// Why a snapshot cannot be written, or a run cannot resume from it.
+/// Why a snapshot cannot be written or resumed from.
 #[derive(Debug, thiserror::Error)]
 pub enum SnapshotError {
     /// The operating system refused.
     #[error("{}: {source}", path.display())]
     Io {
-        /// Where.
+        /// The path.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: io::Error,
     },
-    /// The snapshot is whole, but of another run.
+    /// A whole snapshot of another run.
     #[error("{} is a snapshot of another run: its {what} is {theirs}, and this run has {ours}; resume with the same options and data, or train into another folder", path.display())]
     OtherRun {
         /// The snapshot.
         path: PathBuf,
         /// What differs.
         what: &'static str,
-        /// What the snapshot says.
+        /// The snapshot's value.
         theirs: String,
-        /// What this run has.
+        /// This run's value.
         ours: String,
     },
-    /// Taking or giving back the trainer's state failed.
+    /// The trainer's state cannot be read or restored.
     #[error(transparent)]
     Policy(#[from] PolicyError),
 }
 
-/// What makes two runs the same run.
+/// What makes two runs the same.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunIdentity {
-    /// SHA-256 of the tensors that training starts from.
+    /// SHA-256 of the first tensors.
     pub start: String,
     /// SHA-256 of the samples' names, in order.
     pub data: String,
@@ -70,7 +70,7 @@ pub struct RunIdentity {
 }
 
 impl RunIdentity {
-    /// Of a run that has not made a step yet, on samples whose digest is `data`.
+    /// For a run before its first step, on samples with the digest `data`.
     ///
     /// # Errors
     /// The tensors cannot be read.
@@ -93,7 +93,7 @@ impl RunIdentity {
         Ok(Self {
             start: hex::encode(hash.finalize()),
             data: hex::encode(data),
-            // The numbers are kept as text, because a number that is read from JSON may differ from the one that was written.
+            // Text, because a number read from JSON may differ from the written one.
             options: serde_json::to_string(&options)
                 .map_err(|error| PolicyError::Options(error.to_string()))?,
         })
@@ -115,7 +115,7 @@ impl RunIdentity {
 #[serde(deny_unknown_fields)]
 struct RunState {
     version: u32,
-    /// Steps made. The order of samples and the noise follow from it and the seed.
+    /// Steps made; with the seed, they decide samples and noise.
     step: usize,
     optimizer_steps: u64,
     run: RunIdentity,
@@ -129,7 +129,7 @@ struct FileDigest {
     bytes: u64,
 }
 
-/// The snapshots of one run.
+/// A run's snapshots.
 pub struct Snapshots {
     folder: PathBuf,
     keep: usize,
@@ -137,8 +137,7 @@ pub struct Snapshots {
 }
 
 impl Snapshots {
-    /// In `folder`, which is made if it is not there; the newest `keep` (at least one) are kept. Removes what a process that
-    /// was stopped left unfinished.
+    /// Opens or makes `folder`, and removes unfinished snapshots. The newest `keep` (at least one) stay.
     ///
     /// # Errors
     /// The folder cannot be made or read.
@@ -158,7 +157,7 @@ impl Snapshots {
         })
     }
 
-    /// Whether there is any, whole or not.
+    /// Whether there are no snapshots, whole or damaged.
     ///
     /// # Errors
     /// The folder cannot be read.
@@ -166,10 +165,10 @@ impl Snapshots {
         Ok(self.steps()?.is_empty())
     }
 
-    /// Writes where `trainer` is now, then removes the oldest.
+    /// Saves the state of `trainer`, then removes the oldest snapshots.
     ///
     /// # Errors
-    /// Something cannot be written; the snapshots before are untouched then.
+    /// Something cannot be written; earlier snapshots stay.
     pub fn save(&self, trainer: &Trainer) -> Result<PathBuf, SnapshotError> {
         let step = trainer.steps_done();
         let whole = self.path(step);
@@ -205,7 +204,7 @@ impl Snapshots {
         })
         .map_err(at(&path))?;
 
-        // If there is a snapshot of this step, it was found to be damaged, or it is the same.
+        // An existing snapshot of this step is damaged or equal.
         self.remove(step)?;
         atomic_file::rename_folder(&unfinished, &whole).map_err(at(&whole))?;
 
@@ -216,11 +215,10 @@ impl Snapshots {
         Ok(whole)
     }
 
-    /// Brings `trainer`, which must be as [`RunIdentity::of`] found it, to the newest snapshot that is whole, and says at
-    /// what step that is; `None` when there is none.
+    /// Brings `trainer`, in the state of [`RunIdentity::of`], to the newest whole snapshot, and returns its step, if any.
     ///
     /// # Errors
-    /// [`SnapshotError::OtherRun`] when the newest whole snapshot is of another run.
+    /// [`SnapshotError::OtherRun`] if that snapshot is of another run.
     pub fn resume(&self, trainer: &mut Trainer) -> Result<Option<usize>, SnapshotError> {
         for step in self.steps()?.into_iter().rev() {
             let path = self.path(step);
@@ -238,7 +236,7 @@ impl Snapshots {
         Ok(None)
     }
 
-    /// What a snapshot holds, or why it is not whole.
+    /// A snapshot's content, or why it is not whole.
     fn load(
         &self,
         path: &Path,
@@ -291,7 +289,7 @@ impl Snapshots {
         self.folder.join(format!("{step:06}"))
     }
 
-    /// Steps of all snapshots, whole or not, in order.
+    /// Whole or damaged, in order.
     fn steps(&self) -> Result<Vec<usize>, SnapshotError> {
         let mut steps = Vec::new();
         for entry in fs::read_dir(&self.folder).map_err(at(&self.folder))? {
@@ -303,7 +301,7 @@ impl Snapshots {
         Ok(steps)
     }
 
-    /// Removes the snapshot of a step, if there is one; half removed, it does not pass for one.
+    /// Removes a step's snapshot, if any; half removed, it is not one.
     fn remove(&self, step: usize) -> Result<(), SnapshotError> {
         let (path, removed) = (
             self.path(step),
@@ -317,7 +315,6 @@ impl Snapshots {
     }
 }
 
-/// A snapshot's content, checked.
 struct SavedSnapshot {
     step: usize,
     optimizer_steps: u64,
@@ -359,7 +356,6 @@ fn read_state(path: &Path) -> Result<RunState, String> {
     }
 }
 
-/// A file's bytes if they have the digest.
 fn read_checked(path: &Path, digest: &FileDigest) -> Result<Vec<u8>, String> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let failed = |error: io::Error| format!("{name}: {error}");

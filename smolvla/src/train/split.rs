@@ -1,5 +1,5 @@
-//! Episodes to train on and episodes to evaluate on. Never by frame: neighbouring frames are nearly the same, and a loss on
-//! frames between those trained on says nothing of new episodes.
+//! Divides episodes for training and evaluation. Neighbouring frames are nearly the same, so a division by frames would show nothing about
+//! new episodes.
 
 use std::ops::Range;
 
@@ -10,21 +10,20 @@ use serde::{Deserialize, Serialize};
 use crate::error::{PolicyError, Result};
 use crate::train::order::shuffle;
 
-/// Numbers of a recording's episodes, both in order.
+/// Numbers of episodes, in order.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Split {
-    /// Trained on.
+    /// For training.
     pub train: Vec<usize>,
-    /// Held out.
+    /// For evaluation.
     pub eval: Vec<usize>,
 }
 
 impl Split {
-    /// Holds out `share` of `episodes` episodes, chosen by `seed`: rounded, at least one where `share` is above 0, and never
-    /// all.
+    /// Holds out `share` of `episodes` episodes, chosen by `seed`: rounded, at least one if `share` is above 0, never all.
     ///
     /// # Errors
-    /// [`PolicyError::Options`] when `share` is not in [0, 1), or a single episode would have to be divided.
+    /// [`PolicyError::Options`] if `share` is not in [0, 1), or a single episode would be divided.
     pub fn of(episodes: usize, share: f64, seed: u64) -> Result<Self> {
         if !(0.0..1.0).contains(&share) {
             return Err(PolicyError::Options(format!(

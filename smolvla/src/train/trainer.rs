@@ -19,33 +19,33 @@ use crate::train::order::{draws, Order};
 /// Samples evaluated at once.
 const EVALUATED_AT_ONCE: usize = 16;
 
-/// A step that was made.
+/// A finished step.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrainingStep {
-    /// Steps done.
+    /// Steps made.
     pub step: usize,
-    /// Steps to be done in all.
+    /// All steps.
     pub of: usize,
     /// The batch's loss before this step, without the proximal term.
     pub loss: f32,
     /// FedProx's term before this step.
     pub proximal: f64,
-    /// Norm of the gradient of both, before clipping.
+    /// Norm of both gradients, before clipping.
     pub gradient_norm: f64,
-    /// The learning rate of this step.
+    /// This step's learning rate.
     pub learning_rate: f64,
 }
 
-/// FedCM: how much of a step is the node's own, and what the last global step came from.
+/// FedCM: a step's own part, and the last global step's origin.
 #[derive(Clone, Copy, Debug)]
 pub struct FedCm<'a> {
-    /// α, above 0 and at most 1. With 1, the last global step does not count.
+    /// α, above 0 and at most 1; 1 ignores the last global step.
     pub alpha: f64,
-    /// The weights that the round before started from. The last global step went from them to the weights that this run starts from.
+    /// The last round's first weights, from which its global step led to this run's.
     pub earlier: &'a ExpertWeights,
 }
 
-/// A run of training. Its state is its variables, what the optimiser keeps, and the number of steps made.
+/// A training run. Its state is its variables, the optimiser's state, and the steps made.
 pub struct Trainer<'a, O = AdamW> {
     samples: TrainingSamples<'a>,
     options: TrainOptions,
@@ -53,7 +53,7 @@ pub struct Trainer<'a, O = AdamW> {
     optimizer: O,
     order: Order,
     step: usize,
-    /// Whether the samples know which of them come.
+    /// Whether coming samples have been announced.
     announced: bool,
 }
 
@@ -61,7 +61,7 @@ impl<'a> Trainer<'a> {
     /// A run on the CPU that trains the expert from `start` on prepared samples.
     ///
     /// # Errors
-    /// [`PolicyError::Options`]; [`PolicyError::Sample`] when there is no sample, or they are observed ones.
+    /// [`PolicyError::Options`]; [`PolicyError::Sample`] for no samples or observed ones.
     pub fn new(
         config: &PolicyConfig,
         start: &ExpertWeights,
@@ -78,12 +78,11 @@ impl<'a> Trainer<'a> {
         )
     }
 
-    /// A run at `place`, which is where the samples were prepared, or another device with the same precision. For
-    /// [`TrainScope::ExpertAndState`], `frozen` is the frozen half of the policy, or what
-    /// [`state_part`](crate::train::learner::state_part) leaves of it.
+    /// A run at `place`: the samples' own, or another device of its precision. [`TrainScope::ExpertAndState`] needs `frozen`: the policy's
+    /// frozen half, or its [`state_part`](crate::train::learner::state_part).
     ///
     /// # Errors
-    /// As [`Self::new`]; samples and `frozen` have to be for the same scope.
+    /// Those of [`Self::new`], or samples and `frozen` have different scopes.
     pub fn on(
         place: &FrozenPlace,
         config: &PolicyConfig,
@@ -98,10 +97,10 @@ impl<'a> Trainer<'a> {
         Self::with(place, config, start, frozen, samples, options, optimizer)
     }
 
-    /// Lets the steps follow the last global step in part. The run has to be before its first step.
+    /// Lets steps follow the last global step in part.
     ///
     /// # Errors
-    /// [`PolicyError::Options`] for an α that is not in (0, 1], or after a step.
+    /// [`PolicyError::Options`] for an α that is not in (0, 1], or after the first step.
     pub fn follow(&mut self, fedcm: &FedCm<'_>) -> Result<()> {
         check_alpha(fedcm.alpha)?;
         if self.step > 0 {
@@ -125,7 +124,6 @@ impl<'a> Trainer<'a> {
         &self.optimizer
     }
 
-    /// Brings the trainer to the step of a snapshot.
     pub(super) fn restored(
         &mut self,
         step: usize,
@@ -139,11 +137,11 @@ impl<'a> Trainer<'a> {
 }
 
 impl<'a> Trainer<'a, Sgd> {
-    /// A run at `place` that trains the expert from `start` by SGD. `correction` is added to each gradient, if there is one: that of
-    /// SCAFFOLD. Of the options, those of AdamW do not count.
+    /// A run at `place` that trains the expert from `start` by SGD, with SCAFFOLD's `correction`, if any, added to each gradient. AdamW's
+    /// options do not count.
     ///
     /// # Errors
-    /// As [`Trainer::new`], and [`PolicyError::Options`] for FedProx's term, which SGD does not have here.
+    /// Those of [`Trainer::new`], and [`PolicyError::Options`] for FedProx's term.
     pub fn by_sgd(
         place: &FrozenPlace,
         config: &PolicyConfig,
@@ -193,8 +191,8 @@ impl<'a, O: Optimizer> Trainer<'a, O> {
     /// Makes a step.
     ///
     /// # Errors
-    /// [`PolicyError::Diverged`] and [`PolicyError::GradientNotFinite`]: the step was not made. [`PolicyError::Sample`] when
-    /// a sample cannot be had or does not fit the policy.
+    /// [`PolicyError::Diverged`] and [`PolicyError::GradientNotFinite`]: the step was not made. [`PolicyError::Sample`]: a sample cannot be
+    /// made or does not fit.
     pub fn step(&mut self) -> Result<TrainingStep> {
         self.announce();
         let (at, options) = (self.step, &self.options);
@@ -228,7 +226,6 @@ impl<'a, O: Optimizer> Trainer<'a, O> {
         })
     }
 
-    /// Says once which samples the steps that are left take.
     fn announce(&mut self) {
         if self.announced {
             return;
@@ -250,25 +247,25 @@ impl<'a, O: Optimizer> Trainer<'a, O> {
         self.step
     }
 
-    /// How it trains.
+    /// The training options.
     pub fn options(&self) -> &TrainOptions {
         &self.options
     }
 
-    /// What it trains.
+    /// The training scope.
     pub fn scope(&self) -> TrainScope {
         self.samples.scope()
     }
 
-    /// The trained tensors as they are now: the expert's, and the state projection's where that is trained.
+    /// The current trained tensors: the expert's, and the state projection's if trained.
     pub fn values(&self) -> Result<TensorSet> {
         self.learner.values()
     }
 
-    /// The expert as it is now.
+    /// The current expert.
     ///
     /// # Errors
-    /// [`PolicyError::NotFinite`] should a step have made a weight that is no number.
+    /// [`PolicyError::NotFinite`] if a step made a weight that is not a number.
     pub fn weights(&self) -> Result<ExpertWeights> {
         let config = self.learner.config();
         let expert = expert_layout(config);
@@ -277,7 +274,7 @@ impl<'a, O: Optimizer> Trainer<'a, O> {
         ExpertWeights::from_tensors(config, tensors)
     }
 
-    /// The models as they are now.
+    /// The current models.
     pub fn evaluation_models(&self) -> Result<EvaluationModels> {
         self.learner.evaluation_models()
     }
@@ -286,7 +283,7 @@ impl<'a, O: Optimizer> Trainer<'a, O> {
 /// The loss of `models` on the samples at `indices`, each at its draw, by both of LeRobot's rules.
 ///
 /// # Errors
-/// [`PolicyError::Sample`] for a sample or draw that does not fit the policy, or when there is none.
+/// [`PolicyError::Sample`]: there is none, or a sample or draw does not fit.
 pub fn evaluate_samples(
     models: &EvaluationModels,
     samples: TrainingSamples,

@@ -1,4 +1,4 @@
-//! An aggregator without a service in front of it: each request takes all of its steps at once.
+//! An aggregator without a service: a request takes all its steps at once.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,27 +16,27 @@ use zk0_protocol::rpc::federation::record_request::Statement;
 use zk0_protocol::rpc::federation::RecordRequest;
 use zk0_protocol::Receipt;
 
-/// Requests as their bytes, one after the other.
+/// Requests as bytes.
 pub trait AtOnce {
-    /// Records what a message `Record` says.
+    /// Records a message.
     fn say(&mut self, body: &[u8]) -> Result<Receipt, RequestError>;
-    /// Records the enrolment of a node that asks for it.
+    /// Records an enrolment.
     fn let_in(&mut self, enrolment: &[u8]) -> Result<Receipt, RequestError>;
-    /// Records a dataset, with the list of its drawn frames.
+    /// Records a dataset, with its list of drawn frames.
     fn register(&mut self, registration: &[u8], leaves: &[u8]) -> Result<Receipt, RequestError>;
-    /// Begins an upload, if the aggregator does not have the blob.
+    /// Begins an upload, unless the aggregator has the blob.
     fn upload(&self, request: &[u8]) -> Result<Option<PartialBlob>, RequestError>;
-    /// Records a commitment to an update.
+    /// Records a commitment.
     fn commit(&mut self, commitment: &[u8]) -> Result<Receipt, RequestError>;
-    /// Decides about a submission, and records that.
+    /// Decides about a submission.
     fn submit(
         &mut self,
         submission: &[u8],
         proof: Vec<u8>,
     ) -> Result<SubmissionAnswer, RequestError>;
-    /// Polls the rounds by the aggregator's clock.
+    /// Polls the rounds.
     fn step(&mut self) -> Result<Polled, RequestError>;
-    /// The same, with the jobs that they ask for.
+    /// Polls the rounds, and runs their jobs.
     fn go_on(&mut self) -> Result<Polled, RequestError>;
 }
 
@@ -103,12 +103,12 @@ impl AtOnce for Aggregator {
     }
 }
 
-/// Runs a job here. There are no servers of beacons.
+/// Runs a job without servers of beacons.
 pub fn run_job(job: RoundJob) -> Result<Result<JobResult, Polled>, RequestError> {
     job.run(&BeaconServers::new(Vec::new(), Duration::ZERO))
 }
 
-/// The bytes with which the bodies of entries begin that record a dataset and a commitment to an update. Their signed statements follow.
+/// The first bytes of entries that record a dataset and a commitment. The signed statements follow.
 const DATASET_COMMITTED: u8 = 2;
 const UPDATE_COMMITTED: u8 = 4;
 

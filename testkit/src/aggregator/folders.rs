@@ -1,10 +1,10 @@
-//! Folders with files, as a test finds and copies them.
+//! Folders that a test counts and copies.
 
 use std::fs;
 use std::path::Path;
 use tempfile::TempDir;
 
-/// A copy of a folder, with all that is in it.
+/// A copy of a folder.
 pub fn copy_of(folder: &Path) -> TempDir {
     fn copy(from: &Path, to: &Path) {
         fs::create_dir_all(to).unwrap();
@@ -23,7 +23,7 @@ pub fn copy_of(folder: &Path) -> TempDir {
     dir
 }
 
-/// Files in a folder, at any depth.
+/// All files in a folder.
 pub fn files(folder: &Path) -> usize {
     let Ok(entries) = std::fs::read_dir(folder) else {
         return 0;

@@ -1,4 +1,4 @@
-//! What the network of the tests begins with.
+//! What the tests' network begins with.
 
 use super::{digest, weights, ManualClock, SigningNode, EVALUATION_FRAMES};
 use ed25519_dalek::SigningKey;
@@ -16,21 +16,21 @@ use zk0_protocol::rules::governance::{Governance, Governor};
 use zk0_protocol::rules::network_rules::Rules;
 use zk0_verifier::blob_digest;
 
-/// The time at which networks begin.
+/// When networks begin.
 pub const START_MS: u64 = 1_700_000_000_000;
-/// The seed of the one governor's key.
+/// The seed of the governor's key.
 pub const GOVERNOR: u8 = 99;
-/// For how long the governor may vote.
+/// How long the governor may vote.
 pub const VOTING_MS: u64 = 1_000;
-/// For how long nodes may commit.
+/// How long nodes may commit.
 pub const COMMIT_MS: u64 = 60_000;
-/// For how long nodes may submit.
+/// How long nodes may submit.
 pub const SUBMIT_MS: u64 = 120_000;
-/// The largest update that the rules allow.
+/// The largest update allowed.
 pub const MAX_UPDATE_BYTES: u64 = 200_000;
-/// The largest proof that the rules allow.
+/// The largest proof allowed.
 pub const MAX_PROOF_BYTES: u64 = 100_000;
-/// The whole initial policy: bytes that take several messages.
+/// The initial policy: bytes that take several messages.
 pub const POLICY: &[u8] = &{
     let mut bytes = [0; 200_000];
     let mut at = 0;
@@ -41,7 +41,7 @@ pub const POLICY: &[u8] = &{
     bytes
 };
 
-/// The key of the log.
+/// The log's key.
 pub fn log_key() -> SigningKey {
     SigningKey::from_bytes(&[42; 32])
 }
@@ -87,7 +87,7 @@ pub fn genesis() -> Genesis {
     }
 }
 
-/// What a network of this genesis begins with.
+/// The founding of this genesis.
 pub fn founding(genesis: Genesis) -> Founding {
     Founding {
         name: genesis.name,
@@ -108,7 +108,7 @@ pub fn write_policy(out: &mut dyn Write) -> io::Result<[u8; 32]> {
     Ok(blob_digest(POLICY).0)
 }
 
-/// Founds the network of `genesis` in `dir`, and opens it.
+/// Founds the network of `genesis` in `dir`.
 pub fn found(
     dir: &Path,
     genesis: Genesis,

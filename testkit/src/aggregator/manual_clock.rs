@@ -1,10 +1,10 @@
-//! The clock of the tests.
+//! The tests' clock.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 use zk0_aggregator::Clock;
 
-/// A clock that stands still until a test moves it.
+/// A clock that only a test moves.
 #[derive(Debug, Default)]
 pub struct ManualClock {
     shown_ms: AtomicU64,
@@ -26,7 +26,7 @@ impl ManualClock {
         self.set_forward(by_ms);
     }
 
-    /// Sets the clock forward or back, though no time has passed.
+    /// Sets the clock forward or back.
     pub fn jump(&self, by_ms: i64) {
         let moved = |shown_ms: u64| Some(shown_ms.saturating_add_signed(by_ms));
         let _ = self
@@ -34,7 +34,7 @@ impl ManualClock {
             .fetch_update(Ordering::SeqCst, Ordering::SeqCst, moved);
     }
 
-    /// Sets the clock forward, though no time has passed.
+    /// Sets the clock forward.
     pub fn set_forward(&self, by_ms: u64) {
         self.shown_ms.fetch_add(by_ms, Ordering::SeqCst);
     }

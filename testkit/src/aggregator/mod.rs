@@ -1,5 +1,4 @@
-//! A network of one aggregator behind a real service on loopback, a clock that the test moves, and nodes that say what they
-//! are told to say.
+//! An aggregator behind a real service on loopback, a manual clock, and nodes that sign anything.
 
 mod at_once;
 mod folders;

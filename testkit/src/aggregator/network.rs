@@ -1,4 +1,4 @@
-//! An aggregator that serves on loopback, and can be killed and started again.
+//! An aggregator on loopback that a test can kill and restart.
 
 use super::{
     files, found, genesis, log_key, with_leaves, ManualClock, SigningNode, COMMIT_MS, START_MS,
@@ -40,43 +40,42 @@ pub const LONG_BYTES: u64 = 8 << 20;
 
 /// A running aggregator.
 pub struct Network {
-    /// The folder of the ledger.
+    /// The ledger's folder.
     pub dir: TempDir,
-    /// The clock of the aggregator.
+    /// The aggregator's clock.
     pub clock: Arc<ManualClock>,
-    /// The genesis of the ledger.
+    /// The ledger's genesis.
     pub genesis: Genesis,
     /// How the aggregator holds rounds, from the next start on.
     pub config: Config,
     service: Option<Service>,
     limits: Limits,
-    /// The policy of witnesses that the aggregator follows from its next start on.
+    /// The policy of witnesses, from the next start on.
     pub policy: Option<WitnessPolicy>,
     /// Where the aggregator fetches beacons.
     pub beacons: Option<BeaconServers>,
-    /// The URL at which the aggregator serves.
+    /// The aggregator's URL.
     pub address: String,
-    /// How the blobs of a folder are kept, from the next start on.
     kept: Box<dyn Fn(&Path) -> Blobs + Send + Sync>,
-    /// How many bytes of blobs the folder may hold, from the next start on.
+    /// Most bytes of blobs in the folder, from the next start on.
     pub blob_cache_bytes: Option<u64>,
-    /// For how long nodes get addresses of the store, from the next start on.
+    /// How long addresses of the store are valid, from the next start on.
     pub presigned: Option<Duration>,
     running: Option<(oneshot::Sender<()>, JoinHandle<()>)>,
 }
 
 impl Network {
-    /// Founds a network with these nodes and serves it.
+    /// Founds and serves a network with these nodes.
     pub async fn start(nodes: &[&SigningNode], config: Config) -> Self {
         Self::start_with(nodes, config, Limits::default()).await
     }
 
-    /// The same under these limits.
+    /// [`Self::start`] under these limits.
     pub async fn start_with(nodes: &[&SigningNode], config: Config, limits: Limits) -> Self {
         Self::start_as(nodes, config, limits, genesis(), None, None).await
     }
 
-    /// Founds the network of `genesis` with these nodes, and serves it with these witnesses and these servers of beacons.
+    /// [`Self::start_with`] for this genesis, with witnesses and beacons.
     pub async fn start_as(
         nodes: &[&SigningNode],
         config: Config,
@@ -145,7 +144,7 @@ impl Network {
         self.running = Some((stop, task));
     }
 
-    /// Kills the aggregator and starts it again on what is on disk.
+    /// Kills the aggregator and restarts it.
     pub async fn restart(&mut self) {
         let (stop, task) = self.running.take().unwrap();
         task.abort(); // The aggregator gets no time to end its work
@@ -154,16 +153,16 @@ impl Network {
         self.start_again().await;
     }
 
-    /// Tells the aggregator to end, and waits until it has.
+    /// Ends the aggregator and waits.
     pub async fn stop(&mut self) {
         let (stop, task) = self.running.take().unwrap();
         stop.send(()).unwrap();
         task.await.unwrap();
     }
 
-    /// Starts an aggregator that has ended on what is on disk.
+    /// Restarts an ended aggregator from disk.
     pub async fn start_again(&mut self) {
-        // The database is locked until every clone of the old service is gone. Requests that were in progress hold such clones.
+        // All clones of the old service must release the database first. Requests in progress hold clones.
         self.service = None;
         let aggregator = until_async("the database is free", async || match self.open() {
             Err(error) if error.to_string().contains("in use") => None,
@@ -185,7 +184,7 @@ impl Network {
         )
     }
 
-    /// From the next start on, blobs are kept like this.
+    /// Keeps blobs like this from the next start on.
     pub fn keep_blobs(&mut self, kept: impl Fn(&Path) -> Blobs + Send + Sync + 'static) {
         self.kept = Box::new(kept);
     }
@@ -195,7 +194,7 @@ impl Network {
         self.service.as_ref().unwrap()
     }
 
-    /// Lets the aggregator look at the clock until nothing changes.
+    /// Lets the aggregator poll until nothing changes.
     pub async fn settle(&self) {
         loop {
             match self.service().step().await {
@@ -206,8 +205,7 @@ impl Network {
         }
     }
 
-    /// Lets the commitments of the open round close, and the randomness be drawn. The clock moves past their deadline if a node may
-    /// still commit.
+    /// Closes the commitments, past their deadline if a node may still commit, and draws the randomness.
     pub async fn drawn(&self) {
         self.settle().await;
         let waits = |aggregator: &mut Aggregator| {
@@ -220,7 +218,7 @@ impl Network {
         }
     }
 
-    /// All entries of the ledger.
+    /// The ledger's entries.
     pub async fn entries(&self) -> Vec<Entry> {
         self.service()
             .with(|aggregator| {
@@ -238,14 +236,14 @@ impl Network {
         self.entries().await.pop().unwrap().body
     }
 
-    /// A client with a connection of its own.
+    /// A client with its own connection.
     pub async fn client(&self) -> FederationClient<Channel> {
         FederationClient::connect(self.address.clone())
             .await
             .unwrap()
     }
 
-    /// A head that counts, for a request whose message carries this statement.
+    /// A valid head for a message with this statement.
     pub fn head(
         &self,
         key: &SigningKey,
@@ -268,7 +266,7 @@ impl Network {
         }
     }
 
-    /// A request with a head that counts.
+    /// A request with a valid head.
     pub fn request<T>(
         &self,
         key: &SigningKey,
@@ -281,7 +279,7 @@ impl Network {
         with_head(message, &Signed::new(head, key))
     }
 
-    /// The request that records `body`, sent by whoever has signed it.
+    /// The signer's request to record `body`.
     pub fn recording(&self, body: &Body) -> tonic::Request<proto::RecordRequest> {
         let signer = SentStatement::read(with_leaves(body, Vec::new())).map(|sent| sent.signer());
         let signers = signer.iter().flat_map(|signer| {
@@ -292,7 +290,7 @@ impl Network {
         self.stating(&key, body, Vec::new())
     }
 
-    /// What the aggregator says about this round, or about the newest one.
+    /// The aggregator's report on this round, or the newest.
     pub async fn round(&self, round: Option<u64>) -> proto::RoundInfo {
         let request = proto::GetRoundRequest {
             round,
@@ -306,7 +304,7 @@ impl Network {
             .into_inner()
     }
 
-    /// Opens a receipt with nothing but the genesis.
+    /// Opens a receipt with only the genesis.
     pub fn opened(&self, receipt: proto::Receipt) -> (u64, Checkpoint, Entry) {
         let receipt = Receipt {
             index: receipt.index,
@@ -339,8 +337,7 @@ impl Network {
         Ok(bytes)
     }
 
-    /// The request for a file of 8 MiB: more than what waits between a server and a client that reads little. The policy's file is made
-    /// longer for it. Nobody verifies a file before it is sent.
+    /// A download of the policy's file, made 8 MiB long: more than a server and a slow client buffer. The server does not verify it.
     pub fn long_download(&self) -> proto::DownloadRequest {
         let policy = self.genesis.policy;
         let path = Blobs::at(self.dir.path()).path(&policy);
@@ -352,7 +349,7 @@ impl Network {
         }
     }
 
-    /// A client that has little in memory of what it does not read.
+    /// A client that buffers little.
     pub async fn slow_reader(&self) -> FederationClient<Channel> {
         let endpoint = Endpoint::try_from(self.address.clone()).unwrap();
         let endpoint = endpoint
@@ -361,12 +358,12 @@ impl Network {
         FederationClient::new(endpoint.connect_lazy())
     }
 
-    /// How many uploads the folder holds.
+    /// Uploads in the folder.
     pub fn uploads(&self) -> usize {
         files(&self.dir.path().join("uploads"))
     }
 
-    /// What the aggregator has counted under this name, with its labels.
+    /// A metric's value; `name` includes its labels.
     pub fn metric(&self, name: &str) -> u64 {
         let text = self.service().metrics().text().unwrap();
         let mut lines = text.lines();
@@ -374,7 +371,7 @@ impl Network {
         value.map_or(0, |value| value.parse().unwrap())
     }
 
-    /// Waits until so many requests of this method are in progress.
+    /// Waits for this many requests of the method in progress.
     pub async fn in_progress(&self, method: &str, requests: u64) {
         let name = format!("zk0_requests_in_progress{{method=\"{method}\"}}");
         let what = format!("{requests} requests {method} are in progress");
@@ -389,7 +386,7 @@ impl Network {
 }
 
 impl Drop for Network {
-    /// The server ends at once. Otherwise the end of the runtime would interrupt what it does while it drains.
+    /// Ends the server at once. The runtime's end would interrupt its draining.
     fn drop(&mut self) {
         if let Some((_, task)) = self.running.take() {
             task.abort();

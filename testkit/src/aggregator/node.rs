@@ -14,24 +14,24 @@ use zk0_protocol::rpc::federation::RecordRequest;
 use zk0_protocol::rules::bindings::ExpectedClaim;
 use zk0_verifier::blob_digest;
 
-/// Frames that are drawn of each dataset.
+/// Frames drawn of each dataset.
 pub const EVALUATION_FRAMES: u32 = 10;
 
-/// A node that signs what it is told to.
+/// A node that signs anything.
 pub struct SigningNode {
-    /// The node's key.
+    /// The key.
     pub key: SigningKey,
-    /// Its number, from which all that belongs to it follows.
+    /// The number that decides everything else.
     pub seed: u16,
 }
 
 impl SigningNode {
-    /// The node of this number.
+    /// The node `seed`.
     pub fn new(seed: u8) -> Self {
         Self::numbered(seed.into())
     }
 
-    /// One of more than 256 nodes.
+    /// The node `seed`, of more than 256.
     pub fn numbered(seed: u16) -> Self {
         Self {
             key: SigningKey::from_bytes(&bytes_of(seed, 0)),
@@ -39,17 +39,17 @@ impl SigningNode {
         }
     }
 
-    /// Its identity.
+    /// The identity.
     pub fn id(&self) -> NodeId {
         NodeId(self.key.verifying_key().to_bytes())
     }
 
-    /// The leaves of its dataset.
+    /// The dataset's leaves.
     pub fn leaves(&self) -> Vec<Digest> {
         (0..10).map(|at| Digest(bytes_of(self.seed, at))).collect()
     }
 
-    /// Its dataset.
+    /// The dataset.
     pub fn dataset(&self) -> DatasetCommitment {
         let leaves = self.leaves();
         DatasetCommitment {
@@ -60,7 +60,7 @@ impl SigningNode {
         }
     }
 
-    /// The registration of its dataset in this network.
+    /// The dataset's registration in this network.
     pub fn registration(&self, network: &Digest) -> Signed<DatasetRegistration> {
         let mut registration = DatasetRegistration {
             network: *network,
@@ -77,13 +77,13 @@ impl SigningNode {
         Signed::new(registration, &self.key)
     }
 
-    /// The list of drawn frames of [`Self::registration`], the same in all networks, because all its frames are drawn.
+    /// The list of drawn frames of [`Self::registration`], the same in all networks, because all frames are drawn.
     pub fn list(&self) -> Vec<u8> {
         let registration = self.registration(&Digest::default());
         list(&registration.statement, &self.leaves())
     }
 
-    /// Its request to upload `bytes` in this round.
+    /// The request to upload `bytes`.
     pub fn upload_request(&self, network: &Digest, round: u64, bytes: &[u8]) -> UploadRequest {
         UploadRequest {
             network: *network,
@@ -94,7 +94,7 @@ impl SigningNode {
         }
     }
 
-    /// Its commitment to this update.
+    /// The commitment to this update.
     pub fn commitment(&self, network: &Digest, round: u64, update: &[u8]) -> UpdateCommitment {
         UpdateCommitment {
             network: *network,
@@ -106,7 +106,7 @@ impl SigningNode {
         }
     }
 
-    /// The claim that the ledger expects, with losses that it would hold for.
+    /// The expected claim, with losses for which it holds.
     pub fn claim_of(&self, expected: ExpectedClaim) -> Claim {
         let mut claim = expected.with(Losses::Disclosed {
             before: 1000,
@@ -117,14 +117,14 @@ impl SigningNode {
         claim
     }
 
-    /// A submission of this claim with this proof, which the node signs.
+    /// A signed submission of this claim and proof.
     pub fn submission(&self, claim: Claim, proof: &[u8]) -> Signed<Submission> {
         let proof = blob_digest(proof);
         Signed::new(Submission { claim, proof }, &self.key)
     }
 }
 
-/// The list of a registration's drawn frames, with these leaves in order. If there are fewer leaves than frames, it ends early.
+/// The list of a registration's drawn frames, with these leaves in order, perhaps too few.
 pub fn list(registration: &DatasetRegistration, leaves: &[Digest]) -> Vec<u8> {
     let DatasetRegistration {
         network,
@@ -138,7 +138,6 @@ pub fn list(registration: &DatasetRegistration, leaves: &[Digest]) -> Vec<u8> {
     list_bytes(&drawn.collect::<Vec<_>>())
 }
 
-/// Bytes that belong to a node.
 fn bytes_of(seed: u16, number: u8) -> [u8; 32] {
     let [low, high] = seed.to_le_bytes();
     let mut bytes = [low ^ number; 32];
@@ -146,7 +145,7 @@ fn bytes_of(seed: u16, number: u8) -> [u8; 32] {
     bytes
 }
 
-/// The message that records `body`, with this list of drawn frames.
+/// The message that records `body`, with these drawn frames.
 pub fn with_leaves(body: &Body, leaves: Vec<u8>) -> RecordRequest {
     let body = borsh::to_vec(body).unwrap();
     RecordRequest {

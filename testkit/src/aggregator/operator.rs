@@ -1,4 +1,4 @@
-//! An operator who holds the log's key and writes entries by hand. The rules of the ledger are all that stops them.
+//! An operator who writes entries with the log's key. Only the ledger's rules stop them.
 
 use super::{digest, log_key, weights, SigningNode, GOVERNOR, POLICY, START_MS, VOTING_MS};
 use std::fs;
@@ -22,11 +22,11 @@ use zk0_protocol::tlog::tree::Frontier;
 pub struct Operator {
     /// The ledger, without an aggregator.
     pub ledger: Ledger,
-    /// The time of the newest entry.
+    /// The newest entry's time.
     pub time_ms: u64,
 }
 
-/// What the one governor proposes.
+/// The governor's proposal.
 pub fn proposed(state: &State, action: Action) -> Body {
     let governor = SigningNode::new(GOVERNOR);
     let proposal = Proposal {
@@ -40,7 +40,7 @@ pub fn proposed(state: &State, action: Action) -> Body {
     Body::Proposed(Signed::new(proposal, &governor.key))
 }
 
-/// The one governor's vote on the newest proposal.
+/// The governor's vote on the newest proposal.
 pub fn voted(state: &State, ballot: Ballot) -> Body {
     let governor = SigningNode::new(GOVERNOR);
     let proposal = state.next_proposal() - 1;
@@ -55,7 +55,7 @@ pub fn voted(state: &State, ballot: Ballot) -> Body {
 }
 
 impl Operator {
-    /// Founds the network of `genesis`, with these nodes and their datasets.
+    /// Founds the network of `genesis` with these nodes and datasets.
     pub fn founds(dir: &Path, genesis: Genesis, nodes: &[&SigningNode]) -> Self {
         let (ledger, _) = Ledger::create(dir, genesis, log_key(), START_MS).unwrap();
         for blob in [&weights(0)[..], POLICY] {
@@ -78,18 +78,18 @@ impl Operator {
         operator
     }
 
-    /// The state of the ledger.
+    /// The ledger's state.
     pub fn state(&self) -> &State {
         self.ledger.state()
     }
 
-    /// Appends an entry, which the rules have to allow. Returns its index.
+    /// Appends an allowed entry. Returns its index.
     pub fn append(&mut self, body: Body) -> u64 {
         self.time_ms += 1;
         self.ledger.append(self.time_ms, body).unwrap().index
     }
 
-    /// Executes what the governor proposes and votes for. Returns the index of the entry that puts it in force.
+    /// Has the governor propose and vote, and executes the action. Returns the index of the entry that puts it in force.
     pub fn decide(&mut self, action: Action) -> u64 {
         let number = self.state().next_proposal();
         self.append(proposed(self.state(), action));
@@ -108,8 +108,7 @@ impl Operator {
         self.append(Body::RoundOpened(opening));
     }
 
-    /// The claim of `node` about the update `seed` in the open round, with `proof`. If the node has not committed, it commits, and
-    /// the randomness is drawn.
+    /// The claim of `node` about the update `seed`. A missing commitment or randomness comes first.
     pub fn submission(
         &mut self,
         node: &SigningNode,
@@ -119,8 +118,7 @@ impl Operator {
         self.submission_of(node, &weights(seed), proof)
     }
 
-    /// The claim of `node` about this update in the open round, with `proof`. If the node has not committed, it commits, and the
-    /// randomness is drawn.
+    /// [`Self::submission`] for this update.
     pub fn submission_of(
         &mut self,
         node: &SigningNode,
@@ -137,7 +135,7 @@ impl Operator {
         node.submission(claim, proof)
     }
 
-    /// Commits to this update of `node`.
+    /// Commits to this update.
     pub fn commit(&mut self, node: &SigningNode, update: &[u8]) {
         self.ledger.blobs().put(update).unwrap();
         let round = self.state().round().unwrap().number();
@@ -145,7 +143,7 @@ impl Operator {
         self.append(Body::UpdateCommitted(Signed::new(commitment, &node.key)));
     }
 
-    /// Closes the commitments, after their deadline if a node may still commit.
+    /// Closes the commitments, past their deadline if a node may still commit.
     pub fn close_commitments(&mut self) {
         let deadline_ms = self.state().round().unwrap().opened.commit_deadline_ms;
         if self
@@ -184,8 +182,7 @@ impl Operator {
         self.append(Body::RoundClosed(closed));
     }
 
-    /// A round in which the operator accepts the update `seed` of `node` with `proof`, and takes it as the new weights. Returns the
-    /// index of the acceptance.
+    /// A round that accepts the update `seed` of `node` and takes it as the new weights. Returns the acceptance's index.
     pub fn round(&mut self, node: &SigningNode, seed: u32, proof: &[u8]) -> u64 {
         self.open();
         let submission = self.submission(node, seed, proof);
@@ -194,7 +191,7 @@ impl Operator {
         accepted
     }
 
-    /// Appends an entry past the ledger's writer, which would refuse it, and signs the tree all the same.
+    /// Appends an entry that the ledger's writer would refuse, and signs the tree.
     pub fn forge(self, body: Body) {
         let dir = self.ledger.dir().to_path_buf();
         let size = self.ledger.size();

@@ -6,10 +6,10 @@ use zk0_audit::verified_entries::verified_entries;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::program::Program;
 
-/// A ledger with a real proof in it.
+/// A ledger with a real proof.
 pub const REAL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/fixtures/ledger");
 
-/// The program of the committed ledger, which is of this release, and the proof of its first accepted contribution.
+/// The committed ledger's program, of this release, and the proof of its first accepted contribution.
 pub fn real_proof() -> (Program, Vec<u8>) {
     let (entries, _) = verified_entries(Path::new(REAL)).unwrap();
     let Body::Genesis(genesis) = &entries[0].body else {

@@ -11,7 +11,7 @@ pub fn weights(seed: u32) -> Vec<u8> {
     let weights = format.assemble(|tensor| {
         let value = |at: usize| {
             let mixed = (at as u32 * 2_654_435_761) ^ (tensor as u32 * 40_503) ^ (seed * 97_003);
-            // About 0.1 at most, in units of 2^−24.
+            // At most about 0.1, in units of 2^−24.
             i128::from(mixed % 2001) * 1678 - 1_678_000
         };
         let values: Vec<_> = (0..format.tensors()[tensor].len()).map(value).collect();
@@ -20,7 +20,7 @@ pub fn weights(seed: u32) -> Vec<u8> {
     format.write(&weights.unwrap())
 }
 
-/// The digests of a file of weights.
+/// The digests of a weights file.
 pub fn digest(file: &[u8]) -> WeightsDigest {
     let evaluation = Evaluation::new(&EvalSpec::micro(), Mode::Direct).unwrap();
     evaluation.digest(file, &evaluation.read(file).unwrap())

@@ -1,4 +1,4 @@
-//! Witnesses that serve on loopback, and ledgers that they are to cosign.
+//! Witnesses on loopback, and ledgers to cosign.
 
 use super::{genesis, log_key, ManualClock, SigningNode, START_MS};
 use crate::until_async;
@@ -20,15 +20,15 @@ use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
 use zk0_protocol::WitnessPolicy;
 
-/// The key that verifies the log.
+/// The log's verifying key.
 pub fn log_verifier() -> VerifierKey {
     VerifierKey::new(Role::Log, &genesis().name, &genesis().log_key).unwrap()
 }
 
-/// How long a witness has to answer [`cosigned`].
+/// Time that a witness has for [`cosigned`].
 pub const DEADLINE: Duration = Duration::from_secs(6);
 
-/// A witness on loopback. A test can stop it and start it again at the same address.
+/// A witness on loopback.
 pub struct Running {
     number: u8,
     dir: TempDir,
@@ -55,9 +55,9 @@ impl Running {
         Cosigner::new(&format!("witness.example/w{}", self.number), secret).unwrap()
     }
 
-    /// Starts it. If it was stopped, it comes back at the same address.
+    /// Starts the witness, at its former address if any.
     pub async fn on(&mut self) {
-        // The stopped witness releases its folder when its last request has ended.
+        // The stopped witness releases its folder with its last request.
         let store = until_async(
             "the witness' folder is free",
             async || match WitnessStore::open(
@@ -79,21 +79,21 @@ impl Running {
         self.task = Some(tokio::spawn(serving));
     }
 
-    /// Stops it.
+    /// Stops the witness.
     pub async fn off(&mut self) {
         let task = self.task.take().unwrap();
         task.abort();
         let _ = task.await;
     }
 
-    /// Its line in a policy.
+    /// The policy's line for it.
     pub fn line(&self) -> String {
         let key = self.cosigner().key().to_string();
         format!("witness W{} {key} http://{}\n", self.number, self.address)
     }
 }
 
-/// Starts three witnesses, and returns them with a policy that asks for two of them.
+/// Three witnesses, and a policy that asks for two.
 pub async fn three() -> ([Running; 3], WitnessPolicy) {
     let witnesses = [
         Running::start(0).await,
@@ -116,14 +116,14 @@ pub fn enrol(ledger: &mut Ledger, node: u8) {
         .unwrap();
 }
 
-/// Makes a ledger that holds the genesis and the enrolments of these nodes.
+/// A ledger with enrolments of these nodes.
 pub fn ledger(dir: &Path, nodes: &[u8]) -> Ledger {
     let (mut ledger, _) = Ledger::create(dir, genesis(), log_key(), START_MS).unwrap();
     nodes.iter().for_each(|node| enrol(&mut ledger, *node));
     ledger
 }
 
-/// Asks the policy's witnesses for cosignatures of a ledger's newest checkpoint.
+/// The policy's cosignatures of the ledger's newest checkpoint.
 pub async fn cosigned(
     policy: &WitnessPolicy,
     ledger: &Arc<Ledger>,

@@ -1,4 +1,4 @@
-//! Cheats that use the right samples: other weights, no improvement, values that wrap.
+//! Cheats with the right samples: other weights, no improvement, values that wrap.
 
 use super::verifier::{direct, drawn, improves, loss, prove};
 use crate::claims::{calmer, louder, nudged, quantise, ClaimingNode, Random, Tensors};
@@ -6,18 +6,18 @@ use zk0_circuits::{Digest, EvalSpec, PrivateInput};
 
 const LAYERS: &str = "model.vlm_with_expert.lm_expert.layers";
 
-/// A node whose update a cheat chooses. Eight samples are drawn.
+/// A node with eight drawn samples.
 fn node() -> ClaimingNode {
     ClaimingNode::new(&EvalSpec::micro(), 12, 8, 11)
 }
 
-/// Claims that the update improves, which it does not.
+/// Claims a false improvement.
 fn prove_node(node: &ClaimingNode) -> Result<(), String> {
     assert!(!improves(node, &drawn(node)));
     prove(node.honest().input).map(drop)
 }
 
-/// Evaluates the weights that `evaluate` puts into the input in place of those it names.
+/// Evaluates what `evaluate` puts into the input in place of the named weights.
 fn evaluate_others(
     node: &ClaimingNode,
     evaluate: impl Fn(&mut PrivateInput),
@@ -52,7 +52,7 @@ pub fn worse() -> Result<(), String> {
     prove_node(&node)
 }
 
-/// The terms ask for any improvement at all.
+/// The terms ask for any improvement.
 pub fn same() -> Result<(), String> {
     let mut node = node();
     node.update = node.base.clone();
@@ -60,14 +60,14 @@ pub fn same() -> Result<(), String> {
     prove_node(&node)
 }
 
-/// There is some improvement, but nine tenths are claimed.
+/// The update improves a little, but nine tenths are claimed.
 pub fn less() -> Result<(), String> {
     let mut node = node();
     node.test.min_improvement_bps = 9000;
     prove_node(&node)
 }
 
-/// The update looks better on the samples drawn, by chance. On all samples and under other challenges it is worse.
+/// By chance, the update looks better on the drawn samples. On all samples and under other challenges it is worse.
 pub fn by_chance() -> Result<(), String> {
     let mut node = node();
     let samples = drawn(&node);
@@ -96,14 +96,12 @@ pub fn by_chance() -> Result<(), String> {
     panic!("no update is better by chance");
 }
 
-/// Multiplies a tensor of the update.
 fn scale(update: &mut Tensors, name: &str, factor: f32) {
     let values = update.get_mut(name).unwrap();
     values.iter_mut().for_each(|value| *value *= factor);
 }
 
-/// The final norm is two hundred times as large and a hundredth of it is used, which gives twice the velocity. If the norm
-/// wraps, the velocity is close to zero.
+/// The final norm is 200 times as large and a hundredth of it is used: twice the velocity. A wrapped norm gives nearly none.
 pub fn wrapped_norm() -> Result<(), String> {
     let mut node = node();
     node.update = node.base.clone();
@@ -116,7 +114,7 @@ pub fn wrapped_norm() -> Result<(), String> {
     prove_node(&node)
 }
 
-/// The velocity is calmer, but too high by 32, which is the full range of an int16.
+/// The velocity is calmer, but 32 too high: the full range of an int16.
 pub fn wrapped_velocity() -> Result<(), String> {
     let mut node = node();
     let bias = node.update.get_mut("model.action_out_proj.bias").unwrap();
@@ -124,8 +122,8 @@ pub fn wrapped_velocity() -> Result<(), String> {
     prove_node(&node)
 }
 
-/// The update attends to six tokens alike, whose values are as large as values can be. Six equal attention weights round up
-/// to slightly more than 1. The outputs then wrap to the other sign, which may give a lower loss.
+/// The update attends equally to six tokens with the largest values. Six equal attention weights round up to slightly more than 1, so the
+/// outputs wrap to the other sign.
 pub fn wrapped_outputs() -> Result<(), String> {
     let mut node = node();
     let width = node.spec.dims.kv_width();
@@ -161,7 +159,7 @@ pub fn wrapped_outputs() -> Result<(), String> {
     })
 }
 
-/// Claims of updates that are no improvement, until one is accepted, or refused because of `site`.
+/// Claims updates without improvement, until one is accepted, or refused because of `site`.
 fn tries(
     node: &mut ClaimingNode,
     site: &str,

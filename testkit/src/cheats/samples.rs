@@ -1,4 +1,4 @@
-//! Cheats that open other samples than those drawn, or commit to other data than they say.
+//! Cheats that open other samples than those drawn, or misstate their data.
 
 use super::verifier::{drawn, loss, loss_at, prove, share_of_quantile};
 use crate::claims::{nudged, ClaimingNode, FloatSample, Random, SALT};
@@ -9,12 +9,11 @@ use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{Digest, EvalSpec, Sample};
 
-/// A node with `samples` samples of which `count` are drawn.
+/// A node with `samples` samples, of which `count` are drawn.
 fn node(samples: usize, count: u32) -> ClaimingNode {
     ClaimingNode::new(&EvalSpec::micro(), samples, count, 11)
 }
 
-/// Opens sample `index` by its path.
 fn open(dataset: &[Sample], leaves: &[Digest], index: usize) -> Opening {
     Opening {
         index: index as u64,
@@ -23,7 +22,7 @@ fn open(dataset: &[Sample], leaves: &[Digest], index: usize) -> Opening {
     }
 }
 
-/// Gives the node an update that passes the test on `some` (sample, position), and raises the loss on the samples that are drawn.
+/// Gives the node an update that passes the test on `some` (sample, position), and raises the loss on the drawn samples.
 fn help_only(node: &mut ClaimingNode, some: &[(&FloatSample, usize)], drawn: &[FloatSample]) {
     let on_some = |node: &ClaimingNode, tensors: &_| -> Vec<f64> {
         let losses = some.iter();
@@ -36,7 +35,7 @@ fn help_only(node: &mut ClaimingNode, some: &[(&FloatSample, usize)], drawn: &[F
         node.update = nudged(&node.base, &mut Random(seed), amount);
         if loss(node, &node.update, drawn) > 1.02 * loss(node, &node.base, drawn) {
             let [before, after] = [&node.base, &node.update].map(|tensors| on_some(node, tensors));
-            // The guest's fixed-point losses differ a little from these.
+            // The guest's fixed-point losses differ slightly from these.
             if share_of_quantile(node, &before, &after) > 1.1 {
                 return;
             }
@@ -45,7 +44,7 @@ fn help_only(node: &mut ClaimingNode, some: &[(&FloatSample, usize)], drawn: &[F
     panic!("no update helps only these samples");
 }
 
-/// The update helps on the first two samples drawn, and harms on all four.
+/// The update helps on the first two drawn samples, and harms on all four.
 pub fn fewer() -> Result<(), String> {
     let mut node = node(6, 4);
     let drawn = drawn(&node);
@@ -55,7 +54,7 @@ pub fn fewer() -> Result<(), String> {
     prove(input).map(drop)
 }
 
-/// The update helps on other samples than those drawn.
+/// The update helps only on samples not drawn.
 pub fn lucky() -> Result<(), String> {
     let mut node = node(6, 2);
     let indices = sample_indices(&node.challenge, 6, 2).unwrap();
@@ -74,7 +73,7 @@ pub fn lucky() -> Result<(), String> {
     prove(input).map(drop)
 }
 
-/// The update helps on samples that are not in the dataset, put in the place of those drawn.
+/// The update helps on samples outside the dataset, which replace those drawn.
 pub fn invented() -> Result<(), String> {
     let mut node = node(6, 2);
     let drawn = drawn(&node);
@@ -87,10 +86,10 @@ pub fn invented() -> Result<(), String> {
     prove(input).map(drop)
 }
 
-/// The update helps on one of two samples. The node waits for a challenge that hits this one twice before it hits the other.
+/// The update helps on one of two samples. The node waits for a challenge that draws this one twice before the other.
 pub fn twice() -> Result<(), String> {
     let mut node = node(2, 2);
-    // The first bit of each of a block's four little-endian words says which of the two samples is drawn.
+    // The first bit of each of a block's four little-endian words chooses the sample.
     let hits = |challenge: &Digest| {
         let block = tagged_sha256("zk0/indices/v1", &[&challenge.0, &0u64.to_le_bytes()]);
         [7, 15].map(|byte: usize| block.0[byte] as usize >> 7)
@@ -108,8 +107,8 @@ pub fn twice() -> Result<(), String> {
     prove(input).map(drop)
 }
 
-/// The dataset counts two samples. The place of the second holds the hash of two more, so that both indices lead to these, by paths
-/// that are too long. The update helps on them, and harms on the first sample.
+/// The dataset counts two samples. The second place holds the hash of two more, so that both indices lead to these, by paths that are too
+/// long. The update helps on them, and harms on the first sample.
 pub fn deeper() -> Result<(), String> {
     let mut node = node(3, 2);
     let drawn = sample_indices(&node.challenge, 2, 2).unwrap();
@@ -134,7 +133,7 @@ pub fn deeper() -> Result<(), String> {
     prove(input).map(drop)
 }
 
-/// The node has only one sample. The dataset counts six, and whichever index is drawn leads to that sample.
+/// The node has one sample. The dataset counts six, and each index leads to that sample.
 pub fn shallower() -> Result<(), String> {
     let node = node(1, 1);
     let honest = node.honest();
@@ -152,8 +151,7 @@ pub fn shallower() -> Result<(), String> {
     Ok(())
 }
 
-/// A dataset of two samples that counts as six, because each is there under three salts. The node waits for a challenge that draws
-/// two samples under one salt.
+/// Two samples count as six, each under three salts. The node waits for a challenge that draws two samples under one salt.
 pub fn salted_copies() -> Result<(), String> {
     let mut node = node(6, 2);
     for copy in 2..6 {
@@ -176,7 +174,7 @@ pub fn salted_copies() -> Result<(), String> {
     refused
 }
 
-/// Claims of a dataset whose leaves differ, though its samples do not: by their salts, or by what `copy` makes of them.
+/// Claims a dataset whose leaves differ, though its samples do not: by their salts, or by what `copy` changes.
 fn claim_copies(
     node: &ClaimingNode,
     salts: [[u8; 32]; 6],
@@ -208,12 +206,12 @@ fn claim_copies(
         .collect();
     input.header.salt = salts[drawn[0]];
     let claim = prove(input)?;
-    // A verifier who holds the list of leaves sees no duplicate.
+    // A verifier with the leaves sees no duplicate.
     assert_eq!(check_leaves(&claim.terms.dataset, &leaves), Ok(()));
     Ok(())
 }
 
-/// A dataset of six samples that are all the same, apart from what `copy` changes.
+/// A dataset of six equal samples, apart from what `copy` changes.
 fn copies(copy: impl Fn(&Sample, usize) -> Result<Sample, String>) -> Result<(), String> {
     let mut node = node(3, 1);
     let one = node.data[2].clone();
@@ -221,13 +219,13 @@ fn copies(copy: impl Fn(&Sample, usize) -> Result<Sample, String>) -> Result<(),
     claim_copies(&node, [SALT; 6], copy)
 }
 
-/// Marks the last frame of each copy, which is padding, with another number.
+/// Marks each copy's last frame, which is padding, with another number.
 pub fn flagged_copies() -> Result<(), String> {
     let chunk = EvalSpec::micro().dims.chunk as usize;
     copies(|sample, index| with_value(sample, chunk, 1 + index as i16))
 }
 
-/// Marks another frame of each copy as padding, though real frames follow.
+/// Marks another frame of each copy as padding, before real frames.
 pub fn masked_copies() -> Result<(), String> {
     let dims = EvalSpec::micro().dims;
     let (chunk, width) = (dims.chunk as usize, dims.max_action_dim as usize);
@@ -244,21 +242,21 @@ pub fn masked_copies() -> Result<(), String> {
     })
 }
 
-/// Gives each copy another action in its last frame, which is padding.
+/// Changes an action in each copy's last frame, which is padding.
 pub fn written_copies() -> Result<(), String> {
     let dims = EvalSpec::micro().dims;
     let (chunk, width) = (dims.chunk as usize, dims.max_action_dim as usize);
     copies(|sample, index| with_value(sample, 1 + chunk + (chunk - 1) * width, index as i16))
 }
 
-/// Gives each copy another number in an action dimension that no arm has.
+/// Changes a number in an action dimension that no arm has.
 pub fn widened_copies() -> Result<(), String> {
     let dims = EvalSpec::micro().dims;
     let beyond = 1 + dims.chunk as usize + dims.action_dim as usize;
     copies(|sample, index| with_value(sample, beyond, index as i16))
 }
 
-/// Puts another number behind the last value of each copy. Nothing reads it.
+/// Puts another number behind each copy's last value. Nothing reads it.
 pub fn padded_copies() -> Result<(), String> {
     copies(|sample, index| {
         let last = sample.as_bytes().len() / 2 - 1;
@@ -266,7 +264,7 @@ pub fn padded_copies() -> Result<(), String> {
     })
 }
 
-/// Returns the sample as the guest would read it with another value at `at`.
+/// The sample as the guest would read it, with another value at `at`.
 fn with_value(sample: &Sample, at: usize, value: i16) -> Result<Sample, String> {
     let mut bytes = sample.as_bytes().to_vec();
     bytes[2 * at..][..2].copy_from_slice(&value.to_le_bytes());

@@ -1,11 +1,10 @@
-//! Cheats with the evaluation specification: a node takes another than the round's, or whoever opens the round chooses one
-//! under which the evaluation is not that of the policy.
+//! Cheats with the evaluation specification: a node uses another, or the round's does not evaluate the policy.
 
 use super::verifier::{direct, drawn, improves, loss, prove};
 use crate::claims::{louder, nudged, ClaimingNode, Random};
 use zk0_circuits::EvalSpec;
 
-/// Claims of updates that are no improvement, until one is accepted under `spec`. `prepare` changes a node's data and weights.
+/// Claims updates without improvement, until one is accepted under `spec`. `prepare` changes a node's data and weights.
 fn tries(spec: &EvalSpec, prepare: impl Fn(&mut ClaimingNode)) -> Result<(), String> {
     spec.validate().map_err(|error| error.to_string())?;
     let mut node = ClaimingNode::new(spec, 12, 4, 16);
@@ -27,14 +26,14 @@ fn tries(spec: &EvalSpec, prepare: impl Fn(&mut ClaimingNode)) -> Result<(), Str
     refused
 }
 
-/// The evaluation reads the values of the prefix as a quarter of what they are, and the action tokens' own values as they are.
+/// The evaluation reads the prefix's values as a quarter, and the action tokens' own values in full.
 pub fn misread_cache() -> Result<(), String> {
     let mut spec = EvalSpec::micro();
     spec.layers[0].value = spec.layers[0].cache_value + 2;
     tries(&spec, |_| ())
 }
 
-/// Noise beyond two standard deviations has the opposite sign.
+/// Noise beyond two standard deviations changes its sign.
 pub fn wrapped_noise() -> Result<(), String> {
     let mut spec = EvalSpec::micro();
     spec.action = 14;
@@ -46,8 +45,7 @@ pub fn wrapped_noise() -> Result<(), String> {
     })
 }
 
-/// The node evaluates with a time embedding that does not depend on the time, where the round's specification has another. Of many
-/// updates that do not improve, one looks better because of it.
+/// The node's time embedding does not depend on the time. By this, one of many updates that do not improve looks better.
 pub fn other_frequencies() -> Result<(), String> {
     let spec = EvalSpec::micro();
     let mut other = spec.clone();

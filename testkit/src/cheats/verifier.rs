@@ -1,5 +1,4 @@
-//! The other side of each cheat: whether a verifier who holds the files accepts the claim, and whether the claim is true in
-//! float64.
+//! The other side of each cheat: whether a verifier with the files accepts the claim, and whether it is true in float64.
 
 use crate::claims::{name_weights, reference, ClaimingNode, FloatSample, Tensors};
 use zk0_circuits::claim::private_input::Opening;
@@ -8,7 +7,7 @@ use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::{Claim, EvalSpec, Mode, PrivateInput, QuantisedWeights};
 
-/// Runs the guest program, and the verifier's checks of the claim against the files.
+/// Runs the guest program, and checks the claim against the files.
 pub fn direct(input: &PrivateInput, files: [&QuantisedWeights; 2]) -> Result<Claim, String> {
     let read =
         PrivateInput::from_buffers(&input.to_buffers()).map_err(|error| error.to_string())?;
@@ -17,7 +16,7 @@ pub fn direct(input: &PrivateInput, files: [&QuantisedWeights; 2]) -> Result<Cla
     Ok(claim)
 }
 
-/// Claims what `input` says. Its weights are those of the files.
+/// Claims what `input` states. Its weights are the files'.
 pub fn prove(mut input: PrivateInput) -> Result<Claim, String> {
     name_weights(&mut input);
     direct(&input, [&input.base, &input.update])
@@ -31,7 +30,7 @@ fn names_files(claim: &Claim, files: [&QuantisedWeights; 2]) -> Result<(), Strin
     Ok(())
 }
 
-/// The samples that the node's challenge draws, in the order drawn.
+/// The samples that the challenge draws, in order.
 pub fn drawn(node: &ClaimingNode) -> Vec<FloatSample> {
     let openings = node.honest().input.openings;
     let index = |opening: Opening| opening.index as usize;
@@ -39,16 +38,15 @@ pub fn drawn(node: &ClaimingNode) -> Vec<FloatSample> {
     drawn.map(|index| node.data[index].clone()).collect()
 }
 
-/// The node's update improves on its base by what it claims, on the samples at these positions.
+/// Whether the update improves as claimed on the samples at these positions.
 pub fn improves(node: &ClaimingNode, samples: &[FloatSample]) -> bool {
     let losses = [&node.base, &node.update].map(|tensors| losses(node, tensors, samples));
     share_of_quantile(node, &losses[0], &losses[1]) > 1.0
 }
 
-/// The node's test, in float64: Student's t-statistic of the differences, divided by the quantile at 95 %. Above 1, the test passes.
+/// Student's t-statistic of the float64 differences, divided by the quantile at 95 %. Above 1, the test passes.
 pub fn share_of_quantile(node: &ClaimingNode, before: &[f64], after: &[f64]) -> f64 {
     assert_eq!(node.test.confidence, Confidence::P95);
-    // From any table.
     let quantile = match before.len() {
         2 => 6.314,
         4 => 2.353,
@@ -64,12 +62,12 @@ pub fn share_of_quantile(node: &ClaimingNode, before: &[f64], after: &[f64]) -> 
     mean / (variance / n).sqrt() / quantile
 }
 
-/// Returns the sum of squared errors in float64.
+/// The sum of squared errors in float64.
 pub fn loss(node: &ClaimingNode, tensors: &Tensors, samples: &[FloatSample]) -> f64 {
     losses(node, tensors, samples).iter().sum()
 }
 
-/// Returns the squared errors on each sample in float64.
+/// The squared errors of each sample in float64.
 pub fn losses(node: &ClaimingNode, tensors: &Tensors, samples: &[FloatSample]) -> Vec<f64> {
     let samples = samples.iter().enumerate();
     samples
@@ -77,14 +75,14 @@ pub fn losses(node: &ClaimingNode, tensors: &Tensors, samples: &[FloatSample]) -
         .collect()
 }
 
-/// Returns the sum for one sample, with the noise and time of a position.
+/// The sum for one sample, with a position's noise and time.
 pub fn loss_at(
     node: &ClaimingNode,
     tensors: &Tensors,
     parts: &FloatSample,
     position: usize,
 ) -> f64 {
-    // This is the noise as the table has it. The node's specification may round it differently.
+    // The table's noise. The node's specification may round differently.
     let exact = EvalSpec {
         action: 12,
         ..EvalSpec::new(node.spec.dims)

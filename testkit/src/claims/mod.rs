@@ -1,4 +1,4 @@
-//! Honest claims made from a seed, which tests then change.
+//! Honest claims from a seed, for tests to change.
 
 pub mod reference;
 
@@ -16,11 +16,11 @@ use zk0_circuits::{
     Sample, Terms, WeightsDigest,
 };
 
-/// SplitMix64: uniform random numbers from a seed.
+/// SplitMix64: uniform random numbers.
 pub struct Random(pub u64);
 
 impl Random {
-    /// Returns 64 uniform bits.
+    /// 64 uniform bits.
     pub fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -29,12 +29,12 @@ impl Random {
         z ^ z >> 31
     }
 
-    /// Returns a uniform number in [-1, 1).
+    /// A uniform number in [-1, 1).
     pub fn unit(&mut self) -> f32 {
         (self.bits() >> 40) as f32 / (1 << 23) as f32 - 1.0
     }
 
-    /// Returns a roughly normal number with standard deviation 1.
+    /// A roughly normal number with standard deviation 1.
     pub fn normal(&mut self) -> f32 {
         (0..12).map(|_| self.unit()).sum::<f32>() / 2.0
     }
@@ -43,7 +43,7 @@ impl Random {
 /// Named f32 tensors.
 pub type Tensors = HashMap<String, Vec<f32>>;
 
-/// Random expert weights: matrices of gain about `gain`, norm gains around 1, small biases.
+/// Random expert weights: matrices of gain about `gain`, norm gains near 1, small biases.
 pub fn tensors(spec: &EvalSpec, random: &mut Random, gain: f32) -> Tensors {
     let values = |shape: &[usize], name: &str, random: &mut Random| -> Vec<f32> {
         let count = shape.iter().product();
@@ -70,12 +70,12 @@ pub fn tensors(spec: &EvalSpec, random: &mut Random, gain: f32) -> Tensors {
     .collect()
 }
 
-/// The same weights with a velocity a quarter as large, which gives a lower loss where velocity and target are independent.
+/// The weights with a quarter of the velocity, which lowers the loss where velocity and target are independent.
 pub fn calmer(tensors: &Tensors) -> Tensors {
     louder(tensors, 0.25)
 }
 
-/// The same weights with a velocity `factor` times as large.
+/// The weights with `factor` times the velocity.
 pub fn louder(tensors: &Tensors, factor: f32) -> Tensors {
     let mut louder = tensors.clone();
     for (name, values) in &mut louder {
@@ -86,7 +86,7 @@ pub fn louder(tensors: &Tensors, factor: f32) -> Tensors {
     louder
 }
 
-/// The same weights, every value changed at random by about `amount` of its tensor's magnitude.
+/// The weights, each changed at random by about `amount` of its tensor's magnitude.
 pub fn nudged(tensors: &Tensors, random: &mut Random, amount: f32) -> Tensors {
     let mut nudged = tensors.clone();
     let mut names: Vec<&String> = tensors.keys().collect();
@@ -102,7 +102,7 @@ pub fn nudged(tensors: &Tensors, random: &mut Random, amount: f32) -> Tensors {
     nudged
 }
 
-/// The weights of the model in fixed point.
+/// The weights in fixed point.
 pub fn quantise(spec: &EvalSpec, tensors: &Tensors) -> QuantisedWeights {
     QuantisedWeights::quantise(spec, |name| tensors.get(name).map(Vec::as_slice)).unwrap()
 }
@@ -116,7 +116,7 @@ pub struct FloatSample {
 }
 
 impl FloatSample {
-    /// Makes a random sample with `prefix` tokens, whose last `padded` frames are past the end.
+    /// A random sample with `prefix` tokens. Its last `padded` frames are past the end.
     pub fn random(spec: &EvalSpec, random: &mut Random, prefix: usize, padded: usize) -> Self {
         let dims = &spec.dims;
         let (chunk, width) = (dims.chunk as usize, dims.max_action_dim as usize);
@@ -147,7 +147,7 @@ impl FloatSample {
     }
 }
 
-/// A node: its data and weights, and what it is asked to claim of them.
+/// A node's data and weights, and what it has to claim.
 pub struct ClaimingNode {
     pub spec: EvalSpec,
     pub data: Vec<FloatSample>,
@@ -165,14 +165,14 @@ const NETWORK: Digest = Digest([1; 32]);
 const NODE: NodeId = NodeId([2; 32]);
 
 impl ClaimingNode {
-    /// Makes a node with `samples` samples that is asked for `eval_samples` of them. Its update lowers the loss.
+    /// A node with `samples` samples that claims `eval_samples` of them. Its update lowers the loss.
     pub fn new(spec: &EvalSpec, samples: usize, eval_samples: u32, seed: u64) -> Self {
         let mut random = Random(seed);
         let most = spec.dims.max_prefix as usize;
         let data = (0..samples)
             .map(|index| FloatSample::random(spec, &mut random, most - index % 2, index % 3))
             .collect();
-        // Louder than the noise, so that the calmer update is clearly better on a few samples.
+        // Louder than the noise, so that the calmer update is clearly better on few samples.
         let base = louder(&tensors(spec, &mut random, 1.0), 2.0);
         Self {
             spec: spec.clone(),
@@ -188,7 +188,7 @@ impl ClaimingNode {
         }
     }
 
-    /// The private input of an honest claim, and the dataset behind it.
+    /// An honest claim's private input, and its dataset.
     pub fn honest(&self) -> Honest {
         let spec = &self.spec;
         let parts = self.data.iter();
@@ -248,7 +248,7 @@ impl ClaimingNode {
     }
 }
 
-/// An honest claim and the dataset behind it.
+/// An honest claim and its dataset.
 pub struct Honest {
     pub input: PrivateInput,
     pub dataset: Vec<Sample>,
@@ -256,7 +256,7 @@ pub struct Honest {
 }
 
 impl Honest {
-    /// Commits to the samples and to the weights as mode `succinct` asks for. `digest` is that of a sample in this mode.
+    /// Commits to the samples and weights as mode `succinct` requires. `digest` is that of a sample.
     pub fn succinct(mut self, digest: impl Fn(&EvalSpec, &Sample) -> Digest) -> Self {
         let spec = &self.input.header.spec;
         let samples = self.dataset.iter();
@@ -275,12 +275,12 @@ impl Honest {
     }
 }
 
-/// A claim over `count` of `samples` samples whose update lowers the loss.
+/// A claim over `count` of `samples` samples; the update lowers the loss.
 pub fn honest(spec: &EvalSpec, samples: usize, count: u32, seed: u64) -> Honest {
     ClaimingNode::new(spec, samples, count, seed).honest()
 }
 
-/// Names the input's weights in its terms, as they are now.
+/// Names the input's weights in its terms.
 pub fn name_weights(input: &mut PrivateInput) {
     input.header.terms.base.quantised = input.base.digest(Mode::Direct);
     input.header.terms.update.quantised = input.update.digest(Mode::Direct);

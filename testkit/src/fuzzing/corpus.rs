@@ -1,4 +1,4 @@
-//! Inputs that fuzzing found. Each target has a folder of them, and a test that always runs reads them again.
+//! Inputs that fuzzing found. Each target has a folder of them, which a test always reads.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use super::{Target, Targets};
 use crate::allocations;
 
-/// What came of an input: the error without what is particular to the input, or `read`. `Err` is a finding.
+/// An input's result: the error without particulars, or `read`. `Err` is a finding.
 fn outcome(targets: &Targets, target: &mut Target, input: &[u8]) -> Result<String, String> {
     let read = catch_unwind(AssertUnwindSafe(|| targets.run(target, input)));
     Ok(match read.map_err(|_| "a panic")?? {
@@ -17,7 +17,7 @@ fn outcome(targets: &Targets, target: &mut Target, input: &[u8]) -> Result<Strin
     })
 }
 
-/// The message up to a quotation and without words that have a digit, so that one fault is one outcome.
+/// The message up to a quotation, without words that have a digit, so that one fault is one outcome.
 fn class(message: &str) -> String {
     let end = message.find(['"', '`', '\'']).unwrap_or(message.len());
     let words = message[..end].split(' ');
@@ -27,7 +27,6 @@ fn class(message: &str) -> String {
     words.join(" ")
 }
 
-/// Returns the inputs of a target, in the order of their file names.
 fn corpus(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let Ok(entries) = fs::read_dir(folder) else {
         return Vec::new();
@@ -40,9 +39,8 @@ fn corpus(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
         .collect()
 }
 
-/// Has every target read its seeds, and the inputs in `tests/corpus/<crate>/<target>`. Fails on a panic or an allocation out of
-/// proportion. Allocations are counted for the whole process, so no test may run at the same time that is not [`allocations::alone`], too.
-/// In a program that `scripts/fuzz` runs, libFuzzer makes up the inputs instead.
+/// Reads each target's seeds and the inputs in `tests/corpus/<crate>/<target>`. Fails on a panic or an allocation out of proportion. The
+/// whole process is counted, so other tests must be [`allocations::alone`], too. Under `scripts/fuzz`, libFuzzer makes the inputs.
 pub fn read_again(of: &str, targets: &Targets) {
     let _alone = allocations::alone();
     #[cfg(fuzzing)]
@@ -51,7 +49,7 @@ pub fn read_again(of: &str, targets: &Targets) {
     }
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/corpus");
     let root = Path::new(root).join(of);
-    // The panics of libraries are caught, and need no line of output each.
+    // Panics of libraries are caught, and need no output.
     std::panic::set_hook(Box::new(|_| ()));
     let mut wrong = Vec::new();
     for name in targets.names {

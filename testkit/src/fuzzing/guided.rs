@@ -1,4 +1,4 @@
-//! The inputs of libFuzzer, which changes those that reach new code. `scripts/fuzz` builds and runs this.
+//! Inputs that libFuzzer makes for `scripts/fuzz`.
 
 use std::env::var;
 use std::fs;
@@ -7,9 +7,9 @@ use std::path::Path;
 
 use super::Targets;
 
-/// Fuzzes the target of this name, and writes its seeds into the folder FUZZ_SEEDS before. The run stops at a panic.
+/// Writes the target's seeds into the folder FUZZ_SEEDS, and fuzzes it until a panic.
 pub fn fuzz(targets: &Targets, name: &str) {
-    // Inputs are cut off at 4096 bytes otherwise.
+    // By default, inputs are cut at 4096 bytes.
     let fuzzer = bolero::check!().with_max_len(1 << 20);
     let mut target = AssertUnwindSafe((targets.target)(name));
     let seeds = var("FUZZ_SEEDS").unwrap();

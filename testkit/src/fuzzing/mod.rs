@@ -1,7 +1,6 @@
-//! What a reader may do with an input: neither panic, nor allocate out of proportion. `corpus` gives it the inputs that are kept,
-//! `guided` those that libFuzzer makes up.
+//! Tests that readers neither panic nor allocate out of proportion. `corpus` has kept inputs, `guided` libFuzzer's.
 //!
-//! The program `CRATE_alone` of a crate, `tests/alone/main.rs`, declares the [counting allocator](crate::allocations), and has a folder
+//! A crate's program `CRATE_alone`, `tests/alone/main.rs`, declares the [counting allocator](crate::allocations), and has a folder
 //! `fuzz_CRATE`. Its `mod.rs` is one test:
 //!
 //! ```ignore
@@ -13,7 +12,7 @@
 //! }
 //! ```
 //!
-//! Beside it, `targets.rs` says which readers there are:
+//! Beside it, `targets.rs` lists the readers:
 //!
 //! ```ignore
 //! use zk0_testkit::fuzzing::{Target, Targets};
@@ -32,7 +31,7 @@
 //! }
 //! ```
 //!
-//! `scripts/fuzz` builds the same program, and runs what is in `fuzz_CRATE`. bolero and the condition `fuzzing` are of this crate alone.
+//! `scripts/fuzz` builds the same program, and runs `fuzz_CRATE`. Only this crate has bolero and the condition `fuzzing`.
 
 #![allow(unexpected_cfgs)] // `scripts/fuzz` sets `fuzzing`
 

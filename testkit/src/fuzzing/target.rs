@@ -4,24 +4,24 @@ use crate::allocations::peak;
 
 /// A reader under test.
 pub struct Target {
-    /// Valid inputs, which fuzzing starts from.
+    /// Valid inputs, from which fuzzing starts.
     pub seeds: Vec<Vec<u8>>,
-    /// Reads an input, or says why it does not.
+    /// Reads an input, or explains why not.
     pub run: Box<dyn FnMut(&[u8]) -> Result<(), String>>,
 }
 
 /// The readers of a crate.
 pub struct Targets {
-    /// What they are called. The folders of their inputs have the same names.
+    /// The targets' names, and the names of their input folders.
     pub names: &'static [&'static str],
-    /// Makes the target of a name.
+    /// Makes the target of this name.
     pub target: fn(&str) -> Target,
-    /// What any input may make a reader allocate at once, in bytes.
+    /// Bytes that any input may make a reader allocate at once.
     pub slack: usize,
 }
 
 impl Targets {
-    /// Whether the target reads the input, or why not. `Err` if it allocates too much.
+    /// The reading's result. `Err` if the target allocates too much.
     pub(super) fn run(
         &self,
         target: &mut Target,

@@ -1,4 +1,4 @@
-//! Ledgers on disk to test with, of the [`network`](crate::network).
+//! Test ledgers on disk, of the [`network`](crate::network).
 
 pub mod rounds;
 pub mod shelf;

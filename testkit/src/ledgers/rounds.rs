@@ -1,11 +1,11 @@
-//! A ledger on disk with a whole round in it.
+//! A ledger on disk with a whole round.
 
 use crate::network::*;
 use std::path::Path;
 use zk0_ledger::Ledger;
 use zk0_protocol::{Body, State};
 
-/// Founds a ledger in `dir`; three nodes, one round, one accepted and two refused, then closed, and the next one opened.
+/// Founds a ledger in `dir` of three nodes, with a closed round (one contribution accepted, two refused) and an open one.
 pub fn ledger_with_a_round(dir: &Path) -> Ledger {
     let (mut ledger, _) = Ledger::create(dir, genesis(), log_key(), T0).unwrap();
     let mut clock = T0;
@@ -58,7 +58,7 @@ pub fn ledger_with_a_round(dir: &Path) -> Ledger {
     ledger
 }
 
-/// Copies a folder with all that is in it.
+/// Copies a folder.
 pub fn copy(from: &Path, to: &Path) {
     std::fs::create_dir_all(to).unwrap();
     for found in std::fs::read_dir(from).unwrap() {

@@ -1,4 +1,4 @@
-//! A published log from a database with any leaves, at any size, and a source of its files that can lie.
+//! A published log of any leaves, at any size, from a database. Its files can lie.
 
 use crate::network::log::ORIGIN;
 use crate::network::log_key;
@@ -19,7 +19,7 @@ pub struct Shelf {
 }
 
 impl Shelf {
-    /// Writes a database with these leaves, and a checkpoint of each size.
+    /// A database of these leaves, with a checkpoint of each size.
     pub fn of(leaves: &[Vec<u8>]) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::open(dir.path()).unwrap();
@@ -43,7 +43,7 @@ impl Shelf {
         Checkpoint { size, root }
     }
 
-    /// Returns what a log publishes of the first `size` leaves.
+    /// What a log of the first `size` leaves publishes.
     pub fn at(&self, size: u64) -> ShownLog<'_> {
         ShownLog {
             store: &self.store,
@@ -53,13 +53,13 @@ impl Shelf {
     }
 }
 
-/// The log at one size; `instead` replaces files, or hides them.
+/// The log at one size.
 pub struct ShownLog<'a> {
-    /// The database of the whole log.
+    /// The whole log's database.
     pub store: &'a Store,
-    /// How many leaves are shown.
+    /// The number of shown leaves.
     pub size: u64,
-    /// What is read in place of files. `None` hides a file.
+    /// Replacements of files. `None` hides a file.
     pub instead: BTreeMap<String, Option<Vec<u8>>>,
 }
 

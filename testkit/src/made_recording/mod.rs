@@ -1,5 +1,4 @@
-//! Recordings that a test makes: LeRobotDataset folders (v3.0) of any length. The pictures are those of a fixture's videos, over and over,
-//! and the motion follows from a seed.
+//! Makes recordings: LeRobotDataset folders (v3.0) of any length, with a fixture's pictures and motion from a seed.
 
 mod mp4;
 
@@ -11,7 +10,7 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// The recording whose pictures and features the made ones have.
+/// The fixture of pictures and features.
 const FIXTURE: &str = concat!(
     env!("CARGO_MANIFEST_DIR"),
     "/../tests/fixtures/datasets/so100_pickplace"
@@ -24,15 +23,15 @@ const DIM: usize = 6;
 /// An episode to make.
 #[derive(Clone, Copy, Debug)]
 pub struct MadeEpisode {
-    /// Episodes of the same seed and number of frames are the same.
+    /// Equal seeds and numbers of frames give equal episodes.
     pub seed: u64,
-    /// How many frames it has.
+    /// The number of frames.
     pub frames: usize,
-    /// Whether neither the camera nor the robot sees anything change.
+    /// Whether camera and robot see no change.
     pub still: bool,
 }
 
-/// Makes a recording of these episodes in `folder`, which is made. All of them have to be still, or none.
+/// Makes a recording in the new folder `folder`. All or no episodes must be still.
 pub fn make(folder: &Path, episodes: &[MadeEpisode]) {
     let still = episodes[0].still;
     assert!(episodes.iter().all(|episode| episode.still == still));
@@ -67,7 +66,7 @@ pub fn make(folder: &Path, episodes: &[MadeEpisode]) {
     );
 }
 
-/// Where the frames of each episode are.
+/// Where each episode's frames are.
 fn places(episodes: &[MadeEpisode]) -> RecordBatch {
     let mut from = 0;
     let (mut starts, mut ends) = (Vec::new(), Vec::new());
@@ -100,7 +99,6 @@ fn places(episodes: &[MadeEpisode]) -> RecordBatch {
     RecordBatch::try_from_iter(columns).unwrap()
 }
 
-/// The motion.
 fn rows(episodes: &[MadeEpisode]) -> RecordBatch {
     let list = || FixedSizeListBuilder::new(Float32Builder::new(), DIM as i32);
     let (mut states, mut actions) = (list(), list());
@@ -132,7 +130,7 @@ fn rows(episodes: &[MadeEpisode]) -> RecordBatch {
     RecordBatch::try_from_iter(columns).unwrap()
 }
 
-/// The mean and the standard deviation of each joint of the fixture.
+/// Each joint's mean and standard deviation in the fixture.
 fn swings() -> Vec<(f32, f32)> {
     let stats = fs::read(Path::new(FIXTURE).join("meta/stats.json")).unwrap();
     let stats: Value = serde_json::from_slice(&stats).unwrap();

@@ -1,19 +1,18 @@
-//! A video of any length, whose frames are those of another video: its sample table names them again and again.
+//! A video of any length, whose sample table repeats another video's frames.
 
 use std::fs::{self, File};
 use std::path::Path;
 use zk0_lerobot::dataset::Mp4Track;
 
-/// Ticks of the made video per second, and per frame.
+/// Ticks per second, and per frame.
 const SCALE: u32 = 30;
 
-/// An mp4 file of `frames` frames at 30 frames per second. If it is still, all of them are the first frame of `video`. Otherwise they are
-/// its frames from the first to the last, and then again.
+/// An mp4 file of `frames` frames at 30 frames per second. They repeat the first frame of `video` if still, otherwise all its frames.
 pub fn made(video: &Path, frames: usize, still: bool) -> Vec<u8> {
     let track = Mp4Track::read(&mut File::open(video).unwrap()).unwrap();
     let bytes = fs::read(video).unwrap();
     let head = atom(b"ftyp", &[&b"isom\0\0\x02\0isomav01"[..]]);
-    // The data come first, so that their places do not depend on the length of the index.
+    // The data come first, so that their places do not depend on the index.
     let start = head.len() as u64 + 8;
     let (mut data, mut places) = (Vec::new(), Vec::new());
     for sample in &track.samples {
@@ -71,7 +70,7 @@ pub fn made(video: &Path, frames: usize, still: bool) -> Vec<u8> {
     let index = atom(
         b"moov",
         &[
-            // Rate, volume and matrix are left at zero.
+            // Rate, volume and matrix stay zero.
             &atom(b"mvhd", &[&header(&[0, 0, 0, SCALE, all]), &[0; 80]]),
             &atom(b"trak", &[&media]),
         ],
@@ -79,14 +78,14 @@ pub fn made(video: &Path, frames: usize, still: bool) -> Vec<u8> {
     [head, atom(b"mdat", &[&data]), index].concat()
 }
 
-/// A box of an mp4 file.
+/// An mp4 box.
 fn atom(kind: &[u8; 4], parts: &[&[u8]]) -> Vec<u8> {
     let body = parts.concat();
     let length = (body.len() as u32 + 8).to_be_bytes();
     [&length[..], kind, &body].concat()
 }
 
-/// The sample description of a video, as it stands in the file.
+/// A video's sample description, in the file's bytes.
 fn description(file: &[u8]) -> &[u8] {
     let at = file.windows(4).position(|name| name == b"stsd").unwrap() - 4;
     let length = u32::from_be_bytes(file[at..at + 4].try_into().unwrap());

@@ -1,4 +1,4 @@
-//! A drand network of the tests' own: one key signs every round.
+//! A drand network of the tests: one key signs every round.
 
 use bls12_381::hash_to_curve::{ExpandMsgXmd, HashToCurve};
 use bls12_381::{G1Affine, G1Projective, G2Affine, Scalar};
@@ -15,7 +15,7 @@ impl Beacon {
         Self(secret)
     }
 
-    /// What the rules say of the network, if its round 1 was signed at `genesis_s`.
+    /// The network in the rules. Round 1 was signed at `genesis_s`.
     pub fn chain(&self, genesis_s: u64, margin_ms: u64) -> DrandChain {
         let key = G2Affine::generator() * Scalar::from(self.0);
         DrandChain {
@@ -27,7 +27,7 @@ impl Beacon {
         }
     }
 
-    /// The signature of a round.
+    /// A round's signature.
     pub fn sign(&self, round: u64) -> BeaconSignature {
         let message = sha256(&[&round.to_be_bytes()]);
         let hashed = <G1Projective as HashToCurve<ExpandMsgXmd<Sha256>>>::hash_to_curve(

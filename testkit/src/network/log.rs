@@ -6,15 +6,15 @@ use zk0_protocol::tlog::tree::Frontier;
 use zk0_protocol::tlog::verifier_key::{Role, VerifierKey};
 use zk0_protocol::{Checkpoint, Receipt};
 
-/// The origin of the log.
+/// The log's origin.
 pub const ORIGIN: &str = "zk0.example/test";
 
-/// The verifier key of the log.
+/// The log's verifier key.
 pub fn log_vkey() -> VerifierKey {
     VerifierKey::new(Role::Log, ORIGIN, log_key().verifying_key().as_bytes()).unwrap()
 }
 
-/// The leaves of a log, and every hash of its tree in the order in which they become final.
+/// A log's leaves, and its tree's hashes in the order of becoming final.
 pub struct MemoryLog {
     leaves: Vec<Vec<u8>>,
     hashes: Vec<Hash>,
@@ -31,7 +31,7 @@ impl MemoryLog {
         }
     }
 
-    /// Returns a genesis and this many enrolments, each `step_ms` after the one before.
+    /// A genesis and this many enrolments, `step_ms` apart.
     pub fn of_enrolments(nodes: u8, step_ms: u64) -> Self {
         let bodies = std::iter::once(Body::Genesis(genesis())).chain((0..nodes).map(enrolled));
         let times = (T0..).step_by(step_ms.max(1) as usize);
@@ -54,7 +54,7 @@ impl MemoryLog {
         }
     }
 
-    /// The receipt of an entry, with the signed checkpoint of the whole log.
+    /// An entry's receipt, with the whole log's signed checkpoint.
     pub fn receipt(&self, index: u64) -> Receipt {
         let size = self.leaves.len() as u64;
         let proof = prove_record(size, index, self).unwrap();
@@ -66,7 +66,7 @@ impl MemoryLog {
         }
     }
 
-    /// The consistency proof between the trees of the first `old` and the first `new` entries.
+    /// The consistency proof from the first `old` to the first `new` entries.
     pub fn consistency(&self, old: u64, new: u64) -> Vec<Digest> {
         let proof = prove_tree(new, old, self).unwrap();
         proof.into_iter().map(|hash| Digest(hash.0)).collect()

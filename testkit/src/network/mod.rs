@@ -1,4 +1,4 @@
-//! A small network to test with: fixed keys, a genesis, and builders for each kind of entry.
+//! A small test network: fixed keys, a genesis, and builders for each kind of entry.
 
 pub mod beacon;
 pub mod log;
@@ -26,33 +26,33 @@ use zk0_protocol::{Body, Entry, Genesis, RefusalCode, RuleViolation, Rules, Sign
 
 /// When the network is founded, in milliseconds since 1970.
 pub const T0: u64 = 1_700_000_000_000;
-/// How long a round takes commitments, in milliseconds as all windows here.
+/// How long a round takes commitments; all windows are in milliseconds.
 pub const COMMIT_WINDOW: u64 = 1_000;
 /// How long a round takes submissions.
 pub const SUBMIT_WINDOW: u64 = 5_000;
 /// How long a round waits for its randomness.
 pub const RANDOMNESS_WINDOW: u64 = 2_000;
-/// How long a contribution can be disputed.
+/// How long a dispute is possible.
 pub const DISPUTE_WINDOW: u64 = 100_000;
-/// How many frames an evaluation set has.
+/// Frames of an evaluation set.
 pub const EVALUATION_FRAMES: u32 = 300;
 /// How long a vote lasts.
 pub const VOTING: u64 = 20_000;
-/// How long what a vote decided waits until it is in force.
+/// How long a decision waits until it is in force.
 pub const TIME_LOCK: u64 = 10_000;
 
-/// How an update is evaluated, as the vectors of the protocol have it.
+/// How the protocol's test vectors evaluate an update.
 const EVALUATION: &str = include_str!(concat!(
     env!("CARGO_MANIFEST_DIR"),
     "/../protocol/tests/vectors/evaluation.hex"
 ));
 
-/// A digest of this byte, again and again.
+/// A digest of this byte, repeated.
 pub fn digest(byte: u8) -> Digest {
     Digest([byte; 32])
 }
 
-/// Digests of weights that belong to this byte.
+/// Digests of weights for this byte.
 pub fn weights(byte: u8) -> WeightsDigest {
     WeightsDigest {
         blob: digest(byte),
@@ -65,12 +65,12 @@ pub fn log_key() -> SigningKey {
     SigningKey::from_bytes(&[7; 32])
 }
 
-/// The key of a node.
+/// A node's key.
 pub fn key(node: u8) -> SigningKey {
     SigningKey::from_bytes(&[100 + node; 32])
 }
 
-/// The public key of a node.
+/// A node's public key.
 pub fn id(node: u8) -> NodeId {
     NodeId(key(node).verifying_key().to_bytes())
 }
@@ -80,7 +80,7 @@ pub fn governor_key(governor: u8) -> SigningKey {
     SigningKey::from_bytes(&[200 + governor; 32])
 }
 
-/// The public key of a governor.
+/// A governor's public key.
 pub fn governor(governor: u8) -> NodeId {
     NodeId(governor_key(governor).verifying_key().to_bytes())
 }
@@ -99,7 +99,7 @@ fn governors() -> Vec<Governor> {
     governors
 }
 
-/// The genesis of the network.
+/// The network's genesis.
 pub fn genesis() -> Genesis {
     Genesis {
         name: "zk0.example/test".into(),
@@ -155,7 +155,7 @@ pub fn enrolled(node: u8) -> Body {
     })
 }
 
-/// Registers node `node`'s dataset, which has `10·(node+1)` samples.
+/// The dataset of `node`, with `10·(node+1)` samples.
 pub fn dataset(node: u8) -> DatasetCommitment {
     DatasetCommitment {
         root: digest(0x20 + node),
@@ -165,7 +165,7 @@ pub fn dataset(node: u8) -> DatasetCommitment {
     }
 }
 
-/// What node `node` registers.
+/// The registration of `node`.
 pub fn registration(network: &Digest, node: u8) -> DatasetRegistration {
     DatasetRegistration {
         network: *network,
@@ -183,7 +183,7 @@ pub fn episode(digest: Digest) -> RegisteredEpisode {
     RegisteredEpisode { digest, frames }
 }
 
-/// The signed registration of node `node`'s dataset.
+/// The signed registration of `node`.
 pub fn registered(network: &Digest, node: u8) -> Body {
     Body::DatasetCommitted(Signed::new(registration(network, node), &key(node)))
 }
@@ -205,7 +205,7 @@ pub fn committed(state: &State, node: u8, update: WeightsDigest) -> Body {
     Body::UpdateCommitted(Signed::new(commitment(state, node, update), &key(node)))
 }
 
-/// The claim of `node` that the ledger expects.
+/// The expected claim of `node`.
 pub fn claim(state: &State, node: u8) -> Claim {
     let expected = state.expected_claim(&id(node)).expect("a committed node");
     expected.with(match expected.disclosure {
@@ -218,7 +218,7 @@ pub fn claim(state: &State, node: u8) -> Claim {
     })
 }
 
-/// `claim`, signed by the node `by`.
+/// `claim`, signed by node `by`.
 pub fn submission(claim: Claim, by: u8) -> Signed<Submission> {
     let proof = digest(0xaa);
     Signed::new(Submission { claim, proof }, &key(by))
@@ -237,18 +237,17 @@ pub fn rejected(state: &State, node: u8, reason: RefusalCode) -> Body {
     }
 }
 
-/// Why a contribution is rejected whose proof is wrong.
+/// The refusal of a wrong proof.
 pub fn invalid_proof() -> RefusalCode {
     RefusalCode::InvalidProof
 }
 
-/// The opening of the next round.
+/// The next round's opening.
 pub fn opened(state: &State, time_ms: u64) -> RoundOpened {
     state.next_opening(time_ms).expect("deadlines fit")
 }
 
-/// The closing of the open round with `global` as its result. If the rules ask for an evaluation, the result does a little better than
-/// the base.
+/// The open round's closing with the result `global`, slightly better than the base if the rules ask for an evaluation.
 pub fn closed(state: &State, global: WeightsDigest) -> RoundClosed {
     let contributors = state.contributors();
     let samples = state.rules().public_samples;
@@ -268,7 +267,7 @@ pub fn closed(state: &State, global: WeightsDigest) -> RoundClosed {
     }
 }
 
-/// The entry that closes the commitments of the open round, whether or not they may close now.
+/// The closing of the open round's commitments, allowed or not.
 pub fn commitments_closed(state: &State) -> CommitmentsClosed {
     let round = state.round().expect("an open round");
     let by_node = round.commits.iter();
@@ -282,7 +281,7 @@ pub fn commitments_closed(state: &State) -> CommitmentsClosed {
     }
 }
 
-/// The randomness of the open round, from the log's key.
+/// The open round's randomness, from the log's key.
 pub fn drawn(state: &State) -> RandomnessDrawn {
     let round = state.round().expect("an open round");
     let commitments = round.closing.map(|closing| closing.commitments);
@@ -293,7 +292,7 @@ pub fn drawn(state: &State) -> RandomnessDrawn {
     }
 }
 
-/// The closing of the open round, whose result is evaluated and not taken.
+/// The open round's closing, whose result is evaluated and not taken.
 pub fn kept(state: &State, result: WeightsDigest) -> RoundClosed {
     let mut closed = closed(state, result);
     closed.global = state.round().expect("an open round").opened.base;
@@ -308,24 +307,24 @@ pub fn kept(state: &State, result: WeightsDigest) -> RoundClosed {
     closed
 }
 
-/// Public samples that the rules can name.
+/// Public samples for the rules.
 pub const PUBLIC_SAMPLES: PublicSamples = PublicSamples {
     blob: Digest([0x77; 32]),
     samples: 8,
     max_loss_increase_bps: 500,
 };
 
-/// What the closing says of a node whose contribution counts whole.
+/// The closing's record of a whole contribution.
 pub fn contributor(node: u8) -> Contributor {
     Contributor {
         node: id(node),
         share: WHOLE_SHARE,
-        // A fall of the loss from 1000 to 900 is an improvement of 1000 basis points.
+        // A loss that falls from 1000 to 900 improves by 1000 basis points.
         credits: 100,
     }
 }
 
-/// A state that applies entries one after the other, with a made-up root for each.
+/// A state that applies entries in order, with made-up roots.
 #[derive(Clone)]
 pub struct Chain {
     /// The state after the last entry.
@@ -341,7 +340,7 @@ impl Default for Chain {
 }
 
 impl Chain {
-    /// A network that has just been founded.
+    /// A network just founded.
     pub fn new() -> Self {
         Self::founded(genesis())
     }
@@ -364,7 +363,7 @@ impl Chain {
         self.try_apply(body).expect("an entry the rules allow");
     }
 
-    /// Returns the violation that `body` causes, and checks that the state has not changed.
+    /// The violation of `body`, which leaves the state as it was.
     pub fn refusal(&mut self, body: Body) -> RuleViolation {
         let before = self.state.clone();
         let violation = self
@@ -380,7 +379,7 @@ impl Chain {
         self.apply(Body::RoundOpened(opened));
     }
 
-    /// Closes the commitments, after their deadline if a node may still commit.
+    /// Closes the commitments, past their deadline if a node may still commit.
     pub fn close_commitments(&mut self) {
         let now = self.time_ms + 1;
         if self.state.next_commitments_closed(now).is_none() {
@@ -396,7 +395,7 @@ impl Chain {
         self.apply(Body::RandomnessDrawn(drawn(&self.state)));
     }
 
-    /// Closes the round, after its deadlines if it has to wait for a node.
+    /// Closes the round, past its deadlines if it waits for a node.
     pub fn close(&mut self, global: WeightsDigest) {
         let round = self.state.round().expect("an open round");
         match (round.closing, round.commits.is_empty()) {
@@ -411,7 +410,7 @@ impl Chain {
         self.apply(Body::RoundClosed(closed(&self.state, global)));
     }
 
-    /// Makes a network of `nodes` nodes with datasets, with round 0 open.
+    /// A network of `nodes` nodes with datasets, with round 0 open.
     pub fn in_round(nodes: u8) -> Self {
         let mut chain = Self::new();
         for node in 0..nodes {
@@ -422,7 +421,7 @@ impl Chain {
         chain
     }
 
-    /// Makes a network of `nodes` nodes, with round 0 open, all updates committed, and the randomness drawn.
+    /// [`Self::in_round`] with all updates committed and the randomness drawn.
     pub fn all_committed(nodes: u8) -> Self {
         let mut chain = Self::in_round(nodes);
         for node in 0..nodes {

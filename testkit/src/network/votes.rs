@@ -1,11 +1,11 @@
-//! Proposals, votes on them, and their results.
+//! Proposals, votes, and results.
 
 use super::*;
 use zk0_protocol::entries::entry::ProposalSettled;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::entries::signed::{Proposal, Vote};
 
-/// What an enrolment of `node` says.
+/// The enrolment of `node`.
 pub fn enrolment(node: u8) -> NodeEnrolled {
     match enrolled(node) {
         Body::NodeEnrolled(enrolled) => enrolled,
@@ -13,7 +13,7 @@ pub fn enrolment(node: u8) -> NodeEnrolled {
     }
 }
 
-/// What governor `by` proposes.
+/// The proposal of governor `by`.
 pub fn proposal(state: &State, by: u8, action: Action) -> Proposal {
     Proposal {
         network: *state.network(),
@@ -30,7 +30,7 @@ pub fn proposed(state: &State, by: u8, action: Action) -> Body {
     Body::Proposed(Signed::new(proposal(state, by, action), &governor_key(by)))
 }
 
-/// The digest of an open proposal. If there is none with this number, any digest will do.
+/// The digest of this open proposal, or any digest.
 pub fn digest_of(state: &State, proposal: u64) -> Digest {
     let open = state.proposals().get(&proposal);
     open.map(|open| open.digest).unwrap_or_default()
@@ -54,12 +54,12 @@ pub fn settled(proposal: u64, outcome: Outcome) -> Body {
 }
 
 impl Chain {
-    /// Lets time go by.
+    /// Moves the time.
     pub fn wait(&mut self, ms: u64) {
         self.time_ms += ms;
     }
 
-    /// Proposes `action`, lets all governors vote for it, and executes it.
+    /// Proposes `action`, votes with all governors, and executes it.
     pub fn decide(&mut self, action: Action) {
         let number = self.state.next_proposal();
         self.apply(proposed(&self.state, 0, action));

@@ -1,4 +1,4 @@
-//! The fixtures' recordings, and copies of them to damage.
+//! The fixtures' recordings, and copies to damage.
 
 pub mod mp4_writer;
 
@@ -11,21 +11,21 @@ use parquet::arrow::ArrowWriter;
 use tempfile::TempDir;
 use zk0_lerobot::dataset::{Dataset, DatasetError, Frame};
 
-/// What a recording in v3.0 says of itself.
+/// The description of a recording in v3.0.
 pub const INFO: &str = "meta/info.json";
-/// Its statistics.
+/// The statistics.
 pub const STATS: &str = "meta/stats.json";
-/// Its rows.
+/// The rows.
 pub const DATA: &str = "data/chunk-000/file-000.parquet";
-/// The video of one of its cameras.
+/// The video of one camera.
 pub const TOP: &str = "videos/observation.images.top/chunk-000/file-000.mp4";
 
-/// The folder of what is committed for tests.
+/// The folder of test fixtures.
 pub fn fixtures() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures")
 }
 
-/// The folder of a committed recording.
+/// A committed recording's folder.
 pub fn recording(name: &str) -> PathBuf {
     fixtures().join("datasets").join(name)
 }
@@ -35,7 +35,7 @@ pub fn open(name: &str) -> Dataset {
     Dataset::open(recording(name)).unwrap()
 }
 
-/// All frames in order; ends after the first error.
+/// All frames in order, up to the first error.
 pub fn frames(
     dataset: &Dataset,
     chunk: usize,
@@ -48,7 +48,7 @@ pub fn frames(
     })
 }
 
-/// A copy of a recording to damage.
+/// A recording's copy, to damage.
 pub struct Copy(TempDir);
 
 impl Default for Copy {
@@ -71,7 +71,7 @@ impl Copy {
         copy
     }
 
-    /// Adds the files of a folder; those that the copy has already are replaced.
+    /// Adds or replaces files from a folder.
     pub fn add(&self, folder: &Path) {
         fn copy(from: &Path, to: &Path) {
             fs::create_dir_all(to).unwrap();
@@ -88,23 +88,23 @@ impl Copy {
         copy(folder, self.root());
     }
 
-    /// Its folder.
+    /// The folder.
     pub fn root(&self) -> &Path {
         self.0.path()
     }
 
-    /// Where one of its files is.
+    /// The path of a file.
     pub fn path(&self, file: &str) -> PathBuf {
         self.0.path().join(file)
     }
 
-    /// Changes the bytes of a file.
+    /// Changes a file's bytes.
     pub fn edit(&self, file: &str, change: impl FnOnce(Vec<u8>) -> Vec<u8>) {
         let path = self.path(file);
         fs::write(&path, change(fs::read(&path).unwrap())).unwrap();
     }
 
-    /// Replaces a text that a file has.
+    /// Replaces a text in a file.
     pub fn edit_text(&self, file: &str, from: &str, to: &str) {
         self.edit(file, |bytes| {
             let text = String::from_utf8(bytes).unwrap();
@@ -113,7 +113,7 @@ impl Copy {
         });
     }
 
-    /// Rewrites the table of a parquet file. `change` gets all rows in one batch, and returns the new batches.
+    /// Rewrites a parquet file's table. `change` gets all rows in one batch.
     pub fn edit_table(&self, file: &str, change: impl FnOnce(RecordBatch) -> Vec<RecordBatch>) {
         let path = self.path(file);
         let reader = ParquetRecordBatchReaderBuilder::try_new(fs::File::open(&path).unwrap())
@@ -134,7 +134,7 @@ impl Copy {
         writer.close().unwrap();
     }
 
-    /// Rewrites the data file's table.
+    /// Rewrites the data file's rows.
     pub fn edit_rows(&self, change: impl FnOnce(RecordBatch) -> RecordBatch) {
         self.edit_table(DATA, |rows| vec![change(rows)]);
     }
@@ -144,7 +144,7 @@ impl Copy {
         Dataset::open(self.0.path())
     }
 
-    /// Returns the error of opening and reading everything.
+    /// The error of opening and reading everything.
     pub fn error(&self) -> DatasetError {
         let dataset = match self.open() {
             Ok(dataset) => dataset,
@@ -156,7 +156,7 @@ impl Copy {
             .expect("the damage went unnoticed")
     }
 
-    /// Expects an error that names `file` and says `cause`.
+    /// Expects an error that names `file` and `cause`.
     #[track_caller]
     pub fn fails(&self, file: &str, cause: &str) {
         let message = self.error().to_string();
@@ -168,7 +168,7 @@ impl Copy {
     }
 }
 
-/// Returns the rows with other values in one column.
+/// The rows with a replaced column.
 pub fn with_column(batch: RecordBatch, name: &str, column: ArrayRef) -> RecordBatch {
     let schema = batch.schema();
     let columns = schema.fields().iter().enumerate().map(|(i, field)| {
@@ -179,7 +179,7 @@ pub fn with_column(batch: RecordBatch, name: &str, column: ArrayRef) -> RecordBa
     RecordBatch::try_from_iter(columns.collect::<Vec<_>>()).unwrap()
 }
 
-/// Overwrites bytes of the `nth` box of this kind, from `skip` bytes after its name on.
+/// Overwrites bytes of the `nth` box of this kind, from `skip` bytes after its name.
 pub fn patch(bytes: &mut [u8], kind: &[u8; 4], nth: usize, skip: usize, value: &[u8]) {
     let mut named = bytes.windows(4).enumerate().filter(|(_, w)| w == kind);
     let at = named.nth(nth).unwrap().0 + 4 + skip;

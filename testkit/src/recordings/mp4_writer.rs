@@ -1,4 +1,4 @@
-//! Writes H.264 into an mp4. For a reader, the file looks like one of FFmpeg's. This is the counterpart of the reader, for tests.
+//! Writes H.264 into an mp4 like FFmpeg's, to test the reader.
 
 use openh264::encoder::{
     BitRate, Encoder, EncoderConfig, FrameRate, IntraFramePeriod, Profile, RateControlMode,
@@ -8,7 +8,7 @@ use openh264::OpenH264API;
 
 /// One encoded picture in decoding order.
 pub struct Encoded {
-    /// NAL units without start codes; parameter sets are left out.
+    /// NAL units without start codes or parameter sets.
     pub units: Vec<Vec<u8>>,
     /// Whether it needs no other picture.
     pub key: bool,
@@ -20,7 +20,7 @@ pub struct EncodedVideo {
     pub parameter_sets: [Vec<u8>; 2],
     /// The pictures in decoding order.
     pub pictures: Vec<Encoded>,
-    /// The same as one byte stream with start codes, picture by picture.
+    /// The pictures as a byte stream with start codes.
     pub annex_b: Vec<Vec<u8>>,
 }
 
@@ -77,13 +77,13 @@ pub fn encode(
 }
 
 impl EncodedVideo {
-    /// Returns the mp4 at 30 frames a second, with the pictures shown in decoding order.
+    /// The mp4 at 30 frames a second, shown in decoding order.
     pub fn mp4(&self, height: usize, width: usize) -> Vec<u8> {
         let shown: Vec<u32> = (0..self.pictures.len() as u32).collect();
         self.mp4_shown(height, width, &shown)
     }
 
-    /// Returns the mp4 with picture `i` of the decoding order shown as number `shown[i]`. It has offsets (`ctts`) and an edit list.
+    /// The mp4 with picture `i` of the decoding order shown as number `shown[i]`, by offsets (`ctts`) and an edit list.
     pub fn mp4_shown(&self, height: usize, width: usize, shown: &[u32]) -> Vec<u8> {
         const SCALE: u32 = 15360;
         const TICK: u32 = SCALE / 30;
@@ -92,7 +92,7 @@ impl EncodedVideo {
             .iter()
             .map(|p| p.units.iter().flat_map(|u| length_and(u, 4)).collect())
             .collect();
-        // No picture is shown before it is decoded. All pictures are therefore shown later, by as much as the latest one needs.
+        // No picture is shown before it is decoded, so all are shown as late as the latest one needs.
         let late = |(i, &n): (usize, &u32)| (i as u32).saturating_sub(n);
         let shift = shown.iter().enumerate().map(late).max().unwrap();
         let offsets = shown

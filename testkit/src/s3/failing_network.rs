@@ -1,4 +1,4 @@
-//! A network that fails on demand. It forwards one request per connection, and counts them.
+//! A network that fails on demand. It forwards and counts one request per connection.
 
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind, Read, Write};
@@ -10,28 +10,28 @@ use std::time::Duration;
 /// What happens to a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// The server answers with status 503.
+    /// The answer is status 503.
     Unavailable,
-    /// The connection is lost after so many bytes of the request.
+    /// The connection breaks after this many bytes of the request.
     CutRequest(usize),
-    /// The connection is lost after so many bytes of the answer.
+    /// The connection breaks after this many bytes of the answer.
     CutAnswer(usize),
     /// No answer comes.
     Silent,
-    /// The request is late by so much.
+    /// The request is delayed.
     Late(Duration),
-    /// The client is told at once that the request is done. The server gets it so much later, or never.
+    /// The client hears at once that the request is done. The server gets it later, or never.
     Claimed(Option<Duration>),
 }
 
-/// What becomes of the head of each request, and of each answer, between a client and a server that speak different protocols.
+/// Translates heads between a client and a server with different protocols.
 #[derive(Clone, Copy)]
 pub struct Translation {
     pub request: fn(&str) -> String,
     pub answer: fn(&str) -> String,
 }
 
-/// A network in front of a server.
+/// A network before a server.
 pub struct FailingNetwork {
     port: u16,
     state: Arc<Mutex<FaultState>>,
@@ -39,16 +39,16 @@ pub struct FailingNetwork {
 
 #[derive(Default)]
 struct FaultState {
-    /// The faults that come next, for requests that begin like this: `PUT`, or `PUT /bucket/folder/`.
+    /// The next faults of requests that begin like this: `PUT`, or `PUT /bucket/folder/`.
     next: VecDeque<(String, Option<Fault>)>,
-    /// The fault of all requests, once there is no next one.
+    /// The fault of other requests.
     always: Option<Fault>,
-    /// How the requests so far begin.
+    /// How past requests begin.
     requests: Vec<String>,
 }
 
 impl FailingNetwork {
-    /// A network in front of the server at this port.
+    /// A network before the server at this port.
     pub fn in_front_of(server: u16, translation: Option<Translation>) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
@@ -63,40 +63,40 @@ impl FailingNetwork {
         Self { port, state }
     }
 
-    /// Where clients reach the server through this network.
+    /// The URL for clients.
     pub fn address(&self) -> String {
         format!("http://127.0.0.1:{}", self.port)
     }
 
-    /// Lets the next `times` requests of this method fail. More than a method says which of its requests are meant: `PUT /bucket/folder/`.
+    /// Fails the next `times` requests that begin with `method`, perhaps with a path: `PUT /bucket/folder/`.
     pub fn fail_next(&self, method: &str, fault: Fault, times: usize) {
         let mut state = self.state.lock().unwrap();
         let faults = (0..times).map(|_| (method.to_owned(), Some(fault)));
         state.next.extend(faults);
     }
 
-    /// Lets the next `times` requests of this method pass, before those that fail.
+    /// Lets the next `times` requests of this method pass first.
     pub fn pass_next(&self, method: &str, times: usize) {
         let mut state = self.state.lock().unwrap();
         let passes = (0..times).map(|_| (method.to_owned(), None));
         state.next.extend(passes);
     }
 
-    /// Lets all requests fail, and begins to count anew.
+    /// Fails all requests, and resets the count.
     pub fn fail_always(&self, fault: Fault) {
         let mut state = self.state.lock().unwrap();
         state.always = Some(fault);
         state.requests.clear();
     }
 
-    /// From now on, all requests pass.
+    /// Lets all requests pass.
     pub fn mend(&self) {
         let mut state = self.state.lock().unwrap();
         state.next.clear();
         state.always = None;
     }
 
-    /// How many requests that begin like this came since the last call.
+    /// Requests that began like this since the last call.
     pub fn counted(&self, begin: &str) -> usize {
         let mut state = self.state.lock().unwrap();
         let all = std::mem::take(&mut state.requests);
@@ -106,7 +106,7 @@ impl FailingNetwork {
         counted.len()
     }
 
-    /// Whether all faults have come to pass.
+    /// Whether all faults have happened.
     pub fn has_failed(&self) -> bool {
         self.state.lock().unwrap().next.is_empty()
     }
@@ -143,7 +143,7 @@ fn forward(
         Some(Fault::Claimed(None)) => claimed(&mut client),
         fault => {
             if let Some(Fault::Claimed(Some(_))) = fault {
-                // What the server answers later goes nowhere.
+                // The server's later answer is dropped.
                 let _ = claimed(&mut client);
             }
             if let Some(Fault::Late(by) | Fault::Claimed(Some(by))) = fault {
@@ -155,7 +155,6 @@ fn forward(
     drop(done);
 }
 
-/// Reads a head, and what has come after it.
 fn head_and_body(from: &mut TcpStream) -> io::Result<(String, Vec<u8>)> {
     let mut bytes = Vec::new();
     let mut some = [0; 4096];
@@ -184,7 +183,7 @@ fn unavailable(mut client: TcpStream) -> io::Result<()> {
         b"HTTP/1.1 503 Service Unavailable\r\ncontent-length: 8\r\nconnection: close\r\n\r\nSlowDown",
     )?;
     client.shutdown(Shutdown::Write)?;
-    // Whoever still sends a body can read the answer first.
+    // A client that still sends can read the answer first.
     client.set_read_timeout(Some(Duration::from_secs(2)))?;
     io::copy(&mut client, &mut io::sink())?;
     Ok(())
@@ -199,7 +198,7 @@ fn relay(
 ) -> io::Result<()> {
     let head = translation.map_or(head.to_owned(), |of| (of.request)(head));
     let mut server = TcpStream::connect(("127.0.0.1", server))?;
-    // Each request then has a connection of its own, and a fault concerns one request.
+    // Each request then has its own connection, and its own fault.
     server.write_all(format!("{head}\r\nconnection: close\r\n\r\n").as_bytes())?;
     let (mut from, mut to) = (client.try_clone()?, server.try_clone()?);
     let of_request = match fault {

@@ -1,18 +1,18 @@
-//! What the S3 server needs to stand for one of Google Cloud Storage, whose XML protocol has the requests of S3 with other names for some headers.
-//! No emulator that a package registry has speaks that protocol whole.
+//! Lets the S3 server stand for Google Cloud Storage, whose XML protocol has S3's requests with some other header names. No emulator in a
+//! package registry speaks it whole.
 
 use super::failing_network::Translation;
 use crate::skipped::skipped;
 use std::process::Command;
 use std::sync::OnceLock;
 
-/// Makes Google's protocol of what the S3 server speaks.
+/// Translates between Google's protocol and the S3 server's.
 pub const TO_S3: Translation = Translation { request, answer };
 
 fn request(head: &str) -> String {
     let mut lines = head.lines();
     let first = without_signature(lines.next().unwrap_or_default());
-    // The server asks nobody who he is.
+    // The server checks no identity.
     let lines = lines.filter(|line| !line.starts_with("authorization:"));
     let renamed = lines.map(|line| match line.strip_prefix("x-goog-copy-source:") {
         Some(source) => format!("x-amz-copy-source:{source}"),
@@ -22,7 +22,7 @@ fn request(head: &str) -> String {
     lines.join("\r\n")
 }
 
-/// Google's answers have an `ETag`, which the server's do not always have.
+/// Google's answers have an `ETag`; the server's sometimes lack it.
 fn answer(head: &str) -> String {
     if head
         .lines()
@@ -34,7 +34,7 @@ fn answer(head: &str) -> String {
     }
 }
 
-/// The first line of a request without the signature of an address, which S3 has under other names.
+/// A request's first line without the URL's signature, named differently in S3.
 fn without_signature(line: &str) -> String {
     match line.split_once("?X-Goog-Algorithm=") {
         Some((path, _)) => format!("{path} HTTP/1.1"),
@@ -42,7 +42,7 @@ fn without_signature(line: &str) -> String {
     }
 }
 
-/// A key of a service account, as PEM. `None` if there is no program that makes one.
+/// A service account's key as PEM. `None` if no program can make one.
 pub fn key() -> Option<&'static str> {
     static KEY: OnceLock<Option<String>> = OnceLock::new();
     let key = KEY.get_or_init(|| {
@@ -58,7 +58,7 @@ pub fn key() -> Option<&'static str> {
     key.as_deref()
 }
 
-/// What tells a client where the server is, and who the client is.
+/// A client's variables for server and identity.
 pub fn variables(address: &str) -> Vec<(String, String)> {
     let key = key().unwrap().replace('\n', "\\n");
     let account = format!(

@@ -1,5 +1,5 @@
-//! A real S3 server on loopback (`s3s-fs`, which keeps objects as files), and a network in front of it that fails. It can also stand for a server of
-//! Google Cloud Storage.
+//! A real S3 server on loopback (`s3s-fs`, which keeps objects as files) behind a network that fails. It also stands for Google Cloud
+//! Storage.
 
 pub mod failing_network;
 mod google;
@@ -24,12 +24,12 @@ const SECRET_KEY: &str = "a secret of the tests";
 /// The bucket that exists.
 pub const BUCKET: &str = "blobs";
 
-/// Sends a request with a body to an address of HTTP, and returns the status of the answer.
+/// Sends an HTTP request with a body, and returns the status.
 pub fn send(method: &str, address: &str, body: &[u8]) -> u16 {
     send_in_parts(method, address, &[body], Duration::ZERO)
 }
 
-/// The same with so much time after each part of the body.
+/// [`send`] with a pause after each part of the body.
 pub fn send_in_parts(method: &str, address: &str, body: &[&[u8]], apart: Duration) -> u16 {
     let (host, path) = address
         .strip_prefix("http://")
@@ -43,7 +43,7 @@ pub fn send_in_parts(method: &str, address: &str, body: &[&[u8]], apart: Duratio
     );
     server.write_all(head.as_bytes()).unwrap();
     for part in body {
-        // Who is refused may be cut off before the end.
+        // The server may cut off a refused request.
         let _ = server.write_all(part);
         sleep(apart);
     }
@@ -54,7 +54,7 @@ pub fn send_in_parts(method: &str, address: &str, body: &[&[u8]], apart: Duratio
     status.parse().unwrap_or(0)
 }
 
-/// A serving S3 server, ended when it is dropped.
+/// A serving S3 server, ended on drop.
 pub struct S3 {
     process: Child,
     root: TempDir,
@@ -64,14 +64,13 @@ pub struct S3 {
     pub network: FailingNetwork,
 }
 
-/// Whose protocol the clients of the server speak.
+/// The clients' protocol.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Speaks {
     Amazons,
     Googles,
 }
 
-/// Where the server's program is.
 fn program() -> Option<PathBuf> {
     let home = env::var_os("CARGO_HOME").map(PathBuf::from);
     let home = home.or_else(|| Some(PathBuf::from(env::var_os("HOME")?).join(".cargo")));
@@ -83,7 +82,7 @@ fn program() -> Option<PathBuf> {
         .find(|program| program.is_file())
 }
 
-/// Starts a server of the buckets in `root`, and returns its port. The server cannot say which port it took, so it gets one.
+/// Starts a server of the buckets in `root`, and returns its port. The server cannot report its port, so it gets one.
 fn started(program: &Path, credentials: &[&str], root: &Path) -> (Child, OwnPort) {
     let port = OwnPort::take();
     let process = Command::new(program)
@@ -100,14 +99,14 @@ fn started(program: &Path, credentials: &[&str], root: &Path) -> (Child, OwnPort
     (process, port)
 }
 
-/// A server of the same buckets that asks nobody who he is, ended when it is dropped.
+/// A server of the same buckets without authentication.
 pub struct OpenToAll {
     process: Child,
     port: OwnPort,
 }
 
 impl OpenToAll {
-    /// The address of what is under a prefix in the bucket.
+    /// The URL of a prefix in the bucket.
     pub fn url(&self, prefix: &str) -> String {
         format!("http://{}/{BUCKET}/{prefix}", self.port.address())
     }
@@ -121,13 +120,12 @@ impl Drop for OpenToAll {
 }
 
 impl S3 {
-    /// Starts a server, or returns `None` after saying how to get it.
+    /// Starts a server. `None` if its program is missing; then this prints how to get it.
     pub fn start() -> Option<Self> {
         Self::speaking(Speaks::Amazons)
     }
 
-    /// Starts a server for clients of Google Cloud Storage, or returns `None` after saying how to get it. It asks nobody who he is, and verifies
-    /// no signature.
+    /// [`Self::start`] for clients of Google Cloud Storage. Verifies no identity and no signature.
     pub fn start_as_google() -> Option<Self> {
         google::key()?;
         Self::speaking(Speaks::Googles)
@@ -155,7 +153,7 @@ impl S3 {
         })
     }
 
-    /// What tells a client where the server is, and who the client is.
+    /// A client's variables for server and identity.
     pub fn variables(&self) -> Vec<(String, String)> {
         match self.speaks {
             Speaks::Amazons => self.variables_with(SECRET_KEY),
@@ -163,7 +161,7 @@ impl S3 {
         }
     }
 
-    /// The same, past the network that fails. Nothing is between the server and its clients then.
+    /// [`Self::variables`] past the failing network.
     pub fn variables_without_network(&self) -> Vec<(String, String)> {
         let mut variables = self.variables();
         for (name, value) in &mut variables {
@@ -174,7 +172,7 @@ impl S3 {
         variables
     }
 
-    /// The same with another secret.
+    /// [`Self::variables`] with another secret.
     pub fn variables_with(&self, secret: &str) -> Vec<(String, String)> {
         [
             ("AWS_ACCESS_KEY_ID", ACCESS_KEY),
@@ -186,7 +184,7 @@ impl S3 {
         .into()
     }
 
-    /// The number of the server's process.
+    /// The server's process number.
     pub fn process(&self) -> u32 {
         self.process.id()
     }
@@ -200,22 +198,22 @@ impl S3 {
         format!("{scheme}://{BUCKET}/{prefix}")
     }
 
-    /// The file in which the server keeps a blob.
+    /// The server's file of a blob.
     pub fn file(&self, prefix: &str, blob: impl ToString) -> PathBuf {
         self.folder(prefix).join(blob.to_string())
     }
 
-    /// The folder in which the server keeps blobs.
+    /// The server's folder of blobs.
     pub fn folder(&self, prefix: &str) -> PathBuf {
         self.root(prefix).join("blobs").join("sha256")
     }
 
-    /// The folder in which the server keeps what is under a prefix.
+    /// The server's folder of a prefix.
     pub fn root(&self, prefix: &str) -> PathBuf {
         self.root.path().join(BUCKET).join(prefix)
     }
 
-    /// How many objects there are under a prefix.
+    /// The objects under a prefix.
     pub fn objects(&self, prefix: &str) -> usize {
         fn files(folder: &Path) -> usize {
             let Ok(found) = fs::read_dir(folder) else {
@@ -229,14 +227,14 @@ impl S3 {
         files(&self.root(prefix))
     }
 
-    /// Lets anybody read what is in the bucket, as the owner of a real one may.
+    /// Makes the bucket readable by all, as a real owner may.
     pub fn open_to_all(&self) -> OpenToAll {
         let program = program().unwrap();
         let (process, port) = started(&program, &[], self.root.path());
         OpenToAll { process, port }
     }
 
-    /// How many files of unfinished uploads the server has.
+    /// The server's files of unfinished uploads.
     pub fn unfinished(&self) -> usize {
         let files = fs::read_dir(self.root.path()).unwrap();
         files

@@ -1,4 +1,4 @@
-//! The base weights that a strategy reads besides the contributions: that of the round, and that of the round before.
+//! The base weights that a strategy reads: those of the round, and those of the round before.
 
 use crate::contribution_blobs::{read, Unreadable};
 use crate::update::Evaluation;
@@ -9,22 +9,22 @@ use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::rules::state::State;
 use zk0_protocol::Refusal;
 
-/// The files of the base weights that the closing of a round reads to combine its contributions.
+/// The files of the base weights that a combination reads.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct BaseFiles {
-    /// What the round started from.
+    /// The round's base.
     pub base: Option<Vec<u8>>,
-    /// What the round before it started from.
+    /// The base of the round before.
     pub earlier: Option<Vec<u8>>,
 }
 
 /// Why base weights cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BaseError {
-    /// The strategy reads them, and they were not given.
+    /// They were not given.
     #[error("the strategy of the round reads the base weights {0}, and they were not given")]
     NotGiven(Digest),
-    /// They are not those that the ledger names.
+    /// They are not those on the ledger.
     #[error("the base weights that the strategy of the round reads: {0}")]
     Other(Refusal),
 }
@@ -32,13 +32,13 @@ pub enum BaseError {
 /// The base weights that a strategy reads.
 #[derive(Clone, Debug, Default)]
 pub struct Bases {
-    /// What the round started from.
+    /// The round's base.
     pub base: Option<QuantisedWeights>,
-    /// What the round before it started from.
+    /// The base of the round before.
     pub earlier: Option<QuantisedWeights>,
 }
 
-/// The base weights of the round before, if the strategy reads them in the open round, or else in the next one.
+/// The base of the round before, if the strategy reads it in the open round, or else in the next one.
 pub fn earlier(state: &State) -> Option<&WeightsDigest> {
     match state.rules().strategy {
         Strategy::FedAvgM { momentum_bps, .. } if momentum_bps > 0 => state.earlier_base(),
@@ -46,7 +46,7 @@ pub fn earlier(state: &State) -> Option<&WeightsDigest> {
     }
 }
 
-/// Which base weights the closing of the open round reads: that of the round, and that of the round before.
+/// The bases to read: the round's, and that of the round before.
 fn wanted(state: &State) -> (Option<&WeightsDigest>, Option<&WeightsDigest>) {
     let contributed = !state.contributors().is_empty();
     let Some(round) = state.round().filter(|_| contributed) else {
@@ -67,7 +67,7 @@ fn wanted(state: &State) -> (Option<&WeightsDigest>, Option<&WeightsDigest>) {
 }
 
 impl BaseFiles {
-    /// Reads the files that the closing of the open round needs.
+    /// Reads the files for closing the open round.
     pub fn read<E: Display>(
         state: &State,
         get: impl Fn(&Digest, u64) -> Result<Vec<u8>, E>,
@@ -83,7 +83,7 @@ impl BaseFiles {
         })
     }
 
-    /// The weights of the files, which have to be those that the ledger names.
+    /// The weights, checked against the ledger.
     pub(crate) fn weights(
         &self,
         state: &State,

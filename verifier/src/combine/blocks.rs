@@ -1,8 +1,8 @@
-//! From exact numbers to a file, a tensor at a time: the blocks of a tensor are combined on all cores, then its scale is known, and
-//! then its numbers are rounded, once.
+//! From exact numbers to a file, one tensor at a time: all cores combine its blocks, which gives its scale, and then its numbers
+//! are rounded, once.
 //!
-//! The numbers wait for the scale as integers of 32, 64 or 128 bits: the fewest in which no sum can overflow, which the scales and the
-//! weights of the contributions tell beforehand.
+//! Until then the numbers are integers of 32, 64 or 128 bits: the fewest in which no sum can overflow, by the contributions'
+//! scales and weights.
 
 use crate::combine::error::CombineError;
 use crate::combine::optimizers::moments::{Moment, Moments};
@@ -13,25 +13,25 @@ use zk0_circuits::model::layout::MAX_WEIGHT_BITS;
 use zk0_weights::rounding::{Rounded, Unit};
 use zk0_weights::{BuiltFile, Format, Unread};
 
-/// Values that wait for their scale at once. As 128-bit integers they take 32 MiB. The largest tensor of the published size has less.
+/// Values that wait for their scale at once: at most 32 MiB. The largest tensor of the published size has fewer.
 const WAITING: usize = 2 << 20;
 
 /// The exact numbers of one tensor, before they are computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Plan {
-    /// What the integers stand for.
+    /// The integers' unit.
     pub unit: Unit,
-    /// No integer is larger in magnitude, neither on the way nor at the end.
+    /// The largest magnitude, at every step.
     pub bound: u128,
 }
 
 /// How contributions become exact numbers.
 pub trait Combination: Sync {
-    /// What the numbers of this tensor will be.
+    /// The plan for this tensor.
     fn plan(&self, tensor: usize) -> Plan;
 
-    /// Computes the numbers of a block, which are zeros before. `moments` are those that the round starts with, and those that it ends
-    /// with when this returns; there are none if the strategy has none.
+    /// Computes the numbers of a block, which start as zeros. `moments` are those before the round, and on return those after
+    /// it; empty if the strategy has none.
     ///
     /// # Errors
     /// A contribution cannot be read.
@@ -44,7 +44,7 @@ pub trait Combination: Sync {
     ) -> Result<(), CombineError>;
 }
 
-/// Integers of one of three sizes.
+/// Integers of 32, 64 or 128 bits.
 pub trait Integer: Rounded + Pod + Send + Sync + Default {
     /// The integer, which fits.
     fn of(number: i128) -> Self;
@@ -52,7 +52,7 @@ pub trait Integer: Rounded + Pod + Send + Sync + Default {
     /// The nearest float64, ties to even.
     fn nearest(self) -> f64;
 
-    /// Adds the products of each factor and the values of its row. All rows are as long as `numbers`.
+    /// Adds each factor times its row. Rows have the length of `numbers`.
     fn add_products(numbers: &mut [Self], factors: &[i128], rows: &[&[i16]]);
 
     /// The largest magnitude.
@@ -71,7 +71,7 @@ macro_rules! integer {
             }
 
             fn add_products(numbers: &mut [Self], factors: &[i128], rows: &[&[i16]]) {
-                // Four rows at once, because that touches the numbers a quarter as often.
+                // Four rows at once touch the numbers a quarter as often.
                 if let ([f, g, h, i], [a, b, c, d]) = (factors, rows) {
                     let [f, g, h, i] = [f, g, h, i].map(|factor| *factor as $type);
                     let rows = a.iter().zip(*b).zip(*c).zip(*d);
@@ -100,8 +100,7 @@ integer!(i32);
 integer!(i64);
 integer!(i128);
 
-/// Makes the file of what `combination` gives. `unread` is what the base holds where the evaluation does not read. `moments` are those of
-/// a strategy that has some.
+/// Makes the file of `combination`'s numbers. `unread` is the base's unread part. `moments` are for a strategy that has some.
 pub fn file(
     format: &Format,
     combination: &impl Combination,
@@ -110,7 +109,7 @@ pub fn file(
 ) -> Result<BuiltFile, CombineError> {
     format.build(|mut places| {
         let longest = format.tensors().iter().map(|tensor| tensor.len()).max();
-        // Every group uses the same memory, because fresh memory costs time.
+        // Every group reuses the memory: fresh memory costs time.
         let mut memory = vec![0i128; longest.unwrap_or(0).max(WAITING)];
         let mut kept = Vec::new();
         let mut scales = Vec::with_capacity(places.len());
@@ -151,7 +150,7 @@ pub fn file(
     })
 }
 
-/// How many of the first tensors have at most [`WAITING`] values together; at least one.
+/// How many first tensors have together at most [`WAITING`] values; at least one.
 fn group(places: &[&mut [u8]]) -> usize {
     let mut values = 0;
     let fits = |place: &&&mut [u8]| {
@@ -161,7 +160,6 @@ fn group(places: &[&mut [u8]]) -> usize {
     places.iter().take_while(fits).count().max(1)
 }
 
-/// A tensor of the result.
 struct ResultTensor<'a> {
     index: usize,
     limits: (i16, i16),
@@ -174,7 +172,7 @@ struct ResultTensor<'a> {
 }
 
 impl ResultTensor<'_> {
-    /// Writes the values, and gives their fraction bits.
+    /// Writes the values and returns their fraction bits.
     fn write(self, combination: &impl Combination, unread: &Unread) -> Result<i16, CombineError> {
         let Plan { unit, bound } = combination.plan(self.index);
         if unread.concerns(self.index) {
@@ -220,7 +218,7 @@ impl ResultTensor<'_> {
     }
 }
 
-/// Computes the exact numbers of a tensor, and gives their largest magnitude.
+/// Computes a tensor's exact numbers and returns their largest magnitude.
 fn combine<T: Integer>(
     tensor: usize,
     combination: &impl Combination,
@@ -245,7 +243,7 @@ fn combine<T: Integer>(
     largest.try_reduce(|| 0, |one, other| Ok(one.max(other)))
 }
 
-/// Rounds the numbers of a tensor, and gives the fraction bits that they have then.
+/// Rounds a tensor's numbers and returns their fraction bits.
 fn round<T: Integer>(
     unit: Unit,
     limits: (i16, i16),

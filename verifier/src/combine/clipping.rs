@@ -1,9 +1,9 @@
-//! Norm clipping: an update whose difference from the base is too long is scaled down to the longest one allowed, before the mean by
-//! shares. One contribution then moves the result by no more than its share of that length.
+//! Norm clipping: an update too far from the base is scaled down to the longest difference allowed, before the mean by shares. So
+//! a contribution moves the result by at most its share of that length.
 //!
-//! **The scaling**: with the squared norms B of the base and D of the difference, and the limit L in basis points, an update that is
-//! too long counts `s = ⌊2^32 · √(L² · B / (10^8 · D))⌋ / 2^32` of its difference. All of it is computed in integers. The factor is
-//! rounded down, so that no difference is longer than the limit, and a difference that is not too long counts whole.
+//! **The scaling**: with the squared norms B of the base and D of the difference, and the limit L in basis points, a difference
+//! that is too long counts `s = ⌊2^32 · √(L² · B / (10^8 · D))⌋ / 2^32` times, in integers. Rounding down keeps it within the
+//! limit. Other differences count whole.
 
 use crate::combine::contributions::WeightedContribution;
 use crate::combine::distance::{squared, squared_norm, FixedPointValues};
@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use zk0_protocol::rules::basis_points::BPS;
 use zk0_weights::Format;
 
-/// A whole difference: the factor 1.
+/// The factor 1.
 const WHOLE: u64 = 1 << 32;
 
 /// The mean, by shares, of the clipped updates: `base + Σ wᵢ sᵢ (xᵢ − base) / Σ wᵢ`.
@@ -58,7 +58,6 @@ fn of<'v>(weights: &dyn WeightSource, block: &Block, values: &'v [i16]) -> Fixed
     }
 }
 
-/// The sum of `of_block` over all blocks of these weights.
 fn sum(
     blocks: &[Block],
     weights: &[&dyn WeightSource],
@@ -72,7 +71,7 @@ fn sum(
     sums.try_reduce(|| 0, |one, other| Ok(one + other))
 }
 
-/// How much of a difference with this squared norm counts, in units of 2^−32.
+/// The factor for a difference with this squared norm, in units of 2^−32.
 fn factor(base: u128, difference: u128, max_norm_bps: u32) -> u64 {
     let limit = U256::from(u64::from(max_norm_bps));
     let allowed = limit * limit * U256::from(base);
@@ -81,8 +80,8 @@ fn factor(base: u128, difference: u128, max_norm_bps: u32) -> u64 {
     if found <= allowed {
         return WHOLE;
     }
-    // `allowed` is less than `found`, so the quotient is below 2^64 and its root below 2^32. Squared norms are below 2^128 and the
-    // limit is below 2^32, so `allowed` is below 2^192 and nothing overflows.
+    // `allowed` is below `found`, so the quotient is below 2^64 and its root below 2^32. Squared norms are below 2^128 and the
+    // limit below 2^32, so `allowed` is below 2^192.
     let quotient = (allowed << 64) / found;
     u64::try_from(quotient).unwrap_or(u64::MAX).isqrt()
 }
@@ -93,7 +92,7 @@ mod tests {
 
     #[test]
     fn a_difference_that_is_too_long_counts_in_part() {
-        // The base's norm is 10. At 5,000 basis points a difference may have 5.
+        // The base's norm is 10, so 5,000 basis points allow 5.
         assert_eq!(factor(100, 25, 5000), WHOLE);
         assert_eq!(factor(100, 100, 5000), WHOLE / 2);
         assert_eq!(factor(100, 400, 5000), WHOLE / 4);

@@ -1,4 +1,4 @@
-//! The contributions to a combination, in their canonical order.
+//! The contributions in canonical order.
 
 use crate::combine::error::CombineError;
 use crate::combine::source::WeightSource;
@@ -8,15 +8,15 @@ use zk0_weights::Format;
 /// A contribution to a combination.
 #[derive(Clone, Copy)]
 pub struct WeightedContribution<'a> {
-    /// Who contributes.
+    /// The contributor.
     pub node: NodeId,
-    /// The contribution's weight in an average by shares.
+    /// Its weight in an average by shares.
     pub weight: u64,
     /// The weights.
     pub weights: &'a dyn WeightSource,
 }
 
-/// The contributions in ascending order of node, each node once, all of this format.
+/// The contributions by ascending node, each node once, all of this format.
 pub fn aligned<'a>(
     format: &Format,
     given: &[WeightedContribution<'a>],

@@ -1,18 +1,18 @@
 //! Squared Euclidean distances between weights, in exact integers.
 //!
-//! They are counted in units of 2^−48: the square of the finest unit that weights have. A difference of two values is then below 2^40 in
-//! magnitude, so that the sum of the squares of up to 2^47 of them fits 128 bits.
+//! The unit is 2^−48, the square of the weights' finest unit. A difference is below 2^40 in magnitude, so the sum of up to 2^47
+//! squares fits 128 bits.
 
 use zk0_circuits::model::layout::MAX_WEIGHT_BITS;
 use zk0_weights::rounding::exact;
 
-/// Scales so close that differences of a block fit the short way.
+/// The widest gap of scales for the short way.
 const CLOSE: i16 = 6;
 
-/// Some values, and their fraction bits.
+/// Values with their fraction bits.
 #[derive(Clone, Copy, Debug)]
 pub struct FixedPointValues<'a> {
-    /// The values, at most as many as a block has.
+    /// The values, at most a block.
     pub values: &'a [i16],
     /// Their fraction bits.
     pub bits: i16,
@@ -29,7 +29,7 @@ pub fn squared(one: FixedPointValues<'_>, other: FixedPointValues<'_>) -> u128 {
         });
         return squares.sum();
     }
-    // At the finer of the two scales, a difference is below 2^22 in magnitude, and the sum of the squares of a block's is below 2^60.
+    // At the finer scale a difference is below 2^22 in magnitude, and the sum of a block's squares is below 2^60.
     let finer = one.bits.max(other.bits);
     let (of_one, of_other) = (1 << (finer - one.bits), 1 << (finer - other.bits));
     let squares = pairs.map(|(a, b)| {
@@ -40,7 +40,7 @@ pub fn squared(one: FixedPointValues<'_>, other: FixedPointValues<'_>) -> u128 {
     u128::from(sum.unsigned_abs()) << (2 * (MAX_WEIGHT_BITS - finer).max(0))
 }
 
-/// The squared distance of a block from zero.
+/// The squared norm of a block.
 pub fn squared_norm(one: FixedPointValues<'_>) -> u128 {
     let squares = one.values.iter();
     let sum: i64 = squares.map(|a| i64::from(*a) * i64::from(*a)).sum();

@@ -12,10 +12,10 @@ pub enum CombineError {
     /// A node contributes twice.
     #[error("node {0} contributes twice")]
     Twice(NodeId),
-    /// A contribution is of another network's dimensions.
+    /// A contribution has another network's dimensions.
     #[error("node {0}'s weights have another size than those of this network")]
     Unlike(NodeId),
-    /// The strategy reads base weights that were not given.
+    /// The strategy's base weights were not given.
     #[error("the strategy reads the base weights of the round, and they were not given")]
     NoBase,
     /// A file cannot be read.
@@ -26,15 +26,15 @@ pub enum CombineError {
         /// Why.
         error: String,
     },
-    /// A file holds other numbers than when it was verified.
+    /// A file has changed since it was verified.
     #[error("the file of the update {blob} has changed since it was verified: tensor '{tensor}' holds other numbers")]
     Changed {
         /// The file.
         blob: Digest,
-        /// Where.
+        /// The tensor.
         tensor: String,
     },
-    /// The moments that the strategy goes on from cannot be read.
+    /// The moments that the round starts with cannot be read.
     #[error("the moments {blob} that the strategy goes on from cannot be read: {error}")]
     MomentsUnreadable {
         /// Their file.
@@ -42,18 +42,18 @@ pub enum CombineError {
         /// Why.
         error: String,
     },
-    /// The file of the moments holds something else than the ledger names.
+    /// The file of the moments has another digest.
     #[error("the file of the moments that the strategy goes on from has SHA-256 {actual}, and the ledger names {expected}")]
     OtherMoments {
-        /// What the ledger names.
+        /// The ledger's digest.
         expected: Digest,
-        /// What was read.
+        /// The file's digest.
         actual: Digest,
     },
-    /// The moments that the round ends with cannot be kept.
+    /// The round's new moments cannot be kept.
     #[error("the moments that the round ends with cannot be written: {0}")]
     MomentsUnwritten(String),
-    /// The result is not among the weights that a network can have. No strategy can give that.
+    /// The result is not a network's weights. No strategy gives that.
     #[error(transparent)]
     Weights(#[from] WeightFileError),
 }

@@ -1,7 +1,7 @@
 //! Federated averaging (McMahan et al., 2017, arXiv:1602.05629).
 //!
-//! For each weight, the products of a contribution's weight and its value are summed, and divided once by the sum of the
-//! contributions' weights. All of it is computed in integers, so that the sum is exact and the order of the contributions does not matter.
+//! For each weight, the sum of the values, each times its contribution's weight, is divided once by the sum of those weights. The
+//! integers are exact, so the order does not matter.
 
 use crate::combine::contributions::WeightedContribution;
 use crate::combine::error::CombineError;
@@ -18,13 +18,13 @@ pub fn average<'a>(
     Ok(LinearCombination::new(terms, whole(given)?))
 }
 
-/// The mean in which all contributions count alike.
+/// The mean with equal weights.
 pub fn mean<'a>(given: &[WeightedContribution<'a>]) -> Result<LinearCombination<'a>, CombineError> {
     let alike = |one: &WeightedContribution<'a>| WeightedContribution { weight: 1, ..*one };
     average(&given.iter().map(alike).collect::<Vec<_>>())
 }
 
-/// The sum of the contributions' weights, which is at least 1.
+/// The contributions' total weight, at least 1.
 pub(crate) fn whole(given: &[WeightedContribution<'_>]) -> Result<i128, CombineError> {
     match given.iter().map(|one| i128::from(one.weight)).sum() {
         0 => Err(CombineError::Empty),

@@ -1,12 +1,12 @@
-//! Krum and Multi-Krum (Blanchard et al., 2017, arXiv:1703.02757): of n contributions, of which f may be malicious, those count that
-//! are nearest to others.
+//! Krum and Multi-Krum (Blanchard et al., 2017, arXiv:1703.02757): of n contributions, of which f may be malicious, those nearest
+//! to others count.
 //!
-//! A contribution's score is the sum of its squared distances to the n − f − 2 others that are nearest to it. Krum takes the
-//! contribution with the smallest score, and Multi-Krum the mean of several with the smallest ones. Krum asks for n ≥ 2f + 3; with
-//! fewer contributors, f is as large as that allows. A score counts at least one other, where there is one.
+//! A contribution's score is the sum of its squared distances to its n − f − 2 nearest others. Krum takes the contribution with
+//! the smallest score, Multi-Krum the mean of several. Krum requires n ≥ 2f + 3; with fewer contributors, f is as large as that
+//! allows. A score counts at least one other, if there is one.
 //!
-//! Distances are exact integers, and of equal scores that of the smaller node id comes first. So the order in which contributions are
-//! given changes nothing. All contributors count alike. Every pair is compared, so the time grows with the square of their number.
+//! Distances are exact integers, and the smaller node id wins a tie, so the given order does not matter. Contributors count
+//! alike. The time grows with the square of their number.
 
 use crate::combine::contributions::WeightedContribution;
 use crate::combine::distance::{squared, FixedPointValues};
@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use zk0_protocol::rules::basis_points::BPS;
 use zk0_weights::Format;
 
-/// The contribution that Krum takes, among contributions in ascending order of node.
+/// Krum's choice among contributions by ascending node.
 pub fn krum<'a>(
     format: &Format,
     given: &[WeightedContribution<'a>],
@@ -26,7 +26,7 @@ pub fn krum<'a>(
     mean_of_best(format, given, byzantine_bps, 1)
 }
 
-/// The mean of the contributions that Multi-Krum takes, among contributions in ascending order of node.
+/// Multi-Krum's mean, of contributions by ascending node.
 pub fn multi_krum<'a>(
     format: &Format,
     given: &[WeightedContribution<'a>],
@@ -47,7 +47,7 @@ fn mean_of_best<'a>(
     let distances = distances(format, &weights)?;
     let scores = scores(weights.len(), &distances, byzantine_bps);
     let mut order: Vec<_> = scores.iter().zip(&weights).collect();
-    // The sort keeps the order of equal scores, which is that of the nodes.
+    // The stable sort orders equal scores by node.
     order.sort_by_key(|(score, _)| **score);
     let best = order.iter().take(kept).map(|(_, weights)| ScaledWeights {
         coefficient: 1,
@@ -56,17 +56,16 @@ fn mean_of_best<'a>(
     Ok(LinearCombination::new(best, kept as i128))
 }
 
-/// So many basis points of `count`, rounded down.
+/// `bps` basis points of `count`, rounded down.
 fn share(count: usize, bps: u32) -> usize {
     (count as u64 * u64::from(bps) / u64::from(BPS)) as usize
 }
 
-/// The place of the pair of `one` and `other`, of which `one` is the smaller, among all pairs.
+/// The index of a pair among all pairs; `one` is the smaller.
 fn pair(one: usize, other: usize) -> usize {
     other * (other - 1) / 2 + one
 }
 
-/// The squared distances of all pairs.
 fn distances(format: &Format, weights: &[&dyn WeightSource]) -> Result<Vec<u128>, CombineError> {
     let pairs = pair(0, weights.len().max(1));
     let add = |mut one: Vec<u128>, other: Vec<u128>| {
@@ -96,7 +95,7 @@ fn distances(format: &Format, weights: &[&dyn WeightSource]) -> Result<Vec<u128>
     sums.try_reduce(|| vec![0; pairs], add)
 }
 
-/// The scores of `count` contributions. A sum of so many distances fits, because weights have far fewer values than 2^36.
+/// The scores of `count` contributions. The sums fit, because weights have far fewer values than 2^36.
 fn scores(count: usize, distances: &[u128], byzantine_bps: u32) -> Vec<u128> {
     let most = count.saturating_sub(3) / 2;
     let byzantine = share(count, byzantine_bps).min(most);
@@ -115,7 +114,7 @@ fn scores(count: usize, distances: &[u128], byzantine_bps: u32) -> Vec<u128> {
 mod tests {
     use super::*;
 
-    /// Points on a line at these places, so that their squared distances are known.
+    /// Points on a line, whose squared distances are known.
     fn line(places: &[i64]) -> Vec<u128> {
         let mut distances = Vec::new();
         for other in 1..places.len() {
@@ -140,7 +139,7 @@ mod tests {
 
     #[test]
     fn few_contributors_limit_how_many_may_be_malicious() {
-        // A score of 4 contributors can leave out nobody but two others.
+        // With 4 contributors a score leaves out only two others.
         let places = line(&[0, 1, 3, 7]);
         assert_eq!(scores(4, &places, 4999), scores(4, &places, 1));
         assert_eq!(scores(4, &places, 1)[0], 1 + 9);

@@ -1,5 +1,4 @@
-//! Sums of weights with integer coefficients, over one divisor. FedAvg, Krum, norm clipping and momentum are such sums, and so is what Adam
-//! takes for the gradient.
+//! Sums of weights with integer coefficients, over one divisor: FedAvg, Krum, norm clipping, momentum, and Adam's gradient.
 
 use crate::combine::blocks::{Combination, Integer, Plan};
 use crate::combine::error::CombineError;
@@ -7,10 +6,10 @@ use crate::combine::optimizers::moments::Moment;
 use crate::combine::source::{Block, BlockBuffer, WeightSource};
 use zk0_weights::rounding::Unit;
 
-/// Terms that are read and summed together. Their blocks and the sums fit into a core's cache.
+/// Terms summed together: their blocks and the sums fit into a core's cache.
 const AT_ONCE: usize = 4;
 
-/// Weights, times a number.
+/// Weights times a number.
 #[derive(Clone, Copy)]
 pub struct ScaledWeights<'a> {
     /// The number, below 2^86 in magnitude.
@@ -19,7 +18,7 @@ pub struct ScaledWeights<'a> {
     pub weights: &'a dyn WeightSource,
 }
 
-/// The sum of some weights, each times a number, divided by one number.
+/// A sum of scaled weights over one divisor.
 pub struct LinearCombination<'a> {
     terms: Vec<ScaledWeights<'a>>,
     divisor: i128,
@@ -28,8 +27,7 @@ pub struct LinearCombination<'a> {
 impl<'a> LinearCombination<'a> {
     /// The sum of `terms`, divided by `divisor`, which is positive and below 2^100.
     ///
-    /// What all coefficients and the divisor have in common is taken out of them. This changes no result, and smaller integers are
-    /// faster: equal shares count 1 each instead of 10,000.
+    /// Their common divisor is removed, because smaller integers are faster: equal shares count 1 instead of 10,000.
     pub fn new(terms: impl IntoIterator<Item = ScaledWeights<'a>>, divisor: i128) -> Self {
         let terms = terms.into_iter().filter(|term| term.coefficient != 0);
         let mut terms: Vec<_> = terms.collect();
@@ -44,14 +42,13 @@ impl<'a> LinearCombination<'a> {
         }
     }
 
-    /// The finest scale that a tensor has in any of the weights: at this scale all their values are integers.
+    /// The tensor's finest scale in any of the weights.
     fn finest(&self, tensor: usize) -> i16 {
         let bits = self.terms.iter().map(|term| term.weights.bits(tensor));
         bits.max().unwrap_or(0)
     }
 }
 
-/// The greatest common divisor, by Euclid.
 fn common_divisor(mut one: u128, mut other: u128) -> u128 {
     while other != 0 {
         (one, other) = (other, one % other);
@@ -60,7 +57,7 @@ fn common_divisor(mut one: u128, mut other: u128) -> u128 {
 }
 
 impl ScaledWeights<'_> {
-    /// What a value of this tensor counts in integers with `bits` fraction bits.
+    /// The factor that brings a value of this tensor to `bits` fraction bits.
     fn factor(&self, tensor: usize, bits: i16) -> i128 {
         self.coefficient << (bits - self.weights.bits(tensor)).max(0)
     }

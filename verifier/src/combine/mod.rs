@@ -1,14 +1,14 @@
 //! From a round's contributions to new global weights.
 //!
-//! Contributions are files, and a combination reads them a block at a time ([`source`], [`sealed`]), on all cores. So its memory does
-//! not grow with the number of contributions: it holds the result and some blocks. Every number is an exact integer until the one
-//! rounding at the end ([`blocks`]). Hence neither the order of the contributions nor the number of cores changes a bit.
+//! A combination reads the contributions' files a block at a time ([`source`], [`sealed`]), on all cores. Its memory holds the
+//! result and some blocks, for any number of contributions. Numbers are exact integers until the one rounding at the end
+//! ([`blocks`]), so the result has the same bits for any order of contributions and any number of cores.
 //!
-//! - [`strategy`]: what the rules can ask for, and which of the following does it.
+//! - [`strategy`]: from the rules to one of the following.
 //! - [`linear`]: sums of contributions with integer coefficients, which most strategies are.
 //! - [`robust`]: the median and the trimmed mean. [`krum`]: the contributions nearest to others, by their [`distance`]s.
 //! - [`clipping`]: a strategy that also reads base weights ([`bases`]).
-//! - [`optimizers`]: strategies that step from the base by an optimiser. Adam keeps numbers of its own from round to round.
+//! - [`optimizers`]: steps of an optimiser from the base. Adam keeps numbers from round to round.
 
 pub mod bases;
 pub mod blocks;

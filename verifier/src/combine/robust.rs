@@ -1,8 +1,8 @@
 //! Averages that a few bad updates cannot move far: the median and the trimmed mean of each parameter (Yin et al., 2018,
 //! arXiv:1803.01498).
 //!
-//! Every contributor counts alike: weights by samples would let whoever claims most samples be the median. Values are compared and
-//! summed as exact integers, so that the order of the contributions does not matter.
+//! Contributors count alike: weights by samples would make the one with the largest claim the median. Integers are exact, so the
+//! order does not matter.
 
 use crate::combine::blocks::{Combination, Integer, Plan};
 use crate::combine::contributions::WeightedContribution;
@@ -13,19 +13,18 @@ use std::ops::Range;
 use zk0_protocol::rules::basis_points::BPS;
 use zk0_weights::rounding::Unit;
 
-/// The mean of what is left of each parameter's values when some of the largest and of the smallest are left out.
+/// Each parameter's mean without some of the largest and the smallest values.
 pub struct MiddleMean<'a> {
     weights: Vec<&'a dyn WeightSource>,
     kept: Range<usize>,
 }
 
-/// The median of each parameter; the mean of the two in the middle where their number is even.
+/// Each parameter's median; for an even number, the mean of the middle two.
 pub fn median<'a>(given: &[WeightedContribution<'a>]) -> MiddleMean<'a> {
     MiddleMean::new(given, given.len().saturating_sub(1) / 2)
 }
 
-/// The mean of each parameter without the largest and the smallest values: `trim_bps` of the contributors, in basis points and rounded
-/// down, at either end.
+/// Each parameter's mean without `trim_bps` basis points of the contributors, rounded down, at either end.
 pub fn trimmed_mean<'a>(given: &[WeightedContribution<'a>], trim_bps: u32) -> MiddleMean<'a> {
     let share = trim_bps.min(BPS / 2 - 1) as usize;
     MiddleMean::new(given, given.len() * share / BPS as usize)

@@ -1,11 +1,10 @@
-//! Verified weights that are not kept in memory: a digest of each block, with which the file is recognised when it is read again.
+//! Verified weights outside memory, with a digest of each block to recognise their file.
 //!
-//! Between a contribution's verification and the end of its round its file lies on a disk. Nothing says that the disk gives back the
-//! bytes that were verified: a disk fails, and whoever can write to it can change a file. A wrong average would then be signed. So
-//! verification seals the numbers while it has them in memory: it takes the BLAKE3 digest of each block. When a combination reads a
-//! block, into memory of its own, it computes the digest of what it has read, and then sums the same bytes. It takes no number that was
-//! not verified, whatever happens to the file and whenever. That costs a third of an average's time. The file's SHA-256 would cost more
-//! than the average itself, and could be compared only after all of the file was summed.
+//! Between verification and the end of the round the file is on a disk, which can fail or be written to. If its bytes changed, a
+//! wrong average would be signed. So verification takes the BLAKE3 digest of each block in memory. A combination reads a block
+//! into its own memory, computes its digest, and sums those same bytes, so it uses only verified numbers, even if the file changes
+//! meanwhile. That costs a third of
+//! an average's time. The file's SHA-256 would cost more than the average, and could be compared only after the whole sum.
 
 use crate::combine::error::CombineError;
 use crate::combine::source::{Block, WeightSource};
@@ -13,16 +12,15 @@ use std::fmt::Display;
 use zk0_circuits::{Digest, QuantisedWeights};
 use zk0_weights::Format;
 
-/// The scales of some weights, and the digests of their blocks.
+/// Weights' scales, and the digests of their blocks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Sealed {
     scales: Vec<i16>,
-    /// For each tensor, the digests of its blocks.
     digests: Vec<Vec<[u8; 32]>>,
 }
 
 impl Sealed {
-    /// Seals `weights`, which are of this format.
+    /// Seals `weights` of this format.
     pub fn of(format: &Format, weights: &QuantisedWeights) -> Self {
         let seal = |index| {
             let (values, bits) = format.tensor(weights, index);
@@ -39,7 +37,7 @@ fn digest(values: &[i16]) -> [u8; 32] {
     blake3::hash(bytemuck::cast_slice(values)).into()
 }
 
-/// A file whose weights were sealed.
+/// A file of sealed weights.
 pub struct SealedFile<'a, F> {
     format: &'a Format,
     sealed: &'a Sealed,
@@ -52,7 +50,7 @@ where
     F: Fn(&Digest, u64, &mut [u8]) -> Result<(), E> + Sync,
     E: Display,
 {
-    /// The file `blob` of weights of this format. `read_at` fills a buffer with the bytes of a file from a place on.
+    /// The file `blob` of weights of this format. `read_at` fills a buffer with a file's bytes from a place on.
     pub fn new(format: &'a Format, sealed: &'a Sealed, blob: Digest, read_at: &'a F) -> Self {
         Self {
             format,
@@ -84,7 +82,7 @@ where
         buffer.resize(block.len, 0);
         let (start, _) = self.format.place(block.tensor);
         let place = start + 2 * block.range().start as u64;
-        // Files and memory are both little-endian: zk0 runs on little-endian machines only.
+        // Files and memory are little-endian: zk0 runs on no other machines.
         (self.read_at)(&self.blob, place, bytemuck::cast_slice_mut(buffer)).map_err(|error| {
             CombineError::Unreadable {
                 blob: self.blob,

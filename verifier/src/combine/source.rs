@@ -5,7 +5,7 @@ use std::ops::Range;
 use zk0_circuits::QuantisedWeights;
 use zk0_weights::Format;
 
-/// Values in a block. A block of each contribution has 128 KiB, so that it lies in a core's cache while it is summed.
+/// Values in a block: 128 KiB, which stay in a core's cache during the sum.
 pub const BLOCK: usize = 1 << 16;
 
 /// A block of a tensor.
@@ -13,9 +13,9 @@ pub const BLOCK: usize = 1 << 16;
 pub struct Block {
     /// The tensor's number.
     pub tensor: usize,
-    /// Which of the tensor's blocks, from 0.
+    /// The block's number in the tensor, from 0.
     pub number: usize,
-    /// How many values it has.
+    /// Its number of values.
     pub len: usize,
 }
 
@@ -29,32 +29,32 @@ impl Block {
         })
     }
 
-    /// All blocks of the weights of a network.
+    /// All blocks of a network's weights.
     pub fn all(format: &Format) -> Vec<Self> {
         let tensors = format.tensors().iter().enumerate();
         let blocks = tensors.flat_map(|(index, tensor)| Self::of(index, tensor.len()));
         blocks.collect()
     }
 
-    /// Its values among those of the tensor.
+    /// Its range among the tensor's values.
     pub fn range(&self) -> Range<usize> {
         let from = self.number * BLOCK;
         from..from + self.len
     }
 }
 
-/// Weights that are read a block at a time, by several threads.
+/// Weights that several threads read by block.
 pub trait WeightSource: Sync {
-    /// Whether these are weights of this format.
+    /// Whether the weights have this format.
     fn fits(&self, format: &Format) -> bool;
 
     /// The fraction bits of tensor number `tensor`.
     fn bits(&self, tensor: usize) -> i16;
 
-    /// The values of `block`. Where they are not in memory, they are read into `buffer`.
+    /// The values of `block`, read into `buffer` unless they are in memory.
     ///
     /// # Errors
-    /// They cannot be read, or they are not those that were verified.
+    /// They cannot be read, or are not the verified ones.
     fn read<'b>(
         &'b self,
         block: &Block,
@@ -86,17 +86,17 @@ impl WeightSource for WeightsInMemory<'_> {
     }
 }
 
-/// Memory for what a thread reads: a block of some weights.
+/// A thread's memory for blocks.
 #[derive(Debug, Default)]
 pub struct BlockBuffer {
     buffers: Vec<Vec<i16>>,
 }
 
 impl BlockBuffer {
-    /// Reads `block` of each of these.
+    /// Reads `block` of each source.
     ///
     /// # Errors
-    /// One of them cannot be read.
+    /// One cannot be read.
     pub fn read<'b>(
         &'b mut self,
         weights: &'b [&dyn WeightSource],

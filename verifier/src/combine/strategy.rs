@@ -1,10 +1,8 @@
-//! From a round's contributions to new global weights, as the rules say: by [`crate::combine::fedavg`], [`crate::combine::robust`],
-//! [`crate::combine::krum`], [`crate::combine::clipping`], [`crate::combine::optimizers::momentum`] or
-//! [`crate::combine::optimizers::adam`].
+//! From a round's contributions to new global weights, by the strategy in the rules.
 //!
-//! **Where it rounds**: each tensor's exact numbers are rounded once, to the nearest int16 at the one scale that they have
-//! ([`zk0_weights::scale`]); ties go to even. A mean is no larger than the largest of its values, so it always fits within the
-//! scale's limits. Where the evaluation does not read, the result has the numbers of the round's base ([`zk0_weights::unread`]).
+//! **Where it rounds**: each tensor's exact numbers are rounded once, to the nearest int16 at their one scale
+//! ([`zk0_weights::scale`]); ties go to even. A mean always fits. Where the evaluation does not read, the result has the base's
+//! numbers ([`zk0_weights::unread`]).
 
 use crate::combine::bases::Bases;
 use crate::combine::blocks::file;
@@ -22,28 +20,28 @@ use zk0_circuits::{Digest, QuantisedWeights, WeightsDigest};
 use zk0_protocol::rules::network_rules::Strategy;
 use zk0_weights::{BuiltFile, Format, Unread};
 
-/// New global weights: as a file and as the digest that goes on the ledger.
+/// New global weights: the file, and the digest for the ledger.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Global {
     /// The canonical file.
     pub file: Vec<u8>,
     /// Its digests.
     pub digest: WeightsDigest,
-    /// SHA-256 of the moments that the round ends with, if the strategy has some.
+    /// SHA-256 of the new moments, if the strategy has some.
     pub moments: Option<Digest>,
 }
 
-/// What a strategy gives.
+/// A strategy's result.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AggregationResult {
     /// The file of the new weights.
     pub file: BuiltFile,
-    /// SHA-256 of the moments that the round ends with, if the strategy has some.
+    /// SHA-256 of the new moments, if the strategy has some.
     pub moments: Option<Digest>,
 }
 
-/// Combines weights to the file of new ones. The order they are given in does not matter. `unread` is what their base holds where the
-/// evaluation does not read, `bases` are the base weights that the strategy reads, and `moments` are for a strategy that has some.
+/// Combines weights, in any order, to the file of new ones. `unread` is the base's unread part, `bases` are what the strategy
+/// reads, and `moments` are for a strategy that has some.
 pub fn combined(
     format: &Format,
     given: &[WeightedContribution<'_>],
@@ -112,7 +110,7 @@ pub fn combined(
     })
 }
 
-/// Base weights, if they are there and of this format.
+/// Base weights, if given and of this format.
 fn in_memory<'a>(
     format: &'a Format,
     weights: &'a Option<QuantisedWeights>,

@@ -1,5 +1,5 @@
-//! A recording in which no episode was finished. LeRobot writes `meta/info.json` when it begins to record, and everything else when it
-//! saves the first episode: the tasks, the rows, the videos, and at last the number of episodes.
+//! A recording without a finished episode. LeRobot writes `meta/info.json` first, and the rest with the first episode: tasks, rows, videos,
+//! then the number of episodes.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use crate::dataset::metadata::json::{self, read_text};
 use crate::dataset::tables::parquet_files::parquet_files;
 use crate::dataset::DatasetError;
 
-/// What is wrong with the recording in `root`, if the text of its `meta/info.json` counts no episode.
+/// The fault of the recording in `root`, if `info.json` counts no episode.
 pub(crate) fn fault(root: &Path, info: &str) -> Option<DatasetError> {
     let info: Value = json::parse(info).ok()?;
     let is_zero = |name: &str| info.get(name).and_then(Value::as_f64) == Some(0.0);
@@ -31,7 +31,7 @@ pub(crate) fn fault(root: &Path, info: &str) -> Option<DatasetError> {
     })
 }
 
-/// Refuses a recording in which no episode was finished and that has no rows either: it never had the file that is missing.
+/// Refuses a recording with neither finished episode nor rows: the file was never written.
 pub(crate) fn refuse_empty(root: &Path) -> Result<(), DatasetError> {
     let info = read_text(&root.join("meta/info.json"))?;
     match fault(root, &info) {

@@ -1,5 +1,4 @@
-//! What the statistics of a recording say besides mean and standard deviation: the smallest and largest values, and the number of frames.
-//! Nothing is normalised with these, so they need not be there.
+//! Statistics besides mean and standard deviation: minimum, maximum and count. They normalise nothing, so they may be missing.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
@@ -11,7 +10,7 @@ use crate::dataset::metadata::info::{FormatVersion, ACTION, STATE};
 use crate::dataset::metadata::json::{self, read_text};
 use crate::dataset::{DatasetError, Info};
 
-/// Of one feature; `None` where the file does not say it.
+/// Of one feature; `None` where the file lacks it.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct RecordedBounds {
     pub min: Option<Vec<f64>>,
@@ -19,7 +18,7 @@ pub(crate) struct RecordedBounds {
     pub count: Option<f64>,
 }
 
-/// Those of states and of actions, after the file that states them. In v2.1 the episodes have them, and these are pooled.
+/// Those of states and of actions, after the file that has them. In v2.1, pooled over episodes.
 pub(crate) fn read(
     root: &Path,
     info: &Info,
@@ -32,7 +31,7 @@ pub(crate) fn read(
         return Ok((path, of_features(&all)));
     }
     let path = root.join("meta/episodes_stats.jsonl");
-    // As LeRobot does, the last line of an episode is taken.
+    // LeRobot, too, takes an episode's last line.
     let mut episodes = BTreeMap::new();
     json::read_lines(&path, |_, line: Line| {
         if line.episode_index < info.total_episodes {
@@ -67,7 +66,7 @@ impl RecordedBounds {
         }
     }
 
-    /// Of the episodes of both together.
+    /// Of both together.
     fn and(self, other: Self) -> Self {
         Self {
             min: each(self.min, other.min, f64::min),

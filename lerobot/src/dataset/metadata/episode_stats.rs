@@ -1,5 +1,4 @@
-//! `meta/episodes_stats.jsonl` of v2.1: moments of every episode, pooled into those of the recording as LeRobot's
-//! `aggregate_stats` does it.
+//! `meta/episodes_stats.jsonl` of v2.1: moments of every episode, pooled as LeRobot's `aggregate_stats` does.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,7 +16,7 @@ struct StatsLine {
     stats: EpisodeStats,
 }
 
-/// The features that are normalised; the others' statistics are not read.
+/// The normalised features; statistics of others are not read.
 #[derive(Deserialize)]
 struct EpisodeStats {
     #[serde(rename = "observation.state")]
@@ -29,7 +28,7 @@ struct EpisodeStats {
 struct FeatureStats {
     #[serde(flatten)]
     moments: MeanAndStd,
-    /// Frames: those of the episode, where it is not there.
+    /// Frames; by default those of the episode.
     count: Option<CountField>,
 }
 
@@ -41,10 +40,10 @@ enum CountField {
     Number(f64),
 }
 
-/// Reads all episodes' statistics; every episode has to be there.
+/// Reads the statistics; every episode must be there.
 pub(crate) fn read(root: &Path, info: &Info, episodes: &[Episode]) -> Result<Stats, DatasetError> {
     let path = root.join("meta/episodes_stats.jsonl");
-    // LeRobot adds up in the order of the episodes, and takes the last line where an episode has several.
+    // LeRobot sums in the order of episodes, and takes an episode's last line.
     let mut lines: BTreeMap<usize, EpisodeStats> = BTreeMap::new();
     json::read_lines(&path, |number, line: StatsLine| {
         let wrong = |cause: String| DatasetError::meta(&path, format!("line {number}: {cause}"));
@@ -76,7 +75,7 @@ pub(crate) fn read(root: &Path, info: &Info, episodes: &[Episode]) -> Result<Sta
         ));
     }
     let pooled = |name: &str, dim: usize, of: fn(&EpisodeStats) -> &FeatureStats| {
-        // Every episode has a line, and both are in order.
+        // Every episode has a line; both are in order.
         let all: Vec<_> = lines
             .values()
             .zip(episodes)

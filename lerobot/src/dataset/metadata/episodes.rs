@@ -1,5 +1,4 @@
-//! The episodes of a recording: which rows and which stretches of video belong together. The metadata of v3.0 is read here,
-//! that of v2.x in `episodes_v2`.
+//! Which rows and which stretches of video belong to each episode: v3.0 here, v2.x in `episodes_v2`.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +10,7 @@ use crate::dataset::tables::columns::{self, Columns};
 use crate::dataset::tables::parquet_files::parquet_files;
 use crate::dataset::{DatasetError, Info, Repair};
 
-/// Episodes in order, checked to tile the frames that `meta/info.json` declares.
+/// Episodes in order, checked to tile the frames of `meta/info.json`.
 pub(crate) fn read_episodes(
     root: &Path,
     info: &Info,
@@ -102,12 +101,12 @@ fn read_parquet(
     Ok((folder, episodes))
 }
 
-/// Number and first frame of the episode that is to come.
+/// Number and first frame of the next episode.
 fn next(episodes: &[Episode]) -> (usize, usize) {
     (episodes.len(), episodes.last().map_or(0, |e| e.frames.end))
 }
 
-/// What a row says about the place of its episode among the others.
+/// An episode's place among the others.
 struct EpisodeRow {
     index: i64,
     length: i64,
@@ -123,11 +122,11 @@ impl EpisodeRow {
     }
 }
 
-/// Names of the columns, those of the cameras among them.
+/// Column names, also for the cameras.
 struct EpisodeColumns {
-    /// Those of [`EpisodeColumns::HINTS`] that there are.
+    /// The [`EpisodeColumns::HINTS`] that exist.
     hints: Vec<&'static str>,
-    /// Per camera; `None` where its pictures are stored one by one.
+    /// Per camera; `None` for stored pictures.
     spans: Vec<Option<SpanColumns>>,
 }
 
@@ -135,13 +134,12 @@ struct SpanColumns {
     chunk: String,
     file: String,
     from: String,
-    /// Not every writer has it.
     to: Option<String>,
 }
 
 impl EpisodeColumns {
     const BOUNDS: [&'static str; 2] = ["dataset_from_index", "dataset_to_index"];
-    /// LeRobot reads frames without these, so they need not be there, nor hold a number.
+    /// LeRobot does not need them: they may be missing or hold no number.
     const HINTS: [&'static str; 4] = [
         "episode_index",
         "length",
@@ -180,7 +178,7 @@ impl EpisodeColumns {
         Self::BOUNDS.into_iter().chain(hints).chain(spans).collect()
     }
 
-    /// A row, which is that of episode `number` where it says nothing else.
+    /// A row, by default that of episode `number`.
     fn row(&self, batch: &Columns, row: usize, number: usize) -> Result<EpisodeRow, DatasetError> {
         let int = |name: &str| batch.ints(name).map(|column| column[row]);
         let (from, to) = (int(Self::BOUNDS[0])?, int(Self::BOUNDS[1])?);
@@ -193,7 +191,6 @@ impl EpisodeColumns {
         })
     }
 
-    /// The episode of a row whose frames are known to be sound.
     fn episode(
         &self,
         root: &Path,
@@ -229,7 +226,7 @@ impl EpisodeColumns {
             if !sound(&from_timestamp) {
                 return Err(broken(format!("{from} is {from_timestamp}")));
             }
-            // LeRobot does not read the end, so one that cannot be read is not there.
+            // LeRobot does not read the end, so a fault in it does not matter.
             let to = span.to.as_ref().and_then(|to| batch.doubles(to).ok());
             let place = RecordingFile::Shared {
                 chunk: number(chunk)?,

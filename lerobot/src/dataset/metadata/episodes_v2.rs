@@ -1,4 +1,4 @@
-//! `meta/episodes.jsonl` of v2.0 and v2.1: every episode has a parquet file of its own, and a video of its own per camera.
+//! `meta/episodes.jsonl` of v2.0 and v2.1: every episode has its own parquet file and its own video per camera.
 
 use std::collections::btree_map::{BTreeMap, Entry};
 use std::path::{Path, PathBuf};
@@ -16,14 +16,14 @@ struct EpisodeLine {
     length: usize,
 }
 
-/// The file's path, and the episodes by number: each begins where the one before ends.
+/// The file's path, and the episodes by number, each beginning where the last ends.
 pub(crate) fn read_episodes(
     root: &Path,
     info: &Info,
     repairs: &mut Vec<Repair>,
 ) -> Result<(PathBuf, Vec<Episode>), DatasetError> {
     let path = root.join("meta/episodes.jsonl");
-    // LeRobot sorts them too.
+    // LeRobot sorts, too.
     let mut lengths: BTreeMap<usize, usize> = BTreeMap::new();
     let mut repeated = 0;
     json::read_lines(&path, |number, line: EpisodeLine| {

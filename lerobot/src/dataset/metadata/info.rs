@@ -1,4 +1,4 @@
-//! `meta/info.json`: what was recorded, how fast, and where the files lie.
+//! `meta/info.json`: what was recorded, how fast, and where the files are.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use crate::dataset::metadata::json::{self, read_text};
 use crate::dataset::metadata::paths::{fill, RecordingFile};
 use crate::dataset::DatasetError;
 
-/// A frame cap (92 hours at 30 fps) that keeps a false count from being believed.
+/// Most frames (92 hours at 30 fps): a false count is not believed.
 pub(crate) const MAX_FRAMES: usize = 10_000_000;
 const MAX_SIDE: usize = 8192;
 const MAX_DIM: usize = 4096;
@@ -23,10 +23,10 @@ const VIDEO_PATH: &str = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_
 pub(crate) const STATE: &str = "observation.state";
 pub(crate) const ACTION: &str = "action";
 
-/// Version of LeRobotDataset's format, `codebase_version` of `meta/info.json`.
+/// Version of LeRobotDataset's format, `codebase_version`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum FormatVersion {
-    /// One parquet file and one video per episode; statistics of the whole in `meta/stats.json`.
+    /// One parquet file and one video per episode; statistics in `meta/stats.json`.
     V20,
     /// As [`FormatVersion::V20`], with statistics per episode in `meta/episodes_stats.jsonl`.
     V21,
@@ -37,7 +37,7 @@ pub enum FormatVersion {
 impl FormatVersion {
     const ALL: [Self; 3] = [Self::V20, Self::V21, Self::V30];
 
-    /// As LeRobot writes it: `v2.0`, `v2.1`, `v3.0`.
+    /// As in `codebase_version`: `v2.0`, `v2.1`, `v3.0`.
     pub fn name(self) -> &'static str {
         match self {
             Self::V20 => "v2.0",
@@ -56,13 +56,13 @@ impl fmt::Display for FormatVersion {
 /// The parts of `meta/info.json` that reading needs, checked.
 #[derive(Debug, Clone)]
 pub struct Info {
-    /// Which version of the format the folder is.
+    /// The folder's format version.
     pub format: FormatVersion,
     /// Frames per second, at least 1.
     pub fps: u32,
-    /// Robot, as LeRobot names it (`so100`, ...), where given.
+    /// Robot, as LeRobot names it (`so100`, ...), if given.
     pub robot_type: Option<String>,
-    /// Frames in all episodes together.
+    /// Frames of all episodes.
     pub total_frames: usize,
     /// Number of episodes.
     pub total_episodes: usize,
@@ -70,22 +70,22 @@ pub struct Info {
     pub state: VectorFeature,
     /// `action`.
     pub action: VectorFeature,
-    /// Features of videos and of pictures, in the file's order.
+    /// Features of videos or pictures, in the file's order.
     pub cameras: Vec<Camera>,
-    /// Names of the features that hold distances (LeRobot 0.6 records depth cameras). SmolVLA takes colours, so they are not read.
+    /// Features that hold distances (depth cameras of LeRobot 0.6). SmolVLA takes colours, so they are not read.
     pub depth_maps: Vec<String>,
-    /// Episodes in a folder of v2.x, at least 1.
+    /// Episodes per folder of v2.x, at least 1.
     chunks_size: u64,
     data_path: String,
     video_path: String,
 }
 
-/// A vector recorded at every frame, read as float32.
+/// A vector per frame, read as float32.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct VectorFeature {
     /// Number of values.
     pub dim: usize,
-    /// Name of each value (joints), where given; otherwise empty.
+    /// Name of each value (joint), if given; else empty.
     pub names: Vec<String>,
 }
 
@@ -94,16 +94,16 @@ pub struct VectorFeature {
 pub enum CameraStorage {
     /// As frames of mp4 files.
     Video,
-    /// One by one, as PNG or JPEG: within the data files, or in files that the data files name (`use_videos=False`).
+    /// One by one, PNG or JPEG, in the data files or in files that these name (`use_videos=False`).
     Pictures,
 }
 
-/// A camera: a feature of videos or pictures, 8-bit RGB once decoded.
+/// A camera: a feature of videos or pictures, decoded to 8-bit RGB.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Camera {
-    /// Its name, for example `observation.images.top`: that of the feature, or what [`Dataset::renamed`](crate::dataset::Dataset::renamed) gave it.
+    /// Its name, for example `observation.images.top`: the feature's, or that of [`Dataset::renamed`](crate::dataset::Dataset::renamed).
     pub name: String,
-    /// The name of the feature in the recording's files.
+    /// The feature's name in the files.
     pub(crate) feature: String,
     /// Pixels from top to bottom.
     pub height: usize,
@@ -135,12 +135,12 @@ struct RawFeature {
     #[serde(deserialize_with = "json::whole_numbers")]
     shape: Vec<usize>,
     names: Option<Value>,
-    /// What LeRobot knows of a video. Its form has changed over time, so it is read key by key.
+    /// LeRobot's notes on a video, read by key because their form has changed.
     info: Option<Value>,
 }
 
 impl RawFeature {
-    /// Whether it holds a distance for each pixel, and no colour.
+    /// Whether it holds distances instead of colours.
     fn is_depth_map(&self) -> bool {
         let says = |key: &str| {
             let info = self.info.as_ref();
@@ -150,7 +150,7 @@ impl RawFeature {
     }
 }
 
-/// The cameras' order matters to the policy, so the map is kept as the list that it is written as.
+/// Kept as a list, because the cameras' order matters to the policy.
 struct OrderedFeatures(Vec<(String, RawFeature)>);
 
 impl<'de> Deserialize<'de> for OrderedFeatures {
@@ -177,7 +177,7 @@ impl Info {
     /// Reads and checks `meta/info.json` under `root`.
     ///
     /// # Errors
-    /// There is no such folder or file, or what the file states cannot be read: which value, and why.
+    /// The folder or file is missing, or a value cannot be read: which, and why.
     pub fn read(root: &Path) -> Result<Self, DatasetError> {
         if !root.is_dir() {
             return Err(DatasetError::NoFolder { path: root.into() });
@@ -193,11 +193,11 @@ impl Info {
         }
     }
 
-    /// Checks `text`, which is that of the file `path`.
+    /// Checks `text` of the file `path`.
     pub(crate) fn parse(path: &Path, text: &str) -> Result<Self, DatasetError> {
         let broken = |cause: String| DatasetError::meta(path, cause);
 
-        // The version is read first, because a file of another version may lack the fields that are read next.
+        // The version comes first: another version may lack the other fields.
         let any: Value =
             json::parse(text).map_err(|e| broken(format!("is not the JSON it should be: {e}")))?;
         let Some(version) = any.get("codebase_version").and_then(Value::as_str) else {
@@ -227,7 +227,7 @@ impl Info {
                 return Err(format!("{what} is {count}, expected 1 to {MAX_FRAMES}"));
             }
         }
-        // LeRobot uses this value where the file does not name one.
+        // LeRobot's default.
         let chunks_size = raw.chunks_size.unwrap_or(1000);
         if chunks_size == 0 {
             return Err("chunks_size is 0, expected at least 1".into());
@@ -253,7 +253,7 @@ impl Info {
                 _ => {}
             }
         }
-        // LeRobot uses these paths where the file of v3.0 does not name one.
+        // LeRobot's defaults in v3.0.
         let path_of_v30 = |path: &str| (format == FormatVersion::V30).then(|| path.to_owned());
         let data_path = raw.data_path.or_else(|| path_of_v30(DATA_PATH));
         let video_path = raw.video_path.or_else(|| path_of_v30(VIDEO_PATH));
@@ -277,7 +277,7 @@ impl Info {
         })
     }
 
-    /// The file that v2.x keeps an episode in.
+    /// The file of an episode in v2.x.
     pub(crate) fn place_of_episode(&self, episode: u64) -> RecordingFile {
         RecordingFile::OfEpisode {
             chunk: episode / self.chunks_size,
@@ -294,7 +294,7 @@ impl Info {
         in_folder(root, fill(&self.data_path, "", place))
     }
 
-    /// A camera's video file of the dataset in `root`; it has to be there.
+    /// A camera's video file of the dataset in `root`; it must exist.
     pub(crate) fn video_file(
         &self,
         root: &Path,
@@ -317,7 +317,7 @@ fn in_folder(root: &Path, relative: Result<PathBuf, String>) -> Result<PathBuf, 
 }
 
 fn vector(name: &str, feature: &RawFeature) -> Result<VectorFeature, String> {
-    // They are read as float32, whatever their width.
+    // All widths are read as float32.
     if !["float16", "float32", "float64"].contains(&&feature.dtype[..]) {
         return Err(format!(
             "{name} is {}, expected float32",
@@ -336,7 +336,7 @@ fn vector(name: &str, feature: &RawFeature) -> Result<VectorFeature, String> {
     }
 }
 
-/// What a stranger wrote, for a message: on one line, and not long.
+/// A stranger's text for a message: one short line.
 fn quoted(text: &str) -> String {
     format!("{:?}", text.chars().take(60).collect::<String>())
 }
@@ -348,7 +348,7 @@ fn shape(feature: &RawFeature) -> String {
     }
 }
 
-/// LeRobot writes a list of names, or a map of groups of them, or nothing.
+/// LeRobot writes a list of names, a map of groups, or nothing.
 fn names(value: Option<&Value>) -> Vec<String> {
     match value {
         Some(Value::String(name)) => vec![name.clone()],
@@ -359,7 +359,7 @@ fn names(value: Option<&Value>) -> Vec<String> {
 }
 
 fn camera(name: String, feature: &RawFeature, storage: CameraStorage) -> Result<Camera, String> {
-    // Older recordings say that the channels come first. Their videos are the same.
+    // Older recordings put channels first; their videos are the same.
     let names = names(feature.names.as_ref());
     let channels_first = names.first().is_some_and(|n| n.starts_with("channel"));
     let sides = match feature.shape[..] {

@@ -1,4 +1,4 @@
-//! Metadata in JSON: one document, or one on every line. A file larger than any such file is refused before it is read.
+//! Metadata in JSON: one document, or one per line. Files above a limit are refused unread.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Error, ErrorKind, Read};
@@ -13,10 +13,10 @@ use crate::dataset::DatasetError;
 
 /// Largest JSON file read, in bytes.
 const MAX_FILE: u64 = 16 << 20;
-/// Longest line of a `.jsonl` file read, in bytes.
+/// Longest line read of a `.jsonl` file, in bytes.
 const MAX_LINE: u64 = 1 << 20;
 
-/// Reads a metadata file, unless it is far larger than such a file can be.
+/// Reads a metadata file of bounded size.
 pub(crate) fn read_text(path: &Path) -> Result<String, DatasetError> {
     let bytes = bounded_file::read(path, MAX_FILE).map_err(|e| match e.kind() {
         ErrorKind::FileTooLarge => {
@@ -28,7 +28,7 @@ pub(crate) fn read_text(path: &Path) -> Result<String, DatasetError> {
         .map_err(|e| DatasetError::io(path, Error::new(ErrorKind::InvalidData, e)))
 }
 
-/// Parses JSON as Python writes it: `NaN`, `Infinity` and `-Infinity` are numbers there. They become `null`.
+/// Parses JSON as Python writes it: its `NaN`, `Infinity` and `-Infinity` become `null`.
 pub(crate) fn parse<T: DeserializeOwned>(text: &str) -> serde_json::Result<T> {
     let strict = serde_json::from_str(text);
     match strict {
@@ -39,7 +39,7 @@ pub(crate) fn parse<T: DeserializeOwned>(text: &str) -> serde_json::Result<T> {
     }
 }
 
-/// The text with Python's names of numbers that are not finite replaced, unless they are within a string.
+/// The text with Python's non-finite numbers replaced, except within strings.
 fn without_python_numbers(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;
@@ -63,7 +63,7 @@ fn without_python_numbers(text: &str) -> String {
     out
 }
 
-/// A whole number, also where Python wrote it as a float: `30.0`.
+/// A whole number, even as Python's float `30.0`.
 pub(crate) fn whole_number<'de, D: Deserializer<'de>, T: TryFrom<u64>>(
     deserializer: D,
 ) -> Result<T, D::Error> {
@@ -78,7 +78,7 @@ pub(crate) fn whole_number<'de, D: Deserializer<'de>, T: TryFrom<u64>>(
         .ok_or_else(|| D::Error::custom(format!("{value} where a whole number is expected")))
 }
 
-/// The same where there may be none.
+/// The same or none.
 pub(crate) fn whole_number_or_none<'de, D: Deserializer<'de>, T: TryFrom<u64>>(
     deserializer: D,
 ) -> Result<Option<T>, D::Error> {
@@ -101,8 +101,7 @@ impl<'de, T: TryFrom<u64>> Deserialize<'de> for Whole<T> {
     }
 }
 
-/// Numbers, of which Python's `NaN` and infinities have become `null`. A list within a list, and a number without one, hold the same for
-/// numpy.
+/// Numbers, with `null` for Python's `NaN` and infinities. As in numpy, nested lists and a single number count as a list.
 pub(crate) fn numbers<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f64>, D::Error> {
     fn collect(value: &Value, into: &mut Vec<f64>) -> Result<(), String> {
         match value {
@@ -120,13 +119,13 @@ pub(crate) fn numbers<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<
     Ok(numbers)
 }
 
-/// Whole numbers from here on have gaps between them as floats.
+/// From here on, floats skip whole numbers.
 const EXACT: f64 = (1u64 << 53) as f64;
 
-/// Hands the object on every line of a `.jsonl` file to `each`, with the line's number from 1; empty lines are passed over.
+/// Gives each line's object of a `.jsonl` file to `each`, with the line number from 1; skips empty lines.
 ///
 /// # Errors
-/// The file is missing, or a line is too long or not the JSON it should be (which line, and why); or what `each` answers.
+/// The file is missing, a line is too long or bad JSON (which line, and why), or `each` fails.
 pub(crate) fn read_lines<T: DeserializeOwned>(
     path: &Path,
     mut each: impl FnMut(usize, T) -> Result<(), DatasetError>,

@@ -1,10 +1,10 @@
-//! Normalisers of states and actions, and the moments that they are made of.
+//! Normalisers of states and actions, and their moments.
 
 use serde::{Deserialize, Serialize};
 
 use crate::dataset::metadata::json;
 
-/// Normalisers of the recording's states and actions.
+/// Normalisers of states and actions.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Stats {
@@ -22,7 +22,7 @@ pub struct Normalizer {
     std: Vec<f32>,
 }
 
-/// Mean and standard deviation per dimension, as they are written.
+/// Mean and standard deviation per dimension, as files have them.
 #[derive(Clone, Serialize, Deserialize)]
 pub(crate) struct MeanAndStd {
     #[serde(deserialize_with = "json::numbers")]
@@ -32,8 +32,8 @@ pub(crate) struct MeanAndStd {
 }
 
 impl Stats {
-    /// Those of several recordings together, each with its number of frames, as LeRobot's `aggregate_stats` pools them; those of
-    /// one are its own. `None` where there is no frame, or dimensions differ.
+    /// The normaliser of several recordings, each with its number of frames, pooled as LeRobot's `aggregate_stats` does; one is its own.
+    /// `None` without frames, or where dimensions differ.
     pub fn pooled(recordings: &[(&Self, usize)]) -> Option<Self> {
         if let [(one, _)] = recordings {
             return Some((*one).clone());
@@ -55,10 +55,10 @@ impl Stats {
     }
 }
 
-/// Moments of all frames together, of parts of `dim` dimensions, each with its number of frames.
+/// Moments of all frames, from parts of `dim` dimensions, each with its number of frames.
 ///
-/// With n frames in a part of mean m and standard deviation s, and M the mean over all frames: M = sum(n m) / sum(n), and the
-/// variance is sum(n (s² + (m - M)²)) / sum(n).
+/// With n frames in a part of mean m and standard deviation s, the whole has mean M = sum(n m) / sum(n) and
+/// variance sum(n (s² + (m - M)²)) / sum(n).
 pub(crate) fn pool(parts: &[(&MeanAndStd, f64)], dim: usize) -> MeanAndStd {
     let total: f64 = parts.iter().map(|(_, count)| count).sum();
     let weighted = |value: &dyn Fn(&MeanAndStd) -> f64| {
@@ -84,7 +84,7 @@ impl From<&Normalizer> for MeanAndStd {
     }
 }
 
-// Written as f64, every f32 comes back as it was.
+// An f64 returns every f32 exactly.
 impl From<Normalizer> for MeanAndStd {
     fn from(normalizer: Normalizer) -> Self {
         Self::from(&normalizer)
@@ -100,7 +100,7 @@ impl TryFrom<MeanAndStd> for Normalizer {
 }
 
 impl Normalizer {
-    /// From moments as they are written, of `dim` dimensions.
+    /// From moments of `dim` dimensions.
     pub(crate) fn of(moments: &MeanAndStd, dim: usize) -> Result<Self, String> {
         let MeanAndStd { mean, std } = moments;
         if mean.len() != dim || std.len() != dim {
@@ -128,8 +128,8 @@ impl Normalizer {
         Self::new(mean, std).ok_or_else(|| "has no dimensions".into())
     }
 
-    /// From one mean and one standard deviation per dimension; `None` where lengths differ or are 0, or a value is not
-    /// finite, or a standard deviation is negative.
+    /// From mean and standard deviation per dimension; `None` where lengths differ or are 0, a value is not finite, or a deviation is
+    /// negative.
     pub fn new(mean: Vec<f32>, std: Vec<f32>) -> Option<Self> {
         let fits = !mean.is_empty()
             && mean.len() == std.len()
@@ -138,7 +138,7 @@ impl Normalizer {
         fits.then_some(Self { mean, std })
     }
 
-    /// The one that changes nothing, of `dim` dimensions; `None` for 0.
+    /// The one that changes nothing; `None` for `dim` 0.
     pub fn identity(dim: usize) -> Option<Self> {
         Self::new(vec![0.0; dim], vec![1.0; dim])
     }
@@ -167,7 +167,7 @@ impl Normalizer {
         }
     }
 
-    /// Brings rows of normalised values back to the robot's units, in place.
+    /// Denormalises rows to the robot's units in place.
     pub fn denormalize(&self, rows: &mut [f32]) {
         for row in rows.chunks_mut(self.dim()) {
             for ((x, mean), std) in row.iter_mut().zip(&self.mean).zip(&self.std) {

@@ -1,8 +1,8 @@
-//! LeRobot's path templates: which file of the folder holds an episode.
+//! LeRobot's path templates: which file holds an episode.
 
 use std::path::{Component, Path, PathBuf};
 
-/// A file of the recording: v3.0 numbers files that several episodes share, v2.x has one for each episode.
+/// A file of the recording: shared by episodes in v3.0, one per episode in v2.x.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum RecordingFile {
     /// `chunk-{chunk}/file-{file}`.
@@ -11,7 +11,7 @@ pub(crate) enum RecordingFile {
     OfEpisode { chunk: u64, episode: u64 },
 }
 
-/// Fills LeRobot's path template, which is a format of Python's; the result stays inside the dataset's folder.
+/// Fills LeRobot's path template, a Python format; the result stays inside the dataset's folder.
 pub(crate) fn fill(template: &str, camera: &str, place: RecordingFile) -> Result<PathBuf, String> {
     let path = filled(template, camera, place).filter(|path| {
         let mut parts = Path::new(path).components();
@@ -51,7 +51,7 @@ fn filled(template: &str, camera: &str, place: RecordingFile) -> Option<String> 
     (!rest.contains('}')).then_some(path)
 }
 
-/// A number as Python formats it by `03d`, `d` or nothing.
+/// A number in Python's format `03d`, `d` or none.
 fn with_zeros(number: u64, width: &str) -> Option<String> {
     match width.strip_suffix('d').unwrap_or(width) {
         "" => Some(number.to_string()),

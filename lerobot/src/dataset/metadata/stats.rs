@@ -9,8 +9,7 @@ use crate::dataset::metadata::json::{self, read_text};
 use crate::dataset::metadata::normalizer::{MeanAndStd, Normalizer, Stats};
 use crate::dataset::{DatasetError, Episode, Info};
 
-/// Reads and checks the statistics under `root`: those of the whole in `meta/stats.json`, or in v2.1 those of the episodes,
-/// pooled.
+/// Reads and checks the statistics under `root`: `meta/stats.json`, or in v2.1 the episodes', pooled.
 pub(crate) fn read(root: &Path, info: &Info, episodes: &[Episode]) -> Result<Stats, DatasetError> {
     if info.format == FormatVersion::V21 {
         episode_stats::read(root, info, episodes)
@@ -23,7 +22,7 @@ fn read_whole(root: &Path, info: &Info) -> Result<Stats, DatasetError> {
     let path = root.join("meta/stats.json");
     let text = read_text(&path)?;
     let broken = |cause: String| DatasetError::meta(&path, cause);
-    // The statistics of images are nested differently. They are not used, so only the others are read.
+    // Statistics of images are nested differently, and not used.
     let mut all: HashMap<String, serde_json::Value> =
         json::parse(&text).map_err(|e| broken(format!("is not the JSON it should be: {e}")))?;
     let mut normalizer = |name: &str, dim: usize| {

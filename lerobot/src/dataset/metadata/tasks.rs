@@ -22,7 +22,7 @@ pub(crate) fn read_tasks(root: &Path, info: &Info) -> Result<Vec<String>, Datase
             begun::refuse_empty(root)?;
         }
         let column = task_column(&path)?;
-        // LeRobot goes by the place in the table, which is all there is where the numbers are not there.
+        // LeRobot goes by place in the table, which serves where numbers are missing.
         let numbers = columns::present(&path, &["task_index"])?;
         let read = [&numbers[..], &[column.as_str()]].concat();
         columns::read(&path, &read, 1, |batch| {
@@ -39,8 +39,8 @@ pub(crate) fn read_tasks(root: &Path, info: &Info) -> Result<Vec<String>, Datase
     tasks.complete(path)
 }
 
-/// The column of the task strings. They are the index of the table that LeRobot writes by pandas. LeRobot gives it a name from 0.5 on, and
-/// pandas gave it one before. Another writer may have named it, which pandas' notes in the file tell.
+/// The column of the task strings: the index of LeRobot's pandas table. LeRobot names it from 0.5 on, pandas did before. Other writers'
+/// names are in pandas' notes in the file.
 fn task_column(path: &Path) -> Result<String, DatasetError> {
     const SINCE_0_5: &str = "task";
     const BEFORE: &str = "__index_level_0__";
@@ -66,11 +66,11 @@ const MAX_TASKS: usize = 16 << 20;
 /// What a task takes besides its string, roughly.
 const ENTRY: usize = 64;
 
-/// Tasks as they are found. How many there are, the table says: LeRobot reads it whatever `meta/info.json` counts.
+/// Tasks found so far. Like LeRobot, this ignores the count of `meta/info.json`.
 #[derive(Default)]
 struct Tasks {
     found: BTreeMap<i64, String>,
-    /// Bytes of all strings so far: a compressed file can repeat one very often.
+    /// Bytes of all strings: a compressed file can repeat one very often.
     bytes: usize,
 }
 
@@ -110,7 +110,7 @@ struct TaskLine {
     task: String,
 }
 
-/// `meta/tasks.jsonl` of v2.x. Adds all tasks; gives the file's path.
+/// Adds all tasks of `meta/tasks.jsonl` (v2.x); returns its path.
 fn read_jsonl(root: &Path, tasks: &mut Tasks) -> Result<PathBuf, DatasetError> {
     let path = root.join("meta/tasks.jsonl");
     json::read_lines(&path, |_, line: TaskLine| {

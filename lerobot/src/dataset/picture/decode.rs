@@ -1,15 +1,15 @@
-//! A stored picture to pixels, as LeRobot gives them.
+//! Decodes a stored picture to LeRobot's pixels.
 
 use crate::dataset::picture::orientation::orientation;
 use crate::dataset::picture::{jpeg, png};
 
-/// Most bytes of pixels for each byte of a picture. PNG and JPEG compress to a thousandth at most.
+/// Most pixel bytes per byte of a picture. PNG and JPEG compress to a thousandth at most.
 const PIXELS_PER_BYTE: usize = 1100;
 
 /// RGB of a PNG or JPEG picture, `[3, height, width]`.
 ///
 /// # Errors
-/// What is wrong with it, in words: another size or kind of picture, or damage.
+/// The picture is of another size or kind, or damaged.
 pub(crate) fn decode(encoded: &[u8], height: usize, width: usize) -> Result<Vec<u8>, String> {
     let pixels = interleaved(encoded, height, width)?;
     Ok((0..3)

@@ -1,5 +1,5 @@
-//! JPEG pictures. The format leaves open how pixels are rounded: the decoder's differ from those of libjpeg-turbo, which LeRobot uses, by 4
-//! levels of 255 at most. They are the same on every processor.
+//! JPEG pictures. The format leaves rounding open: pixels differ from those of LeRobot's libjpeg-turbo by at most 4 levels of 255, and are
+//! the same on every processor.
 
 use std::panic::{catch_unwind, AssertUnwindSafe};
 
@@ -7,12 +7,12 @@ use jpeg_decoder::{Decoder, PixelFormat};
 
 use crate::dataset::picture::size::check_size;
 
-/// Most scans of a progressive picture; encoders write ten. Each of them is decoded for all of the picture, however short it is.
+/// Most scans of a progressive picture; encoders write ten. However short, each is decoded for the whole picture.
 const MAX_SCANS: usize = 100;
 
 /// RGB of a JPEG picture, `[height, width, 3]`.
 pub(super) fn rgb(encoded: &[u8], height: usize, width: usize) -> Result<Vec<u8>, String> {
-    // Within the pixels, no byte 0xff has this byte after it.
+    // Pixel data has no 0xff before this byte.
     let scans = encoded.windows(2).filter(|w| *w == [0xff, 0xda]).count();
     if scans > MAX_SCANS {
         return Err(format!(
@@ -22,7 +22,7 @@ pub(super) fn rgb(encoded: &[u8], height: usize, width: usize) -> Result<Vec<u8>
     guarded(|| decoded(encoded, height, width))
 }
 
-/// The decoder ends in a panic where it meets what it takes for impossible.
+/// The decoder panics where it meets what it takes for impossible.
 fn guarded(decode: impl FnOnce() -> Result<Vec<u8>, String>) -> Result<Vec<u8>, String> {
     catch_unwind(AssertUnwindSafe(decode))
         .unwrap_or_else(|_| Err("the JPEG picture is damaged".into()))

@@ -1,4 +1,4 @@
-//! Pictures that are stored one by one, PNG or JPEG.
+//! Pictures stored one by one, PNG or JPEG.
 
 pub(crate) mod decode;
 mod jpeg;

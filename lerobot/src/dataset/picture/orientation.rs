@@ -1,6 +1,6 @@
-//! The turn that a camera notes in a picture's EXIF block. LeRobot turns the picture by it.
+//! The turn that a picture's EXIF block notes. LeRobot turns the picture by it.
 
-/// Tag of the orientation in EXIF's first directory.
+/// EXIF's tag of the orientation.
 const ORIENTATION: u16 = 0x0112;
 
 /// The orientation that a PNG or JPEG picture notes: 1 is upright.
@@ -18,7 +18,6 @@ fn in_jpeg(mut rest: &[u8]) -> Option<u16> {
         let segment = after.get(..len)?;
         match (kind, segment) {
             (0xe1, [b'E', b'x', b'i', b'f', 0, 0, exif @ ..]) => return in_exif(exif),
-            // The picture itself follows.
             (0xda, _) => return None,
             _ => rest = &after[len..],
         }
@@ -34,13 +33,13 @@ fn in_png(mut rest: &[u8]) -> Option<u16> {
         if kind == b"eXIf" {
             return in_exif(chunk);
         }
-        // A checksum of four bytes follows.
+        // A four-byte checksum follows.
         rest = after.get(len + 4..)?;
     }
     None
 }
 
-/// From the first directory of a TIFF file, which EXIF is.
+/// From the first directory of EXIF's TIFF file.
 fn in_exif(exif: &[u8]) -> Option<u16> {
     let big = match exif.get(..2)? {
         b"MM" => true,

@@ -1,10 +1,10 @@
-//! PNG pictures. The pixels are those that are stored.
+//! PNG pictures; pixels are as stored.
 
 use png::{ColorType, Decoder, Limits, Transformations};
 
 use crate::dataset::picture::size::check_size;
 
-/// Most bytes that the decoder takes for all but the pixels.
+/// Most bytes for the decoder besides the pixels.
 const MAX_REST: usize = 16 << 20;
 
 /// RGB of a PNG picture, `[height, width, 3]`.
@@ -13,7 +13,7 @@ pub(super) fn rgb(encoded: &[u8], height: usize, width: usize) -> Result<Vec<u8>
     let limits = Limits { bytes: MAX_REST };
     let mut decoder = Decoder::new_with_limits(encoded, limits);
     decoder.set_ignore_iccp_chunk(true);
-    // The upper byte of 16 bits, as Pillow takes it.
+    // The upper byte of 16 bits, like Pillow.
     decoder.set_transformations(Transformations::STRIP_16);
     let mut reader = decoder.read_info().map_err(damaged)?;
     let info = reader.info();

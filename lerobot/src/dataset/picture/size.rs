@@ -1,6 +1,6 @@
-//! The size of a picture, which `meta/info.json` names.
+//! The size of a picture.
 
-/// Refuses a picture of another size than `meta/info.json` names, before there is room for its pixels.
+/// Refuses a picture of another size than in `meta/info.json` before memory is allocated.
 pub(super) fn check_size(found: (usize, usize), expected: (usize, usize)) -> Result<(), String> {
     if found == expected {
         return Ok(());

@@ -1,5 +1,4 @@
-//! Where the pictures of a recording are that can be read: its metadata names their places, and where a merge by LeRobot 0.4.0 to 0.4.2
-//! named wrong ones, they were put right on reading.
+//! Where a readable recording's pictures are by its metadata, in which reading corrected wrong places (merges by LeRobot 0.4.0 to 0.4.2).
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -9,7 +8,7 @@ use crate::dataset::recover::rows::EpisodeRows;
 use crate::dataset::video::mp4::track::Mp4Track;
 use crate::dataset::Dataset;
 
-/// A camera's videos, and of each episode the stretch, or why there is none.
+/// A camera's videos, and each episode's stretch or why it has none.
 pub(crate) fn stretches(
     dataset: &Dataset,
     camera: usize,
@@ -40,7 +39,7 @@ pub(crate) fn stretches(
             return Err(fault.clone());
         }
         let from = span.from_timestamp;
-        // Pictures after the last row are not its own.
+        // Pictures after the last row are not the episode's.
         let to = from + episode.rows.len() as f64 / f64::from(dataset.fps());
         Ok(Stretch { video, from, to })
     };
@@ -48,7 +47,7 @@ pub(crate) fn stretches(
     (videos, stretches)
 }
 
-/// Why a video cannot be copied as it is: its index is damaged, or names bytes that the file has not.
+/// Why a video cannot be copied: a damaged index, or missing bytes.
 fn fault(path: &Path) -> Option<String> {
     let read = File::open(path)
         .map_err(|error| format!("cannot be read: {error}"))

@@ -1,6 +1,5 @@
-//! Pictures that LeRobot had not encoded yet, as H.264 in an mp4.
-//!
-//! zk0 has OpenH264 for reading; its encoder is used here. Every second picture is a key frame, as in LeRobot's own videos.
+//! Pictures that LeRobot had not encoded yet, as H.264 in an mp4, by OpenH264, which zk0 has for reading. Every second picture is a key
+//! frame, as in LeRobot's videos.
 
 use std::fs::File;
 use std::io::{Seek, SeekFrom, Write};
@@ -18,18 +17,18 @@ use crate::dataset::picture::decode::interleaved;
 use crate::dataset::recover::mp4_index::{self, Sample};
 use crate::dataset::DatasetError;
 
-/// The quantiser: 18 is where people see no difference; LeRobot's AV1 is coarser.
+/// The quantiser: at 18 people see no difference; LeRobot's AV1 is coarser.
 const QUANTISER: u8 = 18;
-/// More than is ever needed, so that the quantiser alone decides.
+/// Never reached, so that the quantiser alone decides.
 const BITS_PER_SECOND: u32 = 200_000_000;
-/// A key frame every so many pictures, LeRobot's `g`.
+/// Distance of key frames, LeRobot's `g`.
 const KEY_EVERY: u32 = 2;
-/// Most bytes of a picture's file beyond those of its pixels.
+/// Most bytes of a picture's file besides pixels.
 const MAX_REST: u64 = 1 << 20;
-/// Sides of pictures that the encoder takes.
+/// Sides that the encoder takes.
 const SIDES: std::ops::RangeInclusive<usize> = 16..=2160;
 
-/// Why these pictures of a camera cannot be encoded here, if so. A disk that lost power leaves pictures without an end.
+/// Why these pictures cannot be encoded, if so: a disk that lost power leaves cut ones.
 pub(crate) fn refusal(camera: &Camera, pictures: &[PathBuf]) -> Option<String> {
     let Camera {
         name,
@@ -47,7 +46,7 @@ pub(crate) fn refusal(camera: &Camera, pictures: &[PathBuf]) -> Option<String> {
     faults.next().map(|fault| fault.to_string())
 }
 
-/// Writes the episodes' pictures to `out`, one episode after another.
+/// Writes the episodes' pictures to `out`, episode after episode.
 ///
 /// # Errors
 /// A picture is damaged or of another size, or `out` cannot be written.
@@ -64,7 +63,7 @@ pub(crate) fn write_mp4(
         .profile(Profile::Main)
         .bitrate(BitRate::from_bps(BITS_PER_SECOND))
         .max_frame_rate(FrameRate::from_hz(fps as f32))
-        // Others warn on stderr that the bits are not controlled, before the crate silences the library. The quantiser is the same.
+        // Other modes warn on stderr before the crate silences the library. The quantiser is the same.
         .rate_control_mode(RateControlMode::Bufferbased)
         .qp(QpRange::new(QUANTISER, QUANTISER))
         .skip_frames(false)
@@ -119,7 +118,7 @@ pub(crate) fn write_mp4(
     file.sync_all().map_err(io)
 }
 
-/// A NAL unit after its start code, and its type.
+/// A NAL unit without its start code, and its type.
 fn without_start_code(unit: &[u8]) -> Option<(&[u8], u8)> {
     let start = unit.iter().position(|&byte| byte == 1)? + 1;
     let end = unit.iter().rposition(|&byte| byte != 0)? + 1;
@@ -127,7 +126,7 @@ fn without_start_code(unit: &[u8]) -> Option<(&[u8], u8)> {
     Some((unit, unit.first()? & 0x1f))
 }
 
-/// A PNG as LeRobot writes it, `height x width` with three bytes for each pixel.
+/// LeRobot's PNG of `height x width`, three bytes a pixel.
 fn read(path: &Path, camera: &Camera) -> Result<Vec<u8>, DatasetError> {
     let most = (camera.height * camera.width * 3) as u64 + MAX_REST;
     let encoded = bounded_file::read(path, most).map_err(|e| DatasetError::io(path, e))?;
@@ -145,7 +144,7 @@ struct Planes {
 }
 
 impl Planes {
-    /// Of RGB, three bytes for each pixel, with even sides.
+    /// From RGB, three bytes a pixel, even sides.
     fn of(rgb: &[u8], camera: &Camera) -> Self {
         let Camera { height, width, .. } = *camera;
         let half = width / 2;
@@ -159,7 +158,7 @@ impl Planes {
         let mut sums = vec![[0i32; 3]; planes.u.len()];
         for (at, pixel) in rgb.chunks_exact(3).enumerate() {
             let [r, g, b] = [pixel[0], pixel[1], pixel[2]].map(i32::from);
-            // The weights are those of BT.601 times 2^16 and 219 / 255.
+            // BT.601's weights times 2^16 and 219 / 255.
             planes.y[at] = level(((16829 * r + 33039 * g + 6416 * b + (1 << 15)) >> 16) + 16);
             let sum = &mut sums[at / width / 2 * half + at % width / 2];
             [r, g, b]
@@ -168,7 +167,7 @@ impl Planes {
                 .for_each(|(value, sum)| *sum += value);
         }
         for (at, [r, g, b]) in sums.into_iter().enumerate() {
-            // These are sums of four pixels, and the weights BT.601's times 2^16 and 224 / 255.
+            // Sums of four pixels; BT.601's weights times 2^16 and 224 / 255.
             planes.u[at] = level(((-9714 * r - 19070 * g + 28784 * b + (1 << 17)) >> 18) + 128);
             planes.v[at] = level(((28784 * r - 24103 * g - 4681 * b + (1 << 17)) >> 18) + 128);
         }

@@ -1,4 +1,4 @@
-//! Which episodes can be saved: those whose rows are whole, and of which each camera left all pictures.
+//! Which episodes can be saved: those with whole rows and all pictures of each camera.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -18,10 +18,10 @@ use crate::dataset::recover::statistics::columns::Statistics;
 use crate::dataset::recover::stored;
 use crate::dataset::{Dataset, DatasetError};
 
-/// Chooses the episodes, and reports on them and on the others.
+/// Chooses the episodes to save, and reports on all.
 ///
 /// # Errors
-/// A folder cannot be read, or there is no episode to be saved.
+/// A folder cannot be read, or no episode can be saved.
 pub(crate) fn choose(root: &Path, source: Source) -> Result<(Recording, Recovered), DatasetError> {
     let Source { info, places, .. } = &source;
     let mut episodes = rows::episodes(places, info.fps, source.tasks.len());
@@ -29,7 +29,7 @@ pub(crate) fn choose(root: &Path, source: Source) -> Result<(Recording, Recovere
         notes: source.notes.clone(),
         ..Recovered::default()
     };
-    // Where a process was ended, and where the metadata gives pictures twice, the videos alone tell where the episodes are.
+    // For a killed process, and where metadata gives pictures twice, only the videos tell where episodes are.
     let described = Dataset::open(root);
     let exactly = matches!(&described, Err(DatasetError::SharedPictures { .. }));
     if let Ok(dataset) = &described {
@@ -112,33 +112,32 @@ pub(crate) fn choose(root: &Path, source: Source) -> Result<(Recording, Recovere
     Ok((recording(source, &episodes, cameras, stored), report))
 }
 
-/// Leaves what is of the episodes that are kept.
+/// Leaves only what belongs to kept episodes.
 fn keep<T>(of_episodes: &mut Vec<T>, kept: &[bool]) {
     let mut kept = kept.iter();
     of_episodes.retain(|_| kept.next() == Some(&true));
 }
 
-/// A camera whose pictures the rows hold.
+/// A camera with pictures in the rows.
 struct PicturesInRows {
     camera: String,
-    /// For each episode, or why it cannot be saved.
+    /// Per episode, or why it cannot be saved.
     statistics: Vec<Result<Statistics, String>>,
 }
 
-/// Where a camera's pictures of an episode are.
+/// Where an episode's pictures are.
 enum Pictures {
-    /// In a video that LeRobot made.
+    /// In a video by LeRobot.
     Video(Stretch),
-    /// In files that were not encoded yet.
+    /// In files not encoded yet.
     Files(Vec<PathBuf>),
 }
 
-/// The pictures of one camera.
 struct Filmed {
     camera: Camera,
     fps: u32,
     videos: Vec<Video>,
-    /// For each episode, or why there are none.
+    /// Per episode, or why there are none.
     pictures: Vec<Result<Pictures, String>>,
 }
 
@@ -178,7 +177,7 @@ impl Filmed {
         let (mut videos, unreadable) = leftovers::videos(root, camera)?;
         let lengths: Vec<usize> = episodes.iter().map(|e| e.rows.len()).collect();
         let frames: Vec<VideoFrames> = videos.iter().map(|v| v.frames.clone()).collect();
-        // Where the rows of an episode are incomplete, nothing says where the next one begins.
+        // After an episode with incomplete rows, the next one's start is unknown.
         let placed = episodes.iter().take_while(|e| e.is_placed).count();
         let placing = place(&lengths[..placed], &frames, fps, exactly);
         if placing.surplus > 0 && placed == lengths.len() {
@@ -194,7 +193,7 @@ impl Filmed {
                 (None, Err(error)) => notes.push(format!(
                     "{error}; it is of an episode that was being recorded, and that is lost"
                 )),
-                // The pictures that it was to be made of are still there.
+                // The pictures it was to be made of remain.
                 (Some(_), Err(_)) => {}
             }
         }
@@ -208,7 +207,7 @@ impl Filmed {
             let (length, is_last) = (lengths[at], at + 1 == episodes.len());
             let number = episode.number.unsigned_abs();
             let files = leftovers::pictures(root, camera, number)?;
-            // A video without a number is of the episode that was saved last.
+            // A video without a number belongs to the last episode.
             let fits = |(of, video): &(Option<u64>, Video)| {
                 video.frames.times.len() == length && of.map_or(is_last, |of| of == number)
             };
@@ -262,8 +261,7 @@ impl Filmed {
         matches!(self.pictures.get(episode), Some(Ok(Pictures::Files(_))))
     }
 
-    /// The camera's videos as they are to be written, and the stretch of each episode: videos of LeRobot come first, and then one of
-    /// all pictures that were not encoded yet.
+    /// The camera's videos to write, and each episode's stretch: first LeRobot's videos, then one of all pictures not encoded yet.
     fn into_videos(self) -> (Vec<VideoToWrite>, Vec<(usize, f64, f64)>) {
         let used: BTreeSet<usize> = self
             .pictures
@@ -302,7 +300,7 @@ impl Filmed {
     }
 }
 
-/// Episodes of which there are pictures and no rows: the one that was being recorded.
+/// The episode being recorded: it has pictures and no rows.
 fn without_rows(
     root: &Path,
     cameras: &[Camera],
@@ -370,7 +368,7 @@ fn recording(
     }
 }
 
-/// Rows that are counted over all batches.
+/// Rows counted over all batches.
 fn slices(batches: &[RecordBatch], rows: std::ops::Range<usize>) -> Vec<RecordBatch> {
     let (mut found, mut start) = (Vec::new(), 0);
     for batch in batches {

@@ -1,4 +1,4 @@
-//! JSON whose objects keep the order of their keys: the order of the cameras in `meta/info.json` matters to a policy.
+//! JSON that keeps the order of keys: the cameras' order in `meta/info.json` matters to a policy.
 
 use std::fmt;
 
@@ -11,7 +11,7 @@ use serde_json::Value;
 pub(crate) enum JsonInOrder {
     /// An object's keys and values.
     Object(Vec<(String, JsonInOrder)>),
-    /// Anything else. Objects within a list are in alphabetical order.
+    /// Anything else. Objects within lists are sorted by key.
     Other(Value),
 }
 
@@ -23,7 +23,7 @@ impl JsonInOrder {
         Some(&entries.iter().find(|(name, _)| name == key)?.1)
     }
 
-    /// Sets a key of an object; a new one comes last.
+    /// Sets a key of an object; a new key comes last.
     pub fn set(&mut self, key: &str, value: Self) {
         if let Self::Object(entries) = self {
             match entries.iter_mut().find(|(name, _)| name == key) {

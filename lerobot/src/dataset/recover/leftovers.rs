@@ -1,5 +1,4 @@
-//! What a camera left in the folder of a recording: its videos, videos of one episode that were not appended to these yet, and
-//! pictures that were not encoded yet.
+//! What a camera left in the folder: its videos, single-episode videos not appended yet, and pictures not encoded yet.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -9,14 +8,13 @@ use crate::dataset::recover::placing::VideoFrames;
 use crate::dataset::video::mp4::track::Mp4Track;
 use crate::dataset::DatasetError;
 
-/// A video of a camera.
 #[derive(Debug, Clone)]
 pub(crate) struct Video {
     pub path: PathBuf,
     pub frames: VideoFrames,
 }
 
-/// The camera's videos in order, `videos/CAMERA/chunk-*/file-*.mp4`, up to the first that cannot be read, and why it cannot.
+/// The camera's videos in order, `videos/CAMERA/chunk-*/file-*.mp4`, up to the first unreadable one, and its fault.
 pub(crate) fn videos(
     root: &Path,
     camera: &Camera,
@@ -31,16 +29,16 @@ pub(crate) fn videos(
     Ok((videos, None))
 }
 
-/// A video of one episode in one of LeRobot's temporary folders.
+/// A one-episode video in LeRobot's temporary folders.
 #[derive(Debug)]
 pub(crate) struct SingleVideo {
-    /// The episode, where the video was encoded of pictures. One that is encoded during an episode gets no number.
+    /// The episode, if encoded from pictures. A video encoded while recording has no number.
     pub episode: Option<u64>,
-    /// The process may have been killed before it wrote the index of the video.
+    /// A killed process may not have written the video's index.
     pub video: Result<Video, DatasetError>,
 }
 
-/// The camera's videos in LeRobot's temporary folders, which lie beside `meta`.
+/// The camera's videos in LeRobot's temporary folders beside `meta`.
 pub(crate) fn single_videos(
     root: &Path,
     camera: &Camera,
@@ -70,8 +68,7 @@ pub(crate) fn single_videos(
     Ok(found)
 }
 
-/// Pictures of an episode that were not encoded yet, in order: `images/CAMERA/episode-*/frame-*.png`. Empty where there are none, or
-/// where one is missing in between.
+/// An episode's pictures not encoded yet, in order: `images/CAMERA/episode-*/frame-*.png`. Empty where one in between is missing.
 pub(crate) fn pictures(
     root: &Path,
     camera: &Camera,
@@ -90,14 +87,14 @@ pub(crate) fn pictures(
     Ok(pictures)
 }
 
-/// Numbers of the episodes of which the camera left pictures.
+/// Episodes of which the camera left pictures.
 pub(crate) fn episodes_with_pictures(root: &Path, camera: &str) -> Result<Vec<u64>, DatasetError> {
     let folders = entries(&root.join("images").join(camera))?;
     let number = |path: &PathBuf| name(path).strip_prefix("episode-")?.parse().ok();
     Ok(folders.iter().filter_map(number).collect())
 }
 
-/// `chunk-*/file-*.EXTENSION` in a folder, in the order of their names.
+/// `chunk-*/file-*.EXTENSION` in a folder, by name.
 pub(crate) fn numbered_files(folder: &Path, extension: &str) -> Result<Vec<PathBuf>, DatasetError> {
     let mut files = Vec::new();
     for chunk in entries(folder)? {
@@ -111,7 +108,7 @@ pub(crate) fn numbered_files(folder: &Path, extension: &str) -> Result<Vec<PathB
     Ok(files)
 }
 
-/// The files and folders in a folder, in the order of their names; nothing where there is no folder.
+/// A folder's entries by name; empty where there is no folder.
 fn entries(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     if !folder.is_dir() {
         return Ok(Vec::new());

@@ -1,23 +1,22 @@
-//! Saves a recording that ended too early: a folder that LeRobot 0.6.1 loads, made of what the killed process left. A recording that
-//! can be read is written anew as zk0 reads it: with the right places of the videos where a merge by LeRobot 0.4.0 to 0.4.2 has wrong
-//! ones, and without the episodes that lack pictures.
+//! Saves a recording that ended too early: makes a folder that LeRobot 0.6.1 loads from what the killed process left. A readable recording
+//! is written as zk0 reads it: without episodes that lack pictures, and with corrected video places after a merge by LeRobot 0.4.0 to
+//! 0.4.2.
 //!
-//! LeRobot writes the rows of an episode when the episode is saved, as a row group of `data/*/*.parquet`, and their footer and
-//! `meta/episodes` when the recording ends. A process that is killed leaves data files without a footer, and no `meta/episodes`;
-//! LeRobot loads nothing of that.
+//! LeRobot writes a saved episode's rows as a row group of `data/*/*.parquet`, and the footer and `meta/episodes` when the recording ends.
+//! A killed process leaves neither of these, and LeRobot does not load the folder.
 //!
 //! ```text
 //! tables::unfinished   bytes → row groups
 //! rows                 rows → episodes
-//! described            recording that can be read → which stretch of video belongs to which episode
-//! placing              episodes, videos → which stretch of video belongs to which episode
-//! leftovers            what a camera left: videos, and pictures that were not encoded yet
+//! described            readable recording → each episode's stretch of video
+//! placing              episodes, videos → each episode's stretch of video
+//! leftovers            what a camera left: videos, and pictures not encoded yet
 //! encode, mp4_index    those pictures as H.264
-//! stored               pictures that the rows hold
-//! statistics           mean, deviation and quantiles of the rows and the pictures
+//! stored               pictures in rows
+//! statistics           mean, deviation and quantiles of rows and pictures
 //! folder               episodes → files
-//! save                 all of it, beside the new folder and then under its name
-//! unfinished           tells such a recording from one that is damaged
+//! save                 all of it, beside the new folder, then renamed
+//! unfinished           tells such a recording from a damaged one
 //! ```
 
 mod described;

@@ -1,32 +1,31 @@
-//! The boxes of an mp4 with one H.264 track, around samples that are written one after another (ISO/IEC 14496-12 and -15).
+//! The boxes of an mp4 with one H.264 track around consecutive samples (ISO/IEC 14496-12 and -15).
 
 use crate::dataset::metadata::info::Camera;
 
-/// Where the length of the samples' box (`mdat`) is.
+/// Offset of the length of the samples' box (`mdat`).
 pub(crate) const LENGTH_AT: u64 = 32;
-/// Ticks of a frame, as FFmpeg chooses them.
+/// Ticks of a frame, as in FFmpeg.
 const TICKS: u32 = 512;
 
-/// An encoded picture in the file.
 pub(crate) struct Sample {
     pub at: u64,
     pub len: u32,
     pub key: bool,
 }
 
-/// What comes before the samples; the length at [`LENGTH_AT`] is set at the end.
+/// What precedes the samples; the length at [`LENGTH_AT`] is set later.
 pub(crate) fn start() -> Vec<u8> {
     let kind = boxed(b"ftyp", &[b"isom", &[0, 0, 2, 0], b"isomavc1"]);
-    // A length of 1 stands for one of eight bytes, which follows the name.
+    // Length 1: the eight bytes after the name hold the length.
     [&kind[..], &[0, 0, 0, 1], b"mdat", &[0; 8]].concat()
 }
 
-/// The length of the samples' box, for a file whose samples end at byte `end`.
+/// The length of the samples' box, for samples that end at byte `end`.
 pub(crate) fn length(end: u64) -> [u8; 8] {
     (end + 16 - start().len() as u64).to_be_bytes()
 }
 
-/// What comes after the samples (`moov`); `None` where there are no samples, or too many for the boxes.
+/// What follows the samples (`moov`); `None` for no samples, or too many for the boxes.
 pub(crate) fn index(
     samples: &[Sample],
     parameter_sets: &[Vec<u8>; 2],

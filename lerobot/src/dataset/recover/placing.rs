@@ -1,16 +1,15 @@
 //! Which stretch of a camera's videos belongs to which episode.
 //!
-//! LeRobot appends the video of one whole episode after another, and begins a new file where one would become too large. So episodes
-//! in order fill the files in order, and their numbers of frames say where each begins.
+//! LeRobot appends whole episodes' videos in order, and begins a new file before one becomes too large. So the numbers of frames tell where
+//! episodes begin.
 
-/// The frames of a video in order of presentation: the second at which each is shown, and whether decoding can start there.
+/// A video's frames in order of presentation: each one's second, and whether decoding can start there.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct VideoFrames {
     pub times: Vec<f64>,
     pub keys: Vec<bool>,
 }
 
-/// A stretch of a video.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Stretch {
     /// Which of the camera's videos.
@@ -20,28 +19,27 @@ pub(crate) struct Stretch {
     pub to: f64,
 }
 
-/// Where the pictures of the episodes are.
+/// Where the episodes' pictures are.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct Placing {
-    /// For the first episodes, in order. The others have no pictures in these videos.
+    /// For the first episodes, in order; the others have no pictures here.
     pub stretches: Vec<Stretch>,
-    /// Pictures at the end of the last video that belong to none of the episodes.
+    /// Pictures after all episodes, at the last video's end.
     pub surplus: usize,
-    /// Why none of the other episodes can be placed, where the videos do not fit the rows.
+    /// Why the other episodes cannot be placed, where videos and rows do not fit.
     pub fault: Option<Misfit>,
 }
 
-/// A video whose pictures do not fit the rows of its episodes.
+/// A video whose pictures do not fit its episodes' rows.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Misfit {
     /// Which of the camera's videos.
     pub video: usize,
-    /// How many pictures it has.
     pub pictures: usize,
 }
 
 impl VideoFrames {
-    /// Frames `first..first + count` as a stretch of the video number `video`.
+    /// Frames `first..first + count` of video number `video`.
     pub fn stretch(&self, video: usize, first: usize, count: usize, fps: u32) -> Stretch {
         let second = 1.0 / f64::from(fps);
         let from = self.times.get(first).copied().unwrap_or(0.0);
@@ -51,7 +49,7 @@ impl VideoFrames {
         Stretch { video, from, to }
     }
 
-    /// Whether frames `first..first + count` are `1 / fps` apart and begin with a key frame, as those of one episode are.
+    /// Whether frames `first..first + count` begin with a key frame and are `1 / fps` apart, as in one episode.
     fn are_an_episode(&self, first: usize, count: usize, fps: u32) -> bool {
         let times = &self.times[first..first + count];
         self.keys[first]
@@ -62,7 +60,7 @@ impl VideoFrames {
     }
 }
 
-/// Places episodes of `lengths` frames in the videos of one camera. Pictures after those of the last episode are a misfit where `exactly`.
+/// Places episodes of `lengths` frames in one camera's videos. If `exactly`, pictures after the last episode are a misfit.
 pub(crate) fn place(lengths: &[usize], videos: &[VideoFrames], fps: u32, exactly: bool) -> Placing {
     let mut placing = Placing::default();
     let mut lengths = lengths.iter().copied().peekable();
@@ -76,7 +74,7 @@ pub(crate) fn place(lengths: &[usize], videos: &[VideoFrames], fps: u32, exactly
             at += length;
         }
         let may_be_more = lengths.peek().is_none() && !exactly;
-        // A video holds whole episodes. Where it does not, pictures are missing, and nothing says in which of its episodes.
+        // A video holds whole episodes. If not, pictures are missing, and nothing tells from which episode.
         if !fits || (at < pictures && !may_be_more) {
             placing.stretches.truncate(start);
             placing.fault = Some(Misfit { video, pictures });
@@ -111,7 +109,7 @@ mod tests {
             .iter()
             .map(|s| (s.video, (s.from * 10.0).round(), (s.to * 10.0).round()))
             .collect();
-        // The pictures of the last episode were not encoded.
+        // The last episode's pictures were not encoded.
         assert_eq!(found, [(0, 0.0, 4.0), (0, 4.0, 6.0), (1, 0.0, 6.0)]);
         assert_eq!((placing.surplus, placing.fault), (0, None));
         assert_eq!(placed(&[4], &[7]).surplus, 3);
@@ -132,7 +130,7 @@ mod tests {
             pictures: 5,
         };
         assert_eq!(placing.fault, Some(fault));
-        // The numbers fit, but the second episode would begin with a picture that needs the one before.
+        // The numbers fit, but the second episode would begin without a key frame.
         let fault = Misfit {
             video: 0,
             pictures: 5,

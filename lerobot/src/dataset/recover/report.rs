@@ -2,39 +2,39 @@
 
 use std::fmt;
 
-/// What [`recover`](crate::dataset::recover) saved, and what it could not save.
+/// What [`recover`](crate::dataset::recover) saved, and what it could not.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Recovered {
-    /// The episodes of the new folder, in order.
+    /// Episodes of the new folder, in order.
     pub saved: Vec<Saved>,
     /// Episodes that are not in it.
     pub lost: Vec<Lost>,
-    /// What else differs from the folder that LeRobot would have written.
+    /// Other differences from the folder that LeRobot would have written.
     pub notes: Vec<String>,
 }
 
 /// An episode that was saved.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Saved {
-    /// The number under which it was recorded. In the new folder it is its place among the others.
+    /// Its number in the recording. In the new folder, its place is its number.
     pub recorded_as: u64,
     /// Its frames.
     pub frames: usize,
-    /// Whether zk0 made its videos of the pictures that the recording left.
+    /// Whether zk0 encoded its videos from leftover pictures.
     pub encoded_here: bool,
 }
 
-/// An episode that could not be saved.
+/// A lost episode.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Lost {
-    /// The number under which it was recorded.
+    /// Its number in the recording.
     pub episode: i64,
     /// Why.
     pub cause: String,
 }
 
 impl Recovered {
-    /// Frames of all episodes that were saved.
+    /// Frames of all saved episodes.
     pub fn frames(&self) -> usize {
         self.saved.iter().map(|episode| episode.frames).sum()
     }

@@ -1,25 +1,23 @@
-//! From rows to episodes: which rows belong together, and which of these are whole.
+//! From rows to episodes: which rows belong together, and which episodes are whole.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
 
 use crate::dataset::tables::motion::TOLERANCE;
 
-/// What a row says about its place.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct RowPlace {
     pub episode: i64,
     pub frame: i64,
     pub task: i64,
     pub timestamp: f32,
-    /// Whether all of its numbers are finite.
+    /// Whether all numbers are finite.
     pub is_finite: bool,
 }
 
-/// The rows of an episode.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct EpisodeRows {
-    /// The number under which it was recorded.
+    /// Its recorded number.
     pub number: i64,
     /// Its rows, counted over all files.
     pub rows: Range<usize>,
@@ -27,11 +25,11 @@ pub(crate) struct EpisodeRows {
     pub tasks: Vec<usize>,
     /// Why it cannot be saved, if so.
     pub fault: Option<String>,
-    /// Whether it follows the episode before and has all of its frames, so that its place in the videos is known.
+    /// Whether it follows the episode before and is complete, so that its place in the videos is known.
     pub is_placed: bool,
 }
 
-/// The episodes in `rows`, in their order. There are `tasks` tasks.
+/// The episodes in `rows`, in order. There are `tasks` tasks.
 pub(crate) fn episodes(rows: &[RowPlace], fps: u32, tasks: usize) -> Vec<EpisodeRows> {
     let (mut found, mut start): (Vec<EpisodeRows>, _) = (Vec::new(), 0);
     for run in rows.chunk_by(|a, b| a.episode == b.episode) {
@@ -62,11 +60,10 @@ pub(crate) fn episodes(rows: &[RowPlace], fps: u32, tasks: usize) -> Vec<Episode
     found
 }
 
-/// What is wrong with the rows of an episode.
 fn fault(rows: &[RowPlace], fps: u32, tasks: usize) -> Option<String> {
     rows.iter().enumerate().find_map(|(due, row)| {
         let seconds = due as f64 / f64::from(fps);
-        // A float32 that holds many seconds is coarser than the tolerance.
+        // For many seconds, float32 is coarser than the tolerance.
         let slack = TOLERANCE + seconds * f64::from(f32::EPSILON);
         let off = (f64::from(row.timestamp) - seconds).abs();
         if row.frame != due as i64 {
@@ -96,7 +93,7 @@ fn fault(rows: &[RowPlace], fps: u32, tasks: usize) -> Option<String> {
 mod tests {
     use super::*;
 
-    /// Ten rows a second, five of each of these episodes.
+    /// Ten rows a second, five per episode.
     fn recorded(numbers: &[i64]) -> Vec<RowPlace> {
         let row = |episode, frame: i64| RowPlace {
             episode,
@@ -117,7 +114,7 @@ mod tests {
             about.collect()
         };
         assert_eq!(of(&[0, 1]), [(true, true), (true, true)]);
-        // Where one is missing, the place of those after it is not known.
+        // After a missing one, places are unknown.
         assert_eq!(of(&[0, 2, 3]), [(true, true), (true, false), (true, false)]);
         assert_eq!(of(&[1, 0]), [(true, false), (false, false)]);
         assert_eq!(of(&[-1]), [(false, false)]);

@@ -1,4 +1,4 @@
-//! Makes the new folder: it is written under another name, read once, and then given its own.
+//! Makes the new folder: writes it under another name, reads it once, then renames it.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -12,11 +12,11 @@ use crate::dataset::recover::report::Recovered;
 use crate::dataset::recover::{episodes, source};
 use crate::dataset::{Dataset, DatasetError};
 
-/// Writes what can be saved of the recording in `from`, with the right places of its videos, into the new folder `out`. `from` is only
-/// read. The new folder gets its name when it is whole.
+/// Writes what can be saved of the recording `from`, with its videos' right places, to the new folder `out`, which gets its name when
+/// whole. `from` is only read.
 ///
 /// # Errors
-/// [`DatasetError`] says why nothing can be saved, or what cannot be read or written.
+/// [`DatasetError`] states why nothing can be saved, or what cannot be read or written.
 pub fn recover(from: &Path, out: &Path) -> Result<Recovered, DatasetError> {
     if !from.is_dir() {
         return Err(DatasetError::NoFolder { path: from.into() });
@@ -31,7 +31,7 @@ pub fn recover(from: &Path, out: &Path) -> Result<Recovered, DatasetError> {
         Ok(notes)
     });
     if made.is_err() {
-        // What is left of it has another name than a finished one, and the first error matters more.
+        // The rest has a temporary name, and the first error matters more.
         let _ = fs::remove_dir_all(&partial);
     }
     report.notes.extend(made?);
@@ -41,12 +41,12 @@ pub fn recover(from: &Path, out: &Path) -> Result<Recovered, DatasetError> {
 fn fill(recording: &Recording, partial: &Path) -> Result<Vec<String>, DatasetError> {
     fs::create_dir(partial).map_err(|e| DatasetError::write(partial, e))?;
     let notes = write(recording, partial)?;
-    // What zk0 does not read itself is not called saved.
+    // What zk0 cannot read is not called saved.
     Dataset::open(partial)?;
     Ok(notes)
 }
 
-/// Refuses a new folder that is there, or that would lie in the recording.
+/// Refuses a new folder that exists or would lie in the recording.
 fn refuse_place(from: &Path, out: &Path) -> Result<(), DatasetError> {
     let refused = |cause: &str| Err(DatasetError::meta(out, cause));
     if fs::symlink_metadata(out).is_ok() {
@@ -63,7 +63,7 @@ fn refuse_place(from: &Path, out: &Path) -> Result<(), DatasetError> {
     Ok(())
 }
 
-/// A name beside `out` for a folder that is not finished.
+/// A name beside `out` for the unfinished folder.
 fn beside(out: &Path) -> Result<PathBuf, DatasetError> {
     let Some(name) = out.file_name().and_then(|name| name.to_str()) else {
         return Err(DatasetError::meta(out, "is not a name for a new folder"));

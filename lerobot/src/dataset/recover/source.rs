@@ -1,4 +1,4 @@
-//! The files of a recording that ended too early. Its pictures stay where they are.
+//! The files of a recording that ended too early. Pictures stay in place.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -21,19 +21,17 @@ use crate::dataset::recover::stored::DataFiles;
 use crate::dataset::tables::whole_rows;
 use crate::dataset::DatasetError;
 
-/// What was read.
 pub(crate) struct Source {
     /// `meta/info.json` as it is.
     pub json: JsonInOrder,
-    /// The same, checked. Its totals are not those of the files: LeRobot writes them after an episode is saved.
+    /// The same, checked. Its totals are outdated: LeRobot writes them after an episode is saved.
     pub info: Info,
     pub tasks: Vec<String>,
-    /// The columns of the rows.
     pub schema: SchemaRef,
-    /// All rows that can be read, in the order of the files, without pictures.
+    /// All readable rows, in the order of files, without pictures.
     pub batches: Vec<RecordBatch>,
     pub places: Vec<RowPlace>,
-    /// Where the pictures are that rows hold.
+    /// Where pictures in rows are.
     pub files: DataFiles,
     /// What could not be read and is not needed.
     pub notes: Vec<String>,
@@ -76,7 +74,7 @@ impl Source {
     }
 }
 
-/// The data files of a recording, in order.
+/// The data files, in order.
 pub(crate) fn data_files(root: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     numbered_files(&root.join("data"), "parquet")
 }
@@ -118,7 +116,7 @@ fn read_info(root: &Path) -> Result<(JsonInOrder, Info), DatasetError> {
     Ok((json, info))
 }
 
-/// The columns of the rows: LeRobot writes those of all features but the videos, in their order.
+/// The columns of the rows: as in LeRobot, all features but videos, in order.
 fn schema(root: &Path, json: &JsonInOrder) -> Result<SchemaRef, DatasetError> {
     let features = json.get("features").map_or(&[][..], JsonInOrder::entries);
     let mut fields = Vec::new();
@@ -166,7 +164,7 @@ fn schema(root: &Path, json: &JsonInOrder) -> Result<SchemaRef, DatasetError> {
     Ok(Arc::new(Schema::new(fields)))
 }
 
-/// A picture in a row, or the name of its file.
+/// A picture in a row, or its file's name.
 fn picture() -> DataType {
     let parts = [("bytes", DataType::Binary), ("path", DataType::Utf8)];
     let parts = parts.map(|(name, part)| Field::new(name, part, true));

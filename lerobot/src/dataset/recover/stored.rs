@@ -1,5 +1,4 @@
-//! The pictures that the rows of a recording hold or name (`use_videos=False`). They stay in their files until they are asked for, one
-//! by one.
+//! The pictures that rows hold or name (`use_videos=False`). They are read from their files one by one.
 
 use std::fs::File;
 use std::ops::Range;
@@ -16,7 +15,6 @@ use crate::dataset::recover::statistics::sampling::sampled_frames;
 use crate::dataset::tables::pictures::{PictureColumn, StoredPicture};
 use crate::dataset::DatasetError;
 
-/// The data files of a recording.
 pub(crate) struct DataFiles {
     root: PathBuf,
     files: Vec<UnfinishedFile>,
@@ -30,7 +28,7 @@ struct UnfinishedFile {
 }
 
 impl DataFiles {
-    /// Of the recording in `root`, without a file yet.
+    /// Of the recording in `root`, no file yet.
     pub fn new(root: &Path) -> Self {
         Self {
             root: root.into(),
@@ -38,7 +36,7 @@ impl DataFiles {
         }
     }
 
-    /// Adds a file of so many rows after the others.
+    /// Adds a file of so many rows.
     pub fn add(&mut self, path: &Path, metadata: ArrowReaderMetadata, rows: usize) {
         let start = self.files.last().map_or(0, |file| file.rows.end);
         self.files.push(UnfinishedFile {
@@ -48,7 +46,6 @@ impl DataFiles {
         });
     }
 
-    /// A camera's pictures.
     pub fn pictures(&self, camera: &str) -> StoredPictures<'_> {
         StoredPictures {
             files: self,
@@ -58,7 +55,7 @@ impl DataFiles {
     }
 }
 
-/// The pictures of one camera. One data file is open, and no more than one of its pages in memory.
+/// One camera's pictures. One data file is open, with at most one page in memory.
 pub(crate) struct StoredPictures<'a> {
     files: &'a DataFiles,
     camera: String,
@@ -69,7 +66,7 @@ impl StoredPictures<'_> {
     /// The picture of a row, counted over all files.
     ///
     /// # Errors
-    /// There is none, or it cannot be read: the file and the cause.
+    /// It is missing or cannot be read: the file and the cause.
     pub fn stored(&mut self, row: usize) -> Result<StoredPicture, DatasetError> {
         let DataFiles { root, files } = self.files;
         let at = files.partition_point(|file| file.rows.end <= row);
@@ -90,8 +87,7 @@ impl StoredPictures<'_> {
     }
 }
 
-/// The statistics of a camera's pictures for each episode, or why it cannot be saved. Every picture is decoded, as those are that have
-/// to be encoded: a disk that lost power leaves pictures without an end.
+/// Statistics of a camera's pictures per episode, or why it cannot be saved. Decodes every picture: a disk that lost power leaves cut ones.
 pub(crate) fn statistics(
     files: &DataFiles,
     camera: &Camera,

@@ -1,4 +1,4 @@
-//! Tells a recording that ended too early from one that was damaged or copied in part.
+//! Tells a recording that ended too early from a damaged or partly copied one.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use crate::dataset::recover::source::data_files;
 use crate::dataset::tables::whole_rows::lacks_footer;
 use crate::dataset::{DatasetError, Info};
 
-/// Replaces an error about `meta/episodes`, where the files show that the recording ended too early.
+/// Replaces an error about `meta/episodes` if the recording ended too early.
 pub(crate) fn explained(root: &Path, info: &Info, error: DatasetError) -> DatasetError {
     match sign(root, info) {
         Some(sign) => DatasetError::Unfinished {
@@ -18,7 +18,7 @@ pub(crate) fn explained(root: &Path, info: &Info, error: DatasetError) -> Datase
     }
 }
 
-/// What a recording that ended too early has and a finished one has not.
+/// What shows that a recording ended too early.
 fn sign(root: &Path, info: &Info) -> Option<String> {
     let data = data_files(root).unwrap_or_default();
     if let Some(path) = data.iter().find(|path| lacks_footer(path)) {

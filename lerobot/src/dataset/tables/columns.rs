@@ -1,4 +1,4 @@
-//! Typed columns of parquet files. What is not as expected is an error that names the file and the column.
+//! Typed columns of parquet files. Errors name the file and the column.
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -14,15 +14,14 @@ use crate::dataset::tables::parquet_file::{self, guarded};
 use crate::dataset::tables::parquet_pages;
 use crate::dataset::DatasetError;
 
-/// Rows decoded at once; fewer where there are strings, which may be long.
+/// Rows decoded at once; fewer for strings, which may be long.
 const BATCH: usize = 1024;
 const TEXT_BATCH: usize = 16;
 
-/// Hands the named columns of a parquet file to `each`, batch by batch in row order. A row holds at most `per_row` values of a
-/// column.
+/// Hands the named columns of a parquet file to `each`, batch by batch in row order. A row holds at most `per_row` values of a column.
 ///
 /// # Errors
-/// The file is missing, damaged or lacks a column, or its pages claim more than it can hold; or what `each` answers.
+/// The file is missing or damaged, lacks a column, or claims too large pages; or `each` fails.
 pub(crate) fn read(
     path: &Path,
     columns: &[&str],
@@ -49,7 +48,7 @@ pub(crate) fn read(
     Ok(())
 }
 
-/// Those of `names` that are columns of a parquet file.
+/// Which of `names` are columns of a parquet file.
 ///
 /// # Errors
 /// The file is missing or damaged.
@@ -62,7 +61,7 @@ pub(crate) fn present<'a>(path: &Path, names: &[&'a str]) -> Result<Vec<&'a str>
         .collect())
 }
 
-/// The column that pandas takes for the index of the table, where the file names one.
+/// pandas' index column, where the file names one.
 ///
 /// # Errors
 /// The file is missing or damaged.
@@ -82,7 +81,6 @@ pub(crate) fn pandas_index(path: &Path) -> Result<Option<String>, DatasetError> 
         .map(Into::into))
 }
 
-/// Some rows of the columns asked for.
 pub(crate) struct Columns<'a> {
     path: &'a Path,
     batch: RecordBatch,
@@ -118,7 +116,7 @@ impl Columns<'_> {
                 .flatten()
                 .map(Into::into)
                 .collect()),
-            // Some writers do not record that the bytes are text.
+            // Some writers do not mark bytes as text.
             DataType::Binary => column
                 .as_binary::<i32>()
                 .iter()
@@ -134,7 +132,7 @@ impl Columns<'_> {
         let column = self.column(name)?;
         let expected = "lists of numbers";
         let Some(lists) = column.as_list_opt::<i32>() else {
-            // LeRobot stores a vector of one value as the value.
+            // LeRobot stores a one-value vector as the value.
             return match numbers::floats(column) {
                 Ok(values) if dim == 1 => Ok(values.into_owned()),
                 _ => Err(self.misfit(name, expected, ColumnMisfit::Type)),
@@ -150,7 +148,7 @@ impl Columns<'_> {
                 ));
             }
         }
-        // No row is empty, so that the values of all rows follow each other.
+        // No row is empty, so the rows' values are consecutive.
         let (first, last) = (lists.value_offsets()[0], lists.value_offsets()[lists.len()]);
         let values = lists
             .values()

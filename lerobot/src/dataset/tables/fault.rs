@@ -1,9 +1,7 @@
-//! What is wrong with a parquet file: it is damaged, or it uses something that is not supported. One of them must not be called the
-//! other, because another file helps against the first alone.
+//! What is wrong with a parquet file: damage, or something unsupported. Another copy helps only against damage.
 
 use parquet::errors::ParquetError;
 
-/// Why a parquet file is not read.
 #[derive(Debug, PartialEq)]
 pub(super) enum ParquetFault {
     /// It contradicts itself or the format.

@@ -1,4 +1,4 @@
-//! The parquet files: their columns, the states and actions in them, and the pictures.
+//! The parquet files: columns, states, actions and pictures.
 
 pub(crate) mod columns;
 mod fault;

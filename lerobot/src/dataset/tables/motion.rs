@@ -1,4 +1,4 @@
-//! `data/*/*.parquet`: states, actions and timestamps of every frame, checked row by row.
+//! `data/*/*.parquet`: every frame's states, actions and timestamps, checked by row.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -14,7 +14,7 @@ use crate::dataset::{DatasetError, Episode, Info, Repair};
 /// LeRobot's tolerance on timestamps, in seconds.
 pub(crate) const TOLERANCE: f64 = 1e-4;
 
-/// What is recorded at every frame besides pictures; entry `i` is frame `i`.
+/// What every frame has besides pictures; entry `i` is frame `i`.
 #[derive(Debug)]
 pub(crate) struct Motion {
     state_dim: usize,
@@ -26,7 +26,7 @@ pub(crate) struct Motion {
     stretches: Vec<FrameStretch>,
 }
 
-/// Consecutive frames in consecutive rows of a file.
+/// Consecutive frames in consecutive rows.
 #[derive(Debug)]
 struct FrameStretch {
     first: usize,
@@ -35,7 +35,8 @@ struct FrameStretch {
 }
 
 impl Motion {
-    /// Reads all data files: in v3.0 those of `data/` in name order, as LeRobot does, and before those of the episodes in order. Rows that repeat a frame are left out where all copies are alike.
+    /// Reads all data files: in v3.0 those of `data/` by name, as LeRobot does, in v2.x those of the episodes in order. Skips identical
+    /// copies of rows.
     pub fn read(
         root: &Path,
         info: &Info,
@@ -139,7 +140,7 @@ impl Motion {
         Ok(())
     }
 
-    /// Whether row `i` says of `frame` what was read before.
+    /// Whether row `i` repeats `frame` as it was read.
     fn holds(&self, episodes: &[Episode], frame: usize, rows: &MotionRows, i: usize) -> bool {
         let at = episodes.partition_point(|e| e.frames.end <= frame);
         let is_of = |e: &Episode| {
@@ -153,7 +154,7 @@ impl Motion {
             && self.action(frame) == rows.action(i)
     }
 
-    /// Keeps these frames alone, which are ascending.
+    /// Keeps only these ascending frames.
     pub fn keep(&mut self, kept: impl Iterator<Item = Range<usize>>) {
         let frames: Vec<usize> = kept.flatten().collect();
         let vectors = |values: &[f32], dim: usize| -> Vec<f32> {
@@ -174,14 +175,13 @@ impl Motion {
         self.stretches = stretches;
     }
 
-    /// The file of a frame that exists, and its row there.
+    /// The file of an existing frame, and its row.
     pub fn row(&self, frame: usize) -> (&Path, usize) {
         let after = self.stretches.partition_point(|s| s.first <= frame);
         let stretch = &self.stretches[after - 1];
         (&stretch.path, stretch.row + (frame - stretch.first))
     }
 
-    /// Number of frames.
     pub fn len(&self) -> usize {
         self.timestamps.len()
     }
@@ -194,7 +194,7 @@ impl Motion {
         &self.actions[frame * self.action_dim..][..self.action_dim]
     }
 
-    /// The statistics of all states and of all actions.
+    /// Statistics of all states and actions.
     pub fn spreads(&self) -> [Spread; 2] {
         [
             Spread::of(&self.states, self.state_dim),
@@ -212,7 +212,6 @@ impl Motion {
     }
 }
 
-/// The files that hold the rows.
 fn data_files(
     root: &Path,
     info: &Info,
@@ -230,7 +229,7 @@ fn data_files(
     Ok(files)
 }
 
-/// Names the file that frame `due` should be in, if it is not there.
+/// Names the missing file that should hold frame `due`.
 fn missing_file(episodes: &[Episode], due: usize) -> Result<(), DatasetError> {
     let at = episodes.partition_point(|e| e.frames.end <= due);
     match episodes.get(at).map(|e| &e.data_file) {
@@ -239,7 +238,7 @@ fn missing_file(episodes: &[Episode], due: usize) -> Result<(), DatasetError> {
     }
 }
 
-/// Notes where a frame is, which comes after all that are noted.
+/// Notes where a frame is; frames come in order.
 fn note_row(stretches: &mut Vec<FrameStretch>, frame: usize, path: &Path, row: usize) {
     let goes_on = |s: &FrameStretch| s.path == path && s.row + (frame - s.first) == row;
     if !stretches.last().is_some_and(goes_on) {
@@ -251,7 +250,7 @@ fn note_row(stretches: &mut Vec<FrameStretch>, frame: usize, path: &Path, row: u
     }
 }
 
-/// LeRobot reads frames without it, and whatever it holds.
+/// LeRobot ignores it.
 const FRAME: &str = "frame_index";
 
 const COLUMNS: [&str; 6] = [
@@ -263,7 +262,6 @@ const COLUMNS: [&str; 6] = [
     "task_index",
 ];
 
-/// The columns of some rows.
 struct MotionRows<'a> {
     index: Cow<'a, [i64]>,
     episode: Cow<'a, [i64]>,
@@ -309,7 +307,7 @@ impl<'a> MotionRows<'a> {
     }
 }
 
-/// A data file being read, and what it has to agree with.
+/// A data file, and what it must agree with.
 struct DataFile<'a> {
     path: &'a Path,
     info: &'a Info,
@@ -322,7 +320,7 @@ struct DataFile<'a> {
 }
 
 impl DataFile<'_> {
-    /// Checks that row `i` of `rows`, row `row` of the file, is frame `due` of the recording; gives its task.
+    /// Checks that row `i` of `rows`, row `row` of the file, is frame `due`; gives its task.
     fn check(
         &self,
         due: usize,
@@ -344,7 +342,7 @@ impl DataFile<'_> {
             )));
         };
         let number = due - expected.frames.start;
-        // The timestamp, which is compared next, says which frame of the episode it is.
+        // The timestamp below tells the frame of the episode.
         if rows.index[i] != due as i64 || rows.episode[i] != expected.index as i64 {
             missing_file(self.episodes, due)?;
             return Err(wrong(format!(
@@ -352,7 +350,7 @@ impl DataFile<'_> {
                 rows.index[i], expected.index,
             )));
         }
-        // A float32 that holds many seconds is coarser than the tolerance.
+        // For many seconds, float32 is coarser than the tolerance.
         let seconds = number as f64 / f64::from(self.info.fps);
         let slack = TOLERANCE + seconds * f64::from(f32::EPSILON);
         let off = (f64::from(rows.timestamp[i]) - seconds).abs();

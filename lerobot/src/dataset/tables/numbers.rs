@@ -1,4 +1,4 @@
-//! Numbers of a column in the width that is asked for, whatever width they are stored in.
+//! Numbers of a column, converted to the requested width.
 
 use std::borrow::Cow;
 
@@ -10,18 +10,18 @@ use arrow_array::types::{
 use arrow_array::Array;
 use arrow_schema::DataType;
 
-/// Whole numbers from here on have gaps between them as float64.
+/// From here on, float64 skips whole numbers.
 const EXACT: f64 = (1u64 << 53) as f64;
 
-/// Why a column does not hold the numbers asked for.
+/// Why a column lacks the requested numbers.
 pub(super) enum ColumnMisfit {
-    /// It holds no numbers.
+    /// Not numeric.
     Type,
-    /// This number of it is not a whole one, or too large.
+    /// This number is not whole, or too large.
     Value(String),
 }
 
-/// The values of a column of numbers, each as `$f` makes it.
+/// A column's numbers, each through `$f`.
 macro_rules! values {
     ($column:expr, $kind:ty, $f:expr) => {
         $column
@@ -33,7 +33,7 @@ macro_rules! values {
     };
 }
 
-/// Whole numbers. Floats are taken where they hold whole numbers, as pandas makes of a column that once had gaps.
+/// Whole numbers, also as floats: pandas makes floats of a column that had gaps.
 pub(super) fn ints(column: &dyn Array) -> Result<Cow<'_, [i64]>, ColumnMisfit> {
     let whole = |value: f64| {
         let fits = value.fract() == 0.0 && value.abs() <= EXACT;
@@ -65,7 +65,6 @@ pub(super) fn ints(column: &dyn Array) -> Result<Cow<'_, [i64]>, ColumnMisfit> {
     }))
 }
 
-/// Numbers as float64.
 pub(super) fn doubles(column: &dyn Array) -> Result<Cow<'_, [f64]>, ColumnMisfit> {
     Ok(Cow::Owned(match column.data_type() {
         DataType::Float64 => {
@@ -79,7 +78,7 @@ pub(super) fn doubles(column: &dyn Array) -> Result<Cow<'_, [f64]>, ColumnMisfit
     }))
 }
 
-/// Numbers as float32. LeRobot rounds float64 so, too.
+/// Numbers as float32, rounded as in LeRobot.
 pub(super) fn floats(column: &dyn Array) -> Result<Cow<'_, [f32]>, ColumnMisfit> {
     Ok(match column.data_type() {
         DataType::Float32 => Cow::Borrowed(&column.as_primitive::<Float32Type>().values()[..]),

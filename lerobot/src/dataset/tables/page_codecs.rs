@@ -1,7 +1,7 @@
-//! Compressed pages whose codec does not stop at the size that the page's header claims.
+//! Compressed pages whose codec does not stop at the size in the page's header.
 //!
-//! The parquet crate decompresses gzip, Brotli and LZ4 frames to their end, however long the result becomes. So these are decompressed
-//! here first, piece by piece, and counted. Snappy, zstd and blocks of LZ4 fill a buffer of the claimed size and stop there.
+//! The parquet crate decompresses gzip, Brotli and LZ4 frames to their end, whatever the size. So these are first decompressed and counted
+//! in pieces. Snappy, zstd and LZ4 blocks stop at the claimed size.
 
 use std::io::{BufReader, Read};
 
@@ -9,17 +9,17 @@ use parquet::basic::Compression;
 
 use crate::dataset::tables::fault::ParquetFault;
 
-/// Size of the pieces that are counted and thrown away.
+/// Size of a counted piece.
 const PIECE: usize = 16 << 10;
-/// First byte of a Brotli stream with a window beyond 16 MiB, up to 1 GiB, without its highest bit.
+/// First byte, without its highest bit, of a Brotli stream with a window beyond 16 MiB, up to 1 GiB.
 const BROTLI_LARGE_WINDOW: u8 = 0x11;
-/// How an LZ4 frame begins. Parquet files have blocks of LZ4. Only some old writers in Rust made frames.
+/// How LZ4 frames begin. Parquet has LZ4 blocks; only some old Rust writers made frames.
 const LZ4_FRAMES: [[u8; 4]; 2] = [[0x04, 0x22, 0x4d, 0x18], [0x02, 0x21, 0x4c, 0x18]];
 
-/// Checks that `page` does not become more than `claimed` bytes once decompressed.
+/// Checks that `page` decompresses to at most `claimed` bytes.
 ///
 /// # Errors
-/// It does, or it cannot be decompressed.
+/// It does not, or it cannot be decompressed.
 pub(super) fn check(codec: Compression, page: impl Read, claimed: u64) -> Result<(), ParquetFault> {
     let mut page = BufReader::with_capacity(PIECE, page);
     match codec {
@@ -100,7 +100,7 @@ mod tests {
                 assert_eq!(check(codec, &page[..], claimed as u64), more(claimed));
             }
         }
-        // Several streams in a row are one.
+        // Several streams count as one.
         let twice = [gzip(MIB), gzip(MIB)].concat();
         let codec = Compression::GZIP(Default::default());
         assert_eq!(check(codec, &twice[..], 2 * MIB as u64), Ok(()));

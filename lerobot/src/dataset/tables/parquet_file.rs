@@ -1,4 +1,4 @@
-//! Opening a parquet file, and calling the parquet crate on it.
+//! Opens a parquet file, and calls the parquet crate.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -13,8 +13,7 @@ use parquet::arrow::ProjectionMask;
 use crate::dataset::tables::fault::ParquetFault;
 use crate::dataset::DatasetError;
 
-/// Opens a parquet file. Types are those of the parquet format alone: what Arrow's writers add to them (views, dictionaries, lists of
-/// fixed length) is how the writer kept the values in memory.
+/// Opens a parquet file without Arrow's additions (views, dictionaries, fixed lengths), which only describe the writer's memory.
 pub(super) fn open(path: &Path) -> Result<(File, ArrowReaderMetadata), DatasetError> {
     let file = File::open(path).map_err(|e| DatasetError::io(path, e))?;
     if is_encrypted(&file) {
@@ -26,7 +25,7 @@ pub(super) fn open(path: &Path) -> Result<(File, ArrowReaderMetadata), DatasetEr
     Ok((file, metadata))
 }
 
-/// A reader of an open file, to be told which rows and columns to read.
+/// A reader of an open file; rows and columns are still to be chosen.
 pub(super) fn reader(
     path: &Path,
     file: &File,
@@ -38,7 +37,7 @@ pub(super) fn reader(
     ))
 }
 
-/// The leaves of columns of the file.
+/// Leaves of the file's columns.
 pub(super) fn projection(
     path: &Path,
     metadata: &ArrowReaderMetadata,
@@ -56,7 +55,7 @@ pub(super) fn projection(
     Ok(ProjectionMask::roots(schema, roots))
 }
 
-/// Whether a file ends as parquet files with an encrypted footer do.
+/// Whether a file has the ending of an encrypted footer.
 fn is_encrypted(mut file: &File) -> bool {
     let mut magic = [0; 4];
     let read = file
@@ -65,7 +64,7 @@ fn is_encrypted(mut file: &File) -> bool {
     read.is_ok() && magic == *b"PARE"
 }
 
-/// Runs a step of the parquet crate, which panics on some damaged files instead of giving an error.
+/// Runs a step of the parquet crate, which panics on some damaged files.
 pub(super) fn guarded<T, E: Into<ParquetFault>>(
     path: &Path,
     step: impl FnOnce() -> Result<T, E>,

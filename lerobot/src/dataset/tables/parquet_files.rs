@@ -1,10 +1,10 @@
-//! Which parquet files a folder of LeRobot's has: it reads all that are in its subfolders, whatever their numbers are.
+//! Which parquet files a folder has: like LeRobot, all in its subfolders, whatever their numbers.
 
 use std::path::{Path, PathBuf};
 
 use crate::dataset::DatasetError;
 
-/// `*/*.parquet` under `folder`, in name order as LeRobot reads them; without hidden files, which file managers leave.
+/// `*/*.parquet` under `folder` by name, as in LeRobot; without the hidden files of file managers.
 pub(crate) fn parquet_files(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     let list = |dir: &Path| -> Result<Vec<PathBuf>, DatasetError> {
         let mut found = Vec::new();

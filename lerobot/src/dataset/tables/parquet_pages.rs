@@ -1,7 +1,7 @@
-//! What the pages of a parquet file claim to hold, looked at before they are decoded.
+//! What the pages of a parquet file claim, checked before decoding.
 //!
-//! The parquet crate allocates what a page's header claims, up to 2 GiB, and run lengths let a few bytes stand for any number of
-//! values. So the headers (Thrift's compact protocol) are walked first, and claims out of proportion to the file refused.
+//! The parquet crate allocates what a page header claims, up to 2 GiB, and run lengths let a few bytes stand for any number of values. So
+//! the headers (Thrift's compact protocol) are read first, and exaggerated claims refused.
 
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
@@ -14,27 +14,25 @@ use crate::dataset::tables::fault::ParquetFault;
 use crate::dataset::tables::page_codecs;
 use crate::dataset::tables::thrift::{Thrift, FALSE, I32, STRUCT, TRUE};
 
-/// Largest page of numbers or pictures once decompressed, in bytes, whatever the file's size. LeRobot's pages of numbers have 1 MiB at
-/// most.
+/// Largest page allowed in any file, in decompressed bytes. LeRobot's pages of numbers have at most 1 MiB.
 const MAX_PAGE: u64 = 8 << 20;
-/// The largest one in a file that is large enough: duckdb makes one page of 122880 rows.
+/// Largest page in a large file: duckdb makes a page of 122880 rows.
 const MAX_LARGE_PAGE: u64 = 256 << 20;
-/// Most bytes of a page above [`MAX_PAGE`] for each byte of the file. Positions of an arm that rests take little room.
+/// Most bytes of a page above [`MAX_PAGE`] per byte of the file. A resting arm's positions compress well.
 const PAGE_PER_BYTE: u64 = 64;
-/// Most bytes of a page of pictures above [`MAX_PAGE`] for each of its bytes in the file. No codec makes PNG or JPEG much smaller. LeRobot
-/// writes all pictures of an episode into one page, up to 1024 of them.
+/// Most bytes of a picture page above [`MAX_PAGE`] per byte in the file; PNG and JPEG hardly compress. LeRobot writes up to 1024 pictures
+/// of an episode into one page.
 const PICTURES_PER_BYTE: u64 = 8;
-/// The largest page of strings, of which a batch of rows may repeat one.
+/// Largest page of strings; a batch may repeat one string.
 const MAX_TEXT_PAGE: u64 = 1 << 20;
-/// An encoding of a page, as its header names it.
 const DELTA_BYTE_ARRAY: i64 = 7;
-/// Most rows for each byte of the file. Every row has a number of its own, so real files have fewer than one.
+/// Most rows per byte of the file. Rows are numbered, so real files have fewer than one.
 const ROWS_PER_BYTE: u64 = 4;
 
-/// Checks the pages of the columns of numbers and strings in `mask`, whose rows hold at most `per_row` values each.
+/// Checks the pages of number and string columns in `mask`, with at most `per_row` values a row.
 ///
 /// # Errors
-/// What is claimed, in words.
+/// The refused claim.
 pub(super) fn check(
     file: &File,
     metadata: &ParquetMetaData,
@@ -53,10 +51,10 @@ pub(super) fn check(
     Ok(())
 }
 
-/// Checks the pages of a column of pictures, all of whose leaves are in `mask`, in one group of rows.
+/// Checks a picture column's pages in one row group; `mask` has all its leaves.
 ///
 /// # Errors
-/// What is claimed, in words.
+/// The refused claim.
 pub(super) fn check_pictures(
     file: &File,
     group: &RowGroupMetaData,
@@ -69,16 +67,15 @@ fn row_count(group: &RowGroupMetaData) -> Result<u64, ParquetFault> {
     u64::try_from(group.num_rows()).map_err(|_| "a negative number of rows".into())
 }
 
-/// What bytes in a column are.
+/// What a column's bytes are.
 #[derive(Clone, Copy, PartialEq)]
 enum ColumnContent {
-    /// Numbers and strings: rows are decoded many at once.
+    /// Numbers and strings, decoded in batches.
     Values,
-    /// Pictures: rows are decoded one by one.
+    /// Pictures, decoded row by row.
     Pictures,
 }
 
-/// A file whose pages are walked.
 struct PageWalk<'a> {
     reader: BufReader<&'a File>,
     file_len: u64,
@@ -110,7 +107,7 @@ impl<'a> PageWalk<'a> {
     }
 }
 
-/// Checks the pages of one column in one group of rows, which may hold `most` values.
+/// Checks a column's pages in one row group of at most `most` values.
 fn check_chunk(
     reader: &mut BufReader<&File>,
     file_len: u64,
@@ -162,7 +159,7 @@ fn check_chunk(
         if values > most {
             return Err(format!("pages claim {values} values, its rows hold {most}").into());
         }
-        // Each value of this encoding may repeat the one before, and passing over many large ones would take hours.
+        // With this encoding each value may repeat the one before: skipping many large ones would take hours.
         if content == ColumnContent::Pictures && page.encoding == Some(DELTA_BYTE_ARRAY) {
             let cause = "the encoding DELTA_BYTE_ARRAY for pictures";
             return Err(ParquetFault::NotSupported(cause.into()));
@@ -170,7 +167,7 @@ fn check_chunk(
         let start = at.saturating_add(header_len);
         at = start.saturating_add(page.compressed);
         if page.is_compressed {
-            // The levels of a page of version 2 come first, and are not compressed.
+            // In version 2, uncompressed levels come first.
             let start = start.saturating_add(page.levels);
             reader.seek(SeekFrom::Start(start))?;
             let claimed = page.uncompressed.saturating_sub(page.levels);
@@ -183,23 +180,22 @@ fn check_chunk(
     Ok(())
 }
 
-/// Of a page's header, what matters here.
+/// What matters of a page's header.
 #[derive(Debug, PartialEq)]
 struct PageHeader {
     uncompressed: u64,
     compressed: u64,
-    /// Values of a data page; a dictionary's do not count.
+    /// Values of a data page; dictionaries do not count.
     values: u64,
-    /// How they are encoded.
     encoding: Option<i64>,
-    /// Bytes before the values that are not compressed: the levels of a page of version 2.
+    /// Uncompressed bytes before the values: levels in version 2.
     levels: u64,
-    /// Whether the rest is compressed, where the column is.
+    /// Whether the rest is compressed, if the column is.
     is_compressed: bool,
 }
 
 impl PageHeader {
-    /// `None` where it is none, or ends too early.
+    /// `None` for no header, or a cut one.
     fn read(fields: &mut Thrift<impl Read>) -> Option<Self> {
         let (mut uncompressed, mut compressed, mut values) = (None, None, 0);
         let (mut encoding, mut levels, mut is_compressed) = (None, 0u64, true);
@@ -208,7 +204,7 @@ impl PageHeader {
             match (id, kind) {
                 (2, I32) => uncompressed = u64::try_from(fields.integer()?).ok(),
                 (3, I32) => compressed = u64::try_from(fields.integer()?).ok(),
-                // These are data pages of version 1 and 2. Their first field is the number of values.
+                // Data pages of version 1 and 2. The first field counts values.
                 (5 | 8, STRUCT) => {
                     let mut last = 0;
                     let version_2 = id == 8;
@@ -251,8 +247,7 @@ mod tests {
 
     #[test]
     fn a_page_header_is_read_to_its_end() {
-        // This header has type 0, 300 bytes uncompressed, 200 compressed, a checksum, and a data page of 100 values with an
-        // encoding and statistics.
+        // Type 0, 300 bytes uncompressed, 200 compressed, a checksum, and a data page of 100 values with encoding and statistics.
         let header = [
             // The first eleven bytes are fields 1 to 5.
             0x15, 0x00, 0x15, 0xd8, 0x04, 0x15, 0x90, 0x03, 0x15, 0x01, 0x1c, 0x15, 0xc8, 0x01,
@@ -274,9 +269,9 @@ mod tests {
 
     #[test]
     fn headers_that_make_no_sense_end_soon() {
-        // The size is negative.
+        // A negative size.
         assert_eq!(read(&[0x15, 0x00, 0x15, 0x01, 0x15, 0x02, 0x00]).0, None);
-        // These are a list of 2^63 items, a text of that length, and structures without an end.
+        // A list of 2^63 items, a text of that length, and endless structures.
         let huge = [0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x7f];
         assert_eq!(read(&[&[0x19, 0xf3][..], &huge].concat()).0, None);
         assert_eq!(read(&[&[0x18][..], &huge].concat()).0, None);

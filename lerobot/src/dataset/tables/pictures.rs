@@ -1,5 +1,4 @@
-//! Pictures that the rows of a data file hold or name (`use_videos=False`). They are read when they are asked for: no more than a page of
-//! them is held.
+//! Pictures that a data file's rows hold or name (`use_videos=False`), read on request; at most one page is in memory.
 
 use std::fs::File;
 use std::path::{Component, Path, PathBuf};
@@ -26,22 +25,21 @@ pub(crate) struct PictureColumn {
     file: File,
     metadata: ArrowReaderMetadata,
     mask: ProjectionMask,
-    /// The group of rows whose pages were checked last.
+    /// The row group checked last.
     checked: Option<usize>,
     reading: Option<Reading>,
 }
 
-/// A picture as it is stored.
 pub(crate) struct StoredPicture {
     /// PNG or JPEG.
     pub bytes: Vec<u8>,
-    /// The file that holds it: the data file or one of its own.
+    /// The data file, or the picture's own file.
     pub file: PathBuf,
-    /// The name that the row gives it, without folders, where it gives one.
+    /// Its name in the row, without folders, if any.
     pub name: Option<String>,
 }
 
-/// A reader within a group of rows, and where it is.
+/// A reader and its place within a row group.
 struct Reading {
     reader: ParquetRecordBatchReader,
     next: usize,
@@ -49,16 +47,16 @@ struct Reading {
 }
 
 impl PictureColumn {
-    /// Opens the data file `path` of the recording in `root`.
+    /// Opens data file `path` of the recording in `root`.
     ///
     /// # Errors
-    /// The file is missing, damaged or lacks the column.
+    /// The file is missing or damaged, or lacks the column.
     pub fn open(root: &Path, path: &Path, column: &str) -> Result<Self, DatasetError> {
         let (file, metadata) = parquet_file::open(path)?;
         Self::of(root, path, column, file, metadata)
     }
 
-    /// The same of an open file whose `metadata` is known: that of a file without a footer is not in it.
+    /// The same of an open file with known `metadata`, for files without a footer.
     ///
     /// # Errors
     /// The file lacks the column.
@@ -82,17 +80,16 @@ impl PictureColumn {
         })
     }
 
-    /// The data file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The picture of a row. Asking in ascending order decompresses every page once.
+    /// The picture of a row. Ascending order decompresses every page once.
     ///
     /// # Errors
-    /// The row has none, or it cannot be read: the file and the cause.
+    /// There is none, or it cannot be read: the file and the cause.
     pub fn stored(&mut self, row: usize) -> Result<StoredPicture, DatasetError> {
-        // The reader is taken out, so that one that failed is not used again.
+        // Taken out, so that a failed reader is not used again.
         let mut reading = match self.reading.take() {
             Some(reading) if reading.next == row && row < reading.end => reading,
             _ => self.read_from(row)?,
@@ -135,7 +132,7 @@ impl PictureColumn {
         })
     }
 
-    /// The picture of a row: `{bytes, path}`, of which the path counts where there are no bytes, or bytes alone.
+    /// A row's picture: bytes alone, or `{bytes, path}`, where the path counts if there are no bytes.
     fn picture(&self, row: usize, batch: &RecordBatch) -> Result<StoredPicture, DatasetError> {
         let column = batch.column(0);
         let (bytes, path) = match column.data_type() {
@@ -161,7 +158,7 @@ impl PictureColumn {
         Ok(StoredPicture { bytes, file, name })
     }
 
-    /// A picture in a file of its own. A stranger's recording must not name files outside of its folder.
+    /// A picture in its own file. A stranger's recording must not name files outside its folder.
     fn beside(&self, row: usize, name: &[u8]) -> Result<(Vec<u8>, PathBuf), DatasetError> {
         let name = std::str::from_utf8(name).map_err(|_| self.fault(row, "names no file"))?;
         let inside = Path::new(name).strip_prefix(&self.root);
@@ -190,7 +187,7 @@ impl PictureColumn {
     }
 }
 
-/// The bytes or the text in the first row, where there are any.
+/// The first row's bytes or text, if any.
 fn first(column: &ArrayRef) -> Option<&[u8]> {
     if column.is_empty() || column.is_null(0) {
         return None;

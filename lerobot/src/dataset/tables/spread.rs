@@ -1,6 +1,6 @@
-//! The statistics that the rows themselves have.
+//! Statistics of the rows themselves.
 
-/// Of one feature, each with a value for each dimension.
+/// Of one feature, a value per dimension.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Spread {
     pub min: Vec<f64>,

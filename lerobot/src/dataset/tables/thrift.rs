@@ -1,4 +1,4 @@
-//! Thrift's compact protocol, in which the headers of parquet pages are written.
+//! Thrift's compact protocol, used for parquet's page headers.
 
 use std::io::Read;
 
@@ -14,13 +14,12 @@ const LIST: u8 = 9;
 const SET: u8 = 10;
 const MAP: u8 = 11;
 pub(super) const STRUCT: u8 = 12;
-/// Structures within structures that are followed.
+/// Most nested structures.
 const MAX_DEPTH: usize = 8;
 
-/// Thrift's compact protocol, read and counted byte by byte.
+/// Reads the protocol and counts bytes.
 pub(super) struct Thrift<R> {
     pub bytes: R,
-    /// Bytes read so far.
     pub read: u64,
 }
 
@@ -50,7 +49,7 @@ impl<R: Read> Thrift<R> {
         Some((value >> 1) as i64 ^ -((value & 1) as i64))
     }
 
-    /// Number and type of the next field of a structure, `Some(None)` at its end.
+    /// Number and type of a structure's next field, `Some(None)` at its end.
     pub fn field(&mut self, last: &mut i64) -> Option<Option<(i64, u8)>> {
         let byte = self.byte()?;
         if byte == 0 {
@@ -64,7 +63,7 @@ impl<R: Read> Thrift<R> {
     }
 
     fn skip_bytes(&mut self, n: u64) -> Option<()> {
-        // There are never more than that, because the loop ends where the bytes end.
+        // The end of the bytes ends this loop.
         for _ in 0..n {
             self.byte()?;
         }
@@ -114,7 +113,7 @@ impl<R: Read> Thrift<R> {
         for _ in 0..len {
             for &kind in kinds {
                 match kind {
-                    // Within a collection, a truth value takes one byte.
+                    // In a collection, a truth value takes a byte.
                     TRUE | FALSE => self.skip_bytes(1)?,
                     _ => self.skip(kind, depth + 1)?,
                 }
@@ -130,7 +129,7 @@ mod tests {
 
     #[test]
     fn what_is_nested_deeper_than_any_header_is_left() {
-        // Each byte begins a structure, or a list of structures.
+        // Each byte begins a structure or a list of structures.
         for byte in [0x1c, 0x19] {
             let mut thrift = Thrift {
                 bytes: &[byte; 1000][..],

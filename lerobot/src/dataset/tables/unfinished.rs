@@ -1,7 +1,7 @@
-//! Parquet files whose writer was killed: the row groups are there, the footer that says where they lie is not.
+//! Parquet files whose writer was killed: they have row groups, and no footer to locate them.
 //!
-//! The headers of the pages say how long each page is and how many values it holds. Walking them from the first byte on finds the
-//! row groups that are whole ([`row_groups`]). A footer made of these lets the parquet crate read them as any other file.
+//! Page headers hold each page's length and number of values, which suffices to find the whole row groups ([`row_groups`]). With a footer
+//! made of these, the parquet crate reads the file.
 
 use std::io::{BufReader, Read, Seek, SeekFrom};
 
@@ -14,34 +14,33 @@ use parquet::schema::types::SchemaDescPtr;
 
 use crate::dataset::tables::thrift::{Thrift, I32, STRUCT};
 
-/// What a parquet file begins and ends with.
+/// First and last bytes of a parquet file.
 pub(crate) const MAGIC: [u8; 4] = *b"PAR1";
-/// Most columns of all row groups together; each takes some hundred bytes of memory. LeRobot writes a row group for each episode.
+/// Most columns in all row groups; each takes some hundred bytes of memory. LeRobot writes a row group per episode.
 const MAX_CHUNKS: usize = 1_000_000;
 
-/// A row group that is whole.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct RowGroup {
     pub rows: u64,
-    /// One for each leaf column, in the schema's order.
+    /// One per leaf column, in the schema's order.
     pub chunks: Vec<ColumnChunk>,
 }
 
-/// Where the values of one column of a row group lie.
+/// Where a column's values in a row group are.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct ColumnChunk {
-    /// The dictionary's page; LeRobot's writer leaves it out for truth values alone.
+    /// The dictionary's page; LeRobot's writer leaves it out only for truth values.
     pub dictionary: Option<u64>,
-    /// The first page of data.
+    /// The first data page.
     pub data: u64,
-    /// Bytes of all pages with their headers.
+    /// Bytes of all pages and headers.
     pub len: u64,
     /// The same before compression.
     pub uncompressed: u64,
     pub values: u64,
 }
 
-/// The row groups at the beginning of a file that are whole. `per_row` says how many values a row has in each leaf column.
+/// The whole row groups at the start of a file. `per_row`: values a row in each leaf column.
 ///
 /// # Errors
 /// The file cannot be read.
@@ -60,7 +59,6 @@ pub(crate) fn row_groups(
     Ok(groups)
 }
 
-/// A footer for the row groups.
 pub(crate) fn footer(
     schema: &SchemaDescPtr,
     groups: &[RowGroup],
@@ -70,7 +68,7 @@ pub(crate) fn footer(
     let groups = groups.iter().map(|group| {
         let chunks = group.chunks.iter().enumerate().map(|(leaf, chunk)| {
             ColumnChunkMetaData::builder(schema.column(leaf))
-                // LeRobot's writer takes no other, and the pages do not say.
+                // LeRobot's writer takes no other, and pages do not name it.
                 .set_compression(Compression::SNAPPY)
                 .set_num_values(chunk.values as i64)
                 .set_total_compressed_size(chunk.len as i64)
@@ -91,7 +89,7 @@ pub(crate) fn footer(
     ))
 }
 
-/// The pages of a file, one after another.
+/// A file's pages in order.
 struct PageReader<F> {
     file: BufReader<F>,
     len: u64,
@@ -107,13 +105,13 @@ impl<F: Read + Seek> PageReader<F> {
         let is_parquet = len >= 4 && file.read_exact(&mut start).is_ok() && start == MAGIC;
         Ok(Self {
             file,
-            // There are no pages in another kind of file.
+            // Other files have no pages.
             len: if is_parquet { len } else { 0 },
             at: 4,
         })
     }
 
-    /// The next row group, `None` where it is not whole.
+    /// The next row group, if whole.
     fn row_group(&mut self, per_row: &[u64]) -> std::io::Result<Option<RowGroup>> {
         let mut chunks = Vec::with_capacity(per_row.len());
         let mut rows = None;
@@ -132,8 +130,7 @@ impl<F: Read + Seek> PageReader<F> {
         Ok(rows.map(|rows| RowGroup { rows, chunks }))
     }
 
-    /// The next column chunk: a dictionary and pages of data, up to `expected` values or, where their number is not known yet, up to
-    /// the next dictionary.
+    /// The next column chunk: a dictionary and data pages, up to `expected` values or, if unknown, to the next dictionary.
     fn chunk(&mut self, expected: Option<u64>) -> std::io::Result<Option<ColumnChunk>> {
         let mut chunk = ColumnChunk::default();
         let start = self.at;
@@ -154,7 +151,7 @@ impl<F: Read + Seek> PageReader<F> {
             chunk.uncompressed = chunk.uncompressed.saturating_add(page.uncompressed);
             chunk.values = chunk.values.saturating_add(page.values);
             if expected.is_none() && chunk.dictionary.is_none() {
-                // Nothing says where a column without a dictionary ends, so that it is taken to have one page.
+                // Nothing marks the end of a column without a dictionary; it is taken to have one page.
                 break;
             }
         }
@@ -163,7 +160,7 @@ impl<F: Read + Seek> PageReader<F> {
         Ok(whole.then_some(chunk))
     }
 
-    /// The page that begins here, `None` where there is no whole one.
+    /// The page that begins here, if whole.
     fn page(&mut self) -> std::io::Result<Option<ParquetPage>> {
         let left = self.len.saturating_sub(self.at);
         if left == 0 {
@@ -188,11 +185,11 @@ enum PageKind {
 #[derive(Debug, Clone, Copy)]
 struct ParquetPage {
     kind: PageKind,
-    /// Bytes with the header.
+    /// Bytes, with the header.
     len: u64,
     /// The same before compression.
     uncompressed: u64,
-    /// Values of a page of data; a dictionary's do not count.
+    /// Values of a data page; dictionaries do not count.
     values: u64,
 }
 
@@ -211,7 +208,7 @@ impl ParquetPage {
                 }
                 (2, I32) => uncompressed = u64::try_from(header.integer()?).ok(),
                 (3, I32) => compressed = u64::try_from(header.integer()?).ok(),
-                // These are data pages of version 1 and 2. Their first field is the number of values.
+                // Data pages of version 1 and 2. The first field counts values.
                 (5 | 8, STRUCT) => {
                     let mut last = 0;
                     while let Some((id, field)) = header.field(&mut last)? {
@@ -239,9 +236,9 @@ mod tests {
     use super::*;
     use std::io::Cursor;
 
-    /// A page of so many values in so many bytes.
+    /// A page of so many values and bytes.
     fn page(values: u8, len: u8) -> Vec<u8> {
-        // The type is 0, and the sizes and the number of values are zigzag numbers.
+        // Type 0; sizes and number of values are zigzag numbers.
         let header = [
             0x15,
             0,
@@ -269,12 +266,12 @@ mod tests {
         let pages = [page(6, 5), page(3, 1), page(8, 5), page(4, 1)];
         assert_eq!(rows(b"PAR1", &pages, &[2, 1]), [3, 4]);
         assert_eq!(rows(b"PARX", &pages, &[2, 1]), [0; 0]);
-        // Half a row, another number of rows than in the column before, and a page without values.
+        // Half a row, another number of rows than before, and a page without values.
         assert_eq!(rows(b"PAR1", &[page(7, 5), page(3, 1)], &[2, 1]), [0; 0]);
         assert_eq!(rows(b"PAR1", &[page(6, 5), page(4, 1)], &[2, 1]), [0; 0]);
         let empty = [page(6, 5), page(0, 1), page(3, 1)];
         assert_eq!(rows(b"PAR1", &empty, &[2, 1]), [0; 0]);
-        // The last page has lost its end.
+        // The last page is cut.
         let mut cut = pages.concat();
         cut.pop();
         assert_eq!(rows(b"PAR1", &[cut], &[2, 1]), [3]);

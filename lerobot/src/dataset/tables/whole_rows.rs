@@ -1,4 +1,4 @@
-//! All columns of a data file, with a footer or without one.
+//! All columns of a data file, with or without a footer.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -19,23 +19,21 @@ use crate::dataset::tables::parquet_file::{self, guarded};
 use crate::dataset::tables::{parquet_pages, unfinished};
 use crate::dataset::DatasetError;
 
-/// Most values of all rows of a recording together (1 GiB of float32): four days of two arms at 30 frames per second.
+/// Most values of a recording (1 GiB of float32): four days of two arms at 30 frames per second.
 pub(crate) const MAX_VALUES: u64 = 1 << 28;
 /// Rows decoded at once.
 const BATCH: usize = 4096;
 
-/// The rows of a data file.
 pub(crate) struct WholeRows {
     pub batches: Vec<RecordBatch>,
-    /// How many values they hold.
     pub values: u64,
-    /// Where the columns lie, as the footer says or would say.
+    /// Where columns are, as a footer would state it.
     pub metadata: ArrowReaderMetadata,
-    /// Why rows at the end of the file cannot be read, where there are any.
+    /// Why rows at the end cannot be read, if any.
     pub lost: Option<String>,
 }
 
-/// Whether a file begins as a parquet file and does not end as one.
+/// Whether a file has a parquet file's start and not its end.
 pub(crate) fn lacks_footer(path: &Path) -> bool {
     File::open(path).is_ok_and(|mut file| starts(&mut file) && !ends(&mut file))
 }
@@ -47,7 +45,7 @@ fn starts(file: &mut File) -> bool {
 
 fn ends(file: &mut File) -> bool {
     let mut magic = [0; 4];
-    // The shortest file has both marks and the length of the footer.
+    // The shortest file has both marks and the footer's length.
     let long_enough = file.metadata().is_ok_and(|m| m.len() >= 12);
     long_enough
         && file.seek(SeekFrom::End(-4)).is_ok()
@@ -55,12 +53,11 @@ fn ends(file: &mut File) -> bool {
         && magic == unfinished::MAGIC
 }
 
-/// Reads a data file whose columns are `schema`: numbers, truth values, and lists of them that have a fixed length. Columns of
-/// pictures (structures) are passed over. Of a file without a footer it reads the row groups that are whole. All of them may hold
-/// `most` values.
+/// Reads a data file with the columns of `schema`: numbers, truth values, and their fixed-length lists. Skips pictures (structures).
+/// Without a footer, reads the whole row groups. Rows may hold at most `most` values.
 ///
 /// # Errors
-/// The file cannot be read, or it has a footer and is damaged all the same, or holds more than memory should.
+/// The file cannot be read, is damaged despite its footer, or is too large for memory.
 pub(crate) fn read(path: &Path, schema: &SchemaRef, most: u64) -> Result<WholeRows, DatasetError> {
     let mut file = File::open(path).map_err(|e| DatasetError::io(path, e))?;
     let per_row: Vec<u64> = schema

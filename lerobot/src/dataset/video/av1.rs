@@ -1,11 +1,11 @@
-//! One AV1 decoder (`re_rav1d`, a Rust port of dav1d) that takes encoded frames in order and gives RGB.
+//! An AV1 decoder (`re_rav1d`, a Rust port of dav1d): encoded frames in order to RGB.
 
 use re_rav1d::dav1d::pixel::MatrixCoefficients;
 use re_rav1d::dav1d::{Decoder, Picture, PixelLayout, PlanarImageComponent, Settings};
 
 use crate::dataset::video::color::{rgb_from_yuv, ColorMatrix, Colors, Sampling, Yuv, YuvFormat};
 
-/// Decodes one frame after another; after an error it has to be replaced by a new one.
+/// Decodes frame after frame; must be replaced after an error.
 pub(crate) struct Av1 {
     decoder: Decoder,
     height: usize,
@@ -13,15 +13,15 @@ pub(crate) struct Av1 {
 }
 
 impl Av1 {
-    /// A decoder of `height x width` pictures that has seen no frame yet.
+    /// A new decoder of `height x width` pictures.
     pub fn new(height: usize, width: usize) -> Result<Self, String> {
         let mut settings = Settings::new();
-        // With one thread, every frame comes out as soon as it went in, and in the same way on every machine.
+        // With one thread, every frame comes out at once, the same on every machine.
         settings.set_n_threads(1);
         settings.set_max_frame_delay(1);
-        // The decoder gets this limit before it allocates for the size that the bitstream claims.
+        // Limits allocation before the bitstream's size is read.
         settings.set_frame_size_limit(u32::try_from(height * width).unwrap_or(u32::MAX));
-        // FFmpeg sets the same: of a stream with layers, only the best layer is decoded.
+        // As in FFmpeg, only the best layer is decoded.
         settings.set_all_layers(false);
         let decoder = Decoder::with_settings(&settings)
             .map_err(|e| format!("no AV1 decoder could be made: {e}"))?;
@@ -32,13 +32,13 @@ impl Av1 {
         })
     }
 
-    /// The decoder as if it had seen no frame yet.
+    /// The decoder reset to its start.
     pub fn emptied(mut self) -> Self {
         self.decoder.flush();
         self
     }
 
-    /// Feeds one encoded frame (an AV1 temporal unit) and takes the one picture that it holds.
+    /// Decodes one frame (an AV1 temporal unit) to its one picture.
     pub fn decode(&mut self, encoded: Vec<u8>) -> Result<DecodedPicture, String> {
         if let Err(e) = self.decoder.send_data(encoded, None, None, None) {
             return Err(if e.is_again() {
@@ -62,7 +62,7 @@ impl Av1 {
     }
 }
 
-/// A picture not yet converted; frames that only serve others as reference need not be.
+/// A picture to convert; mere reference frames need no conversion.
 pub(crate) struct DecodedPicture {
     picture: Picture,
     height: usize,
@@ -107,7 +107,7 @@ impl DecodedPicture {
         let format = YuvFormat {
             sampling,
             bits: bits as u32,
-            // LeRobot reads AV1 of full range as limited: FFmpeg has no format of full range for it.
+            // LeRobot reads full-range AV1 as limited: FFmpeg has no full-range format for it.
             colors: Colors {
                 matrix,
                 full_range: false,

@@ -1,6 +1,6 @@
-//! The bits of a parameter set, as H.264 and HEVC write them.
+//! The bits of H.264 and HEVC parameter sets.
 
-/// A NAL unit: no two zeros are followed by a byte below 4.
+/// A NAL unit: no byte below 4 follows two zeros.
 pub(crate) fn with_emulation_prevention(head: u8, payload: &[u8]) -> Vec<u8> {
     let end = payload.iter().rposition(|&b| b != 0).map_or(0, |at| at + 1);
     let mut unit = vec![head];
@@ -16,7 +16,7 @@ pub(crate) fn with_emulation_prevention(head: u8, payload: &[u8]) -> Vec<u8> {
     unit
 }
 
-/// Takes out the third byte of 0, 0, 3.
+/// Removes the 3 of each 0, 0, 3.
 pub(crate) fn without_emulation_prevention(unit: &[u8]) -> Vec<u8> {
     let mut payload = Vec::with_capacity(unit.len());
     let mut zeros = 0;
@@ -80,10 +80,9 @@ impl Bits<'_> {
     }
 }
 
-/// Range and matrix of the VUI parameters, whose beginning is the same in H.264 (annex E.1.1) and HEVC (annex E.2.1), as far as they
-/// are stated.
+/// Stated range and matrix of the VUI parameters, whose beginning is the same in H.264 (annex E.1.1) and HEVC (annex E.2.1).
 pub(crate) fn stated_colors(bits: &mut Bits) -> Option<(Option<bool>, Option<u32>)> {
-    // This is the aspect ratio. After 255, its numbers follow.
+    // The aspect ratio; 255 means that numbers follow.
     if bits.flag()? && bits.fixed(8)? == 255 {
         bits.fixed(32)?;
     }

@@ -1,4 +1,4 @@
-//! Decoding by an installed FFmpeg: HEVC, and what OpenH264 does not support of H.264.
+//! Decoding by an installed FFmpeg: HEVC, and H.264 that OpenH264 does not support.
 
 use std::borrow::Cow;
 
@@ -16,7 +16,7 @@ use crate::dataset::video::restart;
 use crate::dataset::video::source::VideoSource;
 use crate::dataset::DatasetError;
 
-/// Starting FFmpeg takes as long as decoding about so many small pictures.
+/// FFmpeg's start takes as long as about so many small pictures.
 const WORTH_A_START: usize = 60;
 
 /// A decoder for one file.
@@ -26,19 +26,19 @@ pub(super) struct ByFfmpeg {
 }
 
 impl ByFfmpeg {
-    /// A decoder of pictures of this kind, which has seen none yet.
+    /// A new decoder of pictures of this kind.
     pub fn new(kind: PictureKind) -> Self {
         Self { kind, player: None }
     }
 
-    /// RGB of sample `sample`, which is number `number` in order of presentation, before it is turned.
+    /// RGB of sample `sample`, number `number` in presentation, not turned.
     pub fn rgb(
         &mut self,
         source: &mut VideoSource,
         number: usize,
         sample: usize,
     ) -> Result<Vec<u8>, DatasetError> {
-        // The player is taken out, so that one that failed is not used again.
+        // Taken out, so that a failed player is not used again.
         let (mut player, mut order) = match self.player.take() {
             Some((player, order)) if near(&player, number) => (player, order),
             _ => self.start(source, number, sample)?,
@@ -56,7 +56,7 @@ impl ByFfmpeg {
         rgb.ok_or_else(|| source.fault(number, "has planes smaller than its size".into()))
     }
 
-    /// FFmpeg on the last key frame from which `sample` can be decoded.
+    /// FFmpeg at the last key frame that `sample` can be decoded from.
     fn start(
         &self,
         source: &mut VideoSource,
@@ -75,8 +75,7 @@ impl ByFfmpeg {
         Ok((player, order))
     }
 
-    /// The byte stream of a sample, whose parameter sets declare what the first one declared, and the place of its picture among those of
-    /// the stream.
+    /// A sample's byte stream and its picture's place in it. Its parameter sets must declare what the first one did.
     fn stream(
         &self,
         source: &mut VideoSource,
@@ -103,7 +102,7 @@ impl ByFfmpeg {
             Mp4Codec::Av1 => Err("is not decoded by FFmpeg".into()),
         };
         let stream = stream.map_err(|e| format!("does not decode: sample {at} {e}"))?;
-        // Without its picture, the pictures after it would be taken for one frame earlier.
+        // Without its picture, later pictures would be taken for one frame earlier.
         let whole = match &track.codec {
             Mp4Codec::Hevc(config) => hevc::pictures(config, &sample) == 1,
             Mp4Codec::H264(config) => h264::has_picture(config, &sample),
@@ -141,7 +140,7 @@ fn checked_h264(
     Ok(unit.into())
 }
 
-/// Whether it is quicker to go on from where the player is than to start anew.
+/// Whether playing on is quicker than a restart.
 fn near(player: &Player, number: usize) -> bool {
     let next = player.next_number();
     (next..next + WORTH_A_START).contains(&number)

@@ -1,4 +1,4 @@
-//! Decoding by the libraries that are linked into this program: AV1, and most of H.264.
+//! Decoding by linked libraries: AV1, and most of H.264.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use crate::dataset::video::restart;
 use crate::dataset::video::source::VideoSource;
 use crate::dataset::DatasetError;
 
-/// Most pictures that may have to be decoded before an earlier one is shown; H.264 allows no more.
+/// Most pictures that may be decoded before an earlier one is shown; H.264's limit.
 const MAX_AHEAD: usize = 16;
 
 /// A decoder for one file.
@@ -20,12 +20,11 @@ pub(super) struct InProcess {
     playing: Option<Playing>,
 }
 
-/// A decoder, and where it is.
 struct Playing {
     decoder: FrameDecoder,
-    /// It has been fed everything from some key frame up to, not including, this sample.
+    /// It was fed everything from a key frame to before this sample.
     next: usize,
-    /// Pictures decoded and not asked for yet, by sample: B-frames that are shown before them came later.
+    /// Decoded pictures not requested yet, by sample: B-frames shown earlier come later.
     ahead: BTreeMap<usize, Vec<u8>>,
 }
 
@@ -35,7 +34,7 @@ enum FrameDecoder {
 }
 
 impl InProcess {
-    /// A decoder of pictures of this kind, which has seen none yet.
+    /// A new decoder of pictures of this kind.
     pub fn new(kind: Option<PictureKind>) -> Self {
         Self {
             kind,
@@ -43,7 +42,7 @@ impl InProcess {
         }
     }
 
-    /// RGB of sample `sample`, which is number `number` in order of presentation, before it is turned.
+    /// RGB of sample `sample`, number `number` in presentation, not turned.
     pub fn rgb(
         &mut self,
         source: &mut VideoSource,
@@ -51,12 +50,12 @@ impl InProcess {
         sample: usize,
     ) -> Result<Vec<u8>, DatasetError> {
         let key = source.key_before(sample);
-        // The decoder is taken out, so that a decoder that failed is not used again.
+        // Taken out, so that a failed decoder is not used again.
         let mut playing = match self.playing.take() {
             Some(playing) if playing.reaches(key, sample) => playing,
             elsewhere => {
                 let next = restart::before(source, key)?.key;
-                // It is not known of the first sample that a decoder can begin with it.
+                // A decoder may be unable to begin with the first sample.
                 let elsewhere = elsewhere.filter(|_| next > 0);
                 Playing {
                     decoder: match elsewhere.and_then(|playing| playing.decoder.emptied()) {
@@ -117,14 +116,14 @@ impl InProcess {
 }
 
 impl Playing {
-    /// Whether to go on from here to get at `sample`, whose key frame is `key`, rather than start anew.
+    /// Whether to go on to `sample`, with key frame `key`, rather than restart.
     fn reaches(&self, key: usize, sample: usize) -> bool {
         self.ahead.contains_key(&sample) || (key..=sample).contains(&self.next)
     }
 }
 
 impl FrameDecoder {
-    /// The decoder as if it had seen nothing, which takes less than a new one; `None` where it cannot be emptied.
+    /// The decoder, emptied: cheaper than a new one. `None` where it cannot be.
     fn emptied(self) -> Option<Self> {
         match self {
             Self::Av1(decoder) => Some(Self::Av1(decoder.emptied())),

@@ -1,17 +1,17 @@
-//! What the parameter sets of H.264 and HEVC declare of the pictures, checked before a decoder allocates for them.
+//! What H.264 and HEVC parameter sets declare, checked before a decoder allocates.
 
 use super::color::{ColorMatrix, Colors, Sampling, YuvFormat};
 
-/// Pictures that are read.
+/// Supported pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct PictureKind {
     pub format: YuvFormat,
-    /// Whether OpenH264 decodes them; FFmpeg does otherwise.
+    /// Whether OpenH264 decodes them, or FFmpeg.
     pub openh264: bool,
 }
 
 impl PictureKind {
-    /// Checks that a later parameter set declares pictures of the same kind.
+    /// Checks that a later parameter set declares the same kind.
     pub fn same_as(self, first: Self) -> Result<(), String> {
         if self == first {
             Ok(())
@@ -30,18 +30,18 @@ pub(crate) struct Declared {
     pub width: u64,
     /// 1 for 4:2:0, 2 for 4:2:2, 3 for 4:4:4.
     pub chroma_format: u64,
-    /// Whether the planes of 4:4:4 are coded as three pictures.
+    /// Whether 4:4:4 planes are coded as three pictures.
     pub separate_planes: bool,
     /// Of luma and chroma.
     pub bit_depths: [u64; 2],
-    /// Whether it is stated that luma takes 0 to 255.
+    /// Whether luma is stated to be 0 to 255.
     pub full_range: Option<bool>,
-    /// The matrix by its number in ITU-T H.273, if one is stated.
+    /// The stated matrix by its number in ITU-T H.273.
     pub matrix: Option<u32>,
 }
 
 impl Declared {
-    /// Size and sampling, where they are read and the size is `height x width`.
+    /// Size and sampling, if supported and `height x width`.
     ///
     /// # Errors
     /// What it declares instead.
@@ -71,7 +71,7 @@ impl Declared {
     }
 }
 
-/// The colours of this matrix by its number in ITU-T H.273.
+/// Colours by the matrix' number in ITU-T H.273.
 pub(crate) fn colors(matrix: u32, full_range: bool) -> Result<Colors, String> {
     match ColorMatrix::of_code(matrix) {
         Some(matrix) => Ok(Colors { matrix, full_range }),

@@ -1,4 +1,4 @@
-//! The mp4 files: where their frames are, and how they are decoded.
+//! The mp4 files: finding and decoding their frames.
 
 mod av1;
 mod bits;

@@ -1,5 +1,4 @@
-//! From an mp4's samples to the byte stream that decoders take (annex B of ITU-T H.264 and of H.265): NAL units behind start codes
-//! instead of lengths.
+//! From an mp4's samples to a decoder's byte stream (annex B of ITU-T H.264 and of H.265): NAL units with start codes instead of lengths.
 
 use std::borrow::Cow;
 
@@ -7,8 +6,7 @@ use crate::dataset::video::mp4::nal_config::NalConfig;
 
 const START_CODE: [u8; 4] = [0, 0, 0, 1];
 
-/// The byte stream of one sample, with the track's parameter sets before it where `sets`. `checked` sees every unit and gives what goes
-/// into the stream for it.
+/// A sample's byte stream, after the track's parameter sets if `sets`. `checked` sees every unit and gives what replaces it.
 pub(crate) fn stream(
     config: &NalConfig,
     sample: &[u8],
@@ -25,7 +23,7 @@ pub(crate) fn stream(
         if unit.is_empty() {
             return Err("holds an empty NAL unit".into());
         }
-        // The decoder would take the bytes after it for another unit, which was not checked.
+        // The decoder would take the bytes after it for another, unchecked unit.
         if unit.windows(3).any(|w| w[..2] == [0, 0] && w[2] <= 2) {
             return Err("holds a start code within a NAL unit".into());
         }
@@ -40,7 +38,7 @@ fn without_trailing_zeros(unit: &[u8]) -> &[u8] {
     &unit[..end]
 }
 
-/// The NAL units of a sample; ends after the first error.
+/// A sample's NAL units; ends after the first error.
 pub(crate) struct Units<'a> {
     length_size: usize,
     rest: &'a [u8],
@@ -104,7 +102,7 @@ mod tests {
             of(2, &[0, 1, 0x65, 0, 2, 0x65, 7], true).unwrap(),
             [0, 0, 0, 1, 0x67, 1, 0, 0, 0, 1, 0x68, 2, 0, 0, 0, 1, 0x65, 0, 0, 0, 1, 0x65, 7]
         );
-        // Zeros after a unit do not belong to it.
+        // Zeros after a unit are not part of it.
         assert_eq!(
             of(1, &[3, 0x41, 9, 0], false).unwrap(),
             [0, 0, 0, 1, 0x41, 9]
@@ -113,7 +111,7 @@ mod tests {
 
     #[test]
     fn hidden_and_broken_units_are_refused() {
-        // This is a sequence parameter set that only the decoder would see.
+        // A sequence parameter set that only the decoder would see.
         let hidden = of(1, &[6, 0x41, 0, 0, 1, 0x67, 1], false).unwrap_err();
         assert_eq!(hidden, "holds a start code within a NAL unit");
         assert!(of(1, &[5, 0x41, 0, 0, 3, 1], false).is_ok());

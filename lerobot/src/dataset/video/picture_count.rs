@@ -1,6 +1,6 @@
-//! Counts of pictures, of which a stream holds the lowest bits (ITU-T H.264, 8.2.1.1, and H.265, 8.3.1).
+//! Picture counts, of which streams hold the lowest bits (ITU-T H.264, 8.2.1.1, and H.265, 8.3.1).
 
-/// The sequence, and the count of the picture before that others may refer to.
+/// The sequence, and the count of the last reference picture.
 #[derive(Debug, Default)]
 pub(super) struct PictureCount {
     sequence: u32,
@@ -8,13 +8,12 @@ pub(super) struct PictureCount {
 }
 
 impl PictureCount {
-    /// Begins a sequence.
     pub fn begin(&mut self) {
         self.sequence += 1;
         self.before = 0;
     }
 
-    /// The sequence, and the whole count whose lowest `bits` bits are `low`: the nearest one to the picture before.
+    /// The sequence, and the count nearest to the last reference picture's whose lowest `bits` bits are `low`.
     pub fn whole(&self, low: u32, bits: u32) -> (u32, i64) {
         let all = 1i64 << bits;
         let (low, of_before) = (i64::from(low), self.before.rem_euclid(all));
@@ -29,7 +28,7 @@ impl PictureCount {
         (self.sequence, high + low)
     }
 
-    /// Notes the count of a picture that others may refer to.
+    /// Sets the count of a reference picture.
     pub fn set(&mut self, count: i64) {
         self.before = count;
     }
@@ -48,7 +47,7 @@ mod tests {
             count.set(whole);
         }
         count.begin();
-        // Pictures that are shown before the key frame that they follow.
+        // Pictures shown before their key frame.
         assert_eq!(count.whole(14, 4), (2, -2));
     }
 }

@@ -1,4 +1,4 @@
-//! Frames of one mp4 file by time: decoded once when asked for in order, from the nearest key frame otherwise.
+//! Frames of an mp4 by time: in order, each is decoded once; else from the nearest key frame.
 
 use std::path::Path;
 
@@ -8,10 +8,10 @@ use crate::dataset::video::mp4::sample::Mp4Codec;
 use crate::dataset::video::source::VideoSource;
 use crate::dataset::DatasetError;
 
-/// An open video; holds its index (about 36 bytes a frame) and one decoder, not its content.
+/// An open video with its index (about 36 bytes a frame) and one decoder, without its content.
 pub struct VideoReader {
     source: VideoSource,
-    /// Chosen when the first frame is asked for.
+    /// Chosen at the first frame.
     decoding: Option<Decoding>,
 }
 
@@ -21,10 +21,10 @@ enum Decoding {
 }
 
 impl VideoReader {
-    /// Opens an mp4 whose pictures are `height x width` when they are shown.
+    /// Opens an mp4 whose shown pictures are `height x width`.
     ///
     /// # Errors
-    /// Missing, cut off, not an mp4, not AV1, H.264 or HEVC, or of another size; the path and what is wrong.
+    /// The file is missing, cut, not an mp4, not AV1, H.264 or HEVC, or of another size: the path and the fault.
     pub fn open(path: &Path, height: usize, width: usize) -> Result<Self, DatasetError> {
         Ok(Self {
             source: VideoSource::open(path, height, width)?,
@@ -37,7 +37,7 @@ impl VideoReader {
         &self.source.path
     }
 
-    /// How its frames are encoded.
+    /// Codec of its frames.
     pub fn codec(&self) -> &Mp4Codec {
         &self.source.track.codec
     }
@@ -47,21 +47,21 @@ impl VideoReader {
         self.source.track.samples.len()
     }
 
-    /// Number of key frames, at least 1: decoding can start at any of them.
+    /// Key frames, where decoding can start; at least 1.
     pub fn key_frames(&self) -> usize {
         let samples = self.source.track.samples.iter();
         samples.filter(|s| s.key).count()
     }
 
-    /// Whether there are no frames; [`VideoReader::open`] refuses such a file, so this is `false`.
+    /// Always `false`: [`VideoReader::open`] refuses a file without frames.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Number of the frame shown at `seconds`, give or take `tolerance` seconds.
+    /// Number of the frame shown at `seconds` ± `tolerance` seconds.
     ///
     /// # Errors
-    /// No frame is shown at that time.
+    /// No frame is shown then.
     pub fn frame_at(&self, seconds: f64, tolerance: f64) -> Result<usize, DatasetError> {
         let order = &self.source.track.order;
         let time = |&sample: &u32| self.source.track.samples[sample as usize].time;
@@ -83,10 +83,10 @@ impl VideoReader {
             })
     }
 
-    /// RGB of frame `number` in order of presentation, `[3, height, width]`; asking in ascending order decodes every frame once.
+    /// RGB of frame `number` in presentation, `[3, height, width]`. Ascending order decodes every frame once.
     ///
     /// # Errors
-    /// There is no such frame, or it or one it depends on does not decode, or it takes an FFmpeg that is not installed.
+    /// There is no such frame, it or one it needs does not decode, or it needs an FFmpeg that is not installed.
     pub fn rgb(&mut self, number: usize) -> Result<Vec<u8>, DatasetError> {
         let source = &mut self.source;
         let Some(&sample) = source.track.order.get(number) else {

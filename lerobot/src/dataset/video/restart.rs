@@ -1,4 +1,4 @@
-//! The key frame at which a decoder that has seen nothing can begin.
+//! The key frame where a new decoder can begin.
 
 use std::collections::BTreeSet;
 
@@ -8,25 +8,25 @@ use crate::dataset::video::mp4::sample::Mp4Codec;
 use crate::dataset::video::source::VideoSource;
 use crate::dataset::DatasetError;
 
-/// A key frame, and the samples after it that do not decode from there.
+/// A key frame, and later samples that do not decode from it.
 pub(super) struct Restart {
     pub key: usize,
     pub skipped: BTreeSet<usize>,
 }
 
-/// The last key frame from which `sample` can be decoded, where the file has one.
+/// The last key frame that `sample` can be decoded from, if any.
 pub(super) fn before(source: &mut VideoSource, sample: usize) -> Result<Restart, DatasetError> {
     let mut key = source.key_before(sample);
     let mut skipped = BTreeSet::new();
     match source.track.codec.clone() {
         Mp4Codec::Av1 => {}
-        // Frames after some key frames are shown before them and depend on what came earlier.
+        // Frames after some key frames are shown earlier and depend on what came before.
         Mp4Codec::H264(config) => {
             while key > 0 && !starts_anew(&config, &source.sample(key)?) {
                 key = source.key_before(key - 1);
             }
         }
-        // There are such frames here too, and they say so.
+        // Here, such frames are marked.
         Mp4Codec::Hevc(config) => {
             let wanted = source.track.samples[sample].time;
             while key > 0 {

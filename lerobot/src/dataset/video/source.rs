@@ -1,4 +1,4 @@
-//! An open mp4 file, and what its parameter sets declare.
+//! An open mp4 and what its parameter sets declare.
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
@@ -19,7 +19,7 @@ pub(super) struct VideoSource {
 }
 
 impl VideoSource {
-    /// Opens an mp4 whose pictures are `height x width` when they are shown.
+    /// Opens an mp4 whose shown pictures are `height x width`.
     pub fn open(path: &Path, height: usize, width: usize) -> Result<Self, DatasetError> {
         let mut file = File::open(path).map_err(|e| DatasetError::io(path, e))?;
         let track = Mp4Track::read(&mut file).map_err(|cause| DatasetError::video(path, cause))?;
@@ -45,7 +45,7 @@ impl VideoSource {
         })
     }
 
-    /// The bytes of one sample; `Mp4Track` has checked that they lie within the file.
+    /// A sample's bytes; `Mp4Track` has checked that the file has them.
     pub fn sample(&mut self, at: usize) -> Result<Vec<u8>, DatasetError> {
         let sample = &self.track.samples[at];
         let mut bytes = vec![0; sample.size as usize];
@@ -85,7 +85,6 @@ impl VideoSource {
         kind.map(Some).map_err(|e| self.fault(0, e))
     }
 
-    /// What is wrong with a frame.
     pub fn fault(&self, frame: usize, cause: String) -> DatasetError {
         DatasetError::video(&self.path, format!("video frame {frame} {cause}"))
     }

@@ -1,5 +1,5 @@
-//! Merges by LeRobot 0.4.0 to 0.4.2. Their metadata names the last video file of a source for all of its episodes, and counts the
-//! seconds of earlier files, too. The files themselves are right: the episodes in order fill them in order.
+//! Merges by LeRobot 0.4.0 to 0.4.2. Their metadata names a source's last video file for all its episodes, and adds earlier files' seconds.
+//! The files are right: episodes fill them in order.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use crate::dataset::metadata::paths::RecordingFile;
 use crate::dataset::video_fit::picture_times::PictureTimes;
 use crate::dataset::{DatasetError, Info, Repair};
 
-/// Places the episodes anew where the metadata cannot be right and the files can be filled in one way only.
+/// Places the episodes again where the metadata must be wrong and only one placing fills the files.
 ///
 /// # Errors
 /// Two episodes have the same pictures, and the files are not filled exactly.
@@ -59,14 +59,14 @@ pub(crate) fn repair(
                     second,
                 })
             }
-            // Some pictures are not there: their episodes are found one by one.
+            // Pictures are missing: their episodes are found one by one.
             (None, MetadataFault::BeyondTheEnd) => {}
         }
     }
     Ok(())
 }
 
-/// What shows that the metadata of a camera is wrong.
+/// What shows that a camera's metadata is wrong.
 enum MetadataFault {
     /// Two episodes have the same pictures.
     Shared {
@@ -74,7 +74,7 @@ enum MetadataFault {
         first: usize,
         second: usize,
     },
-    /// A file ends before an episode does.
+    /// A file ends before an episode.
     BeyondTheEnd,
 }
 
@@ -110,12 +110,12 @@ fn fault(info: &Info, episodes: &[Episode], camera: usize) -> Option<MetadataFau
     beyond
 }
 
-/// Pictures that the metadata gives an episode.
+/// Pictures of an episode by the metadata.
 fn pictures(from: f64, to: f64, fps: u32) -> usize {
     ((to - from) * f64::from(fps)).round() as usize
 }
 
-/// Where the episodes are if they fill the camera's files in order; `None` where they do not fill them exactly.
+/// Where episodes are if they fill the camera's files in order; `None` unless exactly.
 fn filled(
     root: &Path,
     info: &Info,

@@ -1,4 +1,4 @@
-//! Whether the videos have a picture for every row: what is wrong is repaired in memory, or the episode is left out.
+//! Whether videos have a picture for every row: faults are repaired in memory, or the episode is left out.
 
 pub(crate) mod merged_videos;
 mod picture_times;

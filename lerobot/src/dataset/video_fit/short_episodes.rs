@@ -1,5 +1,5 @@
-//! Episodes with fewer pictures than rows: a recorder dropped some (LeRobot's streaming encoding does so when it is too slow), or the
-//! file ends early. The pictures that are there do not tell which are missing.
+//! Episodes with fewer pictures than rows: a recorder dropped some (LeRobot's streaming encoding when too slow), or the file ends early.
+//! Nothing tells which are missing.
 
 use std::collections::{BTreeMap, HashSet};
 use std::fmt;
@@ -11,18 +11,18 @@ use crate::dataset::tables::motion::Motion;
 use crate::dataset::video_fit::picture_times::PictureTimes;
 use crate::dataset::{Info, Repair};
 
-/// An episode of the files that is no episode of the [`Dataset`](crate::dataset::Dataset), because a camera's pictures are too few.
+/// An episode that is not in the [`Dataset`](crate::dataset::Dataset): a camera has too few pictures.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LeftOut {
-    /// Number of the episode in the files.
+    /// Its number in the files.
     pub episode: usize,
     /// The camera.
     pub camera: String,
     /// Its video.
     pub path: PathBuf,
-    /// Pictures of the episode.
+    /// Its pictures.
     pub pictures: usize,
-    /// Rows of the episode.
+    /// Its rows.
     pub rows: usize,
 }
 
@@ -41,7 +41,7 @@ impl fmt::Display for LeftOut {
     }
 }
 
-/// Episodes with a camera whose pictures are too few, camera after camera. Cameras with too many are added to `repairs`.
+/// Episodes with too few pictures, by camera. Cameras with too many are added to `repairs`.
 pub(crate) fn find(info: &Info, episodes: &[Episode], repairs: &mut Vec<Repair>) -> Vec<LeftOut> {
     let mut short = Vec::new();
     for (number, camera) in info.cameras.iter().enumerate() {
@@ -74,7 +74,7 @@ pub(crate) fn find(info: &Info, episodes: &[Episode], repairs: &mut Vec<Repair>)
     short
 }
 
-/// How many pictures a camera's videos have of each episode, in order.
+/// A camera's number of pictures per episode, in order.
 fn pictures<'a>(
     info: &Info,
     episodes: &'a [Episode],
@@ -95,18 +95,18 @@ fn pictures<'a>(
         for (episode, span) in spans.into_iter().rev() {
             let (from, to) = (span.from_timestamp, span.to_timestamp);
             let rows = episode.frames.len();
-            // Without ends, episodes that begin at the same picture share it.
+            // Without ends, episodes with the same first picture share it.
             if from < begin - half {
                 next = begin;
             }
             begin = from;
             let pictures = match (&times, to) {
                 (Some(times), to) => match times.between(from, next, info.fps) {
-                    // They are all of this episode, also where somebody wrote the time of the last picture as the end.
+                    // All are of this episode, even if the end is the last picture's time.
                     pictures if pictures == rows => rows,
                     pictures => match to {
                         Some(to) => times.between(from, to, info.fps),
-                        // What is between two episodes need not be of the first.
+                        // Pictures between two episodes need not belong to the first.
                         None if info.format == FormatVersion::V30 => pictures.min(rows),
                         None => pictures,
                     },
@@ -121,7 +121,7 @@ fn pictures<'a>(
     counts
 }
 
-/// Removes episodes and their rows. The others are numbered anew, so that they tile the frames as before.
+/// Removes episodes and their rows, and renumbers the others to tile the frames.
 pub(crate) fn remove(short: &[LeftOut], episodes: &mut Vec<Episode>, motion: &mut Motion) {
     if short.is_empty() {
         return;

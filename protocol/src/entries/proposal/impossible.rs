@@ -1,12 +1,12 @@
-//! Why the action of a proposal that passed is not carried out.
+//! Why a passed proposal is not executed.
 
 use crate::entries::member::Standing;
 use crate::rules::round_results::REMEMBERED_RESULTS;
 use borsh::{BorshDeserialize, BorshSerialize};
 use zk0_circuits::NodeId;
 
-/// Why the action of a proposal is not possible. As with refusals, a code and its number never change, and its sentence
-/// (`Display`) may change at any time.
+/// Why a proposal's action is not possible. As with refusals, a code and its number never change, but its sentence (`Display`)
+/// may.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 #[borsh(use_discriminant = true)]
 #[repr(u8)]
@@ -15,27 +15,27 @@ pub enum Impossible {
     Rules = 1,
     /// No node can have this key.
     BadKey(NodeId) = 2,
-    /// The key belongs to a node, or did so.
+    /// The key belongs or belonged to a node.
     KeyUsed(NodeId) = 3,
-    /// The node has committed in the open round with the key that it has.
+    /// The node has committed in the open round with its present key.
     KeyInUse { node: NodeId, round: u64 } = 4,
     /// The node cannot be enrolled for another reason, such as its name.
     Enrolment(NodeId) = 5,
     /// The node is not enrolled.
     NotEnrolled(NodeId) = 6,
-    /// The node has another standing than the action needs.
+    /// The action needs another standing of the node.
     Standing { node: NodeId, standing: Standing } = 7,
     /// That entry is no open dispute.
     NoDispute(u64) = 8,
-    /// Verification decides about the dispute of that entry, not a vote.
+    /// Verification, not a vote, decides that entry's dispute.
     NotByVote(u64) = 9,
     /// No network can have this guest program.
     Program = 10,
-    /// The round is still to come.
+    /// The round has not opened yet.
     NoRound(u64) = 11,
-    /// The round is open, so that it has not ended with any weights.
+    /// The round is open and has no result.
     RoundOpen(u64) = 12,
-    /// The ledger does not remember the weights of the round any more.
+    /// The ledger has forgotten the round's weights.
     RoundForgotten(u64) = 13,
 }
 

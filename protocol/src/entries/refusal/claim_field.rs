@@ -1,4 +1,4 @@
-//! The fields of a claim, as a refusal names them.
+//! A claim's fields in refusals.
 
 use borsh::{BorshDeserialize, BorshSerialize};
 use std::fmt;
@@ -8,7 +8,7 @@ use std::fmt;
 #[borsh(use_discriminant = true)]
 #[repr(u8)]
 pub enum ClaimField {
-    /// The version of its encoding.
+    /// The encoding's version.
     Version = 1,
     /// The network.
     Network = 2,
@@ -16,39 +16,39 @@ pub enum ClaimField {
     Round = 3,
     /// The node.
     Node = 4,
-    /// The root of the dataset.
+    /// The dataset's root.
     DatasetRoot = 5,
-    /// How many samples the dataset has.
+    /// The dataset's number of samples.
     DatasetSamples = 6,
     /// The digest of the dataset's features.
     DatasetFeatureSpec = 7,
-    /// The commitment to the salts of the dataset's leaves.
+    /// The commitment to the leaves' salts.
     DatasetSaltCommitment = 8,
-    /// The digest of the evaluation specification.
+    /// The evaluation specification's digest.
     Evaluation = 9,
-    /// The file of the base weights.
+    /// The base weights' file.
     BaseBlob = 10,
-    /// The numbers of the base weights.
+    /// The base weights' numbers.
     BaseQuantised = 11,
-    /// The file of the update.
+    /// The update's file.
     UpdateBlob = 12,
-    /// The numbers of the update.
+    /// The update's numbers.
     UpdateQuantised = 13,
     /// The challenge.
     Challenge = 14,
-    /// How many samples are evaluated.
+    /// The number of evaluated samples.
     EvalSamples = 15,
     /// The least improvement.
     MinImprovement = 16,
-    /// The confidence of the test.
+    /// The test's confidence.
     Confidence = 17,
-    /// How much of the losses is disclosed.
+    /// The losses' disclosure.
     Disclosure = 18,
-    /// What the proof leaves to check of the weights.
+    /// The weight check.
     WeightCheck = 19,
 }
 
-/// Each field with the name that [`zk0_circuits::claim::terms::WrongTerm`] gives it.
+/// The fields by their names in [`zk0_circuits::claim::terms::WrongTerm`].
 const NAMES: [(ClaimField, &str); 19] = [
     (ClaimField::Version, "version"),
     (ClaimField::Network, "network"),

@@ -1,5 +1,5 @@
-//! The codes of refusals. They are data of the ledger: a replay compares them. So a code and its number never change, and a code holds
-//! numbers, digests and identities alone. [`RefusalCode`]'s `Display` explains a code; that sentence may change at any time.
+//! The codes of refusals: data of the ledger, which replays compare. So a code and its number never change, and it holds only
+//! numbers, digests and identities. [`RefusalCode`]'s `Display`, an explanation, may change.
 
 use crate::entries::member::Standing;
 use crate::entries::refusal::claim_field::ClaimField;
@@ -9,7 +9,7 @@ use borsh::{BorshDeserialize, BorshSerialize};
 use std::fmt;
 use zk0_circuits::{Digest, NodeId};
 
-/// What a node states in a round.
+/// A node's statements in a round.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub enum RoundStatement {
     /// The commitment to its update.
@@ -18,7 +18,7 @@ pub enum RoundStatement {
     Claim,
 }
 
-/// What a node sends in a round besides statements.
+/// A node's files in a round.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub enum RoundFile {
     /// The update.
@@ -27,7 +27,7 @@ pub enum RoundFile {
     Proof,
 }
 
-/// Why a contribution does not count. A refusal that a stranger could cause, because there is no valid signature, is never recorded.
+/// Why a contribution does not count. A refusal that a stranger could cause, without a valid signature, is never recorded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 #[borsh(use_discriminant = true)]
 #[repr(u8)]
@@ -38,9 +38,9 @@ pub enum RefusalCode {
         size: u64,
         limit: u64,
     } = 1,
-    /// The node that the statement names did not sign it.
+    /// The named node did not sign the statement.
     Signature = 2,
-    /// The identity does not belong to an enrolled node.
+    /// The identity is not an enrolled node's.
     NotEnrolled(NodeId) = 3,
     /// The statement is for another network.
     WrongNetwork { claimed: Digest, ours: Digest } = 4,
@@ -52,27 +52,27 @@ pub enum RefusalCode {
         round: u64,
         late_ms: u64,
     } = 6,
-    /// The node committed or submitted a second time in one round.
+    /// The node's second commitment or submission in a round.
     Duplicate {
         node: NodeId,
         round: u64,
         what: RoundStatement,
     } = 7,
-    /// Another node has committed to the same update before.
+    /// Another node committed to this update before.
     CopiedUpdate { update: Digest, by: NodeId } = 8,
     /// The node has not committed to an update.
     NotCommitted(NodeId) = 9,
-    /// A field of the claim differs from the value that the ledger determines.
+    /// A field of the claim is not the ledger's.
     Binding(ClaimField) = 10,
-    /// What the node registers of its dataset does not follow the rules.
+    /// The dataset's registration does not follow the rules.
     Dataset = 11,
     /// The node has registered no dataset.
     NoDataset(NodeId) = 12,
-    /// The dataset has fewer samples than the rules ask for by now.
+    /// The dataset has fewer samples than the rules now require.
     SmallDataset { samples: u64, least: u64 } = 13,
-    /// The dataset was registered after the round had opened.
+    /// The dataset was registered after the round opened.
     NewDataset { root: Digest, round: u64 } = 14,
-    /// The proof has other bytes than the node signed for.
+    /// The proof's bytes are not the signed ones.
     ProofDigest { signed: Digest, actual: Digest } = 15,
     /// The bytes are not an SP1 compressed proof.
     MalformedProof = 16,
@@ -82,34 +82,34 @@ pub enum RefusalCode {
     OtherProgram = 18,
     /// The proof does not verify.
     InvalidProof = 19,
-    /// The update has other bytes than the node committed to.
+    /// The update's bytes are not the committed ones.
     UpdateDigest { expected: Digest, actual: Digest } = 20,
     /// The update's bytes are not weights of the action expert.
     MalformedUpdate = 21,
-    /// The update holds other weights than the proof is about.
+    /// The proof is about other weights than the update's.
     OtherWeights { proven: Digest, actual: Digest } = 22,
     /// The node never uploaded the update.
     MissingUpdate(Digest) = 23,
-    /// The node is suspended or revoked, or has left.
+    /// The node is suspended, revoked, or has left.
     NotActive { node: NodeId, standing: Standing } = 24,
-    /// By the rules, the node may not contribute to this round.
+    /// The rules do not let the node contribute to this round.
     NotInvited { node: NodeId, round: u64 } = 25,
-    /// The update differs too much from the weights that the round started from.
+    /// The update is too far from the round's base weights.
     TooFar { bps: u64, limit: u64 } = 26,
-    /// The entry that closes the round cannot name more nodes than have committed already.
+    /// The round has as many commitments as its closing entry can name.
     RoundFull { round: u64, limit: u64 } = 27,
-    /// This build cannot tell anything about the proof. Another build can, so this is never recorded.
+    /// This build cannot judge the proof. Never recorded, because another build can.
     NoVerifier = 28,
-    /// The node wants its update evaluated on more samples, or on fewer, than the rules allow.
+    /// The node requests more or fewer evaluation samples than allowed.
     EvalSamples { asked: u32, least: u32, most: u64 } = 29,
-    /// The commitments of the round are closed.
+    /// The round's commitments are closed.
     CommitmentsClosed { round: u64 } = 30,
-    /// Nobody can make a claim yet, because there are no challenges. It is never recorded.
+    /// The randomness is not drawn, so no claim is possible. Never recorded.
     NoRandomness { round: u64 } = 31,
-    /// Too many of the node's commitments ended without a contribution that counts.
+    /// Too many of the node's commitments ended without an accepted contribution.
     Paused { node: NodeId, until: u64 } = 32,
-    /// A weight that the evaluation does not read, so that no proof is about it, differs from the base's. Both are given as int16 at
-    /// the scale of the update's tensor; the base's may be too large for one. Tensors count from 0, in the order of the file.
+    /// An unread weight, which no proof covers, differs from the base's. Both are int16 at the scale of the update's tensor; the
+    /// base's may exceed it. Tensors count from 0, in the file's order.
     UnreadWeights {
         tensor: u32,
         index: u64,
@@ -117,28 +117,27 @@ pub enum RefusalCode {
         expected: i64,
         bits: i16,
     } = 33,
-    /// What travels with the proof to be checked of the weights is not what the proof left to check.
+    /// The weight check is not the one that the proof left.
     OtherWeightCheck { claimed: Digest } = 34,
-    /// What the proof says about the weights does not hold for those in the files (mode `succinct`).
+    /// The proof's claims about the weights do not hold for the files (mode `succinct`).
     OtherModels = 35,
 }
 
-/// The number of the last code.
 const LAST: u8 = 35;
 
-/// A refusal has a code that this release does not know: a newer one wrote it.
+/// A newer release wrote this code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("refusal {0} is not known to this release of zk0: a newer one recorded it, so read this ledger with that one")]
 pub struct UnknownCode(pub u8);
 
 impl RefusalCode {
-    /// The number that the ledger records.
+    /// The number on the ledger.
     pub fn number(&self) -> u8 {
         // The first byte of the encoding. Writing to a Vec cannot fail.
         borsh::to_vec(self).map_or(0, |bytes| bytes[0])
     }
 
-    /// Whether a refusal rests on the update besides the proof, so that whoever repeats the check needs both.
+    /// Whether a repeated check needs the update besides the proof.
     pub fn rests_on_update(&self) -> bool {
         matches!(
             self,
@@ -151,8 +150,8 @@ impl RefusalCode {
         )
     }
 
-    /// Whether a refusal follows from the proof and the weights, which are blobs beside the ledger, so that whoever has them can repeat the
-    /// check. The other refusals follow from the ledger itself, or concern bytes that are never recorded.
+    /// Whether anyone with the proof and the weights can repeat the check. Other refusals follow from the ledger, or from bytes
+    /// that are never recorded.
     pub fn follows_from_blobs(&self) -> bool {
         match self {
             Self::MalformedProof
@@ -206,7 +205,6 @@ pub(crate) fn read<R: Read>(reader: &mut R) -> Result<RefusalCode, Error> {
     RefusalCode::deserialize_variant(reader, number)
 }
 
-/// Reads a code that may be absent. As [`read`].
 pub(crate) fn read_option<R: Read>(reader: &mut R) -> Result<Option<RefusalCode>, Error> {
     if bool::deserialize_reader(reader)? {
         read(reader).map(Some)
@@ -233,7 +231,6 @@ impl fmt::Display for RoundFile {
     }
 }
 
-/// The explanation of a code in plain English.
 impl fmt::Display for RefusalCode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -1,6 +1,5 @@
-//! Disputes about accepted contributions. If a dispute is upheld, the node loses the contribution's credits and is suspended.
-//!
-//! The global weights stay as they are, because later rounds were trained from them.
+//! Disputes about accepted contributions. An upheld dispute costs the node the contribution's credits and suspends it. The global
+//! weights stay, because later rounds were trained from them.
 
 use crate::entries::entry::DisputeResolved;
 use crate::entries::member::Standing;
@@ -9,7 +8,7 @@ use crate::rules::state::{OpenDispute, State};
 use crate::rules::violation::RuleViolation;
 use zk0_circuits::NodeId;
 
-/// Disputes that may be open at once.
+/// Most disputes open at once.
 pub const MAX_OPEN_DISPUTES: usize = 256;
 
 impl State {
@@ -73,14 +72,14 @@ impl State {
         );
     }
 
-    /// The first dispute that verification has to decide. No round opens before it is decided.
+    /// The first dispute for verification to decide. No round opens before that.
     pub fn undecided(&self) -> Option<(u64, OpenDispute)> {
         let mut open = self.disputes.iter();
         let (entry, dispute) = open.find(|(_, one)| one.evidence == Evidence::Verification)?;
         Some((*entry, *dispute))
     }
 
-    /// Refuses to go on while the aggregator has to settle a proposal or to decide a dispute first.
+    /// Refuses to go on while a proposal or a dispute is due.
     pub(super) fn check_nothing_due(&self, now: u64) -> Result<(), RuleViolation> {
         if let Some(number) = self.due(now) {
             return Err(RuleViolation::ProposalDue(number));
@@ -114,7 +113,6 @@ impl State {
         }
     }
 
-    /// Ends a dispute.
     pub(super) fn judge(&mut self, dispute: u64, upheld: bool) {
         let Some(open) = self.disputes.remove(&dispute) else {
             return;
@@ -130,7 +128,7 @@ impl State {
         };
         if let Some(node) = self.nodes.get_mut(&contribution.node) {
             node.credits = node.credits.saturating_sub(contribution.credits);
-            // Whoever has left is suspended, too, so that nobody enrols the node again without a vote.
+            // A node that has left is suspended too: only a vote brings it back.
             if matches!(node.standing, Standing::Active | Standing::Left) {
                 node.standing = Standing::Suspended;
             }

@@ -1,12 +1,11 @@
-//! Lost files of accepted contributions. The ledger records when the aggregator begins to ask a node for a file. After as long as a round takes
-//! submissions, the round may close without the contribution. That costs its node the credits of this round, and nothing else.
+//! Lost files of accepted contributions. The ledger records when the aggregator first requests one from its node. After the
+//! length of a submission window, the round may close without the contribution, at the cost of this round's credits only.
 
 use crate::entries::entry::LostContribution;
 use crate::rules::state::{Commit, Decision, Round, State};
 use crate::rules::violation::RuleViolation;
 
 impl State {
-    /// The open round and the accepted contribution that a loss is about.
     fn accepted(&self, lost: &LostContribution) -> Result<(&Round, &Commit), RuleViolation> {
         let LostContribution { round, node } = *lost;
         let open = self.open_round(round)?;
@@ -54,17 +53,17 @@ impl State {
         }
     }
 
-    /// How long a node is asked for a lost file at least, in Unix milliseconds, if the aggregator has asked for it since `since_ms`.
+    /// When the node's time ends for a file requested at `since_ms`, in Unix milliseconds.
     fn asked_until_ms(&self, since_ms: u64) -> u64 {
         since_ms.saturating_add(self.rules.submit_window_ms)
     }
 
-    /// Whether the open round may close at `time_ms` without the accepted contribution of which files are lost.
+    /// Whether the open round may close at `time_ms` without this contribution.
     pub fn may_leave_out(&self, lost: &LostContribution, time_ms: u64) -> bool {
         self.check_left_out(lost, time_ms).is_ok()
     }
 
-    /// Moments that were computed with the contribution count no more.
+    /// Moments computed with the contribution no longer count.
     pub(super) fn leave_out(&mut self, lost: &LostContribution) {
         self.decide(&lost.node, Decision::LeftOut);
         if let Some(open) = &mut self.round {

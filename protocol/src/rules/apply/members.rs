@@ -13,10 +13,10 @@ use crate::rules::state::{Node, RegisteredDataset, State};
 use crate::rules::violation::RuleViolation;
 use zk0_circuits::NodeId;
 
-/// Most episodes in a dataset, so that they fit in an entry.
+/// Most episodes of a dataset: they must fit in an entry.
 pub const MAX_EPISODES: usize = 1500;
 
-/// How often a node may change its key by itself. The limit keeps the search for the owner of a former key short.
+/// Most key rotations of a node. The limit keeps the search for a former key's owner short.
 pub const MAX_ROTATIONS: usize = 100;
 
 impl State {
@@ -27,7 +27,7 @@ impl State {
         }
     }
 
-    /// Whether a node may join. Its key was checked before.
+    /// Whether a node with a valid key may join.
     pub(super) fn check_enrolment(&self, enrolled: &NodeEnrolled) -> Result<(), RuleViolation> {
         let refuse = |why: String| RuleViolation::BadNode {
             node: enrolled.node,
@@ -42,13 +42,12 @@ impl State {
         }
     }
 
-    /// Whether a key belongs or belonged to a node. Then no other node can ever have it.
+    /// Whether a key belongs or belonged to a node; then no other can have it.
     fn is_used(&self, key: &NodeId) -> bool {
         self.nodes.contains_key(key) || self.retired.contains_key(key)
     }
 
-    /// A node that has left and is enrolled again finds everything as it was: dataset, credits, and the record of its commitments. So it
-    /// gains nothing by that.
+    /// A re-enrolled node keeps its dataset, credits and record of commitments, so leaving gains nothing.
     pub(super) fn enrol(&mut self, enrolled: &NodeEnrolled) {
         if let Some(node) = self.nodes.get_mut(&enrolled.node) {
             node.name = enrolled.name.clone();
@@ -67,7 +66,6 @@ impl State {
         );
     }
 
-    /// The node, if it is enrolled and may contribute.
     pub(crate) fn active(&self, id: &NodeId) -> Result<&Node, Refusal> {
         active(id, self.nodes.get(id).map(|node| (node.standing, node)))
     }
@@ -92,7 +90,7 @@ impl State {
         self.check_replacement(&rotation.node, &rotation.with)
     }
 
-    /// A node leaves between its contributions, because whoever has committed is counted when the round closes.
+    /// A node leaves between contributions: the round's closing counts all that committed.
     pub(super) fn check_leaving(&self, leaving: &Leaving) -> Result<(), RuleViolation> {
         self.check_network(&leaving.network)?;
         self.active(&leaving.node)?;
@@ -114,8 +112,8 @@ impl State {
         }
     }
 
-    /// Whether `with`, a key that was checked before, may replace the key of `node`. Nobody may have or have had it, and the node must
-    /// not have committed in the open round, because its claim has to name the key that committed.
+    /// Whether the valid key `with` may replace the key of `node`. No node may have or have had it, and the node must not have
+    /// committed in the open round, whose claims name the committing key.
     pub(super) fn check_replacement(
         &self,
         node: &NodeId,
@@ -136,9 +134,9 @@ impl State {
         }
     }
 
-    /// Gives a node another key. Everything of the node moves to the new key: dataset, standing, credits, contributions, its place in a
-    /// sample, proposals about it, and its open votes and disputes. The votes and disputes of a governor stay with the governor's key,
-    /// because the rules name that key.
+    /// Gives a node another key, and with it everything of the node: dataset, standing, credits, contributions, its place in a
+    /// sample, proposals about it, open votes and disputes. A governor's votes and disputes stay with the governor's key, which
+    /// the rules name.
     pub(super) fn replace_key(&mut self, old: &NodeId, new: &NodeId) {
         if let Some(node) = self.nodes.remove(old) {
             self.nodes.insert(*new, node);
@@ -201,7 +199,7 @@ impl State {
                 commitment.root
             )));
         }
-        // Old registrations are public, so anybody could send one again after the node has replaced it.
+        // Old registrations are public: anybody could resend a replaced one.
         let current = enrolled.dataset.map(|dataset| dataset.commitment.root);
         if self.datasets.contains_key(&commitment.root) && current != Some(commitment.root) {
             return Err(bad(format!(

@@ -1,12 +1,12 @@
-//! The state machine: which entry may come next, and what it changes. It is a pure function, it never panics, and a refused entry
-//! changes nothing.
+//! The state machine: which entry may come next, and what it changes. A pure function that never panics; a refused entry changes
+//! nothing.
 //!
-//! - this file: founding, versions, time, and which file is responsible for which entry;
-//! - [`members`]: nodes, their keys, their datasets;
+//! - this file: founding, versions, time, and the dispatch of entries;
+//! - [`members`]: nodes, keys, datasets;
 //! - [`rounds`]: openings, commitments, decisions, closings;
-//! - [`moments`]: the moments that a round by FedAdam ends with;
-//! - [`randomness`]: the closing of a round's commitments, and the randomness of its challenges;
-//! - [`results`]: whether a round's result was rightly taken, or rightly not;
+//! - [`moments`]: the final moments of a round by FedAdam;
+//! - [`randomness`]: the closing of commitments, and the challenges' randomness;
+//! - [`results`]: whether a round's result was rightly taken;
 //! - [`votes`]: proposals and what they change;
 //! - [`disputes`]: disputes about accepted contributions.
 
@@ -75,21 +75,21 @@ impl State {
         })
     }
 
-    /// Applies the next entry. `root` is the root of the tree that ends with it. An entry that the rules refuse changes nothing.
+    /// Applies the next entry, unless the rules refuse it. `root` is that of the tree that ends with it.
     pub fn apply(&mut self, root: &Digest, entry: &Entry) -> Result<(), RuleViolation> {
         self.check(entry)?;
         self.enact(root, entry);
         Ok(())
     }
 
-    /// Whether `entry` may come next. This cannot depend on the tree, because the root after the entry is not known yet.
+    /// Whether `entry` may come next. This cannot depend on the root after it, which is unknown.
     pub fn check(&self, entry: &Entry) -> Result<(), RuleViolation> {
         check_version(entry)?;
         self.check_time(entry)?;
         self.check_body(&entry.authenticate(&KnownKeys::default())?)
     }
 
-    /// [`State::check`] for an entry whose signatures were verified before, perhaps by another thread.
+    /// [`State::check`] for an entry with verified signatures.
     pub fn check_authentic(&self, entry: &AuthenticEntry<'_>) -> Result<(), RuleViolation> {
         check_version(entry)?;
         self.check_time(entry)?;
@@ -141,7 +141,7 @@ impl State {
         }
     }
 
-    /// Makes the changes of an entry that passed [`State::check`]. `root` is the root of the tree that ends with it.
+    /// Makes an entry's changes after [`State::check`]. `root` is as in [`State::apply`].
     pub fn enact(&mut self, root: &Digest, entry: &Entry) {
         let (index, now) = (self.entries, entry.time_ms);
         match &entry.body {
@@ -183,7 +183,6 @@ impl State {
         self.time_ms = now;
     }
 
-    /// Refuses what was signed for another network.
     fn check_network(&self, network: &Digest) -> Result<(), Refusal> {
         if *network == self.network {
             Ok(())

@@ -1,5 +1,5 @@
-//! The moments of FedAdam ([`crate::rules::closing::server_moments`]): an entry names those of a round, just before the round closes. The ledger
-//! shows only whether a round has to have moments. The moments themselves follow from blobs, and auditors compute them again.
+//! The moments of FedAdam ([`crate::rules::closing::server_moments`]): an entry names them just before the round closes. The
+//! ledger shows only whether a round needs them. Auditors recompute them from blobs.
 
 use crate::entries::entry::{MomentsComputed, RoundClosed};
 use crate::rules::closing::server_moments::ServerMoments;
@@ -36,7 +36,7 @@ impl State {
         }
     }
 
-    /// Checks that the open round has moments if it has to: if its strategy is FedAdam and its result is taken.
+    /// Checks that a round by FedAdam has moments if its result is taken.
     pub(super) fn check_closed_moments(
         &self,
         round: &Round,
@@ -57,7 +57,6 @@ impl State {
         }
     }
 
-    /// What the next round starts with, after the closing of `round`.
     pub(super) fn keep_moments(&mut self, round: &Round) {
         if !self.by_fed_adam() {
             self.moments = None;

@@ -1,8 +1,7 @@
 //! The closing of a round's commitments, and the randomness of its challenges.
 //!
-//! A challenge must not depend on anything that a node or the aggregator can still vary once it knows the rest. So commitments close
-//! first, by a rule, and the randomness is drawn after that, from the source that the rules name. What the source depends on is fixed
-//! by the closing.
+//! A challenge must not depend on anything that a node or the aggregator can vary once it knows the rest. So a rule closes the
+//! commitments, which fixes all that the source depends on, before the randomness is drawn.
 
 use crate::challenge::closing::{commitments, CommitmentsClosing};
 use crate::challenge::drawing::DrawContext;
@@ -25,7 +24,7 @@ impl State {
         Some(closed)
     }
 
-    /// The closing of the open round's commitments, if its randomness can and has to be drawn at `time_ms`.
+    /// The open round's closed commitments, if the randomness is to be drawn at `time_ms`.
     pub fn to_draw(&self, time_ms: u64) -> Option<&CommitmentsClosing> {
         let round = self.round.as_ref()?;
         let closing = round.closing.as_ref()?;
@@ -34,7 +33,7 @@ impl State {
         (in_time && wanted).then_some(closing)
     }
 
-    /// Last moment for drawing the randomness, in Unix milliseconds.
+    /// The last moment for the randomness, in Unix milliseconds.
     pub(super) fn randomness_deadline_ms(&self, closing: &CommitmentsClosing) -> u64 {
         closing
             .time_ms
@@ -133,7 +132,6 @@ impl State {
             .ok_or(RuleViolation::RoundNotOpen(number))
     }
 
-    /// A node that may still commit.
     fn awaited(&self, round: &Round, time_ms: u64) -> Option<NodeId> {
         let over = time_ms > round.opened.commit_deadline_ms;
         if over || round.commits.len() >= MAX_COMMITS {

@@ -1,5 +1,5 @@
-//! What a closing says of the round's result: it was evaluated where the rules ask for that, and it is the new global weights where it
-//! was taken. The losses themselves follow from blobs, and auditors compute them again.
+//! Checks a round's result in its closing: it is evaluated if the rules require it, and becomes the global weights if taken.
+//! Auditors recompute the losses from blobs.
 
 use crate::entries::entry::RoundClosed;
 use crate::entries::round_result::{EvaluatedResult, ResultOutcome};
@@ -8,7 +8,6 @@ use crate::rules::state::{Round, State};
 use crate::rules::violation::RuleViolation;
 
 impl State {
-    /// Checks what `closed` says of the result of the open `round`.
     pub(super) fn check_result(
         &self,
         round: &Round,
@@ -66,7 +65,6 @@ fn check_evaluated(
     }
 }
 
-/// Checks that the round keeps its base.
 fn kept(round: &Round, closed: &RoundClosed, why: &str) -> Result<(), RuleViolation> {
     let base = round.opened.base;
     if closed.global == base {

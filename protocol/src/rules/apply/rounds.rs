@@ -55,7 +55,7 @@ impl State {
         }
     }
 
-    /// Nodes that are not there cannot be present. This much of the rule about presence a replay can check.
+    /// Absent nodes cannot be present: all that a replay can check of presence.
     fn check_enough_nodes(&self) -> Result<(), RuleViolation> {
         let (nodes, least) = (self.expected().count(), self.least_present());
         if nodes < least {
@@ -69,7 +69,7 @@ impl State {
         }
     }
 
-    /// The opening of the next round at `time_ms`. The rules allow no other.
+    /// The only opening allowed for the next round at `time_ms`.
     pub fn next_opening(&self, time_ms: u64) -> Result<RoundOpened, RuleViolation> {
         let commit_deadline_ms = time_ms
             .checked_add(self.rules.commit_window_ms)
@@ -83,11 +83,11 @@ impl State {
         })
     }
 
-    /// Whether a node may commit in the open round, which has this number, as long as its commitment is in time. Returns the round and the
-    /// node's dataset.
+    /// Whether a node may commit in the open round of this number, apart from the deadline. Returns the round and the node's
+    /// dataset.
     ///
     /// # Errors
-    /// The refusal that its commitment would get.
+    /// The refusal of its commitment.
     pub fn check_may_commit(
         &self,
         network: &Digest,
@@ -236,8 +236,8 @@ impl State {
         self.check_result(round, closed)
     }
 
-    /// Whether the open round may close at `time_ms`. It may once every commitment is decided, and without that after the submission
-    /// deadline. If there was no randomness in time, it may close, too.
+    /// Whether the open round may close at `time_ms`: once every commitment is decided, after the submission deadline, or without
+    /// randomness in time.
     pub fn may_close(&self, time_ms: u64) -> bool {
         self.round
             .as_ref()
@@ -293,7 +293,7 @@ impl State {
         });
     }
 
-    /// Draws the sample: the `count` ready nodes with the smallest hashes of their key and the root of the tree that ends with the opening.
+    /// Draws the sample: the `count` ready nodes with the smallest hashes of key and root of the tree that ends with the opening.
     fn sample(&self, round: u64, index: u64, root: &Digest, count: u32) -> BTreeSet<NodeId> {
         let hash = |node: &NodeId| {
             let round = round.to_le_bytes();
@@ -407,7 +407,7 @@ impl State {
         }
     }
 
-    /// Removes contributions and disputes whose time is over, so that the state does not grow with the history.
+    /// Removes expired contributions and disputes, so that the state does not grow with history.
     fn forget_what_is_settled(&mut self, now: u64) {
         let awaits_verification =
             |dispute: &OpenDispute| dispute.evidence == Evidence::Verification;

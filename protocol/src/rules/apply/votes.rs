@@ -1,4 +1,4 @@
-//! Proposals, votes, and what an executed proposal changes.
+//! Proposals, votes, and the changes of an executed proposal.
 
 use crate::entries::entry::ProposalSettled;
 use crate::entries::identity::{check_identity, check_line};
@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use zk0_circuits::NodeId;
 
 impl State {
-    /// Who may vote now, and with what weight: governors, and active nodes by their credits.
+    /// The voters with their weights: governors, and active nodes by credits.
     pub fn electorate(&self) -> BTreeMap<NodeId, u64> {
         let governance = &self.rules.governance;
         let governors = governance
@@ -79,7 +79,7 @@ impl State {
         }
     }
 
-    /// The last moments for a vote and for a veto on something that is proposed now.
+    /// The ends of vote and time lock for a proposal made now.
     fn vote_ends(&self, now: u64) -> Option<(u64, u64)> {
         let governance = &self.rules.governance;
         let voting = now.checked_add(governance.voting_ms)?;
@@ -109,8 +109,8 @@ impl State {
         self.next_proposal = proposal.number.saturating_add(1);
     }
 
-    /// Who may vote on an action, and the least weight for it. A governor who is to be removed does not vote, because somebody may have
-    /// stolen its key. The others need more than half of all weight, or else one of two could remove the other.
+    /// An action's voters, and the least weight for it. A governor to be removed does not vote, because its key may be stolen.
+    /// The others need more than half of all weight; otherwise one of two could remove the other.
     fn voters_on(&self, action: &Action) -> (BTreeMap<NodeId, u64>, u128) {
         let mut electorate = self.electorate();
         let Some(removed) = self.removed_governor(action) else {
@@ -121,7 +121,7 @@ impl State {
         (electorate, all / 2 + 1)
     }
 
-    /// The governor whom an action removes, or replaces by one with no more weight, if it does nothing else.
+    /// The governor that an action removes, or replaces by one with no more weight, if it does nothing else.
     fn removed_governor(&self, action: &Action) -> Option<NodeId> {
         let Action::ChangeRules(rules) = action else {
             return None;
@@ -195,14 +195,14 @@ impl State {
         }
     }
 
-    /// The first proposal whose time is over at `now`. No round opens before it is settled.
+    /// The first proposal due at `now`. No round opens before it is settled.
     pub fn due(&self, now: u64) -> Option<u64> {
         let mut open = self.proposals.iter();
         let (number, _) = open.find(|(_, proposal)| proposal.veto_ends_ms < now)?;
         Some(*number)
     }
 
-    /// The outcome of a proposal whose time is over at `now`.
+    /// The outcome of a proposal due at `now`.
     pub fn outcome(&self, number: u64, now: u64) -> Result<Outcome, RuleViolation> {
         let open = self.open_proposal(number)?;
         if now <= open.veto_ends_ms {
@@ -248,7 +248,7 @@ impl State {
         }
     }
 
-    /// Why an action is not possible in this state; `None` if it is. With a sentence for people, which knows more than the code.
+    /// Why an action is not possible in this state, with details for people; `None` if it is.
     fn impossible(&self, action: &Action) -> Option<(Impossible, String)> {
         let told = |code: Impossible| (code, code.to_string());
         let standing = |node: &NodeId, may: &[Standing]| match self.nodes.get(node) {
@@ -282,7 +282,7 @@ impl State {
                 .or_else(|| refused(self.check_enrolment(enrolled), &enrolled.node)),
             Action::Suspend(node) => standing(node, &[Standing::Active]),
             Action::Reinstate(node) => standing(node, &[Standing::Suspended]),
-            // Nobody escapes a revocation by leaving.
+            // No node escapes a revocation by leaving.
             Action::Revoke(node) => standing(
                 node,
                 &[Standing::Active, Standing::Suspended, Standing::Left],
@@ -305,7 +305,7 @@ impl State {
         }
     }
 
-    /// Why the state does not know weights that a round ended with; `None` if it does.
+    /// Why a round's weights are unknown; else `None`.
     fn no_result(&self, round: u64) -> Option<Impossible> {
         if self.results.of(round).is_some() {
             return None;
@@ -346,8 +346,8 @@ impl State {
         }
     }
 
-    /// Lowers a voter's weight in all open proposals, also for votes that are cast already, to what the voter has now. Weight that was
-    /// taken back decides nothing. Weight that the voter gained after a proposal does not count in it either.
+    /// Lowers a voter's weight in all open proposals, also of cast votes, to its present weight. Lost weight decides nothing, and
+    /// weight gained after a proposal does not count.
     pub(super) fn weigh_anew(&mut self, voter: &NodeId) {
         let weight = self.electorate().remove(voter).unwrap_or(0);
         for open in self.proposals.values_mut() {

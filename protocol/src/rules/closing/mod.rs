@@ -1,4 +1,4 @@
-//! The end of a round: how much each contribution counts, what it earns, whether the result is taken, and what FedAdam keeps of it.
+//! The end of a round: shares, credits, whether the result is taken, and what FedAdam keeps of it.
 
 pub mod credits;
 pub mod public_samples;

@@ -1,10 +1,10 @@
-//! The moments of FedAdam: what the server keeps from round to round besides the weights.
+//! The moments of FedAdam: the server's state between rounds besides the weights.
 //!
-//! They follow from all rounds since they began, and not from weights that are on the ledger. So they are a file among the blobs, whose
-//! digest is on the ledger. Whoever has the round's updates and the moments before it computes the file again.
+//! They depend on all rounds since they began, not on the ledger's weights. So they are a blob, with its digest on the ledger.
+//! Anyone with the round's updates and the earlier moments can recompute it.
 //!
-//! The moments begin afresh with the first round by FedAdam, after a round by another strategy, and after a vote that restored weights. A
-//! round that keeps its base keeps its moments, too: what nobody has taken must not move later rounds.
+//! They start at zero with the first round by FedAdam, after a round by another strategy, and after a vote that restored weights.
+//! A round that keeps its base keeps its moments: a rejected result must not move later rounds.
 
 use borsh::{BorshDeserialize, BorshSerialize};
 use zk0_circuits::Digest;
@@ -14,12 +14,12 @@ use zk0_circuits::Digest;
 pub struct ServerMoments {
     /// SHA-256 of their file.
     pub blob: Digest,
-    /// From how many rounds they follow; at least 1.
+    /// The rounds behind them; at least 1.
     pub steps: u64,
 }
 
 impl ServerMoments {
-    /// How many rounds moments follow from, which need not be there.
+    /// The rounds behind moments; 0 without any.
     pub fn steps(moments: Option<&Self>) -> u64 {
         moments.map_or(0, |moments| moments.steps)
     }

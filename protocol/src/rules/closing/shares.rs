@@ -1,22 +1,21 @@
 //! How much each contribution counts in a round's average.
 //!
-//! A node declares how many samples it has committed to, and nobody can tell whether they are different scenes or one scene in ten
-//! thousand variants. So a declared number counts little or nothing: by default all contributions count alike, and otherwise a
-//! contribution counts at most as a few times the contributor in the middle. A share depends on all contributors, so it is determined
-//! when the round closes.
+//! A node's number of committed samples may be different scenes or one scene in ten thousand variants. So it counts little or
+//! nothing: by default all contributions count alike, and otherwise at most as a few times the median contributor. Shares depend
+//! on all contributors, so they are set when the round closes.
 
 use crate::rules::basis_points::BPS;
 use borsh::{BorshDeserialize, BorshSerialize};
 use serde::{Deserialize, Serialize};
 
-/// The share of the contributor in the middle, in basis points of itself.
+/// The median contributor's share, in basis points of itself.
 pub const WHOLE_SHARE: u32 = BPS;
 
-/// Largest limit of a share: a hundred times that of the contributor in the middle.
+/// A hundred times the median contributor's share.
 const MAX_SHARE: u32 = 100 * WHOLE_SHARE;
 
-/// How much each contribution counts in the average, and in what it earns. [`crate::rules::network_rules::Strategy`] says
-/// which strategies average by shares. The others count all contributions alike.
+/// How much each contribution counts in the average and in its credits. Only some strategies average by shares
+/// ([`crate::rules::network_rules::Strategy`]).
 #[derive(
     Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize, Serialize, Deserialize,
 )]
@@ -24,7 +23,7 @@ const MAX_SHARE: u32 = 100 * WHOLE_SHARE;
 pub enum Shares {
     /// All contributions count alike.
     Equal,
-    /// A contribution counts by its committed samples, up to a limit near the median of the round's contributors.
+    /// By committed samples, up to a limit near their median.
     Samples {
         /// The limit, in basis points of the median; 10,000 to 1,000,000.
         max_of_median_bps: u32,
@@ -32,12 +31,12 @@ pub enum Shares {
 }
 
 impl Shares {
-    /// The shares of a round's contributions, in basis points of the contributor in the middle. `samples` are the numbers of samples that
-    /// they committed to, and the shares come in the same order.
+    /// The shares of a round's contributions, in basis points of the median contributor. `samples` are their committed numbers of
+    /// samples, in the same order.
     ///
-    /// With [`Shares::Samples`], the share of `n` samples is `n · 10,000 / m`, rounded down, at least 1, and at most the limit. `m` is the
-    /// median of `samples`. Of an even number of contributors it is the smaller one of the two in the middle, so that half of the
-    /// contributors cannot raise it.
+    /// With [`Shares::Samples`], the share of `n` samples is `n · 10,000 / m`, rounded down, at least 1, and at most the limit.
+    /// `m` is the median of `samples`; for an even number, the smaller of the middle two, so that half of the contributors cannot
+    /// raise it.
     pub fn of(&self, samples: &[u64]) -> Vec<u32> {
         let limit = match self {
             Self::Equal => return vec![WHOLE_SHARE; samples.len()],
@@ -56,7 +55,7 @@ impl Shares {
         samples.iter().map(share).collect()
     }
 
-    /// Checks the limit. The error says what is wrong with it.
+    /// Checks the limit.
     pub fn check(&self) -> Result<(), String> {
         match self {
             Self::Samples { max_of_median_bps }

@@ -1,5 +1,5 @@
-//! SP1 on the CPU: the SDK's blocking prover. It is compiled once, within `sp1-sdk`. The asynchronous prover would be compiled again,
-//! for minutes, in every crate that awaits it.
+//! SP1 on the CPU: the SDK's blocking prover, compiled once within `sp1-sdk`. Each crate that awaits the asynchronous one compiles it
+//! again, for minutes.
 
 use super::interface::ProverEngine;
 use crate::machine::ProverOptions;

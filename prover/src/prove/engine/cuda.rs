@@ -1,4 +1,4 @@
-//! SP1 on an NVIDIA GPU, within this process. Not yet run on a GPU.
+//! SP1 on an NVIDIA GPU, in this process. Not yet run on a GPU.
 
 use super::interface::ProverEngine;
 use sp1_core_executor::SP1Context;
@@ -13,8 +13,8 @@ use tokio::sync::oneshot;
 
 pub(crate) struct Cuda {
     node: SP1LocalNode,
-    /// SP1's tasks run here, apart from those of the caller, because some work long between two awaits. The runtime is never shut
-    /// down: what SP1 keeps on the GPU refers to a task scope without holding it, so the scope has to stay as long as anything uses it.
+    /// Runs SP1's tasks, some of which work long between awaits, apart from the caller's. Never shut down: SP1's GPU data refer to a task
+    /// scope without holding it, so the scope must outlive them.
     runtime: ManuallyDrop<Runtime>,
 }
 
@@ -35,7 +35,7 @@ impl Cuda {
         match runtime.block_on(handed_out) {
             Ok(Ok(node)) => Ok(Self { node, runtime }),
             Ok(Err(error)) => Err(format!("{error:#}")),
-            // The scope ended before it had a node. SP1 panics where it cannot go on.
+            // The scope ended before it had a node: SP1 panics when it cannot continue.
             Err(_) => Err(match runtime.block_on(scope) {
                 Err(panic) => panic.to_string(),
                 Ok(()) => "it ended without a reason".into(),

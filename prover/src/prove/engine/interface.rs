@@ -1,10 +1,10 @@
-//! What every engine can do. Its functions block: [`crate::prove`] calls them on threads that may block.
+//! What every engine does. Its functions block, so call them on threads that may.
 
 use sp1_sdk::{SP1ProofWithPublicValues, SP1ProvingKey, SP1Stdin};
 
-/// SP1, started on a device. Errors are what SP1 said.
+/// SP1 on a device. Errors are SP1's messages.
 pub(crate) trait ProverEngine: Send + Sync {
-    /// Derives the keys of a program. Takes seconds.
+    /// Derives a program's keys, in seconds.
     fn setup(&self, elf: &'static [u8]) -> Result<SP1ProvingKey, String>;
 
     /// Makes a compressed proof.

@@ -1,4 +1,4 @@
-//! SP1 behind one interface, on the CPU or on a GPU.
+//! One interface to SP1 on the CPU or a GPU.
 
 mod cpu;
 #[cfg(feature = "cuda")]
@@ -9,7 +9,7 @@ use crate::machine::Device;
 
 pub(crate) use interface::ProverEngine;
 
-/// Starts SP1 on `device`. Takes minutes on few cores.
+/// Starts SP1 on `device`, in minutes on few cores.
 pub(crate) fn start(device: Device) -> Result<Box<dyn ProverEngine>, String> {
     match device {
         Device::Cpu(options) => Ok(Box::new(cpu::Cpu::start(options))),

@@ -1,8 +1,8 @@
-//! Rotation, translation, scale and shear, as torchvision's `v2.functional.affine` computes them.
+//! Rotation, translation, scale and shear, as in torchvision's `v2.functional.affine`.
 
 use crate::frames::image_transforms::picture::Picture;
 
-/// Turns a picture around its centre, moves, scales and shears it.
+/// Rotates a picture around its centre, then moves, scales and shears it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AffineTransform {
     /// Clockwise, in degrees.
@@ -16,7 +16,7 @@ pub struct AffineTransform {
 }
 
 impl AffineTransform {
-    /// Where a pixel of the result comes from: the rows of a matrix for (x, y, 1), counted from the centre.
+    /// Where a pixel comes from: a matrix's rows for (x, y, 1), from the centre.
     fn inverse(&self) -> [[f64; 3]; 2] {
         let (angle, [shear_x, shear_y]) = (
             self.angle.to_radians(),
@@ -28,7 +28,7 @@ impl AffineTransform {
         let c = turn.sin() / shear_y.cos();
         let d = angle.cos() - c * shear_x.tan();
         let [x, y] = self.translate;
-        // The determinant of the rotation and the shear is 1.
+        // Rotation and shear have determinant 1.
         [[d, -b], [-c, a]].map(|[along_x, along_y]| {
             let (along_x, along_y) = (along_x / self.scale, along_y / self.scale);
             [along_x, along_y, -along_x * x - along_y * y]
@@ -38,7 +38,7 @@ impl AffineTransform {
     pub(super) fn apply(&self, picture: &mut Picture) {
         let (height, width) = (picture.height, picture.width);
         let matrix = self.inverse().map(|row| row.map(|value| value as f32));
-        // In float32 and in PyTorch's order, because a rounding decides which pixel is the nearest.
+        // In float32 and in PyTorch's order: rounding decides the nearest pixel.
         let halves = [0.5 * width as f32, 0.5 * height as f32];
         let scaled = |axis: usize| matrix[axis].map(|value| value / halves[axis]);
         let rows = [scaled(0), scaled(1)];

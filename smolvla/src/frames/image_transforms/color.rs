@@ -1,4 +1,4 @@
-//! Brightness, contrast, saturation, hue and sharpness, as torchvision's `v2.functional` computes them on floating-point pictures.
+//! Brightness, contrast, saturation, hue and sharpness, as in torchvision's `v2.functional` on floating-point pictures.
 
 use crate::frames::image_transforms::picture::Picture;
 
@@ -33,7 +33,7 @@ pub(super) fn hue(picture: &mut Picture, turn: f32) {
     });
 }
 
-/// The border keeps its pixels, and so does a picture that is nothing but border.
+/// Border pixels stay; some pictures are all border.
 pub(super) fn sharpness(picture: &mut Picture, factor: f32) {
     let (height, width) = (picture.height, picture.width);
     if height <= 2 || width <= 2 {
@@ -75,7 +75,7 @@ fn grey([r, g, b]: [f32; 3]) -> f32 {
     r * 0.2989 + g * 0.587 + b * 0.114
 }
 
-/// Hue, saturation and value, each between 0 and 1.
+/// Hue, saturation and value, from 0 to 1.
 fn hsv([r, g, b]: [f32; 3]) -> (f32, f32, f32) {
     let (most, least) = (r.max(g).max(b), r.min(g).min(b));
     if most == least {

@@ -1,4 +1,4 @@
-//! Which transforms there are, by the names and with the defaults of LeRobot's `dataset.image_transforms`.
+//! The transforms' configuration, with the names and defaults of LeRobot's `dataset.image_transforms`.
 
 use std::fmt;
 
@@ -16,9 +16,9 @@ use crate::frames::image_transforms::drawing::{Jitter, Sampler, UniformRange};
 pub struct ImageTransformsConfig {
     /// Whether training frames are transformed.
     pub enable: bool,
-    /// How many transforms a picture gets at most.
+    /// The most transforms a picture gets.
     pub max_num_transforms: usize,
-    /// Whether they are applied in a random order, and not in that of [`Self::tfs`].
+    /// Whether they apply in random order, not that of [`Self::tfs`].
     pub random_order: bool,
     /// The transforms to choose from.
     pub tfs: Tfs,
@@ -32,12 +32,12 @@ pub struct Tfs(pub Vec<(String, ImageTransformConfig)>);
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ImageTransformConfig {
-    /// How often it is chosen, compared with the others; with 0, never.
+    /// Its frequency relative to the others; 0 for never.
     pub weight: f64,
     /// `Identity`, `ColorJitter`, `SharpnessJitter` or `RandomAffine`.
     #[serde(rename = "type")]
     pub kind: String,
-    /// Bounds of its parameters.
+    /// Its parameters' bounds.
     pub kwargs: Map<String, Value>,
 }
 
@@ -87,10 +87,10 @@ impl Default for ImageTransformsConfig {
 }
 
 impl ImageTransformsConfig {
-    /// What draws transforms; `None` where nothing is transformed.
+    /// What draws transforms; `None` if nothing is transformed.
     ///
     /// # Errors
-    /// [`PolicyError::Options`] names the transform and the value that cannot be used.
+    /// [`PolicyError::Options`] names the transform and the value.
     pub fn sampler(&self) -> Result<Option<Sampler>> {
         if self.max_num_transforms == 0 {
             return Err(PolicyError::Options(
@@ -105,7 +105,7 @@ impl ImageTransformsConfig {
                 return Err(wrong(format!("`weight` is {}", tf.weight)));
             }
             let jitter = jitter(tf).map_err(wrong)?;
-            // As in LeRobot, one that is never chosen does not count.
+            // As in LeRobot, transforms of weight 0 do not count.
             if tf.weight > 0.0 {
                 choices.push((tf.weight, jitter));
             }
@@ -119,7 +119,6 @@ impl ImageTransformsConfig {
     }
 }
 
-/// What a configured transform draws.
 fn jitter(tf: &ImageTransformConfig) -> std::result::Result<Jitter, String> {
     let mut kwargs = Kwargs(tf.kwargs.clone());
     let jitter = match &*tf.kind {
@@ -170,16 +169,15 @@ fn jitter(tf: &ImageTransformConfig) -> std::result::Result<Jitter, String> {
     }
 }
 
-/// Parameters that were not read yet.
 struct Kwargs(Map<String, Value>);
 
 impl Kwargs {
-    /// A factor of which 1 changes nothing.
+    /// A factor; 1 changes nothing.
     fn factor(&mut self, name: &str) -> std::result::Result<Option<UniformRange>, String> {
         self.around(name, 1.0, [0.0, f64::INFINITY])
     }
 
-    /// Two bounds, or one number for the distance of both from `centre`.
+    /// Two bounds, or the distance of both from `centre`.
     fn around(
         &mut self,
         name: &str,
@@ -191,7 +189,7 @@ impl Kwargs {
             Some(Value::Number(number)) => {
                 let distance = number.as_f64().unwrap_or(f64::NAN);
                 let low = centre - distance;
-                // As torchvision: a factor is not below 0.
+                // As in torchvision, factors are not negative.
                 let low = if least == 0.0 { low.max(0.0) } else { low };
                 [low, centre + distance]
             }
@@ -208,7 +206,7 @@ impl Kwargs {
         Ok(Some(UniformRange { low, high }))
     }
 
-    /// Two shares, of the width and of the height.
+    /// Shares of width and height.
     fn shares(&mut self, name: &str) -> std::result::Result<Option<[f64; 2]>, String> {
         let given = match self.0.remove(name) {
             None | Some(Value::Null) => return Ok(None),
@@ -232,7 +230,7 @@ fn pair(value: &Value) -> Option<[f64; 2]> {
     }
 }
 
-// The order of the transforms counts, and a map does not keep it.
+// Order matters, and a map does not keep it.
 impl Serialize for Tfs {
     fn serialize<S: Serializer>(&self, to: S) -> std::result::Result<S::Ok, S::Error> {
         let mut map = to.serialize_map(Some(self.0.len()))?;

@@ -1,6 +1,6 @@
-//! Which transforms a picture gets, and with which parameters: functions of a seed.
+//! Which transforms a picture gets, with which parameters, from a seed.
 //!
-//! The distributions are those of LeRobot's `RandomSubsetApply` and of torchvision's classes. The numbers of a seed are not PyTorch's.
+//! The distributions are those of LeRobot's `RandomSubsetApply` and torchvision's classes; the random numbers are not PyTorch's.
 
 use rand_chacha::ChaCha20Rng;
 
@@ -8,12 +8,12 @@ use crate::frames::image_transforms::affine::AffineTransform;
 use crate::frames::image_transforms::transform::Transform;
 use crate::policy::random::{index, uniform};
 
-/// Bounds of a parameter, which is uniform between them.
+/// Bounds of a uniform parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UniformRange {
-    /// The least value.
+    /// The lower bound.
     pub low: f64,
-    /// The greatest value.
+    /// The upper bound.
     pub high: f64,
 }
 
@@ -23,18 +23,18 @@ impl UniformRange {
     }
 }
 
-/// A transform whose parameters are drawn.
+/// A transform with random parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Jitter {
     /// Changes nothing.
     Identity,
     /// torchvision's `ColorJitter`.
     Color {
-        /// Bounds of the factor.
+        /// The factor's bounds.
         brightness: Option<UniformRange>,
-        /// Bounds of the factor.
+        /// The factor's bounds.
         contrast: Option<UniformRange>,
-        /// Bounds of the factor.
+        /// The factor's bounds.
         saturation: Option<UniformRange>,
         /// Bounds of the share of a turn.
         hue: Option<UniformRange>,
@@ -43,13 +43,13 @@ pub enum Jitter {
     Sharpness(UniformRange),
     /// torchvision's `RandomAffine`.
     Affine {
-        /// Bounds of the angle.
+        /// The angle's bounds.
         degrees: UniformRange,
-        /// The greatest shift to either side, as shares of the width and of the height.
+        /// The largest shift either way, as shares of width and height.
         translate: Option<[f64; 2]>,
-        /// Bounds of the scale.
+        /// The scale's bounds.
         scale: Option<UniformRange>,
-        /// Bounds of the shear along x and along y, in degrees.
+        /// Bounds of the shear along x and y, in degrees.
         shear: [Option<UniformRange>; 2],
     },
 }
@@ -57,16 +57,16 @@ pub enum Jitter {
 /// Draws transforms.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sampler {
-    /// Each with its weight, which is above 0.
+    /// The transforms, each with its weight above 0.
     pub choices: Vec<(f64, Jitter)>,
-    /// How many are chosen, at most all of them.
+    /// How many are chosen; all at most.
     pub count: usize,
-    /// Whether they come in the order in which they are drawn, and not in that of [`Self::choices`].
+    /// Whether they apply in drawn order, not that of [`Self::choices`].
     pub random_order: bool,
 }
 
 impl Sampler {
-    /// The transforms of a picture of this size.
+    /// Draws the transforms of a picture of this size.
     pub fn draw(&self, (height, width): (usize, usize), rng: &mut ChaCha20Rng) -> Vec<Transform> {
         let mut left: Vec<usize> = (0..self.choices.len()).collect();
         let mut chosen = Vec::with_capacity(self.count);
@@ -112,7 +112,7 @@ impl Jitter {
                 .into_iter()
                 .filter_map(|(range, of)| Some(((*range)?, of)))
                 .collect();
-                // torchvision applies those that there are in a random order.
+                // As in torchvision, in random order.
                 while !parts.is_empty() {
                     let (range, of) = parts.remove(index(rng, parts.len()));
                     to.push(of(range.draw(rng) as f32));

@@ -1,11 +1,11 @@
-//! Random changes of the pictures that training sees, as LeRobot makes them (`lerobot/datasets/transforms.py`).
+//! Random changes of training pictures, as in LeRobot (`lerobot/datasets/transforms.py`).
 //!
-//! - [`config`]: which transforms there are, by LeRobot's names and with its defaults.
-//! - [`transform`] is one transform with its parameters. [`color`] and [`affine`] compute it as torchvision does.
-//! - [`drawing`] draws transforms and their parameters, from a seed.
-//! - [`variants`]: K transformed variants of each training frame. Each has a name in the prefix cache, so that it is computed once.
+//! - [`config`]: the configuration, with LeRobot's names and defaults.
+//! - [`transform`]: one transform with its parameters. [`color`] and [`affine`] compute it as torchvision does.
+//! - [`drawing`]: draws transforms and parameters from a seed.
+//! - [`variants`]: K transformed variants of each training frame, each cached under its own name.
 //!
-//! Only the frames of a [`Variants`] are ever transformed. What is evaluated or committed to is named without it.
+//! Only frames from a [`Variants`] are transformed, never evaluated or committed ones.
 
 mod affine;
 mod color;

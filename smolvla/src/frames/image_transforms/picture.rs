@@ -12,7 +12,7 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// Of 8-bit RGB (3, height, width).
+    /// From 8-bit RGB (3, height, width).
     pub fn of_bytes(height: usize, width: usize, pixels: &[u8]) -> Self {
         Self {
             height,
@@ -21,17 +21,14 @@ impl Picture {
         }
     }
 
-    /// The pixels of a plane.
     pub(super) fn area(&self) -> usize {
         self.height * self.width
     }
 
-    /// Red, green and blue of a pixel.
     pub(super) fn rgb(&self, at: usize) -> [f32; 3] {
         [0, 1, 2].map(|plane| self.values[plane * self.area() + at])
     }
 
-    /// Changes each pixel.
     pub(super) fn map(&mut self, change: impl Fn([f32; 3]) -> [f32; 3]) {
         let area = self.area();
         for at in 0..area {

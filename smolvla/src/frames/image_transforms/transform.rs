@@ -4,7 +4,7 @@ use crate::frames::image_transforms::affine::AffineTransform;
 use crate::frames::image_transforms::color;
 use crate::frames::image_transforms::picture::Picture;
 
-/// A transform with its parameters, as torchvision's functions of these names take them.
+/// A transform with the parameters of torchvision's function of that name.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Transform {
     /// `adjust_brightness`: 1 changes nothing, 0 gives black.
@@ -13,11 +13,11 @@ pub enum Transform {
     Contrast(f32),
     /// `adjust_saturation`: 1 changes nothing, 0 gives shades of grey.
     Saturation(f32),
-    /// `adjust_hue`: the share of a turn of the colour circle, between -0.5 and 0.5.
+    /// `adjust_hue`: the share of a turn of the colour circle, from -0.5 to 0.5.
     Hue(f32),
     /// `adjust_sharpness`: 1 changes nothing, 0 gives a blurred picture.
     Sharpness(f32),
-    /// `affine`, with the nearest pixel and black beside the picture.
+    /// `affine`, with the nearest pixel, and black outside the picture.
     Affine(AffineTransform),
 }
 

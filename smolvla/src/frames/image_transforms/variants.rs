@@ -13,13 +13,13 @@ use crate::frames::image_transforms::drawing::Sampler;
 use crate::frames::image_transforms::picture::Picture;
 use crate::frames::prefix_cache::key::{CacheKey, FrameRef};
 
-/// How many variants a frame may have.
+/// The allowed numbers of variants.
 pub const COUNTS: RangeInclusive<usize> = 1..=1000;
 
 /// Makes the same number of transformed variants of each frame.
 ///
-/// A variant's name in the prefix cache is a digest of the frame's name, of the transforms, the seed and the variant's number. The name is
-/// the seed of what is drawn, so that a name always stands for the same sample.
+/// A variant's name in the prefix cache is a digest of the frame's name, the transforms, the seed and the variant's number. It also seeds
+/// the drawing, so a name always stands for one sample.
 #[derive(Clone, Debug)]
 pub struct Variants {
     sampler: Sampler,
@@ -28,10 +28,10 @@ pub struct Variants {
 }
 
 impl Variants {
-    /// `count` variants of each frame; `None` where `config` transforms nothing.
+    /// `count` variants of each frame; `None` if `config` transforms nothing.
     ///
     /// # Errors
-    /// [`PolicyError::Options`]: the count is outside 1 to 1000, or `config` holds what cannot be used.
+    /// [`PolicyError::Options`]: the count is outside 1 to 1000, or `config` is not usable.
     pub fn new(config: &ImageTransformsConfig, count: usize, seed: u64) -> Result<Option<Self>> {
         if !COUNTS.contains(&count) {
             return Err(PolicyError::Options(format!(
@@ -46,7 +46,7 @@ impl Variants {
         let mut hash = Sha256::new();
         hash.update(b"zk0:image-transforms:v1\0");
         hash.update(seed.to_le_bytes());
-        // The derived `Debug` names every field, so two samplers that print the same are the same.
+        // The derived `Debug` names every field, so equal texts are equal samplers.
         hash.update(format!("{sampler:?}"));
         Ok(Some(Self {
             sampler,
@@ -73,7 +73,7 @@ impl Variants {
         frames.iter().flat_map(of_frame).collect()
     }
 
-    /// The pictures of a variant, each camera transformed by itself, as LeRobot does.
+    /// A variant's pictures, transformed one by one as in LeRobot.
     pub(crate) fn pictures(&self, variant: &CacheKey, images: &[Image]) -> Vec<Picture> {
         let mut rng = ChaCha20Rng::from_seed(variant.0);
         images

@@ -7,22 +7,22 @@ use sha2::{Digest, Sha256};
 use crate::frames::prefix_cache::key::CacheKey;
 use crate::frames::sample::{ObservedSample, PreparedSample};
 
-/// Begins every entry; names the format's version.
+/// Begins every entry and names the format's version.
 const MAGIC: &[u8; 8] = b"ZK0PFX01";
 const HEADER: usize = 8 + 32 + 8 + 32;
 
-/// A kind of sample that can be cached.
+/// A sample that can be cached.
 pub trait CacheEntry: Sized {
     /// Its name in keys and entries.
     const KIND: &'static str;
 
-    /// Writes all of it.
+    /// Writes the whole sample.
     fn write(&self, out: &mut EntryWriter);
 
     /// Reads what [`Self::write`] wrote.
     ///
     /// # Errors
-    /// What is missing.
+    /// The missing part.
     fn read(from: &mut EntryReader) -> Result<Self, String>;
 }
 
@@ -71,7 +71,7 @@ impl CacheEntry for ObservedSample {
     }
 }
 
-/// The bytes of an entry.
+/// An entry's bytes.
 pub fn encode<E: CacheEntry>(key: &CacheKey, sample: &E) -> Vec<u8> {
     let mut out = EntryWriter(vec![0; HEADER]);
     out.text(E::KIND);
@@ -85,10 +85,10 @@ pub fn encode<E: CacheEntry>(key: &CacheKey, sample: &E) -> Vec<u8> {
     bytes
 }
 
-/// The sample of an entry's bytes. `checked` says that this entry's checksum was found right before.
+/// An entry's sample. `checked`: the checksum is known to be right.
 ///
 /// # Errors
-/// What is wrong with the entry.
+/// The entry is damaged, or not of `key`.
 pub fn decode<E: CacheEntry>(key: &CacheKey, bytes: &[u8], checked: bool) -> Result<E, String> {
     let Some((header, payload)) = bytes.split_at_checked(HEADER) else {
         return Err(format!("it has {} bytes, not even a header", bytes.len()));
@@ -120,7 +120,7 @@ pub fn decode<E: CacheEntry>(key: &CacheKey, bytes: &[u8], checked: bool) -> Res
     }
 }
 
-/// Puts a sample's parts one after another.
+/// Writes a sample's parts one after another.
 pub struct EntryWriter(Vec<u8>);
 
 impl EntryWriter {
@@ -150,7 +150,7 @@ impl EntryWriter {
     }
 }
 
-/// Takes them apart again; believes no length beyond what is there.
+/// Reads the parts again, without trust in any length.
 pub struct EntryReader<'a>(&'a [u8]);
 
 impl<'a> EntryReader<'a> {
@@ -166,7 +166,7 @@ impl<'a> EntryReader<'a> {
     /// A count.
     ///
     /// # Errors
-    /// It is not there.
+    /// It is missing.
     pub fn number(&mut self) -> Result<usize, String> {
         let bytes = self.take(8)?;
         let n = bytes
@@ -179,7 +179,7 @@ impl<'a> EntryReader<'a> {
     /// A row of numbers.
     ///
     /// # Errors
-    /// Fewer are there than it says.
+    /// The row is too short.
     pub fn numbers(&mut self) -> Result<Vec<f32>, String> {
         let count = self.number()?;
         let bytes = self.take(
@@ -196,7 +196,7 @@ impl<'a> EntryReader<'a> {
     /// A row of flags.
     ///
     /// # Errors
-    /// Fewer are there than it says.
+    /// The row is too short.
     pub fn flags(&mut self) -> Result<Vec<bool>, String> {
         let count = self.number()?;
         Ok(self.take(count)?.iter().map(|byte| *byte != 0).collect())
@@ -245,7 +245,6 @@ mod tests {
     }
 
     proptest! {
-        /// A damaged entry is refused, and nothing panics.
         #[test]
         fn a_damaged_entry_is_noticed(at in 0usize..1000, bit in 0u8..8, cut: bool) {
             let mut bytes = encode(&KEY, &sample());
@@ -256,7 +255,7 @@ mod tests {
                 bytes[at] ^= 1 << bit;
             }
             prop_assert!(decode::<PreparedSample>(&KEY, &bytes, false).is_err());
-            // If the checksum is not checked, it may be another sample. Nothing worse can happen.
+            // With an unchecked checksum, another sample is the worst case.
             let _ = decode::<PreparedSample>(&KEY, &bytes, true);
         }
     }

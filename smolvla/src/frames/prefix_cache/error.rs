@@ -1,4 +1,4 @@
-//! Why the cache cannot be used.
+//! Errors of the cache.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -8,18 +8,18 @@ use crate::frames::recording::PrepareError;
 /// Why the cache cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum CacheError {
-    /// The disk, or its owner's share of it, is full.
+    /// The disk or the user's quota is full.
     #[error("{}: there is no space left for the prefix cache; free some space, give the cache a smaller budget or another folder, or work without a cache", path.display())]
     Full {
-        /// What was being written.
+        /// The path being written.
         path: PathBuf,
     },
     /// The operating system refused.
     #[error("prefix cache: {}: {source}", path.display())]
     Io {
-        /// Where.
+        /// The path.
         path: PathBuf,
-        /// Why.
+        /// The cause.
         source: io::Error,
     },
     /// A sample cannot be made.

@@ -1,4 +1,4 @@
-//! Remembered digests of files. To hash a recording's videos again at each start would take longer than the rest of the start.
+//! Remembers digests of files: to hash all videos takes longer than the rest of a start.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs::{self, File};
@@ -12,12 +12,11 @@ use zk0_files::atomic_file::{self, Durability};
 
 use crate::frames::prefix_cache::error::{at, CacheError};
 
-/// SHA-256 of files, by path, size and time of change. A file that is changed without changing either of the latter is taken
-/// for what it was.
+/// SHA-256 of files, by path, size and time of change. Changes that keep both go unnoticed.
 #[derive(Default)]
 pub struct FileDigests {
     known: BTreeMap<PathBuf, KnownFile>,
-    /// Looked at by this process: not even asked for its size again.
+    /// Seen by this process: its size is not read again.
     seen: HashMap<PathBuf, [u8; 32]>,
     changed: bool,
 }
@@ -31,7 +30,7 @@ struct KnownFile {
 }
 
 impl FileDigests {
-    /// Knows what [`Self::save`] wrote to `path`; nothing if that is not there or not readable, which only costs time.
+    /// Loads what [`Self::save`] wrote to `path`; nothing if it is not readable, which only costs time.
     pub fn load(path: &Path) -> Self {
         let known = fs::read(path)
             .ok()
@@ -45,7 +44,7 @@ impl FileDigests {
     /// Digest of the file `path`.
     ///
     /// # Errors
-    /// It cannot be read.
+    /// The file cannot be read.
     pub fn of(&mut self, path: &Path) -> Result<[u8; 32], CacheError> {
         if let Some(digest) = self.seen.get(path) {
             return Ok(*digest);
@@ -79,10 +78,10 @@ impl FileDigests {
         Ok(digest)
     }
 
-    /// Writes what is known to `path`, whole or not at all, if that has changed.
+    /// Writes changed digests to `path`, whole or not at all.
     ///
     /// # Errors
-    /// It cannot be written.
+    /// The file cannot be written.
     pub fn save(&mut self, path: &Path) -> Result<(), CacheError> {
         if !self.changed {
             return Ok(());
@@ -125,7 +124,6 @@ mod tests {
         assert_eq!(digests.of(&file).unwrap(), one);
         digests.save(&memo).unwrap();
 
-        // The memo is used as long as size and time are the same.
         let text = fs::read_to_string(&memo).unwrap();
         let pretended = text.replace(&hex::encode(one), &hex::encode([9; 32]));
         assert_ne!(text, pretended);

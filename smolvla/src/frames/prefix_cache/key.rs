@@ -17,18 +17,17 @@ impl fmt::Display for CacheKey {
 /// A frame of one of several recordings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FrameRef {
-    /// Which recording.
+    /// The recording's number.
     pub dataset: usize,
-    /// Which of its frames.
+    /// The frame's number.
     pub index: usize,
     /// The frame's name in the cache.
     pub key: CacheKey,
-    /// Whether it is a variant, with transformed pictures. Only [`Variants::frames`](crate::frames::image_transforms::Variants::frames)
-    /// names such frames.
+    /// Whether it is a transformed variant, from [`Variants::frames`](crate::frames::image_transforms::Variants::frames).
     pub transformed: bool,
 }
 
-/// A digest of many keys, in order: names the samples of a run.
+/// A digest of keys in order, to name a run's samples.
 pub fn digest_of(keys: impl IntoIterator<Item = CacheKey>) -> [u8; 32] {
     let mut hash = Sha256::new();
     hash.update(b"zk0:samples:v1\0");

@@ -1,4 +1,4 @@
-//! The names of the entries that one policy makes: each is a digest of everything that the sample is a function of.
+//! The names of a policy's entries: digests of everything that the sample depends on.
 
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
@@ -16,15 +16,15 @@ use crate::frames::sample::ObservedSample;
 use crate::policy::frozen::FrozenPlace;
 use crate::policy::weights::Policy;
 
-/// Version of all code between a recording and a sample. Raise it whenever that gives other numbers than before.
+/// Version of all code from recording to sample. Raise it when its numbers change.
 const PREPROCESSING: u64 = 1;
 
-/// What all samples of one kind made by one policy have in common.
+/// What all samples of a kind from a policy share.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct KeySpace([u8; 32]);
 
 impl KeySpace {
-    /// For samples of kind `E` made by the frozen half of `policy`, computed at `place`. Reads all its weights.
+    /// For samples of kind `E` from the frozen half of `policy`, computed at `place`. Reads all its weights.
     pub fn new<E: CacheEntry>(policy: &Policy, place: &FrozenPlace) -> Self {
         // An observed sample ends before the state.
         let all = E::KIND != ObservedSample::KIND;
@@ -51,7 +51,7 @@ impl KeySpace {
         Self(hash.finish())
     }
 
-    /// Keys of some frames of a recording. Touches no video but for its digest, and decodes no picture.
+    /// Keys of some frames. Reads videos only for their digests, and decodes no picture.
     ///
     /// # Errors
     /// There is no such frame, a video cannot be read, or the tokenizer fails.
@@ -114,13 +114,12 @@ impl KeySpace {
     }
 }
 
-/// The derived `Debug` names every field, so two configurations that print the same are the same. The map of cameras' names came later: a
-/// policy without one keeps the entries that it has.
+/// The derived `Debug` names every field, so equal texts are equal configurations. A policy without the newer map of camera names keeps its
+/// entries.
 fn described(config: &PolicyConfig) -> String {
     format!("{config:?}").replace("rename_map: {}, ", "")
 }
 
-/// A hash of fields, each with its length.
 struct FieldHasher(Sha256);
 
 impl FieldHasher {

@@ -1,4 +1,4 @@
-//! Makes samples of frames, in two parts that may run on two threads: decoding, and the frozen half of the policy.
+//! Makes samples of frames in two parts: decoding, and the policy's frozen half.
 
 use std::sync::mpsc::{sync_channel, Receiver};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -14,13 +14,11 @@ use crate::frames::prefix_cache::key::FrameRef;
 use crate::frames::recording::PrepareError;
 use crate::frames::sample::{FromFrame, Preparer};
 
-/// Reads the frozen half of a policy.
 type Load<'a> = dyn Fn() -> Result<Preparer<'a>> + Send + Sync + 'a;
 
-/// Makes samples of frames. The frozen half of the policy is loaded when the first has to be made.
+/// Makes samples of frames. The policy's frozen half is loaded for the first.
 ///
-/// Threads may share it: one decodes while another runs the frozen half. Each part does one frame at a time, because there is one
-/// decoder per camera and one frozen half.
+/// Threads may share it. Each part does one frame at a time, with one decoder per camera and one frozen half.
 pub struct FrameMaker<'a> {
     datasets: &'a [Dataset],
     chunk: usize,
@@ -32,7 +30,7 @@ pub struct FrameMaker<'a> {
 }
 
 impl<'a> FrameMaker<'a> {
-    /// Of frames of `datasets`, with action chunks of `chunk`; `load` gives the policy's frozen half.
+    /// For frames of `datasets`, with action chunks of `chunk`; `load` gives the policy's frozen half.
     pub fn new(
         datasets: &'a [Dataset],
         chunk: usize,
@@ -49,23 +47,21 @@ impl<'a> FrameMaker<'a> {
         }
     }
 
-    /// Whether only the thread that asks for a sample runs the frozen half, and other threads decode alone. That is for a GPU, which
-    /// trains and does nothing else meanwhile.
+    /// Whether only the thread that asks for a sample runs the frozen half, and others only decode: for a GPU, which is busy with training.
     pub fn with_prefixes_by_asker(self, by_asker: bool) -> Self {
         Self { by_asker, ..self }
     }
 
-    /// What makes the frames that [`Variants::frames`] named. All other frames stay as they are recorded.
+    /// Transforms the frames from [`Variants::frames`]. All others stay as recorded.
     pub fn with_variants(self, variants: Option<Variants>) -> Self {
         Self { variants, ..self }
     }
 
-    /// As [`Self::with_prefixes_by_asker`] said.
     pub(super) fn prefixes_by_asker(&self) -> bool {
         self.by_asker
     }
 
-    /// The sample of a frame.
+    /// A frame's sample.
     ///
     /// # Errors
     /// The recording or the policy is at fault.
@@ -73,7 +69,7 @@ impl<'a> FrameMaker<'a> {
         self.sample_of(frame, self.decode(frame)?)
     }
 
-    /// The first part: reads a frame and its pictures, and transforms them if it is a variant.
+    /// The first part: reads a frame and its pictures, and transforms variants.
     ///
     /// # Errors
     /// The recording is at fault.
@@ -100,7 +96,7 @@ impl<'a> FrameMaker<'a> {
         })
     }
 
-    /// The second part: makes a sample of what [`Self::decode`] gave.
+    /// The second part: makes the sample.
     ///
     /// # Errors
     /// The frame does not fit the policy, or the policy cannot be loaded.
@@ -118,7 +114,7 @@ impl<'a> FrameMaker<'a> {
         Ok(preparer.prepare_decoded(dataset, decoded)?)
     }
 
-    /// Decodes `frames` in order on a thread of `scope`, two at most before they are taken. The thread ends when the receiver is gone.
+    /// Decodes `frames` in order on a thread of `scope`, at most two ahead, until the receiver is dropped.
     pub(super) fn decode_ahead<'scope, 'env>(
         &'env self,
         scope: &'scope Scope<'scope, 'env>,
@@ -135,7 +131,7 @@ impl<'a> FrameMaker<'a> {
         receiver
     }
 
-    /// Frees the frozen half and the decoders until they are needed again.
+    /// Frees the frozen half and the decoders until they are needed.
     pub fn rest(&self) {
         *locked(&self.preparer) = None;
         locked(&self.loaders)
@@ -149,7 +145,7 @@ impl<'a> FrameMaker<'a> {
     }
 }
 
-/// What a thread that panicked leaves is whole: it is either there or not.
+/// A panicked thread leaves the value present or absent.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -5,17 +5,16 @@
 //! CACHE/files.json                digests of video files, by path, size and time of change
 //! ```
 //!
-//! - [`key_space`]: the names of entries. A name is a digest of everything that decides the sample: the frozen weights, the
-//!   preprocessing, where and in which precision the frozen half is computed, and the frame.
-//!   A frame is named by its place in a video file and that file's digest, so that a second run decodes no video.
-//! - [`entry`]: a sample as bytes and back, bit for bit. A dataset commitment commits to exactly this sample.
-//! - [`store`]: the folder and its budget. It removes the entries that were not used for the longest time.
-//! - [`FrameMaker`]: makes samples of frames, in two parts that may run on two threads.
-//! - [`source`]: frames of recordings as samples. It takes them from the cache, and computes those that are not in it.
-//! - [`FrameNames`] and [`PreparedFrames`]: the one way to samples of chosen frames, with a cache or without.
+//! - [`key_space`]: names entries by digests of all that decides the sample: frozen weights, preprocessing, the frozen half's place and
+//!   precision, and the frame. A frame is a place in a video file and that file's digest, so a second run decodes no video.
+//! - [`entry`]: a sample as bytes, bit for bit. A dataset commitment commits to exactly this sample.
+//! - [`store`]: the folder and its budget. It removes the least recently used entries.
+//! - [`FrameMaker`]: makes samples in two parts, possibly on two threads.
+//! - [`source`]: samples of frames, from the cache or computed.
+//! - [`FrameNames`] and [`PreparedFrames`]: the one way to samples of chosen frames, with or without a cache.
 //!
-//! An entry is written under a temporary name and renamed, and it carries a checksum. A process that is killed leaves no entry that
-//! is only half written. An entry that the disk has damaged is noticed, reported and computed again.
+//! An entry is renamed when complete and carries a checksum: a killed process leaves no partial entry, and a damaged one is reported and
+//! computed again.
 
 pub mod entry;
 mod error;

@@ -1,4 +1,4 @@
-//! The one way to samples of chosen frames, with a cache or without.
+//! The one way to samples of chosen frames, with or without a cache.
 
 use std::borrow::Cow;
 use std::thread;
@@ -20,7 +20,7 @@ use crate::frames::prefix_cache::source::FrameSource;
 use crate::frames::prefix_cache::store::DiskCache;
 use crate::frames::sample::FromFrame;
 
-/// Names frames of several recordings, and remembers the digests of their videos in the cache, if there is one.
+/// Names frames of several recordings, and remembers their videos' digests in the cache, if any.
 pub struct FrameNames<'a> {
     space: KeySpace,
     config: &'a PolicyConfig,
@@ -30,7 +30,7 @@ pub struct FrameNames<'a> {
 }
 
 impl<'a> FrameNames<'a> {
-    /// For samples that the policy of `space` makes. It has the dimensions `config`.
+    /// For samples of the policy of `space`, with the dimensions `config`.
     pub fn new(
         space: KeySpace,
         config: &'a PolicyConfig,
@@ -46,10 +46,10 @@ impl<'a> FrameNames<'a> {
         }
     }
 
-    /// Names the frames `indices` of `dataset`, which is recording `number` of those that a [`FrameMaker`] has.
+    /// Names the frames `indices` of `dataset`, the [`FrameMaker`]'s recording `number`.
     ///
     /// # Errors
-    /// As [`KeySpace::keys`], and when the digests of videos cannot be written.
+    /// Those of [`KeySpace::keys`], or digests cannot be written.
     pub fn frames(
         &mut self,
         number: usize,
@@ -75,17 +75,16 @@ impl<'a> FrameNames<'a> {
     }
 }
 
-/// Samples of chosen frames, ready for use.
+/// Samples of chosen frames.
 pub enum PreparedFrames<'c, 'a, S> {
-    /// They are read from the cache, one at a time.
+    /// Read from the cache one at a time.
     Cached(FrameSource<'c, 'a, S>),
-    /// All of them are in memory.
+    /// All in memory.
     InMemory(Vec<S>),
 }
 
 impl<'c, 'a, S: FromFrame + CacheEntry> PreparedFrames<'c, 'a, S> {
-    /// Makes the samples that the cache does not hold yet, or all of them if there is no cache. `progress` is called with the
-    /// frames done and their total.
+    /// Makes the samples that the cache lacks; without a cache, all. `progress` gets the frames done and their total.
     ///
     /// # Errors
     /// A frame cannot be made, or the cache cannot be written.
@@ -110,8 +109,8 @@ impl<'c, 'a, S: FromFrame + CacheEntry> PreparedFrames<'c, 'a, S> {
         Ok(Self::Cached(source))
     }
 
-    /// As [`Self::prepare`], for samples that are taken in the order of training. With a cache, none is made yet: each is made when it is
-    /// asked for, or before that by [`ahead`](crate::frames::ahead::ahead). `progress` is called only if there is no cache.
+    /// As [`Self::prepare`], for samples in the order of training. With a cache, each is made when asked for, or earlier by
+    /// [`ahead`](crate::frames::ahead::ahead); only without one is `progress` called.
     ///
     /// # Errors
     /// A frame cannot be made.
@@ -134,7 +133,7 @@ impl<'c, 'a, S: FromFrame + CacheEntry> PreparedFrames<'c, 'a, S> {
         Ok(Self::Cached(source))
     }
 
-    /// Makes all samples. Another thread decodes the next frame meanwhile.
+    /// Another thread decodes the next frame meanwhile.
     fn in_memory(
         maker: &FrameMaker,
         frames: Vec<FrameRef>,
@@ -156,7 +155,7 @@ impl<'c, 'a, S: FromFrame + CacheEntry> PreparedFrames<'c, 'a, S> {
     /// All samples in memory.
     ///
     /// # Errors
-    /// As [`SampleSource::sample`].
+    /// Those of [`SampleSource::sample`].
     pub fn into_samples(self) -> Result<Vec<S>> {
         match self {
             Self::InMemory(samples) => Ok(samples),

@@ -1,4 +1,4 @@
-//! Frames of recordings as samples: from the cache where they are in it, computed where not.
+//! Samples of frames, from the cache or computed.
 
 use std::borrow::Cow;
 use std::marker::PhantomData;
@@ -16,29 +16,29 @@ use crate::frames::prefix_cache::store::DiskCache;
 use crate::frames::recording::PrepareError;
 use crate::frames::sample::FromFrame;
 
-/// What [`FrameSource::fill`] found and did, in frames.
+/// The result of [`FrameSource::fill`], in frames.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Filled {
-    /// In the cache already.
+    /// Already in the cache.
     pub found: usize,
     /// Computed and stored.
     pub made: usize,
-    /// The cache did not take them: they are computed again whenever they are needed.
+    /// Not stored: computed again at each use.
     pub beyond: usize,
 }
 
-/// Some frames as samples: through the cache, or each made whenever it is needed.
+/// Frames as samples, cached or made at each use.
 pub struct FrameSource<'c, 'a, S> {
     cache: Option<&'c DiskCache>,
     maker: &'c FrameMaker<'a>,
     frames: Vec<FrameRef>,
-    /// All frames before this one are in the cache.
+    /// All frames before it are in the cache.
     kept: AtomicUsize,
     kind: PhantomData<fn() -> S>,
 }
 
 impl<'c, 'a, S: FromFrame + CacheEntry> FrameSource<'c, 'a, S> {
-    /// Of these frames, whose entries stay in the cache from now on, if there is one.
+    /// For these frames, whose cache entries now stay.
     pub fn new(
         cache: impl Into<Option<&'c DiskCache>>,
         maker: &'c FrameMaker<'a>,
@@ -57,11 +57,11 @@ impl<'c, 'a, S: FromFrame + CacheEntry> FrameSource<'c, 'a, S> {
         }
     }
 
-    /// Computes and stores what is missing, as far as budget and disk go. Another thread decodes the next frame meanwhile. `progress` is
-    /// called with the frames done and their total.
+    /// Computes and stores what is missing, within budget and disk. Another thread decodes the next frame. `progress` gets the frames done
+    /// and their total.
     ///
     /// # Errors
-    /// A frame cannot be made, or the cache not be written.
+    /// A frame cannot be made, or the cache cannot be written.
     pub fn fill(
         &self,
         mut progress: impl FnMut(usize, usize),
@@ -94,7 +94,7 @@ impl<'c, 'a, S: FromFrame + CacheEntry> FrameSource<'c, 'a, S> {
                             true => filled.made += 1,
                             false => {
                                 filled.beyond += 1;
-                                // Nothing more is decoded.
+                                // Stops decoding.
                                 decoded = None;
                             }
                         }
@@ -112,7 +112,7 @@ impl<'c, 'a, S: FromFrame + CacheEntry> FrameSource<'c, 'a, S> {
         Ok(filled)
     }
 
-    /// How many of the frames are in the cache.
+    /// How many frames are in the cache.
     pub fn in_cache(&self) -> usize {
         let cached = |frame: &&FrameRef| self.cache.is_some_and(|c| c.contains(&frame.key));
         self.frames.iter().filter(cached).count()
@@ -139,7 +139,7 @@ impl<'c, 'a, S: FromFrame + CacheEntry> FrameSource<'c, 'a, S> {
         Ok(sample)
     }
 
-    /// The frozen half takes gigabytes, and nothing needs it when all samples are in the cache.
+    /// The frozen half takes gigabytes, and cached samples do not need it.
     fn rest_when_all_are_kept(&self, cache: &DiskCache) {
         let before = self.kept.load(Ordering::Relaxed);
         let more = self.frames[before..]
@@ -158,7 +158,6 @@ impl<'c, 'a, S: FromFrame + CacheEntry> FrameSource<'c, 'a, S> {
     }
 }
 
-/// An error with the name of the frame.
 fn named(frame: &FrameRef) -> impl Fn(CacheError) -> PolicyError + '_ {
     move |error| match error {
         CacheError::Prepare(PrepareError::Dataset(error)) => PolicyError::Recording {

@@ -16,15 +16,15 @@ use crate::frames::prefix_cache::error::{at, CacheError};
 use crate::frames::prefix_cache::files::FileDigests;
 use crate::frames::prefix_cache::key::CacheKey;
 
-/// No process still writes an unfinished file that is older than this.
+/// Older unfinished files have no writer any more.
 const ABANDONED: Duration = Duration::from_secs(3600);
 
-/// A folder of entries. Several processes may use one.
+/// A folder of entries, which processes may share.
 pub struct DiskCache {
     root: PathBuf,
     budget: u64,
     state: Mutex<CacheState>,
-    /// Whether it has said that it is full, which is said once.
+    /// Whether a full cache has been logged (once).
     said: AtomicBool,
 }
 
@@ -32,20 +32,20 @@ pub struct DiskCache {
 struct CacheState {
     entries: HashMap<CacheKey, KnownEntry>,
     bytes: u64,
-    /// Not to be removed: they are this process's own.
+    /// This process's entries, which are not removed.
     pinned: HashSet<CacheKey>,
 }
 
 struct KnownEntry {
     bytes: u64,
-    /// When it was last used, as the file's time of change.
+    /// The last use: the file's time of change.
     used: SystemTime,
-    /// Whether this process has found its checksum right.
+    /// Whether this process has verified the checksum.
     checked: bool,
 }
 
 impl DiskCache {
-    /// Opens `root`, which is made if it is not there. At most `budget` bytes of entries are kept.
+    /// Opens or makes `root`, with at most `budget` bytes of entries.
     ///
     /// # Errors
     /// The folder cannot be made or read.
@@ -60,7 +60,7 @@ impl DiskCache {
             }
             for file in fs::read_dir(&folder).map_err(at(&folder))? {
                 let file = file.map_err(at(&folder))?;
-                // Another process has removed it meanwhile, which is no error.
+                // Another process may have removed it.
                 let Ok(metadata) = file.metadata() else {
                     continue;
                 };
@@ -87,17 +87,17 @@ impl DiskCache {
         &self.root
     }
 
-    /// Bytes of all entries together.
+    /// The bytes of all entries.
     pub fn bytes(&self) -> u64 {
         self.state().bytes
     }
 
-    /// The digests of files that are remembered here; give them back with [`Self::remember`].
+    /// The remembered digests of files; return them with [`Self::remember`].
     pub fn file_digests(&self) -> FileDigests {
         FileDigests::load(&self.root.join("files.json"))
     }
 
-    /// Writes them down, unless the disk is full: then the next process computes them again.
+    /// Writes them to the folder. If the disk is full, the next process computes them again.
     ///
     /// # Errors
     /// They cannot be written.
@@ -109,20 +109,20 @@ impl DiskCache {
         Ok(())
     }
 
-    /// Keeps these entries from being removed as long as this is open, those to come as well.
+    /// Keeps these present or future entries while this is open.
     pub fn pin(&self, keys: impl IntoIterator<Item = CacheKey>) {
         self.state().pinned.extend(keys);
     }
 
-    /// Whether there is an entry; it may still turn out to be damaged.
+    /// Whether there is an entry, possibly damaged.
     pub fn contains(&self, key: &CacheKey) -> bool {
         self.state().entries.contains_key(key)
     }
 
-    /// The sample of `key`. A damaged entry is reported, removed, and not there.
+    /// The sample of `key`. A damaged entry is reported, removed, and missing.
     ///
     /// # Errors
-    /// The entry is there and cannot be opened.
+    /// The entry cannot be opened.
     pub fn get<E: CacheEntry>(&self, key: &CacheKey) -> Result<Option<E>, CacheError> {
         let path = self.path(key);
         let file = match File::open(&path) {
@@ -142,15 +142,14 @@ impl DiskCache {
                 known.is_some_and(|k| k.checked),
             )
         };
-        // SAFETY: entries are written under another name and renamed, and never changed after that; removing one leaves the
-        // mapped file in place. A process that cuts one off in place could end this one, but not otherwise harm it: the bytes
-        // are taken for numbers only.
+        // SAFETY: entries are renamed when complete and never changed; removal keeps the mapped file in place. A process that shortens a
+        // file in place could end this one, but do no other harm: the bytes are only read as numbers.
         let map = unsafe { Mmap::map(&file) }.map_err(at(&path))?;
         match decode(key, &map, checked) {
             Ok(sample) => {
                 if first {
                     let now = SystemTime::now();
-                    // The time only decides what is removed first. In a folder that can only be read, nothing is removed.
+                    // The time only decides what is removed first, and a read-only folder loses nothing.
                     let _ = file.set_modified(now);
                     self.state().add(*key, metadata.len(), now, true);
                 }
@@ -168,11 +167,10 @@ impl DiskCache {
         }
     }
 
-    /// Stores a sample; `false` when the budget does not allow it even with everything removed that is not pinned, or when the disk is
-    /// full. The first time, it says so in the log.
+    /// Stores a sample; `false` (logged once) if the disk is full, or the budget is too small even without all unpinned entries.
     ///
     /// # Errors
-    /// It cannot be written.
+    /// The entry cannot be written.
     pub fn put<E: CacheEntry>(&self, key: &CacheKey, sample: &E) -> Result<bool, CacheError> {
         let bytes = encode(key, sample);
         let size = bytes.len() as u64;
@@ -209,7 +207,7 @@ impl DiskCache {
         }
     }
 
-    /// Removes entries, those longest not used first, until `size` more bytes fit.
+    /// Removes least recently used entries until `size` bytes fit.
     fn make_room(&self, size: u64) -> Result<bool, CacheError> {
         let mut state = self.state();
         if state.bytes.saturating_add(size) <= self.budget {
@@ -271,7 +269,6 @@ impl CacheState {
     }
 }
 
-/// The key that an entry's file is named by.
 fn key_of(path: &Path) -> Option<CacheKey> {
     if path.extension()? != "sample" {
         return None;

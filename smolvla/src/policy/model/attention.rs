@@ -6,9 +6,9 @@ use crate::error::Result;
 use crate::policy::model::kernels::heads::{queries_by_keys, weights_by_values};
 use crate::policy::model::kernels::softmax::masked_softmax;
 
-/// What each query may see, as numbers added to the scores: 0 where it may, the lowest `f32` where not.
+/// What each query may see, as addends to scores: 0, or the lowest `f32` for hidden keys.
 ///
-/// A row that may see nothing (a padded token) then attends evenly to everything, as in the reference.
+/// A row that may see nothing (a padded token) attends evenly to everything, as in the reference.
 pub struct Mask(Tensor);
 
 impl Mask {
@@ -29,18 +29,18 @@ impl Mask {
     }
 }
 
-/// Attention of queries (B, Q, heads, dim) to keys and values (B, K, kv_heads, dim), giving (B, Q, heads * dim).
-/// Query head `h` reads key/value head `h / (heads / kv_heads)`.
+/// Attention of queries (B, Q, heads, dim) to keys and values (B, K, kv_heads, dim): (B, Q, heads * dim). Query head `h` reads key/value
+/// head `h / (heads / kv_heads)`.
 pub fn attend(queries: &Tensor, keys: &Tensor, values: &Tensor, mask: &Mask) -> Result<Tensor> {
     mix(&products(queries, keys)?, values, mask)
 }
 
-/// Products of queries (B, Q, heads, dim) and keys (B, K, kv_heads, dim), neither scaled nor masked: (B, heads, Q, K).
+/// Raw products of queries (B, Q, heads, dim) and keys (B, K, kv_heads, dim): (B, heads, Q, K).
 pub fn products(queries: &Tensor, keys: &Tensor) -> Result<Tensor> {
     Ok(queries_by_keys(queries, keys)?)
 }
 
-/// The second half of [`attend`]: from [`products`] and values (B, K, kv_heads, dim) to (B, Q, heads * dim).
+/// The rest of [`attend`]: from [`products`] and values (B, K, kv_heads, dim) to (B, Q, heads * dim).
 pub fn mix(products: &Tensor, values: &Tensor, mask: &Mask) -> Result<Tensor> {
     let dim = values.dim(3)?;
     let weights = masked_softmax(products, &mask.0, (dim as f64).powf(-0.5))?;

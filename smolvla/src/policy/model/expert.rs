@@ -1,4 +1,4 @@
-//! Phase two: the action expert over a prefix cache, from noisy actions and a time to a velocity.
+//! Phase two: the action expert, from a prefix cache, noisy actions and a time to a velocity.
 
 use candle_core::{DType, Device, Tensor};
 use zk0_lerobot::config::{LayerKind, PolicyConfig};
@@ -30,7 +30,7 @@ pub struct ExpertModel {
 }
 
 impl ExpertModel {
-    /// From weights of the expert (more may be there).
+    /// From the expert's weights; more may be there.
     pub fn new(config: &PolicyConfig, parameters: &PolicyParameters) -> Result<Self> {
         let eps = config.rms_norm_eps;
         Ok(Self {
@@ -47,7 +47,7 @@ impl ExpertModel {
         })
     }
 
-    /// The velocity (B, chunk, max_action_dim) at noisy actions `x_t` of the same shape and one time a sample.
+    /// The velocity (B, chunk, max_action_dim) at noisy actions `x_t` of that shape and one time a sample.
     pub fn forward(&self, cache: &PrefixCache, x_t: &Tensor, times: &[f32]) -> Result<Tensor> {
         self.forward_observed(cache, x_t, times, &mut ignore)
     }
@@ -65,7 +65,7 @@ impl ExpertModel {
         let output = self.norm.forward(&self.layers(cache, suffix, observe)?)?;
         observe(Site::FinalNorm, &output)?;
         let velocity = self.action_out.forward(&output)?;
-        // The loss does not use the other dimensions, so the evaluation does not compute them.
+        // The loss does not use the other dimensions.
         observe(
             Site::Velocity,
             &velocity.narrow(2, 0, self.config.action_dim)?,
@@ -83,7 +83,7 @@ impl ExpertModel {
         Ok(embedded.reshape((times.len(), c.expert.width))?)
     }
 
-    /// Action tokens (B, chunk, expert width): actions and time joined, linear, SiLU, linear.
+    /// Action tokens (B, chunk, expert width): actions joined with time, linear, SiLU, linear.
     fn embed(&self, x_t: &Tensor, times: &[f32], observe: &mut Observer) -> Result<Tensor> {
         let (batch, chunk, _) = x_t.dims3()?;
         let actions = self.action_in.forward(x_t)?;
@@ -102,7 +102,7 @@ impl ExpertModel {
         Ok(suffix)
     }
 
-    /// The output of the last layer (B, chunk, expert width).
+    /// (B, chunk, expert width).
     fn layers(&self, cache: &PrefixCache, mut x: Tensor, observe: &mut Observer) -> Result<Tensor> {
         let (batch, chunk, _) = x.dims3()?;
         let device = &x.device().clone();
@@ -148,7 +148,7 @@ impl ExpertModel {
                     )
                 }
                 LayerKind::Cross => {
-                    // The prefix's keys are already rotated. The expert's projections come after that.
+                    // The prefix's keys are rotated before the expert projects them.
                     let keys = layer.keys(&keys.flatten_from(2)?, head_dim)?;
                     observe(Site::Key(i), &keys)?;
                     let values = layer.values(&values.flatten_from(2)?, head_dim)?;

@@ -1,4 +1,4 @@
-//! Flow matching: the noisy actions, their target velocity, and the loss under both of LeRobot's rules.
+//! Flow matching: noisy actions, target velocity, and both of LeRobot's losses.
 
 use candle_core::Tensor;
 
@@ -10,23 +10,23 @@ pub fn noisy_actions(actions: &Tensor, noise: &Tensor, times: &[f32]) -> Result<
     Ok((noise.broadcast_mul(&t)? + actions.broadcast_mul(&t.affine(-1.0, 1.0)?)?)?)
 }
 
-/// The velocity to be learnt, `noise - action`.
+/// The velocity to learn, `noise - action`.
 pub fn target_velocity(actions: &Tensor, noise: &Tensor) -> Result<Tensor> {
     Ok((noise - actions)?)
 }
 
-/// Squared errors, element by element.
+/// Squared errors, elementwise.
 pub fn losses(velocity: &Tensor, target: &Tensor) -> Result<Tensor> {
     Ok((target - velocity)?.sqr()?)
 }
 
-/// LeRobot 0.4's mean: padded frames and padded dimensions count.
+/// LeRobot 0.4's mean, with padded frames and dimensions.
 pub fn mean_loss(losses: &Tensor) -> Result<Tensor> {
     Ok(losses.mean_all()?)
 }
 
-/// LeRobot 0.6's mean, the one a claim is about: real action dimensions of frames that are not padding.
-/// `is_pad` has one row of `chunk` per sample. Over a batch without any real frame it is 0.
+/// LeRobot 0.6's and a claim's mean: real action dimensions of frames that are not padding; 0 without such frames. `is_pad`: a row of
+/// `chunk` per sample.
 pub fn mean_loss_valid_only(
     losses: &Tensor,
     action_dim: usize,

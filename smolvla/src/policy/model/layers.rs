@@ -1,4 +1,4 @@
-//! Building blocks: linear maps, RMSNorm, the SwiGLU MLP and the Llama layer made of them.
+//! Linear maps, RMSNorm, the SwiGLU MLP, and a Llama layer.
 
 use candle_core::Tensor;
 
@@ -46,7 +46,7 @@ impl RmsNorm {
     }
 }
 
-/// A Llama layer: projections, norms and MLP. The attention between them belongs to the caller.
+/// A Llama layer's projections, norms and MLP, without the attention.
 #[derive(Clone)]
 pub struct DecoderLayer {
     input_norm: RmsNorm,
@@ -61,7 +61,7 @@ pub struct DecoderLayer {
 }
 
 impl DecoderLayer {
-    /// The layer whose tensors begin with `name`; `eps` is that of its norms.
+    /// From the tensors that begin with `name`; `eps` is the norms'.
     pub fn new(parameters: &PolicyParameters, name: &str, eps: f64) -> Result<Self> {
         let matrix = |part: &str| linear_no_bias(parameters, &format!("{name}.{part}"));
         let norm = |part: &str| RmsNorm::new(parameters, &format!("{name}.{part}"), eps);
@@ -78,17 +78,17 @@ impl DecoderLayer {
         })
     }
 
-    /// The first norm: what queries (and in joint layers keys and values) are made of.
+    /// The first norm, before queries (and in joint layers keys and values).
     pub fn normalised(&self, hidden: &Tensor) -> Result<Tensor> {
         Ok(self.input_norm.forward(hidden)?)
     }
 
-    /// Queries (B, L, heads, head_dim), before the rotary embedding.
+    /// Queries (B, L, heads, head_dim), not yet rotated.
     pub fn queries(&self, x: &Tensor, head_dim: usize) -> Result<Tensor> {
         heads(&self.q.forward(x)?, head_dim)
     }
 
-    /// Keys (B, L, kv_heads, head_dim), before the rotary embedding.
+    /// Keys (B, L, kv_heads, head_dim), not yet rotated.
     pub fn keys(&self, x: &Tensor, head_dim: usize) -> Result<Tensor> {
         heads(&self.k.forward(x)?, head_dim)
     }
@@ -98,8 +98,8 @@ impl DecoderLayer {
         heads(&self.v.forward(x)?, head_dim)
     }
 
-    /// Everything after the attention: output projection, residual, second norm, SwiGLU MLP, residual. `observe` gets
-    /// every value on the way, and the [`Site`] that it has in the layer of a given number.
+    /// All after the attention: output projection, residual, second norm, SwiGLU MLP, residual. `observe` gets every value, with its
+    /// [`Site`] as a function of the layer's number.
     pub fn finish(
         &self,
         hidden: &Tensor,

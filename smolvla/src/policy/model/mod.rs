@@ -1,17 +1,16 @@
-//! SmolVLA in candle, in the two phases that training and proving need.
+//! SmolVLA in candle, in the two phases of training and proving.
 //!
-//! - [`prefix`]: images, language and state through the [`vision`] tower and the language layers, giving the
-//!   per-layer key/value cache. Frozen in training: one run per frame, ever.
-//! - [`expert`]: noisy actions and a time, through the expert's layers over that cache, giving the velocity.
-//! - [`flow`]: the flow-matching loss between them; [`sampling`] follows the velocity from noise to actions.
-//! - [`state_token`]: the one token of the prefix that training may change.
-//! - [`visibility`]: which token sees which, and the positions of all.
-//! - [`observe`]: watches the values inside a pass of the expert.
+//! - [`prefix`]: images, language and state through the [`vision`] tower and language layers to the per-layer key/value cache. Frozen in
+//!   training: one run per frame.
+//! - [`expert`]: noisy actions and a time through the expert's layers to the velocity.
+//! - [`flow`]: the flow-matching loss; [`sampling`] follows the velocity from noise to actions.
+//! - [`state_token`]: the one prefix token that training may change.
+//! - [`visibility`]: which token sees which, and positions.
+//! - [`observe`]: watches values in the expert.
+//! - [`kernels`]: costly operations, fast on the CPU.
 //!
-//! - [`kernels`]: what their time is spent in, fast on the CPU.
-//!
-//! Everything but the vision tower is made of operations with a backward pass. (candle's fused softmax, norm,
-//! attention and rotary operations have none and drop gradients silently; the kernels here have one, or say so.)
+//! All but the vision tower has a backward pass. (candle's fused softmax, norm, attention and rotary operations silently drop gradients;
+//! the kernels here have them or fail.)
 
 pub mod attention;
 pub mod expert;

@@ -12,7 +12,7 @@ use crate::policy::frozen::FrozenPrecision;
 #[derive(Clone)]
 pub struct PolicyParameters {
     tensors: BTreeMap<String, Tensor>,
-    /// The type of linear maps' weights and biases in the models made of them.
+    /// The type of linear maps' weights and biases.
     pub(super) operands: DType,
 }
 
@@ -31,7 +31,7 @@ impl PolicyParameters {
         Ok(Self::from_tensors(tensors))
     }
 
-    /// Moves plain weights to a device; on the CPU without a copy.
+    /// Moves plain weights to a device, on the CPU without a copy.
     pub fn take(weights: TensorSet, device: &Device) -> Result<Self> {
         let tensors = weights
             .into_iter()
@@ -40,7 +40,7 @@ impl PolicyParameters {
         Ok(Self::from_tensors(tensors))
     }
 
-    /// Moves plain weights to a device, those named in `trainable` as variables, which are also given by name.
+    /// Moves plain weights to a device, those in `trainable` as variables, which are also returned.
     pub fn with_variables(
         weights: TensorSet,
         trainable: &TensorShapes,
@@ -59,7 +59,7 @@ impl PolicyParameters {
         Ok((Self::from_tensors(tensors), variables))
     }
 
-    /// Uses tensors that are there already, for example trainable variables.
+    /// From existing tensors, for example variables.
     pub fn from_tensors(tensors: BTreeMap<String, Tensor>) -> Self {
         Self {
             tensors,
@@ -67,7 +67,7 @@ impl PolicyParameters {
         }
     }
 
-    /// The same weights, whose linear maps multiply in `precision`: for the frozen half.
+    /// The same weights, with the frozen half's linear maps in `precision`.
     pub fn in_precision(&self, precision: FrozenPrecision) -> Self {
         Self {
             operands: precision.operands(),
@@ -75,7 +75,7 @@ impl PolicyParameters {
         }
     }
 
-    /// The tensor of that name.
+    /// The tensor `name`.
     pub fn get(&self, name: &str) -> Result<Tensor> {
         self.tensors
             .get(name)
@@ -83,7 +83,7 @@ impl PolicyParameters {
             .ok_or_else(|| TensorError::Missing(name.into()).into())
     }
 
-    /// The weight or bias of a linear map, as it is multiplied and added.
+    /// A linear map's weight or bias, in the operands' type.
     pub fn operand(&self, name: &str) -> Result<Tensor> {
         Ok(self.get(name)?.to_dtype(self.operands)?)
     }

@@ -1,4 +1,4 @@
-//! Phase one: images, language and state to the per-layer key/value cache that the expert reads.
+//! Phase one: images, language and state to the expert's key/value cache.
 
 use candle_core::{Device, Tensor};
 use zk0_lerobot::config::PolicyConfig;
@@ -18,35 +18,33 @@ use crate::policy::model::PolicyParameters;
 pub struct CameraInput {
     /// (B, 3, size, size), values in [-1, 1].
     pub pixels: Tensor,
-    /// Whether sample `b` really has this camera.
+    /// Whether sample `b` has this camera.
     pub present: Vec<bool>,
 }
 
-/// What the prefix is made of, for a batch.
+/// A batch's inputs.
 pub struct PrefixInput {
-    /// At most as many as the policy has slots.
+    /// At most one per slot of the policy.
     pub cameras: Vec<CameraInput>,
     /// Token ids (B, L), `u32`; L may be zero.
     pub tokens: Tensor,
-    /// Which of them are real: B rows of L.
+    /// Which are real: B rows of L.
     pub token_mask: Vec<Vec<bool>>,
     /// (B, max_state_dim), normalised and zero-padded.
     pub state: Tensor,
 }
 
-/// The prefix as the language layers read it: cameras, then language, then one state token, then filling up to the
-/// configuration's `prefix_length`.
+/// The language layers' input: cameras, language, one state token, padding to the configuration's `prefix_length`.
 pub struct PrefixEmbedding {
     /// (B, P, text width).
     pub tokens: Tensor,
-    /// Which tokens are real: B rows of P.
+    /// Which are real: B rows of P.
     pub valid: Vec<Vec<bool>>,
-    /// Which of them is the state token.
+    /// The state token's index.
     pub state: usize,
 }
 
-/// Called after every language layer with its attention's output (B, P, heads * head_dim), before the output projection, and with
-/// its own (B, P, text width).
+/// Gets each layer's attention output (B, P, heads * head_dim), before the output projection, and result (B, P, text width).
 type LayerObserver<'a> = &'a mut dyn FnMut(&Tensor, &Tensor);
 
 /// The frozen half of the policy.
@@ -59,8 +57,8 @@ pub struct PrefixModel {
 }
 
 impl PrefixModel {
-    /// From the weights of a whole policy, or of its frozen half. It multiplies in their
-    /// [precision](PolicyParameters::in_precision); keys and values are `f32` whichever that is.
+    /// From the weights of a policy or its frozen half, in their [precision](PolicyParameters::in_precision); keys and values are always
+    /// `f32`.
     pub fn new(config: &PolicyConfig, parameters: &PolicyParameters) -> Result<Self> {
         Ok(Self {
             vision: Vision::new(config, parameters)?,
@@ -71,7 +69,7 @@ impl PrefixModel {
         })
     }
 
-    /// Where it computes.
+    /// The device that computes.
     pub fn device(&self) -> &Device {
         self.embeddings.device()
     }
@@ -81,13 +79,12 @@ impl PrefixModel {
         &self.vision
     }
 
-    /// The cache of a batch: [`Self::embed`], then the language layers.
+    /// A batch's cache: [`Self::embed`], then the language layers.
     pub fn cache(&self, input: &PrefixInput) -> Result<PrefixCache> {
         self.layers(&self.embed(input)?, None)
     }
 
-    /// Embeds cameras, language and state. Image and language tokens are scaled by sqrt(text width), the
-    /// state is not.
+    /// Embeds cameras, language and state. Images and language are scaled by sqrt(text width).
     pub fn embed(&self, input: &PrefixInput) -> Result<PrefixEmbedding> {
         let (batch, language) = input.tokens.dims2()?;
         if input.cameras.len() > self.config.cameras {
@@ -135,8 +132,7 @@ impl PrefixModel {
         })
     }
 
-    /// Runs the language layers. Images and language see each other; the state sees them and itself. The expert reads keys and
-    /// values of the last layer and nothing after them, so that the last one is finished only for an observer.
+    /// Runs the language layers. The expert reads only the last layer's keys and values, so only observers need its result.
     pub fn layers(
         &self,
         embedding: &PrefixEmbedding,
@@ -176,10 +172,10 @@ impl PrefixModel {
         })
     }
 
-    /// [`Self::cache`], through which a gradient reaches `state_proj` and nothing else: only the state's token depends on it, so
-    /// that all others are computed without one. Takes one token more than [`Self::cache`], and stores nothing for the others.
+    /// [`Self::cache`] with a gradient for `state_proj` only: no other token depends on it. Costs one token more than [`Self::cache`], and
+    /// stores nothing for the others.
     ///
-    /// The state's token is the last, and where it was before no token is valid.
+    /// The state's token is the last; its old place is not valid.
     pub fn cache_training_state(&self, input: &PrefixInput) -> Result<PrefixCache> {
         let mut embedding = self.embed(input)?;
         embedding.tokens = embedding.tokens.detach();

@@ -6,14 +6,14 @@ use zk0_lerobot::config::ROPE_BASE;
 use crate::error::Result;
 use crate::policy::model::kernels::rotate::rotate;
 
-/// Sines and cosines for one batch of positions; made once, used by every layer.
+/// Sines and cosines for a batch's positions, shared by all layers.
 pub struct Rope {
     sin: Tensor,
     cos: Tensor,
 }
 
 impl Rope {
-    /// For token `j` of sample `b` at `positions[b][j]`. Computed in `f32`, as the reference does.
+    /// For token `j` of sample `b` at `positions[b][j]`, in `f32` as in the reference.
     pub fn new(positions: &[Vec<i64>], head_dim: usize, device: &Device) -> Result<Self> {
         let half = head_dim / 2;
         let timescales: Vec<f32> = (0..half)

@@ -6,21 +6,20 @@ use crate::error::{PolicyError, Result};
 use crate::policy::model::expert::ExpertModel;
 use crate::policy::model::key_values::PrefixCache;
 
-/// One Euler step, before it is made.
+/// An Euler step, before it is made.
 pub struct EulerStep<'a> {
     /// Flow time, from 1 down to `1 / steps`.
     pub time: f32,
-    /// (B, chunk, max_action_dim): where the sample is.
+    /// The sample (B, chunk, max_action_dim).
     pub x_t: &'a Tensor,
-    /// (B, chunk, max_action_dim): the velocity there.
+    /// Its velocity (B, chunk, max_action_dim).
     pub v_t: &'a Tensor,
 }
 
-/// Actions (B, chunk, max_action_dim), normalised, from `noise` of that shape (standard normal) in `steps` Euler steps over
-/// a prefix cache.
+/// Normalised actions (B, chunk, max_action_dim) from standard normal `noise` of that shape, in `steps` Euler steps.
 ///
 /// # Errors
-/// [`PolicyError::Options`] when `steps` is 0.
+/// [`PolicyError::Options`] if `steps` is 0.
 pub fn sample_actions(
     expert: &ExpertModel,
     cache: &PrefixCache,
@@ -30,7 +29,7 @@ pub fn sample_actions(
     sample_actions_observed(expert, cache, noise, steps, &mut |_| Ok(()))
 }
 
-/// [`sample_actions`], with a look at every step.
+/// [`sample_actions`], with an observer.
 pub fn sample_actions_observed(
     expert: &ExpertModel,
     cache: &PrefixCache,
@@ -44,7 +43,7 @@ pub fn sample_actions_observed(
         ));
     }
     let batch = noise.dim(0)?;
-    // The time is computed in f64 from the step's number. LeRobot 0.3.3 adds times up in f32, and they drift.
+    // In f64 from the step's number: LeRobot 0.3.3's sums in f32 drift.
     let dt = -1.0 / steps as f64;
     let mut x_t = noise.detach();
     for step in 0..steps {

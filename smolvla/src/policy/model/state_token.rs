@@ -1,8 +1,7 @@
-//! The state's token, and the language layers that it goes through. Where the state projection is trained, the token is computed
-//! again at every step.
+//! The state's token and the language layers, for training the state projection.
 //!
-//! Of all tokens of the prefix only the state's sees the state, so the keys and values of the others stay what they are. Training
-//! the state projection costs one token through the language layers that way, not the whole prefix.
+//! Only the state's token sees the state, so the other tokens' keys and values stay: each step takes one token through the language layers,
+//! not the whole prefix.
 
 use candle_core::{DType, Tensor};
 use zk0_lerobot::config::PolicyConfig;
@@ -24,8 +23,7 @@ pub struct StateToken {
     head_dim: usize,
 }
 
-/// Weight and bias as they are stored. Where they are variables, a rounded copy would stay what it was when they change: they are
-/// rounded at every pass.
+/// Stored weight and bias, rounded at every pass: a rounded copy would not follow variables.
 #[derive(Clone)]
 struct Projection {
     weight: Tensor,
@@ -52,8 +50,8 @@ impl Projection {
 }
 
 impl StateToken {
-    /// From the weights that [`Self::needs`] names, and those of the state projection. It multiplies in their
-    /// [precision](PolicyParameters::in_precision), which has to be that of the prefixes that are [joined](Self::join).
+    /// From the weights that [`Self::needs`] names and the state projection's, in their [precision](PolicyParameters::in_precision), which
+    /// must be that of [joined](Self::join) prefixes.
     pub fn new(config: &PolicyConfig, parameters: &PolicyParameters) -> Result<Self> {
         let (text, eps) = (format!("{VLM}.text_model"), config.rms_norm_eps);
         let layer = |i| DecoderLayer::new(parameters, &format!("{text}.layers.{i}"), eps);
@@ -64,7 +62,7 @@ impl StateToken {
         })
     }
 
-    /// The same language layers, in their precision, after another projection.
+    /// The same language layers with another projection.
     pub fn with_projection(&self, parameters: &PolicyParameters) -> Result<Self> {
         let projection = Projection {
             operands: self.projection.operands,
@@ -76,7 +74,7 @@ impl StateToken {
         })
     }
 
-    /// Whether this frozen tensor plays a part.
+    /// Whether this frozen tensor is used.
     pub fn needs(name: &str) -> bool {
         name.starts_with(&format!("{VLM}.text_model.layers."))
     }
@@ -87,8 +85,8 @@ impl StateToken {
         Ok(token.unsqueeze(1)?)
     }
 
-    /// Completes a prefix by its last token, from states (B, max_state_dim), normalised and zero-padded. None of `observed`'s
-    /// valid tokens may be a state's.
+    /// Completes a prefix with its last token, from states (B, max_state_dim), normalised and zero-padded. `observed` must not have a valid
+    /// state token.
     pub fn join(&self, observed: &PrefixCache, state: &Tensor) -> Result<PrefixCache> {
         let device = state.device();
         let position = |row: &Vec<bool>| vec![row.iter().filter(|valid| **valid).count() as i64];
@@ -107,10 +105,10 @@ impl StateToken {
             let k = rope.apply(&layer.keys(&normed, self.head_dim)?)?;
             let v = layer.values(&normed, self.head_dim)?;
             let k = Tensor::cat(&[seen_keys, &k], 1)?;
-            // Rounding them loses nothing, because they are the result of such a product.
+            // From such a product, so rounding loses nothing.
             let seen_values = seen_values.to_dtype(v.dtype())?;
             let v = Tensor::cat(&[&seen_values, &v], 1)?;
-            // Nothing reads the last layer's result for its keys and values.
+            // The last layer's result is not needed.
             if i + 1 < self.layers.len() {
                 let q = rope.apply(&layer.queries(&normed, self.head_dim)?)?;
                 x = layer.finish(&x, &attend(&q, &k, &v, &mask)?, &mut |_, _| Ok(()))?;

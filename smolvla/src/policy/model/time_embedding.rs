@@ -2,10 +2,9 @@
 
 use std::f64::consts::PI;
 
-/// `cat(sin, cos)` of `2 pi time / period`, with periods geometric from `min_period` to `max_period`.
+/// `cat(sin, cos)` of `2 pi time / period`, with geometric periods from `min_period` to `max_period`.
 ///
-/// All of it in `f64`: the arguments reach 1571 rad, where `f32` arithmetic is off by 1e-4. `width` is even
-/// and at least 4.
+/// In `f64`, because arguments reach 1571 rad (`f32` is off by 1e-4). `width` is even and at least 4.
 pub fn time_embedding(time: f32, width: usize, min_period: f64, max_period: f64) -> Vec<f64> {
     let half = width / 2;
     let angles: Vec<f64> = (0..half)

@@ -1,5 +1,5 @@
-//! The vision tower (SigLIP) and the connector that turns patches into language-model tokens. Frozen: no
-//! gradient ever runs through this file, so it uses kernels without a backward pass.
+//! The vision tower (SigLIP) and the connector from patches to language-model tokens. Both are frozen, so kernels here have no backward
+//! pass.
 
 use candle_core::Tensor;
 use zk0_lerobot::config::{PolicyConfig, CHANNELS, LAYER_NORM_EPS};
@@ -24,12 +24,12 @@ pub struct Vision {
     shuffle: usize,
 }
 
-/// A value on the way of one camera's images.
+/// A value in the pass over a camera's images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum VisionSite {
-    /// The patch convolution (B, patches, width), before positions are added.
+    /// The patch convolution (B, patches, width), without positions.
     Patches,
-    /// The input of an encoder layer; after the last layer, its output: (B, patches, width).
+    /// An encoder layer's input, or the last one's output: (B, patches, width).
     Hidden(usize),
     /// After the final norm (B, patches, width).
     Normed,
@@ -37,7 +37,6 @@ pub enum VisionSite {
 
 struct EncoderLayer {
     norm1: LayerNorm,
-    /// Queries, keys and values in one product.
     qkv: LinearLayer,
     out: LinearLayer,
     norm2: LayerNorm,
@@ -47,7 +46,7 @@ struct EncoderLayer {
 }
 
 impl Vision {
-    /// From the weights of a whole policy.
+    /// From a whole policy's weights.
     pub fn new(config: &PolicyConfig, parameters: &PolicyParameters) -> Result<Self> {
         let tower = format!("{VLM}.vision_model");
         let vision = &config.vision;
@@ -80,8 +79,7 @@ impl Vision {
         })
     }
 
-    /// Tokens of images (B, 3, size, size) with values in [-1, 1]: (B, tokens_per_camera, text width), not yet scaled. `observe`
-    /// gets the values on the way, in order.
+    /// Unscaled tokens (B, tokens_per_camera, text width) of images (B, 3, size, size) in [-1, 1]. `observe` gets the values in order.
     pub fn tokens(
         &self,
         images: &Tensor,
@@ -102,8 +100,8 @@ impl Vision {
         Ok(tokens.to_dtype(normed.dtype())?)
     }
 
-    /// (B, 3, size, size) to (B, patches, 3 * patch * patch): the patch convolution as a matrix product.
-    /// Pixels beyond the last whole patch are left out, as a convolution without padding does.
+    /// (B, 3, size, size) to (B, patches, 3 * patch * patch): the patch convolution as a matrix product. Incomplete patches are omitted, as
+    /// without padding.
     fn patches(&self, images: &Tensor) -> Result<Tensor> {
         let (batch, channels, height, width) = images.dims4()?;
         let p = self.patch_size;
@@ -116,7 +114,7 @@ impl Vision {
         Ok(split.reshape((batch, rows * columns, channels * p * p))?)
     }
 
-    /// Joins each `shuffle x shuffle` square of patches into one token, features in (row, column, width) order.
+    /// Joins `shuffle x shuffle` patches into a token, features in (row, column, width) order.
     fn pixel_shuffle(&self, x: &Tensor) -> Result<Tensor> {
         let (batch, patches, width) = x.dims3()?;
         let (s, side) = (self.shuffle, patches.isqrt() / self.shuffle);

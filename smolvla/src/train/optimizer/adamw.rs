@@ -1,4 +1,4 @@
-//! The optimiser: named variables, each with its moments.
+//! The optimiser: named variables with their moments.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -24,20 +24,19 @@ pub struct AdamW {
     steps: u64,
 }
 
-/// Moments of one variable, and where it started if that matters.
 enum Slot {
     Host(HostSlot),
     Device(DeviceSlot),
 }
 
 impl AdamW {
-    /// Starts with zero moments.
+    /// With zero moments.
     pub fn new(variables: &BTreeMap<String, Var>, options: AdamWOptions) -> Result<Self> {
         Self::proximal(variables, options, 0.0)
     }
 
-    /// As [`Self::new`], and every loss gains `mu / 2 * |w - w0|^2` over all variables, where `w0` are their values now:
-    /// FedProx (Li et al. 2020). Its gradient counts in clipping, as if it were part of the loss.
+    /// As [`Self::new`], but every loss gains `mu / 2 * |w - w0|^2`, where `w0` are the current values: FedProx (Li et al. 2020). Clipping
+    /// includes it.
     pub fn proximal(
         variables: &BTreeMap<String, Var>,
         options: AdamWOptions,
@@ -64,7 +63,7 @@ impl AdamW {
         })
     }
 
-    /// From now on, steps follow the last global step in part (FedCM).
+    /// Later steps follow the last global step in part (FedCM).
     pub fn follow(&mut self, last_step: LastStep) {
         self.last_step = Some(last_step);
     }
@@ -93,11 +92,10 @@ impl AdamW {
         Ok(all)
     }
 
-    /// Goes on where another optimiser of the same variables was after `steps` steps. `read` gives the tensor of a name and
-    /// a shape, as [`Self::moments`] gave them.
+    /// Goes on from an optimiser of the same variables after `steps` steps. `read` gives [`Self::moments`] by name and shape.
     ///
     /// # Errors
-    /// Those of `read`, and [`TensorError::Shape`] when it gives a tensor of another size.
+    /// Those of `read`, and [`TensorError::Shape`] for a tensor of another size.
     pub fn restore(
         &mut self,
         steps: u64,
@@ -178,7 +176,7 @@ impl Optimizer for AdamW {
 const MEAN: &str = "exp_avg";
 const MEAN_SQUARE: &str = "exp_avg_sq";
 
-/// One moment of one variable.
+/// A moment of a variable.
 pub struct AdamMoment<'a> {
     /// `exp_avg.NAME` or `exp_avg_sq.NAME`.
     pub name: String,

@@ -5,7 +5,6 @@ use candle_core::{Tensor, Var};
 use crate::error::Result;
 use crate::train::optimizer::factors::{Factors, Squares};
 
-/// Moments of one variable on its device.
 pub(super) struct DeviceSlot {
     mean: Tensor,
     mean_square: Tensor,
@@ -13,7 +12,7 @@ pub(super) struct DeviceSlot {
 }
 
 impl DeviceSlot {
-    /// Zero moments; `anchored` remembers the value that the proximal term pulls towards.
+    /// Zero moments; `anchored` stores the value that the proximal term pulls towards.
     pub fn new(variable: &Var, anchored: bool) -> Result<Self> {
         let zeros = variable.zeros_like()?;
         Ok(Self {
@@ -27,7 +26,7 @@ impl DeviceSlot {
         })
     }
 
-    /// Squares of the gradient with its proximal part and of the distance from the anchor: (2), still on the device.
+    /// Squares of the gradient with its proximal part and of the anchor's distance: (2), still on the device.
     pub fn squares(&self, variable: &Var, gradient: &Tensor, mu: f64) -> Result<Tensor> {
         let sum = |x: &Tensor| x.sqr()?.sum_all();
         let squares = match self.distance(variable)? {
@@ -76,7 +75,7 @@ impl DeviceSlot {
     }
 }
 
-/// The sum of the squares of some tensors, which are waited for and fetched once.
+/// The sum of squares, fetched once.
 pub(super) fn total(squares: &[Tensor]) -> Result<Squares> {
     if squares.is_empty() {
         return Ok(Squares::default());
@@ -99,7 +98,6 @@ mod tests {
     use super::*;
     use candle_core::Device;
 
-    /// Both ways of making a step agree, with and without clipping and the proximal term.
     #[test]
     fn tensor_operations_and_the_fused_pass_agree() {
         let values = |seed: u32| -> Vec<f32> {

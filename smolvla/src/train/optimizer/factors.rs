@@ -1,4 +1,4 @@
-//! The settings, and the numbers that all tensors of a step share.
+//! Settings, and the numbers shared by a step's tensors.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,7 +13,7 @@ pub struct AdamWOptions {
     pub eps: f64,
     /// Decoupled weight decay.
     pub weight_decay: f64,
-    /// Gradients are scaled down to this L2 norm, over all tensors together.
+    /// Gradients are scaled down to this L2 norm over all tensors.
     pub clip_norm: f64,
 }
 
@@ -30,7 +30,7 @@ impl Default for AdamWOptions {
     }
 }
 
-/// Squares summed over one tensor.
+/// A tensor's sums of squares.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Squares {
     /// Of the gradient with its proximal part.
@@ -46,18 +46,17 @@ impl Squares {
     }
 }
 
-/// The numbers of one step that all tensors share.
 #[derive(Clone, Copy)]
 pub(super) struct Factors {
     pub options: AdamWOptions,
-    /// Of the proximal term.
+    /// The proximal term's weight.
     pub mu: f64,
-    /// What gradients are multiplied by.
+    /// The gradients' factor.
     pub clip: f64,
     /// `1 - learning_rate * weight_decay`.
     pub keep: f64,
-    /// The learning rate over the first moment's bias, times what of a step is the node's own.
+    /// The learning rate over the first moment's bias, times the node's own part.
     pub rate: f64,
-    /// Root of the second moment's bias.
+    /// The root of the second moment's bias.
     pub root_bias: f64,
 }

@@ -1,5 +1,5 @@
-//! A step as one pass over a tensor in the CPU's memory: gradient, value and both moments are read once, value and moments
-//! written once, by all threads.
+//! A step as one pass over a tensor in the CPU's memory, by all threads. It reads the gradient, and reads and writes value and moments
+//! once.
 
 use std::cell::RefCell;
 
@@ -9,10 +9,9 @@ use rayon::prelude::*;
 use crate::error::Result;
 use crate::train::optimizer::factors::{Factors, Squares};
 
-/// Values that one thread takes at a time. Part of the result: sums of blocks are added in order.
+/// Values per thread at a time. Part of the result: blocks are summed in order.
 const BLOCK: usize = 1 << 14;
 
-/// Moments of one variable.
 pub(super) struct HostSlot {
     mean: Vec<f32>,
     mean_square: Vec<f32>,
@@ -20,7 +19,7 @@ pub(super) struct HostSlot {
 }
 
 impl HostSlot {
-    /// Zero moments; `anchored` remembers the value that the proximal term pulls towards.
+    /// Zero moments; `anchored` stores the value that the proximal term pulls towards.
     pub fn new(variable: &Var, anchored: bool) -> Result<Self> {
         let count = variable.elem_count();
         Ok(Self {
@@ -75,7 +74,7 @@ impl HostSlot {
         [&self.mean, &self.mean_square]
     }
 
-    /// Takes over moments of the variable's size.
+    /// Sets the moments.
     pub fn restore(&mut self, mean: Vec<f32>, mean_square: Vec<f32>) {
         (self.mean, self.mean_square) = (mean, mean_square);
     }
@@ -83,7 +82,7 @@ impl HostSlot {
     fn apply(&mut self, values: &mut [f32], gradient: &[f32], by: &Factors) {
         let constants = Constants::of(by);
         let parts = (&mut self.mean[..], &mut self.mean_square[..]);
-        // For a small tensor, a thread pool costs more than the work.
+        // Small tensors are faster without a thread pool.
         if values.len() <= BLOCK {
             let anchor = self.anchor.as_deref();
             return constants.step(values, gradient, parts.0, parts.1, anchor);
@@ -106,7 +105,6 @@ impl HostSlot {
     }
 }
 
-/// [`Factors`] in the arithmetic of the pass.
 #[derive(Clone, Copy)]
 struct Constants {
     mu: f32,
@@ -167,7 +165,7 @@ impl Constants {
     }
 }
 
-/// The pass, as candle lets a variable be changed in place.
+/// As candle's in-place operation.
 struct FusedStep<'a> {
     slot: RefCell<&'a mut HostSlot>,
     by: &'a Factors,
@@ -208,7 +206,6 @@ impl InplaceOp2 for FusedStep<'_> {
     }
 }
 
-/// The numbers of a contiguous tensor.
 fn plain<'a>(storage: &'a Storage, layout: &Layout) -> candle_core::Result<&'a [f32]> {
     match (storage, layout.contiguous_offsets()) {
         (Storage::Cpu(CpuStorage::F32(values)), Some((from, to))) => Ok(&values[from..to]),
@@ -216,7 +213,7 @@ fn plain<'a>(storage: &'a Storage, layout: &Layout) -> candle_core::Result<&'a [
     }
 }
 
-/// `work` on every block of `0..count`, in parallel where there is more than one; the results in order.
+/// Does `work` on every block of `0..count`, in parallel if several; results are in order.
 fn in_blocks<R: Send>(count: usize, work: impl Fn(std::ops::Range<usize>) -> R + Sync) -> Vec<R> {
     let block = |i: usize| i * BLOCK..((i + 1) * BLOCK).min(count);
     if count <= BLOCK {
@@ -226,7 +223,7 @@ fn in_blocks<R: Send>(count: usize, work: impl Fn(std::ops::Range<usize>) -> R +
     blocks.into_par_iter().map(|i| work(block(i))).collect()
 }
 
-/// Sum of squares in double precision, in eight interleaved sums.
+/// In double precision, in eight interleaved sums.
 fn squares(values: &[f32]) -> f64 {
     let mut sums = [0f64; 8];
     let chunks = values.chunks_exact(sums.len());
@@ -254,7 +251,6 @@ mod tests {
             .collect()
     }
 
-    /// Makes three steps on 100,003 values and on 7, with a loss that is not flat.
     fn three_steps(mu: f64) -> (Vec<u32>, Vec<f64>) {
         let variables: BTreeMap<String, Var> = [("large", 100_003), ("small", 7)]
             .into_iter()
@@ -296,7 +292,7 @@ mod tests {
     fn the_proximal_term_pulls_back_and_is_reported() {
         let (free, free_norms) = three_steps(0.0);
         let (held, held_norms) = three_steps(1e3);
-        // Both make the same first step, because the distance from the start is 0 before it.
+        // The first step is the same: the distance is 0 before it.
         assert_eq!(free_norms[..2], held_norms[..2]);
         assert!(free_norms[1..].iter().step_by(2).all(|term| *term == 0.0));
         assert_eq!(held_norms[1], 0.0);
@@ -311,7 +307,6 @@ mod tests {
         assert!(moved(&held) < 0.6 * moved(&free));
     }
 
-    /// mu / 2 |w - w0|^2 as part of the loss gives the same steps.
     #[test]
     fn the_proximal_term_is_that_of_fedprox() {
         let (mu, rate) = (0.7, 1e-2);

@@ -1,14 +1,14 @@
-//! FedCM (Xu et al. 2021, arXiv:2106.10874): local steps follow the last global step in part, so that nodes with different recordings
-//! drift apart less.
+//! FedCM (Xu et al. 2021, arXiv:2106.10874): local steps follow the last global step in part, so that nodes with different recordings drift
+//! apart less.
 //!
-//! In the paper a node steps by `x ← x − η·v` with `v = α·g + (1 − α)·Δ`. Here g is the gradient, and Δ is the last global step in units
-//! of local ones: `Δ = (x′ − x₀) / (η·K)`, where x₀ are the weights that this round starts from, x′ are those that the round before started
-//! from, and K is the number of local steps. If η changes in the course of a round, η·K is the sum of the steps' rates. Then the K steps of
-//! a round contribute `(1 − α)·(x₀ − x′)` in all: the part 1 − α of the last global step.
+//! In the paper a node steps by `x ← x − η·v` with `v = α·g + (1 − α)·Δ`. Here g is the gradient, and Δ is the last global step in local
+//! units: `Δ = (x′ − x₀) / (η·K)`, where x₀ are this round's first weights, x′ the last round's, and K is the number of local steps. If η
+//! changes within a round, η·K is the sum of the rates. A round's K steps then contribute `(1 − α)·(x₀ − x′)`: the part 1 − α of the last
+//! global step.
 //!
-//! For AdamW, g stands for what is multiplied by η: the quotient of the two moments. A global step of nodes that train with AdamW consists of
-//! such quotients, whose size is about 1. A plain gradient is smaller by orders of magnitude, and would be lost beside Δ. So the moments are
-//! those of the node's own gradients, and Δ joins after them. Weight decay is as without FedCM.
+//! For AdamW, g is what η multiplies: the quotient of the moments. A global step of AdamW nodes consists of such quotients, of size about
+//! 1; a plain gradient is smaller by orders of magnitude, and would be lost beside Δ. So the moments are those of the node's own gradients,
+//! and Δ joins after them. Weight decay is as without FedCM.
 
 use std::collections::BTreeMap;
 
@@ -17,17 +17,16 @@ use zk0_tensors::{TensorError, TensorSet};
 
 use crate::error::{PolicyError, Result};
 
-/// The last global step, and how much of a local step is the node's own.
+/// The last global step, and a local step's own part.
 pub struct LastStep {
     /// α, above 0 and at most 1.
     alpha: f64,
-    /// Δ of each variable.
+    /// Each variable's Δ.
     direction: BTreeMap<String, Tensor>,
 }
 
 impl LastStep {
-    /// From the weights that the round before started from. `variables` have the weights that this round starts from, and `rates` is the
-    /// sum of the learning rates of this round's steps.
+    /// From the last round's first weights. `variables` hold this round's, and `rates` is the sum of its steps' learning rates.
     ///
     /// # Errors
     /// [`PolicyError::Options`] for an α that is not in (0, 1]. [`TensorError`] for weights of another shape.
@@ -51,12 +50,11 @@ impl LastStep {
         })
     }
 
-    /// How much of a local step is the node's own.
     pub(super) fn own(&self) -> f64 {
         self.alpha
     }
 
-    /// Moves a variable by the other part of a step at this learning rate.
+    /// Moves a variable by the other part of a step.
     pub(super) fn add(&self, name: &str, variable: &Var, learning_rate: f64) -> Result<()> {
         if let Some(direction) = self.direction.get(name) {
             let step = (direction * (learning_rate * (1.0 - self.alpha)))?;

@@ -1,11 +1,11 @@
-//! AdamW with gradient clipping, the proximal term of FedProx, and the last global step of FedCM ([`last_step`]); and SGD with the correction
-//! of SCAFFOLD ([`sgd`]).
+//! AdamW with gradient clipping, FedProx's proximal term and FedCM's last global step ([`last_step`]); and SGD with SCAFFOLD's correction
+//! ([`sgd`]).
 //!
-//! Steps of AdamW agree with `torch.optim.AdamW` and `torch.nn.utils.clip_grad_norm_`. On the CPU a step is one pass over each tensor
-//! ([`host`]): ten tensor operations in a row would read and write the 98 million values of the published expert ten times.
-//! On other devices, and [without the kernels](crate::policy::model::kernels::without), it is made of tensor operations ([`device`]).
+//! AdamW agrees with `torch.optim.AdamW` and `torch.nn.utils.clip_grad_norm_`. On the CPU a step is one pass over each tensor ([`host`]):
+//! ten tensor operations would pass ten times over the published expert's 98 million values. Other devices, and the CPU [without
+//! kernels](crate::policy::model::kernels::without), use tensor operations ([`device`]).
 //!
-//! The result does not depend on the number of threads: sums are taken in blocks of a fixed size, in order.
+//! Sums are in blocks of a fixed size, in order, so the number of threads does not matter.
 
 mod adamw;
 mod device;

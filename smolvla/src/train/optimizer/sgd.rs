@@ -1,8 +1,8 @@
-//! Stochastic gradient descent, and the correction of SCAFFOLD.
+//! Stochastic gradient descent, and SCAFFOLD's correction.
 //!
-//! A step is `x ← x − η·(g + d)`: that of `torch.optim.SGD` without momentum and weight decay where d is 0. For SCAFFOLD, d is `c − cᵢ`
-//! ([`ControlVariates`](crate::train::scaffold::ControlVariates)), which does not change within a round. Gradients are not clipped: Algorithm 1 of
-//! the paper does not do so, and the control variates would then not be means of gradients.
+//! A step is `x ← x − η·(g + d)`; with d = 0, that of `torch.optim.SGD` without momentum and weight decay. For SCAFFOLD, d is `c − cᵢ`
+//! ([`ControlVariates`](crate::train::scaffold::ControlVariates)), constant within a round. Gradients are not clipped, as in the paper's
+//! Algorithm 1: control variates must be means of gradients.
 
 use std::collections::BTreeMap;
 
@@ -15,15 +15,14 @@ use crate::train::optimizer::step::{gradient, Optimizer, Stepped};
 
 /// SGD over named variables.
 pub struct Sgd {
-    /// Each variable, and what is added to its gradients.
     variables: BTreeMap<String, (Var, Option<Tensor>)>,
 }
 
 impl Sgd {
-    /// Adds `correction` to each gradient, if there is one.
+    /// Adds `correction` to each gradient, if given.
     ///
     /// # Errors
-    /// [`TensorError`] for a correction that misses a variable, or has another shape.
+    /// [`TensorError`] for a correction that lacks a variable, or has another shape.
     pub fn new(variables: &BTreeMap<String, Var>, correction: Option<&TensorSet>) -> Result<Self> {
         let of = |(name, variable): (&String, &Var)| {
             let Some(all) = correction else {

@@ -1,21 +1,21 @@
 //! FedAdam: federated averaging as a step of Adam (Reddi et al., 2021, arXiv:2003.00295, algorithm 2).
 //!
-//! With the base x of the round and the mean of its updates, the pseudo-gradient is Δ = mean − x. For each weight the round computes
+//! With the base x of the round and the mean of its updates, the pseudo-gradient is Δ = mean − x. Each weight is computed by
 //!
 //! `m ← β₁·m + (1 − β₁)·Δ`, `v ← β₂·v + (1 − β₂)·Δ²`, `x ← x + η_t · m / (√v + τ)`
 //!
-//! with `η_t = η · √(1 − β₂^(t+1)) / (1 − β₁^(t+1))` in the t-th round since the moments began, from 1. The paper has a constant η. The
-//! factor corrects the bias of moments that began with 0 (Kingma and Ba, 2015); it is the one that Flower's FedAdam has.
+//! with `η_t = η · √(1 − β₂^(t+1)) / (1 − β₁^(t+1))` in the t-th round since the moments began, from 1. The paper has a constant
+//! η. The factor corrects the bias of moments that began with 0 (Kingma and Ba, 2015), as in Flower's FedAdam.
 //!
-//! **Where the moments are.** m and v follow from all rounds since they began. They cannot be read from the ledger's weights, as
-//! momentum can ([`crate::combine::optimizers::momentum`]): v is no movement, and a movement divided by η_t / (√v + τ) gives m only up to the rounding of
-//! int16, which is larger than most Δ. So they are a file among the blobs ([`crate::combine::optimizers::moments`]). The ledger names its digest in an
-//! entry before the round's closing, and whoever has the updates computes it again.
+//! **Where the moments are.** m and v depend on all rounds since they began. Unlike momentum ([`super::momentum`]) they do not
+//! follow from the ledger's weights: v is no movement, and a movement divided by η_t / (√v + τ) gives m only up to the rounding
+//! of int16, which exceeds most Δ. So they are a blob ([`super::moments`]). A ledger entry before the round's closing has its
+//! digest, and anyone with the updates can recompute it.
 //!
-//! **The same bits on every machine.** Δ is an exact integer over a divisor ([`LinearCombination`]), whatever the order of the updates. From there on,
-//! every step is one IEEE 754 operation of float64 in the order that [`Adam::step`] writes: sum, difference, product, quotient and square root
-//! are correctly rounded on every machine, and no two are fused. The moments are rounded to float32, and the step to a multiple of 2^−40. It
-//! is added to x exactly, and the sum is rounded once, as all results are.
+//! **The same bits on every machine.** Δ is an exact integer over a divisor ([`LinearCombination`]). Every later step is one IEEE
+//! 754 float64 operation in the order of [`Adam::step`]: sum, difference, product, quotient and square root are correctly rounded
+//! everywhere, and none are fused. The moments are rounded to float32, the step to a multiple of 2^−40. It is added to x exactly,
+//! and the sum is rounded once.
 
 use crate::combine::blocks::{Combination, Integer, Plan};
 use crate::combine::contributions::WeightedContribution;
@@ -29,13 +29,13 @@ use zk0_protocol::rules::basis_points::BPS;
 use zk0_protocol::rules::network_rules::BILLIONTHS;
 use zk0_weights::rounding::{exact, Unit};
 
-/// How many more fraction bits the step has than the finest scale of weights.
+/// The step's fraction bits beyond the weights' finest scale.
 const MORE_BITS: i16 = 16;
 
-/// The largest step. No weight is as large, so what is larger changes nothing.
+/// The largest step. It exceeds every weight, so a larger one changes nothing.
 const LARGEST_STEP: f64 = 65536.0;
 
-/// The parameters, as the rules have them.
+/// The parameters in the rules.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AdamParameters {
     /// η, in billionths.
@@ -59,7 +59,7 @@ pub struct Adam<'a> {
     tau: f64,
 }
 
-/// How a moment follows from the one before: `kept · before + added · new`.
+/// How a moment follows from the last: `kept · before + added · new`.
 #[derive(Clone, Copy)]
 struct Decay {
     kept: f64,
@@ -79,7 +79,7 @@ impl Decay {
         (self.kept * f64::from(before) + self.added * new) as f32
     }
 
-    /// The sum of what all rounds have added after `count` of them, if each added 1: 1 − kept^count.
+    /// The sum after `count` rounds that add 1 each: 1 − kept^count.
     fn reached(self, count: u64) -> f64 {
         let mut power = 1.0;
         for _ in 0..count {
@@ -92,7 +92,7 @@ impl Decay {
     }
 }
 
-/// The result of a round that started from `base`, after `steps` rounds since the moments began.
+/// The result of a round from `base`; the moments have `steps` rounds.
 pub fn adam<'a>(
     given: &[WeightedContribution<'a>],
     base: &'a dyn WeightSource,
@@ -124,7 +124,7 @@ pub fn adam<'a>(
 }
 
 impl Adam<'_> {
-    /// Takes the moments of a weight one round further, and gives the step in units of 2^−40.
+    /// Advances a weight's moments by a round, and returns the step in units of 2^−40.
     fn step(&self, moment: &mut Moment, difference: f64) -> i64 {
         moment.first = self.first.next(moment.first, difference);
         moment.second = self.second.next(moment.second, difference * difference);
@@ -135,7 +135,7 @@ impl Adam<'_> {
     }
 }
 
-/// 2^`bits`, for at most 62 of them.
+/// 2^`bits`, for at most 62 bits.
 fn power_of_two(bits: i16) -> f64 {
     (1u64 << bits) as f64
 }

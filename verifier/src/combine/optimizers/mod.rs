@@ -1,4 +1,4 @@
-//! Strategies that take the mean of the updates for a step of an optimiser.
+//! Strategies that use the mean of the updates in an optimiser's step.
 
 pub mod adam;
 pub mod moments;

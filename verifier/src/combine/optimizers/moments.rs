@@ -1,10 +1,10 @@
 //! The moments of FedAdam as a file, read and written while a round's result is made.
 //!
-//! The file is a safetensors file with the tensors of the network's weights, in their order. Each has the shape of the weight's tensor and
-//! a last dimension of 2: the first and the second moment of each weight, in float32. So a file has 8 bytes for each weight.
+//! A safetensors file has the network's tensors, in order, each with a last dimension of 2 added: the first and the second moment
+//! of each weight, in float32. So a weight takes 8 bytes.
 //!
-//! A combination goes through the weights in the order of the file. Hence the moments of some tensors at a time are in memory, and the
-//! digests of both files are computed on the way. What was read counts only if all of it has the digest that the ledger names.
+//! A combination follows the file's order. So only some tensors' moments are in memory, and both files' digests are computed on
+//! the way. The numbers read count only if the whole file has the ledger's digest.
 
 use crate::combine::error::CombineError;
 use bytemuck::{Pod, Zeroable};
@@ -17,20 +17,20 @@ use zk0_protocol::rules::state::State;
 use zk0_tensors::{Dtype, TensorHeader};
 use zk0_weights::Format;
 
-/// The moments of a weight. Files and memory are both little-endian: zk0 runs on little-endian machines only.
+/// A weight's moments. Files and memory are little-endian: zk0 runs on no other machines.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Moment {
-    /// The mean of the weight's pseudo-gradients.
+    /// The mean of the pseudo-gradients.
     pub first: f32,
     /// The mean of their squares.
     pub second: f32,
 }
 
-/// Fills a buffer with the bytes of a file from a place on, or says why it cannot.
+/// Fills a buffer with a file's bytes from a place on.
 pub type ReadMoments<'a> = &'a dyn Fn(&Digest, u64, &mut [u8]) -> Result<(), String>;
 
-/// Whether the open round, or else the next one, goes on from moments, and from which.
+/// The moments that the open round, or else the next one, goes on from.
 pub fn needed(state: &State) -> Option<&ServerMoments> {
     state.moments().filter(|_| has_moments(state))
 }
@@ -40,14 +40,14 @@ pub fn has_moments(state: &State) -> bool {
     matches!(state.rules().strategy, Strategy::FedAdam { .. })
 }
 
-/// The moments that a round starts with, and those that it ends with.
+/// The moments before and after a round.
 pub struct Moments<'a> {
     before: Option<Before<'a>>,
     sink: &'a mut dyn Write,
     after: Sha256,
 }
 
-/// The file of the moments that a round starts with.
+/// The file of the moments before.
 struct Before<'a> {
     moments: ServerMoments,
     read_at: ReadMoments<'a>,
@@ -56,7 +56,7 @@ struct Before<'a> {
 }
 
 impl<'a> Moments<'a> {
-    /// Moments that begin afresh: all of them are 0. Those that the round ends with are written to `sink`.
+    /// Moments that start as 0. The new ones are written to `sink`.
     pub fn afresh(sink: &'a mut dyn Write) -> Self {
         Self {
             before: None,
@@ -79,7 +79,7 @@ impl<'a> Moments<'a> {
         }
     }
 
-    /// From how many rounds they follow.
+    /// The rounds behind them.
     pub fn steps(&self) -> u64 {
         ServerMoments::steps(self.before.as_ref().map(|before| &before.moments))
     }
@@ -93,7 +93,7 @@ impl<'a> Moments<'a> {
         self.keep(&header)
     }
 
-    /// The next moments that the round starts with.
+    /// Reads the next moments from before the round.
     pub(crate) fn read(&mut self, moments: &mut [Moment]) -> Result<(), CombineError> {
         match &mut self.before {
             Some(before) => before.fill(bytemuck::cast_slice_mut(moments)),
@@ -104,7 +104,7 @@ impl<'a> Moments<'a> {
         }
     }
 
-    /// The next moments that the round ends with.
+    /// Writes the next new moments.
     pub(crate) fn write(&mut self, moments: &[Moment]) -> Result<(), CombineError> {
         self.keep(bytemuck::cast_slice(moments))
     }
@@ -116,7 +116,7 @@ impl<'a> Moments<'a> {
         Ok(())
     }
 
-    /// The digest of the moments that the round ends with.
+    /// The digest of the new moments.
     pub(crate) fn finish(&mut self) -> Result<Digest, CombineError> {
         if let Some(before) = &self.before {
             let expected = before.moments.blob;
@@ -140,13 +140,13 @@ impl Before<'_> {
     }
 }
 
-/// The beginning of each file of moments of this format, up to the numbers.
+/// The start of every moments file of this format.
 fn header(format: &Format) -> Vec<u8> {
     let tensors = format.tensors().iter().map(|tensor| {
         let shape = [&tensor.shape[..], &[2]].concat();
         (tensor.name.clone(), Dtype::F32, shape)
     });
-    // A network has too few tensors for a header beyond the format's limit.
+    // Too few tensors to exceed the header limit.
     let header = TensorHeader::new(None, tensors)
         .to_bytes()
         .unwrap_or_default();

@@ -1,14 +1,14 @@
 //! FedAvgM: federated averaging with momentum (Hsu et al., 2019, arXiv:1909.06335).
 //!
 //! With the base x of this round, the mean m of its updates, the server rate η and the momentum β, the method computes
-//! `v ← β·v + (m − x)` and `x ← x + η·v`. The last round's v is its movement divided by η, and both of its ends are on the ledger: it
-//! started from x′ and ended with x. So this round's result is
+//! `v ← β·v + (m − x)` and `x ← x + η·v`. The last round's v is its movement divided by η, from x′ to x, both on the ledger. So this
+//! round's result is
 //!
 //! `x + η·(m − x) + β·(x − x′)`
 //!
-//! and nobody has to keep a v. The ledger's rounding is part of the movement. There is no movement for the first round, and for a round
-//! whose base a vote restored (`State::earlier_base`). A round that kept its base has not moved. Where the result is too large for
-//! the scales of a network, a value becomes the largest one that there is.
+//! and v need not be kept. The movement includes the ledger's rounding. The first round has none, nor has a round whose base a
+//! vote restored (`State::earlier_base`). A round that kept its base has not moved. A value too large for a network's
+//! scales becomes the largest possible.
 
 use crate::combine::contributions::WeightedContribution;
 use crate::combine::error::CombineError;
@@ -17,7 +17,7 @@ use crate::combine::linear::{LinearCombination, ScaledWeights};
 use crate::combine::source::WeightSource;
 use zk0_protocol::rules::basis_points::BPS;
 
-/// The result of a round that started from `base`. `earlier` is what the last round started from, if that counts.
+/// A round's result from `base`. `earlier` is the last round's base, if it counts.
 pub fn with_momentum<'a>(
     given: &[WeightedContribution<'a>],
     base: &'a dyn WeightSource,

@@ -13,15 +13,15 @@ use crate::dataset::recover::folder::recording::{EpisodeToWrite, Recording, CHUN
 use crate::dataset::recover::folder::table::write_table;
 use crate::dataset::recover::statistics::columns::Statistics;
 
-/// What `meta/episodes` says of an episode that was written.
+/// A written episode for `meta/episodes`.
 pub(super) struct WrittenEpisode {
-    /// Which of the data files holds it.
+    /// Its data file.
     pub file: u64,
-    /// By the name of the feature.
+    /// By feature.
     pub statistics: BTreeMap<String, Statistics>,
 }
 
-/// Writes the table. `written` has an entry for each episode.
+/// Writes the table; `written` has an entry per episode.
 pub(super) fn write_episodes(
     recording: &Recording,
     path: &Path,
@@ -113,7 +113,7 @@ fn statistics(
     columns
 }
 
-/// A list of numbers for each episode, all as long as the first. Those of pictures have the shape `(3, 1, 1)`.
+/// A list of numbers per episode, of equal length. For pictures the shape is `(3, 1, 1)`.
 fn lists(rows: &[&[f64]], of_pictures: bool) -> ArrayRef {
     let values = rows.iter().flat_map(|row| row.iter().copied());
     let mut column: ArrayRef = Arc::new(Float64Array::from_iter_values(values));
@@ -123,7 +123,6 @@ fn lists(rows: &[&[f64]], of_pictures: bool) -> ArrayRef {
     listed(column, rows.first().map_or(1, |row| row.len()))
 }
 
-/// Lists of so many values.
 fn listed(values: ArrayRef, len: usize) -> ArrayRef {
     let field = Field::new("element", values.data_type().clone(), true);
     let lists = FixedSizeListArray::new(Arc::new(field), len as i32, values, None);

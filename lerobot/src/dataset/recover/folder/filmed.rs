@@ -16,19 +16,18 @@ use crate::dataset::tables::motion::TOLERANCE;
 use crate::dataset::video::reader::VideoReader;
 use crate::dataset::DatasetError;
 
-/// What was written of the videos.
 #[derive(Default)]
 pub(super) struct WrittenVideos {
-    /// For each episode the statistics of its pictures, by the camera.
+    /// Per episode, statistics of its pictures by camera.
     pub statistics: Vec<BTreeMap<String, Statistics>>,
-    /// Which cameras have no statistics, and why.
+    /// Cameras without statistics, and why.
     pub notes: Vec<String>,
 }
 
-/// Writes the videos of all cameras, and reads them to compute the statistics.
+/// Writes all cameras' videos, and reads them for statistics.
 ///
 /// # Errors
-/// What cannot be read of the recording, or not be written.
+/// What cannot be read or written.
 pub(super) fn write_videos(
     recording: &Recording,
     folder: &Path,
@@ -52,7 +51,7 @@ pub(super) fn write_videos(
                 }
             }
             Err(error) => {
-                // The folder does not have its name yet.
+                // The folder has a temporary name.
                 let cause = error.to_string();
                 let cause = cause.replace(&format!("{}/", folder.display()), "");
                 written.notes.push(format!(
@@ -79,7 +78,7 @@ fn write_video(video: &VideoToWrite, path: &Path) -> Result<(), DatasetError> {
     written.map_err(io)
 }
 
-/// The statistics of a camera's pictures for each episode. It is number `at` of those that filmed.
+/// Per episode, statistics of a camera's pictures; `at` counts the cameras that filmed.
 fn statistics(
     recording: &Recording,
     at: usize,

@@ -1,9 +1,9 @@
-//! Writes the folder of a recording, v3.0, as LeRobot 0.6.1 reads it and records on in it.
+//! Writes a recording's folder, v3.0, which LeRobot 0.6.1 reads and extends.
 //!
 //! ```text
-//! recording        what is to be written
-//! filmed           videos, and the statistics of their pictures
-//! rows             data files, with the pictures that rows hold
+//! recording        what is written
+//! filmed           videos, and statistics of their pictures
+//! rows             data files, with pictures in rows
 //! episode_table    meta/episodes
 //! table            how tables are written
 //! write            all of it

@@ -1,4 +1,4 @@
-//! A recording to be written, and where its files go.
+//! A recording to write, and where its files go.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -16,51 +16,47 @@ use crate::dataset::recover::statistics::columns::Statistics;
 use crate::dataset::recover::stored::DataFiles;
 use crate::dataset::DatasetError;
 
-/// LeRobot's names of data files and of videos.
+/// LeRobot's names of data files and videos.
 pub(crate) const DATA_PATH: &str = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet";
 pub(crate) const VIDEO_PATH: &str =
     "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4";
-/// Files in a folder `chunk-…`.
+/// Files per folder `chunk-…`.
 pub(crate) const CHUNK: u64 = 1000;
 
-/// A recording to be written.
 pub(crate) struct Recording {
-    /// `meta/info.json`; its totals and paths are set on writing.
+    /// `meta/info.json`; writing sets its totals and paths.
     pub info: JsonInOrder,
     pub fps: u32,
     pub tasks: Vec<String>,
-    /// Columns of the rows: those of all features but the videos.
+    /// Columns of the rows: all features but videos.
     pub schema: SchemaRef,
     pub episodes: Vec<EpisodeToWrite>,
-    /// Each camera that filmed, and its videos in order.
+    /// Each camera that filmed, with its videos in order.
     pub videos: Vec<(Camera, Vec<VideoToWrite>)>,
-    /// Where the rows have their pictures.
+    /// Where rows have their pictures.
     pub files: DataFiles,
 }
 
-/// An episode to be written.
 pub(crate) struct EpisodeToWrite {
-    /// Its rows without pictures; `episode_index` and `index` are set on writing.
+    /// Rows without pictures; writing sets `episode_index` and `index`.
     pub rows: Vec<RecordBatch>,
-    /// The same rows, counted over all files of the source.
+    /// The same rows, counted over the source's files.
     pub read_from: Range<usize>,
     pub tasks: Vec<usize>,
-    /// For each camera that filmed: which of its videos, and the seconds at which the episode begins and ends there.
+    /// Per camera that filmed: the number of its video, and the seconds where the episode begins and ends.
     pub stretches: Vec<(usize, f64, f64)>,
-    /// Of the pictures that its rows hold, by the camera.
+    /// Of pictures in rows, by camera.
     pub pictures: BTreeMap<String, Statistics>,
 }
 
-/// A camera's video.
 pub(crate) enum VideoToWrite {
-    /// A file to copy.
     Copy(PathBuf),
-    /// A file that `write` makes at the path that it is given.
+    /// A file that `write` makes at the given path.
     Make(Box<dyn Fn(&Path) -> Result<(), DatasetError>>),
 }
 
 impl Recording {
-    /// The names of all features that are pictures.
+    /// Names of all picture features.
     pub fn cameras(&self) -> impl Iterator<Item = &str> {
         let filmed = self.videos.iter().map(|(camera, _)| camera.name.as_str());
         let fields = self.schema.fields().iter();
@@ -70,13 +66,12 @@ impl Recording {
 }
 
 impl EpisodeToWrite {
-    /// How many rows it has.
     pub fn len(&self) -> usize {
         self.rows.iter().map(RecordBatch::num_rows).sum()
     }
 }
 
-/// The path of file `number` of a kind; its folder is made.
+/// The path of file `number` of a kind; makes its folder.
 pub(crate) fn place(
     folder: &Path,
     template: &str,

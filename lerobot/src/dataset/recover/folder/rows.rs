@@ -1,4 +1,4 @@
-//! The data files: the rows of the episodes, with the pictures that belong to them.
+//! The data files: the episodes' rows with their pictures.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -18,23 +18,22 @@ use crate::dataset::recover::statistics::columns::{numbers, Statistics};
 use crate::dataset::recover::stored::StoredPictures;
 use crate::dataset::DatasetError;
 
-/// LeRobot begins another data file above so many MiB, where `meta/info.json` does not say how many.
+/// LeRobot begins a new data file above so many MiB, unless `meta/info.json` states another number.
 const DATA_FILE_MIB: u64 = 100;
-/// Most bytes of rows that are held before they are written.
+/// Most bytes of rows held before writing.
 const HELD: usize = 16 << 20;
 
-/// What was written of an episode.
 pub(super) struct WrittenRows {
-    /// Which of the data files holds it.
+    /// Its data file.
     pub file: u64,
-    /// The statistics of its numbers, by the name of the feature.
+    /// Statistics of its numbers, by feature.
     pub statistics: BTreeMap<String, Statistics>,
 }
 
-/// Writes the rows of all episodes. An episode has a row group of its own as in LeRobot, or more where it is large.
+/// Writes all rows. As in LeRobot, an episode has its own row group; a large one has more.
 ///
 /// # Errors
-/// A picture cannot be read, or a file not be written.
+/// A picture cannot be read, or a file not written.
 pub(super) fn write_rows(
     recording: &Recording,
     folder: &Path,
@@ -62,7 +61,7 @@ pub(super) fn write_rows(
         let batches = numbered(episode, number, start).map_err(failed)?;
         let mut row = episode.read_from.start;
         for batch in &batches {
-            // Without pictures a batch is as large as one that was read.
+            // Without pictures, batches keep the size they were read with.
             let at_once = if cameras.is_empty() {
                 batch.num_rows()
             } else {
@@ -104,7 +103,7 @@ fn most_bytes(info: &JsonInOrder) -> u64 {
 fn begin(folder: &Path, file: u64, schema: &SchemaRef) -> io::Result<ArrowWriter<File>> {
     let mut properties = properties();
     for field in schema.fields() {
-        // No two pictures are the same, so that a dictionary of them would hold them twice.
+        // Pictures are all different; a dictionary would hold them twice.
         if matches!(field.data_type(), DataType::Struct(_)) {
             let bytes = ColumnPath::new(vec![field.name().clone(), "bytes".into()]);
             properties = properties.set_column_dictionary_enabled(bytes, false);
@@ -120,7 +119,7 @@ fn end(writer: ArrowWriter<File>) -> io::Result<()> {
     writer.into_inner().map_err(io::Error::other)?.sync_all()
 }
 
-/// The rows of an episode as those of episode `number`, the first of which is row `start` of the recording.
+/// An episode's rows, renumbered as episode `number` from row `start` on.
 fn numbered(
     episode: &EpisodeToWrite,
     number: usize,
@@ -145,7 +144,7 @@ fn numbered(
     Ok(batches)
 }
 
-/// All columns of rows that lack those of pictures. The first one is row `row` of the source.
+/// All columns, with the pictures added. The first row is row `row` of the source.
 fn columns(
     schema: &SchemaRef,
     rows: &RecordBatch,

@@ -11,19 +11,18 @@ use parquet::arrow::ArrowWriter;
 use parquet::basic::Compression;
 use parquet::file::properties::{WriterProperties, WriterPropertiesBuilder};
 
-/// Properties of all tables.
 pub(super) fn properties() -> WriterPropertiesBuilder {
     WriterProperties::builder().set_compression(Compression::SNAPPY)
 }
 
-/// Writes a table with `metadata` of its schema. It is on the disk when this returns.
+/// Writes a table with the schema's `metadata`, and syncs it to disk.
 pub(super) fn write_table<N: AsRef<str>>(
     path: &Path,
     columns: impl IntoIterator<Item = (N, ArrayRef)>,
     metadata: HashMap<String, String>,
 ) -> io::Result<()> {
     let table = RecordBatch::try_from_iter(columns).map_err(io::Error::other)?;
-    // pyarrow takes the metadata of the schema that arrow writes, and no other.
+    // pyarrow takes only the schema metadata that arrow writes.
     let schema = Arc::new(table.schema().as_ref().clone().with_metadata(metadata));
     let table = table
         .with_schema(schema.clone())

@@ -1,4 +1,4 @@
-//! Writes all files of the folder.
+//! Writes the folder.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs::{self, File};
@@ -20,10 +20,10 @@ use crate::dataset::recover::json_in_order::JsonInOrder;
 use crate::dataset::recover::statistics::columns::Statistics;
 use crate::dataset::DatasetError;
 
-/// Writes everything into `folder`, which is empty. All bytes are on the disk when this returns. Returns notes on what is missing.
+/// Writes everything into the empty `folder` and syncs it to disk. Returns notes on what is missing.
 ///
 /// # Errors
-/// What cannot be read of the recording, or not be written.
+/// What cannot be read or written.
 pub(crate) fn write(recording: &Recording, folder: &Path) -> Result<Vec<String>, DatasetError> {
     let filmed = write_videos(recording, folder)?;
     let rows = write_rows(recording, folder)?;
@@ -95,7 +95,7 @@ fn stats(recording: &Recording, written: &[WrittenEpisode]) -> Value {
         let mut entry: BTreeMap<&str, Value> = pooled
             .entries()
             .map(|(name, values)| match is_camera {
-                // A number for each colour has the shape `(3, 1, 1)`.
+                // One number per colour has the shape `(3, 1, 1)`.
                 true => (name, values.iter().map(|value| json!([[value]])).collect()),
                 false => (name, values.clone().into()),
             })
@@ -112,7 +112,7 @@ fn write_tasks(path: &Path, tasks: &[String]) -> io::Result<()> {
         ("task_index", Arc::new(indices)),
         ("task", Arc::new(StringArray::from(tasks.to_vec()))),
     ];
-    // LeRobot finds a task by the index of the table, and pandas reads here which column that is.
+    // LeRobot finds a task by the table's index; pandas reads here which column that is.
     let column = |name: &str, pandas: &str, numpy: &str| json!({"name": name, "field_name": name, "pandas_type": pandas, "numpy_type": numpy, "metadata": null});
     let pandas = json!({
         "index_columns": ["task"],
@@ -132,7 +132,7 @@ fn write_json(path: &Path, value: &impl serde::Serialize) -> io::Result<()> {
     file.sync_all()
 }
 
-/// Waits until the names in a folder and in those below it are on the disk.
+/// Syncs the names in a folder and below to disk.
 fn sync_folders(folder: &Path) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;

@@ -1,7 +1,7 @@
-//! Statistics of an episode's columns of numbers, and those of all episodes together.
+//! Statistics of an episode's numeric columns, and of all episodes together.
 //!
-//! Quantiles come from a histogram of 5000 bins for each dimension, and those of the whole are the episodes' means, weighted by
-//! their frames. LeRobot computes in float32 where the column has this type; here all is float64, so that the last digits differ.
+//! Quantiles come from a histogram of 5000 bins per dimension; those of the whole are the episodes' means, weighted by frames. LeRobot
+//! computes in float32 for float32 columns, this in float64: the last digits differ.
 
 use arrow_array::cast::AsArray;
 use arrow_array::types::{
@@ -11,9 +11,9 @@ use arrow_array::types::{
 use arrow_array::Array;
 use arrow_schema::DataType;
 
-/// Bins of the histogram that a quantile is taken from.
+/// Bins of a quantile's histogram.
 pub(crate) const BINS: usize = 5000;
-/// The quantiles that LeRobot writes, with their names.
+/// LeRobot's quantiles and their names.
 pub(crate) const QUANTILES: [(&str, f64); 5] = [
     ("q01", 0.01),
     ("q10", 0.1),
@@ -22,7 +22,7 @@ pub(crate) const QUANTILES: [(&str, f64); 5] = [
     ("q99", 0.99),
 ];
 
-/// Statistics of one column, each with a value for each dimension.
+/// Statistics of one column, a value per dimension.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Statistics {
     pub min: Vec<f64>,
@@ -34,7 +34,7 @@ pub(crate) struct Statistics {
 }
 
 impl Statistics {
-    /// Of rows of `dim` values; there is at least one row.
+    /// Of rows of `dim` values, at least one row.
     pub fn of(values: &[f64], dim: usize) -> Self {
         let rows = values.len() / dim;
         let columns: Vec<Vec<f64>> = (0..dim)
@@ -61,7 +61,7 @@ impl Statistics {
         }
     }
 
-    /// Of all episodes together, each with the same dimensions; there is at least one.
+    /// Of all episodes, at least one, with the same dimensions.
     pub fn pooled(episodes: &[&Self]) -> Self {
         let count: u64 = episodes.iter().map(|e| e.count).sum();
         let of = |each: &dyn Fn(usize) -> f64| (0..episodes[0].mean.len()).map(each).collect();
@@ -93,7 +93,7 @@ impl Statistics {
         }
     }
 
-    /// The names and values of all but `count`, in LeRobot's order.
+    /// Names and values of all but `count`, in LeRobot's order.
     pub fn entries(&self) -> impl Iterator<Item = (&'static str, &Vec<f64>)> {
         let moments = [
             ("min", &self.min),
@@ -106,7 +106,7 @@ impl Statistics {
     }
 }
 
-/// LeRobot's quantile: the values are counted in bins, and the quantile is interpolated within a bin.
+/// LeRobot's quantile: counts values in bins and interpolates within a bin.
 fn quantile(values: &[f64], q: f64) -> f64 {
     let min = values.iter().copied().fold(f64::INFINITY, f64::min) - 1e-10;
     let max = values.iter().copied().fold(f64::NEG_INFINITY, f64::max) + 1e-10;
@@ -132,7 +132,7 @@ fn quantile(values: &[f64], q: f64) -> f64 {
     max
 }
 
-/// The numbers of a column, row after row, and how many a row has; `None` for other columns.
+/// A column's numbers, row after row, and their number per row; `None` for other columns.
 pub(crate) fn numbers(column: &dyn Array) -> Option<(Vec<f64>, usize)> {
     macro_rules! all {
         ($type:ty) => {

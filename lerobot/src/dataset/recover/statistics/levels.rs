@@ -1,23 +1,21 @@
-//! The statistics of an episode's pictures: how often each level of each colour is there says all that they need, so that no picture
-//! is kept.
+//! The statistics of an episode's pictures. The count of each level of each colour suffices, so no picture is kept.
 //!
-//! The sums are exact. LeRobot adds levels and their squares in float32, and takes the deviation from both. Where a colour is nearly the
-//! same everywhere, its deviation is wrong, and can be 0.
+//! The sums are exact. LeRobot adds levels and their squares in float32: where a colour is nearly constant, its deviation is wrong and can
+//! be 0.
 
 use crate::dataset::recover::statistics::columns::{Statistics, BINS, QUANTILES};
 use crate::dataset::recover::statistics::sampling::pixel_step;
 
-/// The largest level, which counts as 1.
+/// The largest level, 1 in statistics.
 const WHITE: f64 = 255.0;
 
-/// How often each level of red, green and blue was there in the pictures that were added.
+/// Counts of each level of red, green and blue in the added pictures.
 pub(crate) struct Levels {
     counts: [[u64; 256]; 3],
     pictures: u64,
 }
 
 impl Levels {
-    /// Of no picture yet.
     pub fn new() -> Self {
         Self {
             counts: [[0; 256]; 3],
@@ -38,7 +36,7 @@ impl Levels {
         self.pictures += 1;
     }
 
-    /// A value for each colour, from 0 to 1; at least one picture was added.
+    /// A value per colour, from 0 to 1; at least one picture was added.
     pub fn statistics(&self) -> Statistics {
         let of = |f: &dyn Fn(&[u64; 256]) -> f64| -> Vec<f64> {
             self.counts.iter().map(|counts| f(counts) / WHITE).collect()
@@ -65,7 +63,7 @@ fn greatest(counts: &[u64; 256]) -> u8 {
     levels(counts).map(|(level, _)| level).last().unwrap_or(0)
 }
 
-/// The levels that are there, and how often.
+/// The levels that occur, and how often.
 fn levels(counts: &[u64; 256]) -> impl Iterator<Item = (u8, u64)> + '_ {
     let all = (0..=u8::MAX).zip(counts.iter().copied());
     all.filter(|(_, count)| *count > 0)
@@ -85,8 +83,7 @@ fn average(counts: &[u64; 256], of: impl Fn(u8) -> f64) -> f64 {
     sum / counts.iter().sum::<u64>() as f64
 }
 
-/// LeRobot's quantile: the levels are counted in bins, and the quantile is interpolated within a bin. The edges of the bins are
-/// float32, and decide in which of two a level is counted.
+/// LeRobot's quantile: counts levels in bins and interpolates within a bin. The bins' edges are float32, which decides between two bins.
 fn quantile(counts: &[u64; 256], q: f64) -> f64 {
     let (first, last) = (edge(counts, 0), edge(counts, BINS));
     let target = q * counts.iter().sum::<u64>() as f64;
@@ -106,7 +103,7 @@ fn quantile(counts: &[u64; 256], q: f64) -> f64 {
     last.into()
 }
 
-/// The bin that holds a level: the last whose lower edge is not above it.
+/// A level's bin: the last whose lower edge is not above it.
 fn bin(counts: &[u64; 256], level: u8) -> usize {
     let (mut low, mut high) = (0, BINS - 1);
     while low < high {
@@ -120,7 +117,7 @@ fn bin(counts: &[u64; 256], level: u8) -> usize {
     low
 }
 
-/// The lower edge of a bin, as numpy's `linspace` gives it in float32.
+/// A bin's lower edge, as numpy's `linspace` gives it in float32.
 fn edge(counts: &[u64; 256], bin: usize) -> f32 {
     let min = f32::from(least(counts)) - 1e-10;
     let max = f32::from(greatest(counts)) + 1e-10;

@@ -1,8 +1,8 @@
-//! Statistics of an episode as LeRobot 0.6.1 computes them (`compute_stats.py`), and those of all episodes together.
+//! Statistics as LeRobot 0.6.1 computes them (`compute_stats.py`), of each episode and of all together.
 //!
 //! ```text
 //! columns    numbers of the rows
-//! sampling   which pictures of an episode count, and which of their pixels
+//! sampling   which pictures and which of their pixels count
 //! levels     pixels → statistics of each colour
 //! ```
 

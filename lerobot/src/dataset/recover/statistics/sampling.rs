@@ -1,15 +1,15 @@
-//! Which pictures of an episode LeRobot's statistics are of, and which of their pixels.
+//! Which pictures and which of their pixels LeRobot's statistics count.
 
-/// Of up to so many pictures all count.
+/// Up to so many pictures, all count.
 const FEW: usize = 100;
 /// More never count.
 const MOST: usize = 10_000;
-/// A picture whose longer side is shorter counts with all of its pixels.
+/// A picture whose longer side is shorter counts whole.
 const SMALL: usize = 300;
-/// What the longer side of other pictures is made: between this and twice as many pixels.
+/// Other pictures' longer side is reduced to between this and twice as many pixels.
 const TARGET: usize = 150;
 
-/// Numbers of the pictures that count, of an episode of `frames` pictures.
+/// Which pictures count, of an episode of `frames`.
 pub(crate) fn sampled_frames(frames: usize) -> Vec<usize> {
     let growing = (frames as f64).powf(0.75) as usize;
     let count = growing.min(MOST).max(FEW.min(frames));
@@ -23,7 +23,7 @@ pub(crate) fn sampled_frames(frames: usize) -> Vec<usize> {
     sampled
 }
 
-/// Every how many-th row and column of a picture counts.
+/// Every how many-th row and column counts.
 pub(crate) fn pixel_step(height: usize, width: usize) -> usize {
     match height.max(width) {
         small if small < SMALL => 1,
@@ -35,7 +35,7 @@ pub(crate) fn pixel_step(height: usize, width: usize) -> usize {
 mod tests {
     use super::*;
 
-    /// What `sample_indices` of LeRobot 0.6.1 gives.
+    /// From LeRobot 0.6.1's `sample_indices`.
     #[test]
     fn pictures_are_sampled_as_lerobot_does() {
         for frames in [1, 2, 7, 100] {
@@ -59,7 +59,7 @@ mod tests {
         assert_eq!(found, given);
     }
 
-    /// What `auto_downsample_height_width` of LeRobot 0.6.1 gives.
+    /// From LeRobot 0.6.1's `auto_downsample_height_width`.
     #[test]
     fn large_pictures_count_with_some_of_their_pixels() {
         let steps = [

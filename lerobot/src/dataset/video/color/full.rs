@@ -1,4 +1,4 @@
-//! 4:4:4: every pixel has chroma of its own, and is rounded once.
+//! 4:4:4: every pixel has its own chroma, rounded once.
 
 use super::matrix::in_13_bits;
 use super::yuv::Yuv;
@@ -27,7 +27,7 @@ pub(super) fn convert(picture: &Yuv, [red, green, blue]: [&mut [u8]; 3]) -> Opti
     Some(())
 }
 
-/// The sum overflows in swscale, too: white with the strongest blue becomes black.
+/// Overflows as in swscale: white with the strongest blue becomes black.
 fn level(luma: i32, chroma: i32) -> u8 {
     (luma.wrapping_add(chroma).clamp(0, (1 << 30) - 1) >> 22) as u8
 }

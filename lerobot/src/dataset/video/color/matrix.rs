@@ -1,18 +1,18 @@
-//! Which colours a video's numbers stand for, and the whole numbers by which swscale multiplies them.
+//! What a video's numbers mean as colours, and swscale's integer factors.
 
 /// The matrix between RGB and YUV.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ColorMatrix {
-    /// ITU-R BT.601, also where a video states nothing.
+    /// ITU-R BT.601, also the default.
     Bt601,
     /// ITU-R BT.709.
     Bt709,
-    /// ITU-R BT.2020 with non-constant luminance.
+    /// ITU-R BT.2020, non-constant luminance.
     Bt2020,
 }
 
 impl ColorMatrix {
-    /// The matrix of this number in ITU-T H.273, which all codecs use; `None` where it is not read.
+    /// The matrix by its number in ITU-T H.273, for all codecs; `None` if unsupported.
     pub(crate) fn of_code(code: u32) -> Option<Self> {
         match code {
             2 | 5 | 6 => Some(Self::Bt601),
@@ -28,11 +28,11 @@ impl ColorMatrix {
 pub struct Colors {
     /// The matrix.
     pub matrix: ColorMatrix,
-    /// Whether luma takes 0 to 255 rather than 16 to 235.
+    /// Whether luma is 0 to 255 rather than 16 to 235.
     pub full_range: bool,
 }
 
-/// The factors of a conversion, in units of 1/65536.
+/// Conversion factors in 1/65536.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ConversionFactors {
     pub luma: i64,
@@ -45,7 +45,7 @@ pub(super) struct ConversionFactors {
 }
 
 impl Colors {
-    /// The factors as `ff_yuv2rgb_c_init_tables` computes them.
+    /// The factors of `ff_yuv2rgb_c_init_tables`.
     pub(super) fn factors(self) -> ConversionFactors {
         let [red_v, blue_u, green_u, green_v] = match self.matrix {
             ColorMatrix::Bt601 => [104_597, 132_201, -25_675, -53_279],
@@ -75,7 +75,7 @@ impl Colors {
     }
 }
 
-/// A factor in units of 1/8192.
+/// A factor in 1/8192.
 pub(super) fn in_13_bits(factor: i64) -> i32 {
     ((factor * (1 << 13) + (1 << 15)) >> 16) as i32
 }

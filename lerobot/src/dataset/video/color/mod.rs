@@ -1,4 +1,4 @@
-//! From decoded video to RGB, bit for bit as LeRobot's decoder does it, which leaves it to FFmpeg's swscale.
+//! From decoded video to RGB, bit for bit as in LeRobot, which uses FFmpeg's swscale.
 
 mod full;
 mod matrix;

@@ -1,6 +1,6 @@
-//! 4:2:0 and 4:2:2 with 8 bits: the arithmetic of swscale's vector instructions; chroma is repeated, not interpolated.
+//! 4:2:0 and 4:2:2 with 8 bits: the arithmetic of swscale's vector instructions. Chroma is repeated, not interpolated.
 //!
-//! All values fit into 16 bits, and each loop does one thing to a whole row, so that the compiler makes vector instructions of it.
+//! Values fit into 16 bits, and each loop does one thing to a whole row: the compiler vectorises it.
 
 use super::matrix::in_13_bits;
 use super::yuv::{Sampling, Yuv};
@@ -37,7 +37,7 @@ pub(super) fn convert(picture: &Yuv, [red, green, blue]: [&mut [u8]; 3]) -> Opti
     Some(())
 }
 
-/// What chroma adds to each of the two pixels that share it.
+/// Chroma's part in each of two pixels.
 fn twice(parts: &mut Vec<[i16; 2]>, u: &[u8], v: &[u8], part: impl Fn(i16, i16) -> i16) {
     parts.resize(u.len(), [0; 2]);
     for ((pair, &u), &v) in parts.iter_mut().zip(u).zip(v) {

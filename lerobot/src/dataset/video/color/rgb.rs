@@ -1,11 +1,11 @@
-//! Which of the conversions a picture takes.
+//! Which conversion a picture takes.
 
 use super::yuv::{Sampling, Yuv};
 use super::{full, repeated, rounded};
 
-/// RGB of a picture, channel-first: `[3, height, width]`, or `None` where a plane is too short.
+/// RGB of a picture, `[3, height, width]`, or `None` where a plane is too short.
 ///
-/// swscale has three ways, and gives other values in each. The textbook's formula differs from the first by up to 3 levels.
+/// swscale has three ways with different results. The textbook formula differs from the first by up to 3 levels.
 pub fn rgb_from_yuv(picture: &Yuv) -> Option<Vec<u8>> {
     let plane = picture.height.checked_mul(picture.width)?;
     let mut rgb = vec![0; plane.checked_mul(3)?];

@@ -1,9 +1,9 @@
-//! 4:2:0 and 4:2:2 with more than 8 bits: luma and chroma are rounded to 8 bits first. Chroma is repeated from left to right, and
-//! in 4:2:0 interpolated from top to bottom.
+//! 4:2:0 and 4:2:2 above 8 bits: luma and chroma are first rounded to 8 bits. Chroma is repeated horizontally and, in 4:2:0, interpolated
+//! vertically.
 
 use super::yuv::{Sampling, Yuv};
 
-/// Chroma rows and their weights, in units of 1/4096.
+/// Chroma rows and weights in 1/4096.
 type ChromaWeights = [(usize, i32); 4];
 
 pub(super) fn convert(picture: &Yuv, [red, green, blue]: [&mut [u8]; 3]) -> Option<()> {
@@ -50,12 +50,12 @@ pub(super) fn convert(picture: &Yuv, [red, green, blue]: [&mut [u8]; 3]) -> Opti
     Some(())
 }
 
-/// What chroma adds to luma.
+/// Chroma's part in a colour.
 fn part(chroma: i32, factor: i32) -> i32 {
     ((chroma * factor) >> 16) - (factor >> 9)
 }
 
-/// The chroma of a row: a cubic filter in 4:2:0. swscale leaves a row out above rows 0 and 2.
+/// A row's chroma: a cubic filter in 4:2:0. swscale omits a row above rows 0 and 2.
 fn weights(picture: &Yuv, row: usize) -> ChromaWeights {
     if picture.format.sampling != Sampling::Yuv420 {
         return [(row, 4096), (row, 0), (row, 0), (row, 0)];

@@ -1,4 +1,4 @@
-//! A decoded picture before it is RGB.
+//! A decoded picture before RGB.
 
 use super::matrix::Colors;
 
@@ -13,19 +13,18 @@ pub enum Sampling {
     Yuv444,
 }
 
-/// What the numbers of a picture mean.
+/// What a picture's numbers mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct YuvFormat {
-    /// How many chroma samples there are.
+    /// Chroma sampling.
     pub sampling: Sampling,
-    /// Bits of a sample: 8, 10 or 12. Above 8, it takes two bytes, the low one first.
+    /// Bits of a sample: 8, 10 or 12. Above 8, two bytes, low one first.
     pub bits: u32,
     /// Matrix and range.
     pub colors: Colors,
 }
 
 impl YuvFormat {
-    /// Bytes of a sample.
     pub(crate) fn sample_bytes(self) -> usize {
         if self.bits > 8 {
             2
@@ -34,7 +33,7 @@ impl YuvFormat {
         }
     }
 
-    /// Height and width of the chroma planes of a picture, rounded up.
+    /// Height and width of a picture's chroma planes, rounded up.
     pub(crate) fn chroma_size(self, height: usize, width: usize) -> (usize, usize) {
         match self.sampling {
             Sampling::Yuv420 => (height.div_ceil(2), width.div_ceil(2)),
@@ -44,7 +43,7 @@ impl YuvFormat {
     }
 }
 
-/// A picture in planes, whose rows are `stride` bytes apart.
+/// A picture in planes with rows `stride` bytes apart.
 #[derive(Debug, Clone, Copy)]
 pub struct Yuv<'a> {
     /// What the numbers mean.
@@ -55,9 +54,9 @@ pub struct Yuv<'a> {
     pub u: &'a [u8],
     /// Red-difference chroma.
     pub v: &'a [u8],
-    /// Bytes from one luma row to the next.
+    /// Bytes between luma rows.
     pub y_stride: usize,
-    /// Bytes from one chroma row to the next.
+    /// Bytes between chroma rows.
     pub uv_stride: usize,
     /// Pixels from top to bottom.
     pub height: usize,
@@ -66,13 +65,11 @@ pub struct Yuv<'a> {
 }
 
 impl<'a> Yuv<'a> {
-    /// The bytes of a luma row.
     pub(super) fn luma_row(&self, row: usize) -> Option<&'a [u8]> {
         let bytes = self.width * self.format.sample_bytes();
         self.y.get(row.checked_mul(self.y_stride)?..)?.get(..bytes)
     }
 
-    /// The bytes of a row of both chroma planes.
     pub(super) fn chroma_row(&self, row: usize) -> Option<(&'a [u8], &'a [u8])> {
         let (_, width) = self.format.chroma_size(self.height, self.width);
         let (at, bytes) = (
@@ -85,7 +82,7 @@ impl<'a> Yuv<'a> {
         ))
     }
 
-    /// The samples of a row, each stretched to 15 bits.
+    /// A row's samples, stretched to 15 bits.
     pub(super) fn in_15_bits(&self, row: &[u8], samples: &mut Vec<i32>) {
         let bits = self.format.bits;
         samples.clear();

@@ -1,4 +1,4 @@
-//! An installed FFmpeg, which decodes what the decoders in this program do not: a child process with limits, and which frames it gets.
+//! An installed FFmpeg, for what this program cannot decode: a child process with limits, and the frames it gets.
 
 pub(crate) mod player;
 mod process;

@@ -1,5 +1,4 @@
-//! Which frames FFmpeg gets, and which one the picture is that it gives: it takes them in order of decoding from some key frame on, and
-//! gives their pictures in order of presentation.
+//! Which frames FFmpeg gets, and which pictures it returns: frames in decoding order from a key frame on, pictures in presentation order.
 
 use std::collections::BTreeMap;
 
@@ -7,29 +6,28 @@ use super::process::Process;
 use crate::dataset::video::picture_order::PicturePosition;
 use crate::dataset::video::restart::Restart;
 
-/// Most frames by which the two orders may differ.
+/// Most frames between the two orders.
 const MAX_SHIFT: usize = 64;
 
-/// FFmpeg, and where it is.
 pub(crate) struct Player {
     process: Process,
     restart: Restart,
     /// Samples in order of presentation.
     order: Vec<u32>,
-    /// It was given everything from the key frame up to, not including, this sample, but for what does not decode from there.
+    /// FFmpeg has everything from the key frame to before this sample, except what does not decode from there.
     next: usize,
-    /// The next picture belongs to the first sample from here on, in order of presentation, that was given.
+    /// The next picture is of the first given sample from here on, in presentation.
     number: usize,
     given: usize,
-    /// Samples whose pictures did not come yet, with their places in the stream.
+    /// Samples without a picture yet, with their places in the stream.
     awaited: BTreeMap<usize, Option<PicturePosition>>,
 }
 
 impl Player {
-    /// Begins at a key frame. `order` has the samples in order of presentation.
+    /// Begins at a key frame. `order` has the samples in presentation.
     ///
     /// # Errors
-    /// FFmpeg cannot be started, or the two orders are further apart than in any film.
+    /// FFmpeg cannot be started, or the two orders are too far apart.
     pub fn start(
         demuxer: &str,
         picture_bytes: usize,
@@ -53,7 +51,7 @@ impl Player {
         })
     }
 
-    /// Number of the next picture in order of presentation, or the number of all frames.
+    /// Number of the next picture in presentation, or of all frames.
     pub fn next_number(&self) -> usize {
         let plays = |sample: u32| {
             let sample = sample as usize;
@@ -63,8 +61,8 @@ impl Player {
         self.number + rest.take_while(|sample| !plays(**sample)).count()
     }
 
-    /// The planes of frame `number`, which is not before [`Player::next_number`]. `sample` gives the byte stream of one sample; the flag
-    /// asks for the parameter sets before it. With it comes the place of its picture in the stream, where it can be known.
+    /// The planes of frame `number`, not before [`Player::next_number`]. `sample` gives a sample's byte stream, with parameter sets first
+    /// if the flag is set, and its picture's place in the stream, if known.
     pub fn picture(
         &mut self,
         number: usize,
@@ -80,7 +78,7 @@ impl Player {
             self.given += 1;
             self.number = at + 1;
             self.refuse_other_order(at)?;
-            // At the end, there may be no picture that belongs to no frame.
+            // At the end, no picture may be left over.
             if self.next_number() == self.order.len() && self.next_picture(&mut sample)?.is_some() {
                 self.given += 1;
                 return Err(self.count_fault());
@@ -91,7 +89,7 @@ impl Player {
         }
     }
 
-    /// Fails if the picture that came is not that of frame `at`: it is the first one of the stream that had not come yet.
+    /// Fails unless the picture is of frame `at`: the first in the stream that is still missing.
     fn refuse_other_order(&mut self, at: usize) -> Result<(), String> {
         let place = self.awaited.remove(&(self.order[at] as usize));
         let first = self.awaited.values().flatten().min().copied();
@@ -160,7 +158,7 @@ mod tests {
 
     #[test]
     fn a_picture_that_is_not_played_is_refused() {
-        // The first picture is shown before the key frame, and refers to what came before that.
+        // The first picture is shown before the key frame and refers to earlier ones.
         let restart = Restart {
             key: 0,
             skipped: BTreeSet::from([1]),

@@ -1,5 +1,4 @@
-//! The child process: it takes a byte stream and gives raw planes. It reads no file, opens no connection, writes no file, and logs nothing
-//! unless a picture is damaged.
+//! The child process turns a byte stream into raw planes. It uses no files or connections, and logs only damage.
 
 use std::io::{ErrorKind, Read, Write};
 use std::os::fd::AsFd;
@@ -12,15 +11,15 @@ use rustix::io::{ioctl_fionbio, Errno};
 use rustix::pipe::fcntl_setpipe_size;
 use rustix::process::{prlimit, Pid, Resource, Rlimit};
 
-/// How long a picture may take, with all that is decoded before it.
+/// Time for a picture and all that is decoded before it.
 const PATIENCE: Duration = Duration::from_secs(60);
-/// Address space that FFmpeg takes for itself; 400 MB suffice for Debian's.
+/// FFmpeg's own address space; Debian's takes 400 MB.
 const PROGRAM_BYTES: u64 = 1 << 30;
-/// Pictures that it may hold: 17 that others refer to, some on their way, and tables for each.
+/// Pictures in memory: 17 references, some on their way, and tables for each.
 const PICTURES: u64 = 64;
-/// The most that it may take, whatever size the pictures claim.
+/// Its memory limit, whatever size pictures claim.
 const MOST_BYTES: u64 = 8 << 30;
-/// How much of its log is repeated.
+/// Bytes of its log in errors.
 const LOG_BYTES: usize = 400;
 const PIPE_BYTES: usize = 1 << 20;
 
@@ -28,11 +27,11 @@ const MISSING: &str = "needs FFmpeg, which is not installed; install it: sudo ap
 
 pub(super) struct Process {
     child: Child,
-    /// Gone at the end of the stream.
+    /// `None` at the stream's end.
     stdin: Option<ChildStdin>,
     stdout: ChildStdout,
     stderr: ChildStderr,
-    /// What it has not taken yet, from `taken` on.
+    /// Input not taken yet, from `taken` on.
     waiting: Vec<u8>,
     taken: usize,
     picture_bytes: usize,
@@ -40,7 +39,7 @@ pub(super) struct Process {
 }
 
 impl Process {
-    /// Starts FFmpeg on a byte stream (`h264` or `hevc`) whose pictures take `picture_bytes` each.
+    /// Starts FFmpeg on a byte stream (`h264` or `hevc`) with `picture_bytes` per picture.
     pub fn start(demuxer: &str, picture_bytes: usize) -> Result<Self, String> {
         let every_picture = every_picture()?;
         let mut command = Command::new("ffmpeg");
@@ -49,9 +48,9 @@ impl Process {
             .args("-threads 1 -err_detect crccheck+explode".split(' '))
             .args(["-f", demuxer, "-i", "pipe:0", "-map", "0:v:0"])
             .args([every_picture, "passthrough"])
-            // A plus alone keeps the pictures' own format, whatever it is.
+            // A plus alone keeps the pictures' format.
             .args("-threads 1 -pix_fmt + -f rawvideo pipe:1".split(' '))
-            // It would write a log into the file that this names.
+            // FFmpeg would log into the file that it names.
             .env_remove("FFREPORT")
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -77,7 +76,7 @@ impl Process {
         Ok(process)
     }
 
-    /// Sets the limits, before it has read anything.
+    /// Sets limits before it reads anything.
     fn limit(&self) -> Result<(), Errno> {
         let pid = Some(Pid::from_child(&self.child));
         let pictures = PICTURES.saturating_mul(self.picture_bytes as u64);
@@ -98,12 +97,12 @@ impl Process {
         }
         ioctl_fionbio(&self.stdout, true)?;
         ioctl_fionbio(&self.stderr, true)?;
-        // It decodes ahead as far as this pipe goes; without it, it only takes longer.
+        // It decodes ahead into this pipe; a small pipe is only slower.
         let _ = fcntl_setpipe_size(&self.stdout, PIPE_BYTES);
         Ok(())
     }
 
-    /// The planes of the next picture, or `None` at the end. `more` gives the next bytes of the stream, and `None` at its end.
+    /// The next picture's planes, `None` at the end. `more` gives the stream's next bytes, `None` at its end.
     pub fn picture(
         &mut self,
         mut more: impl FnMut() -> Result<Option<Vec<u8>>, String>,
@@ -133,7 +132,7 @@ impl Process {
                 Err(e) => return Err(format!("cannot be had from FFmpeg: {e}")),
             }
             if picture.len() == self.picture_bytes {
-                // What is wrong with a picture is logged before the picture comes.
+                // A picture's faults are logged before it comes.
                 self.refuse_log()?;
                 return Ok(Some(picture));
             }
@@ -141,7 +140,7 @@ impl Process {
         }
     }
 
-    /// Waits until something can be done.
+    /// Waits for input or output.
     fn wait(&self, until: Instant) -> Result<(), String> {
         let left = until.saturating_duration_since(Instant::now());
         if left.is_zero() {
@@ -167,7 +166,7 @@ impl Process {
         }
     }
 
-    /// Writes as much as it takes.
+    /// Writes what it takes.
     fn feed(&mut self) -> Result<(), String> {
         let Some(stdin) = &mut self.stdin else {
             return Ok(());
@@ -175,14 +174,14 @@ impl Process {
         match stdin.write(&self.waiting[self.taken..]) {
             Ok(count) => self.taken += count,
             Err(e) if e.kind() == ErrorKind::WouldBlock => {}
-            // It ended early. Why, it says in its log or by its status.
+            // It ended early; its log or status tells why.
             Err(e) if e.kind() == ErrorKind::BrokenPipe => self.stdin = None,
             Err(e) => return Err(format!("cannot be given to FFmpeg: {e}")),
         }
         Ok(())
     }
 
-    /// Fails if anything was logged: FFmpeg goes on after many errors, with pictures that it made up.
+    /// Fails on any log: after many errors FFmpeg goes on with invented pictures.
     fn refuse_log(&mut self) -> Result<(), String> {
         let mut log = [0; LOG_BYTES];
         let count = match self.stderr.read(&mut log) {
@@ -193,14 +192,14 @@ impl Process {
         };
         let log = String::from_utf8_lossy(&log[..count]);
         let line = log.lines().next().unwrap_or_default();
-        // The part in brackets holds an address.
+        // The bracketed part holds an address.
         let said = line.rsplit_once("] ").map_or(line, |(_, said)| said);
         Err(format!(
             "does not decode, as in a damaged file, or one of the next: FFmpeg says {said:?}"
         ))
     }
 
-    /// Checks that it ended without an error.
+    /// Checks that it ended without error.
     fn end(&mut self) -> Result<(), String> {
         self.stdin = None;
         let status = self.child.wait();
@@ -215,7 +214,7 @@ impl Process {
 
 impl Drop for Process {
     fn drop(&mut self) {
-        // Where it has ended already, there is nothing to end.
+        // It may have ended already.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
@@ -228,7 +227,7 @@ fn not_started(e: std::io::Error) -> String {
     }
 }
 
-/// The option that lets every picture out once, whatever its time: it is `-fps_mode` since FFmpeg 5.1, and was `-vsync` before.
+/// The option that outputs every picture once, whatever its time: `-fps_mode` since FFmpeg 5.1, `-vsync` before.
 fn every_picture() -> Result<&'static str, String> {
     static OPTION: OnceLock<&str> = OnceLock::new();
     if let Some(option) = OPTION.get() {
@@ -245,7 +244,7 @@ fn every_picture() -> Result<&'static str, String> {
     Ok(OPTION.get_or_init(|| option_of(&text)))
 }
 
-/// The option for the FFmpeg that describes itself so.
+/// The option for FFmpeg with this version line.
 fn option_of(version: &str) -> &'static str {
     let name = version.strip_prefix("ffmpeg version ").unwrap_or_default();
     let old = ["2.", "3.", "4.", "5.0"];
@@ -329,7 +328,7 @@ mod tests {
             let sample = &bytes[sample.offset as usize..][..sample.size as usize];
             nal::stream(config, sample, at == 0, |unit| Ok(unit.into()))
         });
-        // If each picture had a byte more than it has, the last one of twelve would not be whole.
+        // With a byte more per picture, the last of twelve would be incomplete.
         let mut process = Process::start("hevc", 48 * 64 * 3 / 2 + 1).unwrap();
         let end = loop {
             match process.picture(|| samples.next().transpose()) {

@@ -1,8 +1,8 @@
-//! One H.264 decoder (`openh264`, Cisco's library) that takes an mp4's samples in decoding order and gives RGB.
+//! An H.264 decoder (`openh264`, Cisco's library): an mp4's samples in decoding order to RGB.
 //!
-//! What it decodes: Baseline, Main and High profile, progressive, 8-bit 4:2:0, with loss, B-frames included. Parameter sets are
-//! checked here (`sps`) before the library sees them, so that it allocates for pictures of the declared size and no others. The
-//! library does not notice all that it does not support: it decodes blocks without a transform as if they had one.
+//! It decodes Baseline, Main and High profile, progressive, 8-bit 4:2:0, lossy, with B-frames. Parameter sets are checked (`sps`) before
+//! the library sees them, so that it allocates only for the declared size. The library does not notice blocks without a transform, and
+//! decodes them wrongly.
 
 use openh264::decoder::{DecodeOptions, Decoder, DecoderConfig, Flush};
 use openh264::formats::YUVSource;
@@ -15,7 +15,7 @@ use crate::dataset::video::mp4::nal_config::NalConfig;
 use crate::dataset::video::mp4::sample::ContainerColors;
 use crate::dataset::video::nal;
 
-/// Decodes one sample after another; after an error it has to be replaced by a new one.
+/// Decodes sample after sample; must be replaced after an error.
 pub(crate) struct H264 {
     decoder: Decoder,
     config: NalConfig,
@@ -23,12 +23,12 @@ pub(crate) struct H264 {
     kind: PictureKind,
     height: usize,
     width: usize,
-    /// Whether a sample had other parameter sets than the track, which the library keeps.
+    /// Whether a sample had other parameter sets than the track; the library keeps them.
     other_sets: bool,
 }
 
 impl H264 {
-    /// A decoder of `height x width` pictures of a kind that has seen no frame yet.
+    /// A new decoder of `height x width` pictures of a kind.
     pub fn new(
         config: &NalConfig,
         colors: ContainerColors,
@@ -49,16 +49,14 @@ impl H264 {
         })
     }
 
-    /// The decoder as if it had seen no frame yet: an IDR picture, with which it begins anew, ends all references, and the track's
-    /// parameter sets come before it again. `None` where other parameter sets would be left.
+    /// The decoder for a new start, where an IDR picture ends all references. `None` if other parameter sets would remain.
     pub fn emptied(self) -> Option<Self> {
         (!self.other_sets).then_some(self)
     }
 
-    /// Feeds one sample, a key frame where `key`; gives its picture as RGB, `[3, height, width]`, if it is to be `shown`.
+    /// Decodes one sample, a key frame if `key`; gives its picture as RGB, `[3, height, width]`, if `shown`.
     ///
-    /// Pictures come in decoding order: the library would put them in order of presentation, but the container knows that order
-    /// too, and is believed.
+    /// Pictures come in decoding order. The library could reorder them, but the container has the order of presentation.
     pub fn decode(
         &mut self,
         sample: &[u8],
@@ -107,7 +105,7 @@ impl H264 {
     }
 }
 
-/// The library's error without its backtrace remarks.
+/// The library's error without backtrace remarks.
 fn why(error: &openh264::Error) -> String {
     format!("OpenH264 error {:#x}", error.native_code())
 }

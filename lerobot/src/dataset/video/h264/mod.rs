@@ -1,4 +1,4 @@
-//! H.264 video: the decoder, the units of the byte stream that it reads, and the parameter sets in it.
+//! H.264 video: the decoder, its byte stream's units, and their parameter sets.
 
 pub(crate) mod decoder;
 pub(crate) mod order;

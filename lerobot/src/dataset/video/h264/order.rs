@@ -1,4 +1,4 @@
-//! The count of a picture (ITU-T H.264, 7.3.3 and 8.2.1).
+//! A picture's count (ITU-T H.264, 7.3.3 and 8.2.1).
 
 use crate::dataset::video::bits::{without_emulation_prevention, Bits};
 use crate::dataset::video::h264::sps::{self, H264PictureCounts};
@@ -7,10 +7,9 @@ use crate::dataset::video::picture_count::PictureCount;
 const SLICE: u8 = 1;
 const IDR_SLICE: u8 = 5;
 const SEQUENCE_PARAMETERS: u8 = 7;
-/// A slice's header up to the count is far shorter.
+/// A slice header up to the count is shorter.
 const HEADER: usize = 64;
 
-/// Follows a stream in order of decoding.
 #[derive(Default)]
 pub(crate) struct H264Order {
     counting: Option<H264PictureCounts>,
@@ -19,7 +18,7 @@ pub(crate) struct H264Order {
 }
 
 impl H264Order {
-    /// The place of the picture that begins with this unit; `None` for other units, and where the count cannot be read.
+    /// See `PictureOrder::see`.
     pub fn see(&mut self, unit: &[u8]) -> Option<(u32, i64)> {
         let (head, rest) = unit.split_first()?;
         match head & 0x1f {

@@ -1,4 +1,4 @@
-//! The sequence parameter set (ITU-T H.264, 7.3.2.1): size, sampling and colours, checked before a decoder allocates for them.
+//! The sequence parameter set (ITU-T H.264, 7.3.2.1): size, sampling and colours, checked before a decoder allocates.
 
 use crate::dataset::video::bits::{
     stated_colors, with_emulation_prevention, without_emulation_prevention, Bits,
@@ -7,14 +7,14 @@ use crate::dataset::video::color::{Sampling, YuvFormat};
 use crate::dataset::video::kind::{colors, Declared, PictureKind};
 use crate::dataset::video::mp4::sample::ContainerColors;
 
-/// Profiles whose parameter sets say how chroma is sampled.
+/// Profiles with chroma sampling in their parameter sets.
 const HIGH_PROFILES: [u32; 13] = [100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134, 135];
 
-/// Profiles that OpenH264 decodes: Baseline, Main and High.
+/// Profiles that OpenH264 decodes: Baseline, Main, High.
 const OPENH264_PROFILES: [u32; 3] = [66, 77, 100];
 
-/// Checks that a parameter set (a whole NAL unit) declares `height x width` pictures of a kind that is read. What it leaves open of
-/// the colours, the container states.
+/// Checks that a parameter set (a whole NAL unit) declares `height x width` pictures of a supported kind. The container fills in missing
+/// colours.
 ///
 /// # Errors
 /// What it declares instead.
@@ -32,7 +32,7 @@ pub(crate) fn kind(
         format: YuvFormat {
             sampling,
             bits,
-            // FFmpeg has formats of full range for 8 bits alone, and LeRobot reads all others as limited.
+            // FFmpeg has full-range formats only for 8 bits; LeRobot reads others as limited.
             colors: colors(matrix.unwrap_or(2), full_range == Some(true) && bits == 8)?,
         },
         openh264: OPENH264_PROFILES.contains(&sps.profile)
@@ -42,26 +42,24 @@ pub(crate) fn kind(
     })
 }
 
-/// How pictures are counted.
 pub(crate) struct H264PictureCounts {
-    /// Bits of the picture's number in a slice's header.
+    /// Bits of a picture's number in slice headers.
     pub number_bits: usize,
     pub separate_planes: bool,
     pub progressive: bool,
     pub order: PocType,
 }
 
-/// Where the order of presentation is from.
+/// Where the order of presentation comes from.
 pub(crate) enum PocType {
-    /// Slices' headers hold so many bits of a count.
+    /// Slice headers have so many bits of a count.
     Bits(u32),
-    /// The pictures' numbers, in a cycle; hardly any encoder does this.
+    /// The pictures' numbers, in a cycle; rare.
     Cycle,
-    /// It is the order of decoding.
+    /// The decoding order.
     Decoding,
 }
 
-/// How the pictures of a parameter set are counted.
 pub(crate) fn counting(unit: &[u8]) -> Option<H264PictureCounts> {
     H264Sps::parse(unit).map(|sps| sps.counting)
 }
@@ -70,13 +68,13 @@ struct H264Sps {
     profile: u32,
     declared: Declared,
     counting: H264PictureCounts,
-    /// Blocks may be coded without a transform, and so without loss.
+    /// Blocks may be coded without a transform, so without loss.
     bypass: bool,
     progressive: bool,
 }
 
 impl H264Sps {
-    /// `None` where it ends too early or a number is larger than any can be.
+    /// `None` where it ends too early or a number is too large.
     fn parse(unit: &[u8]) -> Option<Self> {
         let payload = without_emulation_prevention(unit.get(1..)?);
         let mut bits = Bits {
@@ -144,7 +142,7 @@ impl H264Sps {
         if bits.flag()? {
             (full_range, matrix) = stated_colors(&mut bits)?;
         }
-        // Cropping is counted in chroma samples, and in pairs of lines where the video has fields.
+        // Cropping counts chroma samples and, with fields, pairs of lines.
         let unit_x = if matches!(chroma_format, 1 | 2) { 2 } else { 1 };
         let lines = if progressive { 1 } else { 2 };
         let unit_y = if chroma_format == 1 { 2 * lines } else { lines };
@@ -188,15 +186,14 @@ fn skip_scaling_list(bits: &mut Bits, size: usize) -> Option<()> {
     Some(())
 }
 
-/// The profile of scalable streams' base layer, as which any other is passed off.
+/// The profile of scalable streams' base layer, which replaces others.
 const SCALABLE_BASELINE: u8 = 83;
 
-/// The same parameter set for a decoder that gives every picture as soon as it is decoded.
+/// The parameter set for a decoder that gives every picture at once.
 ///
-/// OpenH264 puts the pictures of all but the Baseline profiles in order of presentation, by a picture order count that wraps after
-/// a few frames, and loses one of its buffers with every picture that is flushed out of that. The profile is all that it decides
-/// this by: so a High profile is called Scalable Baseline, whose parameter sets have the same fields, and a Main one too, with
-/// the fields added that it leaves out.
+/// Except for Baseline profiles, OpenH264 reorders pictures by a count that wraps after a few frames, and loses a buffer with every flushed
+/// picture. Only the profile decides this. So a High profile becomes Scalable Baseline, with the same fields, and a Main one too, with its
+/// missing fields added.
 pub(crate) fn unordered(unit: &[u8]) -> Option<Vec<u8>> {
     let mut payload = without_emulation_prevention(unit.get(1..)?);
     let profile = *payload.first()?;
@@ -212,7 +209,7 @@ pub(crate) fn unordered(unit: &[u8]) -> Option<Vec<u8>> {
         bits.unsigned()?; // id
         let (head, all) = (bits.at, payload.len() * 8);
         let bit = |at: usize| payload[at / 8] >> (7 - at % 8) & 1;
-        // The fields say 4:2:0, 8 bits twice, no bypass and no scaling lists.
+        // The fields mean 4:2:0, 8 bits twice, no bypass, no scaling lists.
         let added = [0, 1, 0, 1, 1, 0, 0];
         let longer: Vec<u8> = (0..head)
             .map(bit)
@@ -236,7 +233,7 @@ mod tests {
     use super::*;
     use crate::dataset::video::color::ColorMatrix;
 
-    /// Writes fields as a parameter set has them.
+    /// Writes a parameter set's fields.
     #[derive(Default)]
     struct Writer(Vec<bool>);
 
@@ -279,7 +276,7 @@ mod tests {
         matrix: 6,
     };
 
-    /// A High-profile parameter set of 8 x 6 blocks with 6 lines cropped: 90 x 128.
+    /// A High-profile parameter set of 8 x 6 blocks, 6 lines cropped: 90 x 128.
     fn unit(case: &Case) -> Vec<u8> {
         let rows = if case.progressive == 1 { 6 } else { 3 };
         Writer::default()
@@ -337,7 +334,7 @@ mod tests {
         assert_eq!(good.format.colors.matrix, ColorMatrix::Bt601);
         assert!(!read(Case { bypass: 1, ..GOOD }, 90).openh264);
         assert!(!read(Case { depth: 10, ..GOOD }, 90).openh264);
-        // The set crops by 3 units of two field lines each. With 4:2:2, cropping counts single lines.
+        // Crops by 3 units of two field lines each. With 4:2:2, cropping counts single lines.
         let interlaced = Case {
             progressive: 0,
             ..GOOD
@@ -359,7 +356,7 @@ mod tests {
         let full = read(full, 90);
         assert!(full.openh264 && full.format.colors.full_range);
         assert_eq!(full.format.colors.matrix, ColorMatrix::Bt709);
-        // LeRobot takes the range of more than 8 bits for limited.
+        // LeRobot reads more than 8 bits as limited range.
         let deep = Case {
             depth: 10,
             full_range: 1,
@@ -397,7 +394,7 @@ mod tests {
 
     #[test]
     fn another_profile_says_the_same() {
-        // The profile is Main, which has no fields of the High profiles. Its zeros need prevention bytes once it is longer.
+        // The Main profile lacks the High profiles' fields. The longer set's zeros need prevention bytes.
         let main = Writer::default()
             .fixed(8, 77)
             .fixed(16, 30)
@@ -430,7 +427,7 @@ mod tests {
     #[test]
     fn every_cut_is_noticed() {
         let whole = unit(&GOOD);
-        // The last byte holds only the end of the matrix coefficients.
+        // The last byte has only the end of the matrix coefficients.
         for len in 0..whole.len() - 2 {
             assert!(kind_of(&whole[..len], 90, 128).is_err(), "{len}");
         }

@@ -1,4 +1,4 @@
-//! The kinds of H.264's NAL units (ITU-T H.264, 7.4.1).
+//! H.264's kinds of NAL units (ITU-T H.264, 7.4.1).
 
 use crate::dataset::video::mp4::nal_config::NalConfig;
 use crate::dataset::video::nal::Units;
@@ -6,30 +6,29 @@ use crate::dataset::video::nal::Units;
 const SLICE: u8 = 1;
 const IDR_SLICE: u8 = 5;
 const SEQUENCE_PARAMETERS: u8 = 7;
-/// Slices, whole or in partitions, of pictures that may refer to others.
+/// Slices, whole or partitioned, of pictures that may refer to others.
 const OTHER_SLICES: std::ops::RangeInclusive<u8> = SLICE..=4;
-/// Of sequences and pictures, with the extensions and subsets for layers.
+/// Of sequences and pictures, with extensions and subsets for layers.
 const PARAMETER_SETS: [u8; 4] = [SEQUENCE_PARAMETERS, 8, 13, 15];
 
-/// Whether a unit is a sequence parameter set.
 pub(crate) fn is_sequence_parameters(unit: &[u8]) -> bool {
     kind(unit) == Some(SEQUENCE_PARAMETERS)
 }
 
-/// Whether a decoder that has seen nothing can begin with this sample: it has an IDR picture and no other.
+/// Whether a new decoder can begin with this sample: it has an IDR picture and no other.
 pub(crate) fn starts_anew(config: &NalConfig, sample: &[u8]) -> bool {
     let units = || kinds(config, sample);
     units().any(|kind| kind == IDR_SLICE) && !units().any(|kind| OTHER_SLICES.contains(&kind))
 }
 
-/// Whether a sample holds parameter sets of any sort that are not those of its track.
+/// Whether a sample has parameter sets that are not the track's.
 pub(crate) fn has_other_parameter_sets(config: &NalConfig, sample: &[u8]) -> bool {
     let mut units = Units::new(config, sample).map_while(Result::ok);
     let tracks = |unit| config.parameter_sets.iter().any(|set| set == unit);
     units.any(|unit| kind(unit).is_some_and(|kind| PARAMETER_SETS.contains(&kind)) && !tracks(unit))
 }
 
-/// Whether a sample holds a picture, or two fields of one.
+/// Whether a sample has a picture or two fields of one.
 pub(crate) fn has_picture(config: &NalConfig, sample: &[u8]) -> bool {
     kinds(config, sample).any(|kind| matches!(kind, SLICE | IDR_SLICE))
 }

@@ -1,4 +1,4 @@
-//! HEVC video (H.265): the units of its byte stream, and the parameter sets in it. FFmpeg decodes it.
+//! HEVC video (H.265): its byte stream's units and parameter sets. FFmpeg decodes it.
 
 pub(crate) mod order;
 pub(crate) mod sps;

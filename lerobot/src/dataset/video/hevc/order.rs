@@ -1,4 +1,4 @@
-//! The count of a picture (ITU-T H.265, 7.3.6.1 and 8.3.1).
+//! A picture's count (ITU-T H.265, 7.3.6.1 and 8.3.1).
 
 use std::collections::BTreeMap;
 
@@ -9,10 +9,9 @@ use crate::dataset::video::picture_count::PictureCount;
 const SEQUENCE_PARAMETERS: u8 = 33;
 const PICTURE_PARAMETERS: u8 = 34;
 const END_OF_SEQUENCE: u8 = 36;
-/// A slice's header up to the count is far shorter.
+/// A slice header up to the count is shorter.
 const HEADER: usize = 64;
 
-/// Follows a stream in order of decoding.
 #[derive(Default)]
 pub(crate) struct HevcOrder {
     sequences: BTreeMap<u64, sps::HevcPictureCounts>,
@@ -23,13 +22,13 @@ pub(crate) struct HevcOrder {
 
 struct PictureParameters {
     sequence: u64,
-    /// The slice's header has a flag whether the picture is shown.
+    /// Slice headers flag whether the picture is shown.
     has_output_flag: bool,
     reserved_bits: usize,
 }
 
 impl HevcOrder {
-    /// The place of the picture that begins with this unit; `None` for other units, and where the count cannot be read.
+    /// See `PictureOrder::see`.
     pub fn see(&mut self, unit: &[u8]) -> Option<(u32, i64)> {
         let (head, rest) = unit.split_at_checked(2)?;
         let kind = head[0] >> 1 & 0x3f;
@@ -64,7 +63,7 @@ impl HevcOrder {
         }
     }
 
-    /// `None` for the slices of a picture that follow the first. `lowest`: it is of the layer in time that all others refer to.
+    /// `None` for a picture's later slices. `lowest`: in the temporal layer that all others refer to.
     fn slice(&mut self, kind: u8, lowest: bool, bits: &mut Bits) -> Option<(u32, i64)> {
         let (is_key, is_idr) = ((16..=23).contains(&kind), (19..=20).contains(&kind));
         if !bits.flag()? {
@@ -88,7 +87,7 @@ impl HevcOrder {
         } else {
             bits.fixed(counting.bits as usize)?
         };
-        // After these, and where decoding begins, counts begin anew.
+        // After these, and where decoding begins, counts begin again.
         let begins = is_idr || (16..=18).contains(&kind) || !self.begun;
         let place = if begins {
             self.begun = true;

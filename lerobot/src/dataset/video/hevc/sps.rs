@@ -1,10 +1,10 @@
-//! The sequence parameter set (ITU-T H.265, 7.3.2.2): size, sampling and colours, checked before a decoder allocates for them.
+//! The sequence parameter set (ITU-T H.265, 7.3.2.2): size, sampling and colours, checked before a decoder allocates.
 
 use crate::dataset::video::bits::{stated_colors, without_emulation_prevention, Bits};
 use crate::dataset::video::color::{Sampling, YuvFormat};
 use crate::dataset::video::kind::{colors, Declared, PictureKind};
 
-/// Checks that a parameter set (a whole NAL unit) declares `height x width` pictures of a kind that is read.
+/// Checks that a parameter set (a whole NAL unit) declares `height x width` pictures of a supported kind.
 ///
 /// # Errors
 /// What it declares instead.
@@ -12,28 +12,27 @@ pub(crate) fn kind(unit: &[u8], height: usize, width: usize) -> Result<PictureKi
     let sps = parse(unit).ok_or("has a parameter set that ends too early")?;
     let declared = sps.declared;
     let (sampling, bits) = declared.layout(height, width)?;
-    // FFmpeg has a format of full range for this kind alone, and LeRobot reads all others as limited.
+    // FFmpeg has a full-range format only for this; LeRobot reads others as limited.
     let can_be_full = (sampling, bits) == (Sampling::Yuv420, 8);
     let full_range = declared.full_range == Some(true) && can_be_full;
     Ok(PictureKind {
         format: YuvFormat {
             sampling,
             bits,
-            // FFmpeg does not look at the container's colours here.
+            // FFmpeg ignores the container's colours here.
             colors: colors(declared.matrix.unwrap_or(2), full_range)?,
         },
         openh264: false,
     })
 }
 
-/// How pictures are counted.
 pub(crate) struct HevcPictureCounts {
-    /// Bits of the count in a slice's header.
+    /// Bits of the count in slice headers.
     pub bits: u32,
     pub separate_planes: bool,
 }
 
-/// The number of a parameter set, and how its pictures are counted.
+/// A parameter set's number, and how its pictures are counted.
 pub(crate) fn counting(unit: &[u8]) -> Option<(u64, HevcPictureCounts)> {
     let sps = parse(unit)?;
     Some((sps.id, sps.counting))
@@ -45,8 +44,7 @@ struct HevcSps {
     declared: Declared,
 }
 
-/// `None` where it ends too early or a number is larger than any can be. What it counts takes bits of its own, so that each loop ends
-/// where the bits end.
+/// `None` where it ends too early or a number is too large. Whatever it counts takes bits, so each loop ends with them.
 fn parse(unit: &[u8]) -> Option<HevcSps> {
     let payload = without_emulation_prevention(unit.get(2..)?);
     let mut bits = Bits {
@@ -102,7 +100,7 @@ fn parse(unit: &[u8]) -> Option<HevcSps> {
     if bits.flag()? {
         (full_range, matrix) = stated_colors(&mut bits)?;
     }
-    // Cropping is counted in chroma samples.
+    // Cropping counts chroma samples.
     let unit_x = if matches!(chroma_format, 1 | 2) { 2 } else { 1 };
     let unit_y = if chroma_format == 1 { 2 } else { 1 };
     let cropped = |all: u64, from: u64, to: u64, unit: u64| {
@@ -169,7 +167,7 @@ fn skip_reference_sets(bits: &mut Bits) -> Option<()> {
     let mut pictures: u64 = 0;
     for set in 0..bits.unsigned()? {
         if set > 0 && bits.flag()? {
-            // The set differs from the one before.
+            // Differs from the set before.
             bits.flag()?;
             bits.unsigned()?;
             let mut kept = 0;
@@ -195,7 +193,7 @@ mod tests {
     use super::*;
     use crate::dataset::video::color::{ColorMatrix, Colors};
 
-    /// The parameter set of a video that libx265 wrote.
+    /// The parameter set of a libx265 video.
     fn set(name: &str) -> Vec<u8> {
         let fixtures = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures");
         let file = std::fs::read(fixtures.join(format!("videos_other/{name}.mp4"))).unwrap();

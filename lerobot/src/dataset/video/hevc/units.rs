@@ -1,4 +1,4 @@
-//! The kinds of HEVC's NAL units (ITU-T H.265, 7.4.2.2), and where decoding can begin.
+//! HEVC's kinds of NAL units (ITU-T H.265, 7.4.2.2), and where decoding can begin.
 
 use std::ops::RangeInclusive;
 
@@ -6,37 +6,35 @@ use crate::dataset::video::mp4::nal_config::NalConfig;
 use crate::dataset::video::nal::Units;
 
 const SEQUENCE_PARAMETERS: u8 = 33;
-/// Pictures that are shown before the key frame that they follow, and refer to what came before it.
+/// Pictures shown before their key frame that refer to what came before it.
 const SKIPPED_LEADING: RangeInclusive<u8> = 8..=9;
 /// Pictures that refer to no other.
 const KEY_PICTURES: RangeInclusive<u8> = 16..=21;
-/// Of these, the ones after which nothing refers to what came before.
+/// Key pictures after which nothing refers to earlier ones.
 const IDR_PICTURES: RangeInclusive<u8> = 19..=20;
 
-/// How a sample depends on those before it.
+/// How a sample depends on earlier ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Dependence {
-    /// Nothing after it refers to what came before it.
+    /// Nothing later refers to what came before.
     Idr,
-    /// Only pictures that are shown before it refer to what came before it.
+    /// Only pictures shown before it refer to what came before.
     OpenKey,
-    /// Cannot be decoded if decoding began at the key frame before it.
+    /// Cannot be decoded if decoding began at its key frame.
     SkippedLeading,
-    /// Refers to pictures from the key frame before it on, or is broken.
+    /// Refers to pictures from its key frame on, or is broken.
     Other,
 }
 
-/// Whether a unit is a sequence parameter set.
 pub(crate) fn is_sequence_parameters(unit: &[u8]) -> bool {
     kind(unit) == Some(SEQUENCE_PARAMETERS)
 }
 
-/// Whether a unit belongs to the pictures that every decoder shows, not to a second view or a finer layer.
+/// Whether a unit belongs to the base pictures, not to a second view or a finer layer.
 pub(crate) fn is_base_layer(unit: &[u8]) -> bool {
     matches!(unit, [first, second, ..] if first & 1 == 0 && second >> 3 == 0)
 }
 
-/// How a sample depends on those before it.
 pub(crate) fn dependence(config: &NalConfig, sample: &[u8]) -> Dependence {
     let mut slices = Units::new(config, sample)
         .map_while(Result::ok)
@@ -50,12 +48,12 @@ pub(crate) fn dependence(config: &NalConfig, sample: &[u8]) -> Dependence {
     }
 }
 
-/// How many pictures begin in a sample.
+/// Pictures that begin in a sample.
 pub(crate) fn pictures(config: &NalConfig, sample: &[u8]) -> usize {
     Units::new(config, sample)
         .map_while(Result::ok)
         .filter(|unit| kind(unit).is_some_and(|kind| kind < 32))
-        // The first bit after the header is set in the first slice of a picture.
+        // A picture's first slice sets the bit after the header.
         .filter(|unit| unit.get(2).is_some_and(|byte| byte >> 7 == 1))
         .count()
 }
@@ -84,7 +82,7 @@ mod tests {
         assert_eq!(of(&[1, 20]), Dependence::Other);
         assert_eq!(of(&[]), Dependence::Other);
         assert_eq!(dependence(&config, &[9, 38]), Dependence::Other);
-        // A picture of two slices, and a unit of no picture with the same bit.
+        // A picture of two slices, and a unit of no picture with this bit.
         let slices = [3, 2, 1, 0x80, 3, 2, 1, 0x40, 3, 0x4e, 1, 0x80];
         assert_eq!(pictures(&config, &slices), 1);
         assert!(is_sequence_parameters(&[0x42]));

@@ -1,4 +1,4 @@
-//! Boxes and big-endian fields of an mp4 file, never read past what holds them.
+//! Boxes and big-endian fields of an mp4, never read past their container.
 
 pub(crate) type Result<T> = std::result::Result<T, String>;
 
@@ -6,7 +6,7 @@ pub(crate) struct BoxHeader {
     pub kind: [u8; 4],
     /// Bytes of header.
     pub header: u64,
-    /// Bytes of header and body, at most what was available.
+    /// Bytes of header and body, at most those available.
     pub len: u64,
 }
 
@@ -31,7 +31,7 @@ impl BoxHeader {
     }
 }
 
-/// The boxes that follow one another in a byte string; ends after the first error.
+/// Consecutive boxes of a byte string; ends after the first error.
 pub(crate) struct Boxes<'a>(pub &'a [u8]);
 
 impl<'a> Iterator for Boxes<'a> {
@@ -66,7 +66,7 @@ pub(crate) fn required<'a>(parent: &'a [u8], kind: &[u8; 4]) -> Result<&'a [u8]>
     find(parent, kind)?.ok_or_else(|| format!("has no {} box", String::from_utf8_lossy(kind)))
 }
 
-/// Big-endian fields from the front of a byte string.
+/// Big-endian fields of a byte string.
 pub(crate) struct Fields<'a>(pub &'a [u8]);
 
 impl<'a> Fields<'a> {

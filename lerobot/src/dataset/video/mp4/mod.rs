@@ -1,8 +1,8 @@
-//! The part of the mp4 container (ISO/IEC 14496-12, AV1 in ISOBMFF, and 14496-15 for H.264 and HEVC) that a LeRobot video uses: where
-//! each frame's bytes are and when it is shown.
+//! The part of the mp4 container (ISO/IEC 14496-12, AV1 in ISOBMFF, and 14496-15 for H.264 and HEVC) that LeRobot's videos use: where each
+//! frame's bytes are and when it is shown.
 //!
-//! It reads files that may be damaged. Every length is checked against what holds it before it is believed, so no input panics or
-//! allocates more than a small multiple of the file.
+//! Files may be damaged: every length is checked against its container, so no input panics or allocates more than a small multiple of the
+//! file.
 
 mod boxes;
 pub(crate) mod nal_config;

@@ -1,21 +1,21 @@
-//! `avcC` and `hvcC`: how H.264 and HEVC are packed into an mp4's samples (ISO/IEC 14496-15, 5.3.3 and 8.3.3).
+//! `avcC` and `hvcC`: how an mp4's samples pack H.264 and HEVC (ISO/IEC 14496-15, 5.3.3 and 8.3.3).
 
 use crate::dataset::video::mp4::boxes::{Fields, Result};
 
-/// Video, sequence and picture parameter sets of HEVC; other units of the record are remarks.
+/// HEVC's video, sequence and picture parameter sets; other units are remarks.
 const HEVC_PARAMETER_SETS: [u8; 3] = [32, 33, 34];
 
-/// The decoder configuration record of a track of NAL units.
+/// The decoder configuration record of a NAL-unit track.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NalConfig {
-    /// Bytes of the length before each NAL unit of a sample: 1, 2 or 4.
+    /// Bytes of the length before each NAL unit: 1, 2 or 4.
     pub length_size: usize,
-    /// Parameter sets: NAL units, in the order in which a decoder wants them.
+    /// Parameter sets (NAL units) in a decoder's order.
     pub parameter_sets: Vec<Vec<u8>>,
 }
 
 impl NalConfig {
-    /// The record of H.264.
+    /// H.264's record.
     pub(crate) fn avc(body: &[u8]) -> Result<Self> {
         let mut fields = Fields(body);
         let version = fields.u8()?;
@@ -39,7 +39,7 @@ impl NalConfig {
         })
     }
 
-    /// The record of HEVC.
+    /// HEVC's record.
     pub(crate) fn hevc(body: &[u8]) -> Result<Self> {
         let mut fields = Fields(body);
         let version = fields.u8()?;
@@ -85,7 +85,7 @@ mod tests {
     fn units_of_other_kinds_are_left_out() {
         let mut body = vec![1];
         body.extend([0; 20]);
-        // Lengths of four bytes, and two arrays with one unit each: a remark (39) and a parameter set (33).
+        // Four-byte lengths, and two arrays of one unit each: a remark (39) and a parameter set (33).
         body.extend([3, 2, 39, 0, 1, 0, 2, 0x4e, 1, 33, 0, 1, 0, 2, 0x42, 1]);
         let config = NalConfig::hevc(&body).unwrap();
         assert_eq!(config.parameter_sets, [[0x42, 1]]);

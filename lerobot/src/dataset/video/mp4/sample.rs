@@ -1,8 +1,8 @@
-//! One encoded frame, and how it is encoded.
+//! One encoded frame and its codec.
 
 use super::nal_config::NalConfig;
 
-/// Video codecs that are read.
+/// Supported video codecs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Mp4Codec {
     /// AV1 (`av01`).
@@ -24,23 +24,23 @@ impl Mp4Codec {
     }
 }
 
-/// The colours that the container states (`colr`), by their numbers in ITU-T H.273.
+/// The container's stated colours (`colr`), as numbers of ITU-T H.273.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ContainerColors {
     /// The matrix.
     pub matrix: Option<u32>,
-    /// Whether luma takes 0 to 255.
+    /// Whether luma is 0 to 255.
     pub full_range: Option<bool>,
 }
 
 /// One encoded frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mp4Sample {
-    /// First byte in the file; `offset + size` is within the file.
+    /// First byte; `offset + size` is within the file.
     pub offset: u64,
     /// Number of bytes, at least 1.
     pub size: u32,
-    /// Second at which the frame is shown.
+    /// Second that shows the frame.
     pub time: f64,
     /// Whether decoding can start here.
     pub key: bool,

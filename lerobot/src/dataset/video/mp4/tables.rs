@@ -1,11 +1,11 @@
-//! The sample table of a track: where each encoded frame is, when it is shown, where decoding can start.
+//! A track's sample table: where each frame is, when it is shown, where decoding can start.
 
 use crate::dataset::video::mp4::boxes::{find, required, Fields, Result};
 use crate::dataset::video::mp4::sample::Mp4Sample;
 
 const MAX_SAMPLES: usize = 10_000_000;
 
-/// Offset and size of every sample: sizes (`stsz`), samples per chunk (`stsc`), chunk offsets (`stco`, `co64`).
+/// Every sample's offset and size: sizes (`stsz`), samples per chunk (`stsc`), chunk offsets (`stco`, `co64`).
 pub(crate) fn sample_places(table: &[u8], file_len: u64) -> Result<Vec<(u64, u32)>> {
     let mut stsz = Fields(required(table, b"stsz")?).skip(4)?;
     let (uniform, count) = (stsz.u32()?, stsz.u32()? as usize);
@@ -70,7 +70,7 @@ pub(crate) fn sample_places(table: &[u8], file_len: u64) -> Result<Vec<(u64, u32
     Ok(places)
 }
 
-/// Second at which each sample is shown, before the edit list: durations (`stts`) and offsets (`ctts`).
+/// Second of each sample before the edit list: durations (`stts`) and offsets (`ctts`).
 pub(crate) fn sample_times(table: &[u8], count: usize, scale: u32) -> Result<Vec<f64>> {
     let mut times = Vec::with_capacity(count);
     let mut deltas = RunLengths::new(required(table, b"stts")?)?;
@@ -78,7 +78,7 @@ pub(crate) fn sample_times(table: &[u8], count: usize, scale: u32) -> Result<Vec
     let mut decode_time: u64 = 0;
     for _ in 0..count {
         let offset = match &mut offsets {
-            // Version 0 is unsigned, but it is never so large that the sign would matter.
+            // Version 0 is unsigned, but never large enough to matter.
             Some(offsets) => i64::from(offsets.next()? as i32),
             None => 0,
         };
@@ -88,7 +88,7 @@ pub(crate) fn sample_times(table: &[u8], count: usize, scale: u32) -> Result<Vec
     Ok(times)
 }
 
-/// Marks the samples that `stss` lists; without it every sample is a key frame.
+/// Marks the samples in `stss`; without it, all are key frames.
 pub(crate) fn mark_keys(table: &[u8], samples: &mut [Mp4Sample]) -> Result<()> {
     let Some(stss) = find(table, b"stss")? else {
         samples.iter_mut().for_each(|s| s.key = true);
@@ -105,7 +105,7 @@ pub(crate) fn mark_keys(table: &[u8], samples: &mut [Mp4Sample]) -> Result<()> {
     Ok(())
 }
 
-/// Run-length coded values: `count` pairs of (repetitions, value).
+/// Run lengths: `count` pairs of (repetitions, value).
 struct RunLengths<'a> {
     fields: Fields<'a>,
     left: u32,

@@ -1,4 +1,4 @@
-//! The first video track of an mp4 file.
+//! An mp4's first video track.
 
 use std::io::{Read, Seek, SeekFrom};
 
@@ -8,25 +8,25 @@ use super::sample::{ContainerColors, Mp4Codec, Mp4Sample};
 use super::tables;
 use super::turn::Rotation;
 
-/// Largest `moov` box read into memory; a million frames take about 10 MB.
+/// Largest `moov` box read; a million frames take about 10 MB.
 const MAX_MOOV: u64 = 64 << 20;
 
-/// The first video track of a file.
+/// An mp4's first video track.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mp4Track {
-    /// Pixels from left to right, as the sample description declares.
+    /// Declared pixels from left to right.
     pub width: usize,
     /// Pixels from top to bottom.
     pub height: usize,
-    /// How its frames are encoded.
+    /// Codec of the frames.
     pub codec: Mp4Codec,
-    /// The colours that the container states.
+    /// The container's colours.
     pub colors: ContainerColors,
-    /// How its frames are turned before they are shown; width and height are those before.
+    /// How to turn the frames; width and height are before the turn.
     pub turn: Rotation,
     /// Frames in decoding order.
     pub samples: Vec<Mp4Sample>,
-    /// Numbers of the samples in the order in which they are shown, which for AV1 is that of decoding.
+    /// Sample numbers in order of presentation; for AV1 that of decoding.
     pub order: Vec<u32>,
 }
 
@@ -34,7 +34,7 @@ impl Mp4Track {
     /// Reads the track of an unfragmented mp4 with AV1, H.264 or HEVC video.
     ///
     /// # Errors
-    /// What is wrong with the file, in words.
+    /// What is wrong with the file.
     pub fn read(file: &mut (impl Read + Seek)) -> Result<Self> {
         let io = |e: std::io::Error| format!("cannot be read: {e}");
         let file_len = file.seek(SeekFrom::End(0)).map_err(io)?;
@@ -123,7 +123,7 @@ impl Mp4Track {
     }
 }
 
-/// Samples by the time at which they are shown; AV1 has to be shown as it is decoded, and no two at once.
+/// Samples by time of presentation; AV1 must be shown as decoded, no two at once.
 fn order_of_presentation(codec: &Mp4Codec, samples: &[Mp4Sample]) -> Result<Vec<u32>> {
     let mut order: Vec<u32> = (0..samples.len() as u32).collect();
     let time = |sample: u32| samples[sample as usize].time;
@@ -147,7 +147,7 @@ fn description(stsd: &[u8]) -> Result<(usize, usize, Mp4Codec, ContainerColors)>
     for side in &mut sides {
         *side = usize::from(fields.u16()?);
     }
-    // The entry's own fields take 78 bytes.
+    // The entry's fields take 78 bytes.
     let boxes = entry.get(78..).ok_or("a box ends too early")?;
     let codec = match &kind {
         b"av01" => Mp4Codec::Av1,
@@ -164,7 +164,7 @@ fn description(stsd: &[u8]) -> Result<(usize, usize, Mp4Codec, ContainerColors)>
     Ok((sides[0], sides[1], codec, colors))
 }
 
-/// The colours of a `colr` box: matrix, and range where it is of the newer kind; other kinds hold a profile.
+/// A `colr` box: matrix, and in the newer kind the range; other kinds hold a profile.
 fn stated_colors(colr: &[u8]) -> Result<ContainerColors> {
     let mut fields = Fields(colr);
     let kind = fields.take(4)?.0;
@@ -183,7 +183,7 @@ fn stated_colors(colr: &[u8]) -> Result<ContainerColors> {
     })
 }
 
-/// Seconds that an edit list adds to all times: a blank at the start, or (negative) a part of the media that is skipped.
+/// Seconds that an edit list adds to all times: a blank first, or (negative) a skipped part.
 fn presentation_start(track: &[u8], movie_scale: u32, media_scale: u32) -> Result<f64> {
     let Some(edts) = find(track, b"edts")? else {
         return Ok(0.0);
@@ -210,7 +210,7 @@ fn presentation_start(track: &[u8], movie_scale: u32, media_scale: u32) -> Resul
     Ok(blank)
 }
 
-/// The timescale of a movie or media header: ticks per second, at least 1.
+/// A header's timescale: ticks per second, at least 1.
 fn timescale(header: &[u8]) -> Result<u32> {
     let mut fields = Fields(header);
     let wide = fields.u32()? >> 24 == 1;

@@ -1,11 +1,11 @@
-//! How a picture is turned before it is shown: the matrices of `mvhd` and `tkhd` (ISO/IEC 14496-12, 8.2.2 and 8.3.2).
+//! How a picture is turned: the matrices of `mvhd` and `tkhd` (ISO/IEC 14496-12, 8.2.2 and 8.3.2).
 
 use super::boxes::{Fields, Result};
 
-/// A turn by quarters, clockwise.
+/// A clockwise turn by quarters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rotation {
-    /// As it is stored.
+    /// As stored.
     None,
     /// By 90 degrees.
     Right,
@@ -18,7 +18,7 @@ pub enum Rotation {
 const ONE: i32 = 1 << 16;
 const QUARTERS: [([i32; 4], Rotation); 5] = [
     ([ONE, 0, 0, ONE], Rotation::None),
-    // Some writers leave the matrix out.
+    // Some writers omit the matrix.
     ([0; 4], Rotation::None),
     ([0, ONE, -ONE, 0], Rotation::Right),
     ([-ONE, 0, 0, -ONE], Rotation::Over),
@@ -26,9 +26,9 @@ const QUARTERS: [([i32; 4], Rotation); 5] = [
 ];
 
 impl Rotation {
-    /// The turn that a track header's matrix states.
+    /// The turn of a track header's matrix.
     pub(crate) fn of_track(header: &[u8]) -> Result<Self> {
-        // Times take 20 bytes, or 32 in version 1, after 4 of version and flags. Reserved fields, layer, group and volume take 16.
+        // 4 bytes of version and flags; times take 20 bytes, in version 1 32; reserved fields, layer, group and volume 16.
         let matrix = matrix(header, [4 + 20, 4 + 32], 16)?;
         QUARTERS
             .iter()
@@ -42,16 +42,16 @@ impl Rotation {
             })
     }
 
-    /// Checks that the whole movie is not turned.
+    /// Refuses a turn of the whole movie.
     pub(crate) fn refuse_in_movie(header: &[u8]) -> Result<()> {
-        // Times take 16 bytes, or 28 in version 1. Rate, volume and reserved fields take 16.
+        // Times take 16 bytes, in version 1 28; rate, volume and reserved fields 16.
         match matrix(header, [4 + 16, 4 + 28], 16)? {
             [ONE, 0, 0, ONE] | [0, 0, 0, 0] => Ok(()),
             _ => Err("turns the whole movie (mvhd), which is not read; re-encode the video".into()),
         }
     }
 
-    /// Height and width of a picture after the turn.
+    /// A picture's height and width after the turn.
     pub(crate) fn size(self, height: usize, width: usize) -> (usize, usize) {
         match self {
             Self::None | Self::Over => (height, width),
@@ -83,7 +83,7 @@ impl Rotation {
     }
 }
 
-/// The part of a matrix that turns and stretches: rows (a, b) and (c, d), in units of 1/65536.
+/// A matrix's rows (a, b) and (c, d), which turn and stretch, in 1/65536.
 fn matrix(header: &[u8], times: [usize; 2], between: usize) -> Result<[i32; 4]> {
     let wide = Fields(header).u8()? == 1;
     let mut fields = Fields(header).skip(times[usize::from(wide)] + between)?;

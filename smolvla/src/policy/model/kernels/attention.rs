@@ -1,7 +1,7 @@
-//! Attention of every token to every token, without mask or gradient: the vision tower's, which is frozen.
+//! Attention of every token to every token, without mask or gradient: the frozen vision tower's.
 //!
-//! Scores are made, used and forgotten a block of queries at a time, so that they stay in the cache (the idea of Dao et al.,
-//! FlashAttention, 2022; keys are few enough here that their rows need not be split).
+//! Blocks of queries keep the scores in the processor's cache (the idea of Dao et al., FlashAttention, 2022; here keys are few, so rows are
+//! not split).
 
 use candle_core::{Result, Shape, Tensor, D};
 use pulp::{Arch, Simd};
@@ -13,11 +13,11 @@ use crate::policy::model::kernels::matrix::{product, Into, StridedMatrix, Thread
 use crate::policy::model::kernels::operation::{CpuOperation, CpuValues, Kernel, KernelOutput};
 use crate::policy::model::kernels::softmax::exponentials;
 
-/// Queries a block: with 1024 keys their scores take 1 MiB.
+/// Queries per block: with 1024 keys, their scores take 1 MiB.
 const BLOCK: usize = 256;
 
-/// `softmax(q·kᵀ / sqrt(dim))·v` for each of `heads` heads, for queries, keys and values side by side in the last dimension of
-/// `qkv` (B, L, 3 * heads * dim), and heads side by side in each. Gives (B, L, heads * dim). Has no backward pass.
+/// `softmax(q·kᵀ / sqrt(dim))·v` for each of `heads` heads: (B, L, heads * dim), without a backward pass. `qkv` (B, L, 3 * heads * dim) has
+/// queries, keys and values side by side, each with its heads side by side.
 pub fn attend_to_all(qkv: &Tensor, heads: usize) -> Result<Tensor> {
     if serve(qkv) {
         return qkv
@@ -57,7 +57,7 @@ impl Kernel<1> for AttendToAll {
         let dim = width / heads;
         let scale = (dim as f32).powf(-0.5);
         let mut out = vec![0.0f32; batch * tokens * width];
-        // A block never reaches into another sample, because samples are divided first.
+        // Samples are divided first, so no block spans two.
         let samples = out.par_chunks_mut((tokens * width).max(1)).enumerate();
         let blocks = samples.flat_map(|(sample, out)| {
             let blocks = out.par_chunks_mut((BLOCK * width).max(1)).enumerate();
@@ -102,7 +102,7 @@ impl Kernel<1> for AttendToAll {
     }
 }
 
-/// Replaces rows of `tokens` scores by [`exponentials`], and gives each row's sum.
+/// Turns rows of `tokens` scores into [`exponentials`] and their sums.
 #[pulp::with_simd(exponentiate = Arch::new())]
 #[inline(always)]
 fn exponentiate_with<S: Simd>(_: S, scores: &mut [f32], tokens: usize, totals: &mut [f32]) {
@@ -118,13 +118,11 @@ mod tests {
 
     #[test]
     fn blocks_give_what_whole_matrices_give() {
-        // 600 tokens are two whole blocks and a part of one.
         let (batch, tokens, heads, dim) = (2, 600, 3, 5);
         let count = batch * tokens * 3 * heads * dim;
         let values = (0..count).map(|i| 3.0 * (i as f32 * 0.37).sin()).collect();
         let qkv = Tensor::from_vec(values, (batch, tokens, 3 * heads * dim), &Device::Cpu).unwrap();
         let ours = attend_to_all(&qkv, heads).unwrap();
-        // Numbers in double precision take the general path.
         let double = |x: &Tensor| x.to_dtype(candle_core::DType::F64).unwrap();
         let theirs = attend_to_all(&double(&qkv), heads).unwrap();
         let difference = (double(&ours) - theirs).unwrap().abs().unwrap();

@@ -1,4 +1,4 @@
-//! Which tensors the kernels serve, and how their work is divided among threads.
+//! Which tensors the kernels serve, and how work is divided among threads.
 
 use std::cell::Cell;
 
@@ -10,14 +10,14 @@ thread_local! {
     static SET_ASIDE: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Whether these kernels serve a tensor: `f32` on the CPU, outside of [`without`].
+/// Whether the kernels serve a tensor: `f32`, CPU, outside [`without`].
 pub(crate) fn serve(x: &Tensor) -> bool {
     x.device().is_cpu() && x.dtype() == DType::F32 && !SET_ASIDE.get()
 }
 
-/// Runs `work` in this thread without these kernels, by the operations that every other device computes with.
+/// Runs `work` in this thread by the operations of other devices.
 pub fn without<R>(work: impl FnOnce() -> R) -> R {
-    /// Puts back what was, also when `work` panics.
+    /// Restores the value, also when `work` panics.
     struct Before(bool);
     impl Drop for Before {
         fn drop(&mut self) {
@@ -28,7 +28,7 @@ pub fn without<R>(work: impl FnOnce() -> R) -> R {
     work()
 }
 
-/// What sums, norms and functions are computed in: `f32` in place of shorter numbers.
+/// In `f32` if shorter, for sums, norms and functions.
 pub(super) fn widened(x: &Tensor) -> Result<Tensor> {
     match x.dtype() {
         DType::BF16 | DType::F16 => x.to_dtype(DType::F32),
@@ -36,11 +36,10 @@ pub(super) fn widened(x: &Tensor) -> Result<Tensor> {
     }
 }
 
-/// Operations that one thread finishes before another would have begun.
+/// Fewer operations are faster in one thread.
 const SMALL: usize = 1 << 20;
 
-/// Runs `work` on the numbered chunks of `out`, `size` values each but the last, in parallel where that is worth it: a value takes
-/// about so many operations.
+/// Runs `work` on numbered chunks of `out`, `size` values each but the last; in parallel if that pays for this many `operations` a value.
 pub(super) fn in_chunks(
     out: &mut [f32],
     size: usize,
@@ -57,7 +56,7 @@ pub(super) fn in_chunks(
     }
 }
 
-/// [`in_chunks`] for functions of single values that take an exponential each: `work` gets where its block begins.
+/// [`in_chunks`] for functions with one exponential per value; `work` gets its block's start.
 pub(super) fn in_blocks(out: &mut [f32], work: impl Fn(usize, &mut [f32]) + Sync) {
     const BLOCK: usize = 1 << 14;
     in_chunks(out, BLOCK, 16, |at, block| work(at * BLOCK, block));

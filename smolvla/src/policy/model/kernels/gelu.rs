@@ -1,4 +1,4 @@
-//! The tanh form of GELU, for layers without a gradient.
+//! GELU in its tanh form.
 
 use candle_core::{CpuStorage, InplaceOp1, Layout, Result, Tensor};
 use pulp::{Arch, Simd};
@@ -6,9 +6,9 @@ use pulp::{Arch, Simd};
 use crate::policy::model::kernels::dispatch::{in_blocks, serve, widened};
 use crate::policy::model::kernels::vector::sigmoid;
 
-/// `x/2 · (1 + tanh(sqrt(2/π) (x + 0.044715 x³)))` (Hendrycks and Gimpel, 2016). Has no backward pass.
+/// `x/2 · (1 + tanh(sqrt(2/π) (x + 0.044715 x³)))` (Hendrycks and Gimpel, 2016), without a backward pass.
 ///
-/// Takes `x`, and on the CPU its memory too: no other tensor may share it. Of shorter numbers than `f32`, it gives `f32`.
+/// On the CPU it reuses the memory of `x`, which must not be shared. Shorter numbers become `f32`.
 pub fn gelu_tanh(x: Tensor) -> Result<Tensor> {
     if serve(&x) {
         let x = x.contiguous()?;

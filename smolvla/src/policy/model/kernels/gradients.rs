@@ -1,7 +1,6 @@
-//! Gradients of a loss, those of linear maps' weights put where they belong as they are computed.
+//! Gradients of a loss; those of linear maps' weights are stored directly.
 //!
-//! candle adds each gradient to a tensor of zeros first, as a variable may be used in several places. For weights as large as
-//! these that is two passes over memory more than the product that made the gradient.
+//! candle first adds each gradient to zeros, for variables with several uses: two more passes over memory for large weights.
 
 use std::cell::RefCell;
 
@@ -9,11 +8,11 @@ use candle_core::backprop::GradStore;
 use candle_core::{Result, Tensor};
 
 thread_local! {
-    /// Weights and their gradients, while [`backward`] runs in this thread.
+    /// Weights and gradients while [`backward`] runs in this thread.
     static COLLECTED: RefCell<Option<Vec<(Tensor, Tensor)>>> = const { RefCell::new(None) };
 }
 
-/// What `loss.backward()` gives.
+/// As `loss.backward()`.
 pub fn backward(loss: &Tensor) -> Result<GradStore> {
     COLLECTED.set(Some(Vec::new()));
     let store = loss.backward();
@@ -29,7 +28,7 @@ pub fn backward(loss: &Tensor) -> Result<GradStore> {
     Ok(store)
 }
 
-/// Takes the gradient of a variable out of candle's hands while [`backward`] runs; any other gradient is given back.
+/// Stores a variable's gradient while [`backward`] runs, and returns any other.
 pub(super) fn collect(weight: &Tensor, gradient: Tensor) -> Option<Tensor> {
     COLLECTED.with_borrow_mut(|collected| match collected {
         Some(collected) if weight.is_variable() => {
@@ -59,10 +58,10 @@ mod tests {
             variable((3, 3), 1.1),
         );
         let apply = |w: &Tensor, x: &Tensor| LinearLayer::new(w.clone(), None).forward(x).unwrap();
-        // This weight is computed from a variable, so the gradient has to go on from it.
+        // Computed from a variable, so its gradient must go on.
         let made = twice.sin().unwrap();
         let out = apply(&twice, &apply(&made, &apply(&twice, &apply(&once, &x))));
-        // Another operation uses this weight as well.
+        // Another operation uses this weight too.
         let loss = (out.sqr().unwrap().sum_all().unwrap() + once.sqr().unwrap().sum_all()).unwrap();
         let (ours, theirs) = (backward(&loss).unwrap(), loss.backward().unwrap());
         for variable in [&x, &once, &twice] {

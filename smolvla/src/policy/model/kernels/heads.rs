@@ -1,6 +1,6 @@
-//! The two products of attention, for query heads that share key and value heads, without a copy of either.
+//! Attention's two products for query heads that share key and value heads, without copying these.
 //!
-//! Where tokens come first, (B, tokens, heads, dim), a head's matrix has strided rows; where heads come first, it is contiguous.
+//! A head's matrix has strided rows with tokens first, (B, tokens, heads, dim); with heads first, it is contiguous.
 
 use candle_core::{Result, Shape, Tensor};
 
@@ -21,14 +21,14 @@ pub fn queries_by_keys(q: &Tensor, k: &Tensor) -> Result<Tensor> {
     }
     let (batch, queries, heads, dim) = q.dims4()?;
     let (_, keys, kv_heads, _) = k.dims4()?;
-    // The queries that share a key head stand below one another, so that no key is copied for them.
+    // Queries of one key head are stacked, so no key is copied.
     let q = q.transpose(1, 2)?.contiguous()?;
     let q = q.reshape((batch * kv_heads, heads / kv_heads * queries, dim))?;
     let scores = matmul(&q, &heads_first(k)?.t()?)?;
     scores.reshape((batch, heads, queries, keys))
 }
 
-/// `p·v` for weights (B, heads, Q, K) and values (B, K, kv_heads, dim): (B, heads, Q, dim), in the values' numbers.
+/// `p·v` for weights (B, heads, Q, K) and values (B, K, kv_heads, dim): (B, heads, Q, dim), in the values' type.
 pub fn weights_by_values(p: &Tensor, v: &Tensor) -> Result<Tensor> {
     if serve(p) && serve(v) {
         return p
@@ -110,8 +110,8 @@ impl Kernel<2> for WeightsByValues {
     }
 }
 
-/// The gradient of `like` (B, K, kv_heads, dim): for each of its heads the sum of `pᵀ·x` over the heads that share it, for p
-/// (B, heads, Q, K) and x (B, Q, heads, dim).
+/// The gradient of `like` (B, K, kv_heads, dim): per head, the sum of `pᵀ·x` over its sharers, for p (B, heads, Q, K) and x (B, Q, heads,
+/// dim).
 fn summed_over_queries(p: &Tensor, x: &Tensor, like: &Tensor) -> Result<Tensor> {
     let kv_heads = like.dim(2)?;
     p.apply_op2_no_bwd(x, &CpuOperation(SummedOverQueries { kv_heads }))?
@@ -143,7 +143,7 @@ impl Kernel<2> for SummedOverQueries {
     }
 }
 
-/// A tensor as one matrix (rows, columns) for each head of each sample.
+/// A matrix (rows, columns) per head and sample.
 struct HeadMatrices<'a> {
     values: &'a [f32],
     batch: usize,
@@ -180,7 +180,7 @@ impl<'a> HeadMatrices<'a> {
         })
     }
 
-    /// Matrix number `at`, heads of a sample counted first.
+    /// Matrix number `at`, a sample's heads first.
     fn matrix(&self, at: usize) -> StridedMatrix<'a> {
         let (sample, head) = (at / self.heads, at % self.heads);
         let sample = &self.values[sample * self.rows * self.heads * self.columns..];
@@ -193,7 +193,7 @@ impl<'a> HeadMatrices<'a> {
     }
 }
 
-/// How many heads share one of `kv_heads`, where the shapes fit otherwise.
+/// How many heads share one of `kv_heads`.
 fn group(heads: usize, kv_heads: usize, fits: bool) -> Result<usize> {
     if !fits || kv_heads == 0 || !heads.is_multiple_of(kv_heads) {
         candle_core::bail!("{heads} heads of queries and {kv_heads} of keys do not fit together");
@@ -201,7 +201,7 @@ fn group(heads: usize, kv_heads: usize, fits: bool) -> Result<usize> {
     Ok(heads / kv_heads)
 }
 
-/// Products of heads run side by side, each in one thread.
+/// Heads run in parallel, each in one thread.
 fn multiply(a: StridedMatrix, b: StridedMatrix, out: &mut [f32], columns: usize, into: Into) {
     product(a, b, 1.0, out, columns, into, Threads::One);
 }
@@ -228,7 +228,6 @@ mod tests {
         assert!(largest < 1e-5, "{largest}");
     }
 
-    /// Converts to double precision, for which the general path is taken.
     fn double(x: &Var) -> Var {
         Var::from_tensor(&x.to_dtype(DType::F64).unwrap()).unwrap()
     }

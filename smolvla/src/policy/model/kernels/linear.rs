@@ -1,4 +1,4 @@
-//! Linear maps whose backward pass computes what is asked for and nothing else.
+//! Linear maps whose backward pass computes only what is needed.
 
 use candle_core::{Result, Shape, Tensor, D};
 
@@ -10,12 +10,11 @@ use crate::policy::model::kernels::operation::{
     CpuOperation, CpuValues, Gradients, Kernel, KernelOutput,
 };
 
-/// `x·wᵀ + b` over the last dimension, with a weight (out, in) and perhaps a bias (out).
+/// `x·wᵀ + b` over the last dimension, with a weight (out, in) and optionally a bias (out).
 ///
-/// A weight of shorter numbers than the input, [bf16](crate::policy::frozen::FrozenPrecision), has the input rounded to them, and so is
-/// what comes out.
+/// A weight with shorter numbers ([bf16](crate::policy::frozen::FrozenPrecision)) has input and output rounded to them.
 ///
-/// By the kernels, no gradient is computed for a weight or bias that is not a variable.
+/// Kernels compute gradients only for variables.
 #[derive(Clone, Debug)]
 pub struct LinearLayer {
     weight: Tensor,
@@ -47,7 +46,7 @@ impl LinearLayer {
         out.reshape(shape)
     }
 
-    /// `residual + x·wᵀ + b` for a residual (…, out), in one pass and the residual's numbers. Has no backward pass.
+    /// `residual + x·wᵀ + b` for a residual (…, out), in one pass and its type, without a backward pass.
     pub fn forward_onto(&self, residual: &Tensor, x: &Tensor) -> Result<Tensor> {
         if !serve(x) || !serve(&self.weight) {
             return self.forward(x)?.to_dtype(residual.dtype())? + residual;
@@ -82,7 +81,6 @@ impl Kernel<3> for Onto<'_> {
 
 struct LinearForward;
 
-/// `x·wᵀ` added to as many values, or to nothing.
 fn forward(x: CpuValues, w: CpuValues, onto: Option<Vec<f32>>) -> KernelOutput {
     let ((rows, inner), (outer, columns)) = (x.shape.dims2()?, w.shape.dims2()?);
     if inner != columns || onto.as_ref().is_some_and(|onto| onto.len() != rows * outer) {
@@ -102,7 +100,6 @@ fn forward(x: CpuValues, w: CpuValues, onto: Option<Vec<f32>>) -> KernelOutput {
     Ok((out, Shape::from((rows, outer))))
 }
 
-/// Gradients of input and weight, as far as they are wanted.
 fn backward(x: &Tensor, w: &Tensor, grad: &Tensor) -> Gradients<2> {
     let wanted = |argument: &Tensor, left: &Tensor, right: &Tensor, op| {
         argument

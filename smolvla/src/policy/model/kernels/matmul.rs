@@ -1,16 +1,16 @@
-//! Products by candle's operations, on any device and of any numbers.
+//! Products by candle's operations, on any device, of any numbers.
 
 use candle_core::{DType, Result, Tensor};
 
-/// `a·b` for a (…, M, K) and b (…, K, N) of one type. Each is contiguous or the transposed of a contiguous tensor: cuBLAS takes
-/// no other, so that none is taken on the CPU either. Sums are `f32` where numbers are shorter; the product is rounded as they are.
+/// `a·b` for a (…, M, K) and b (…, K, N) of one type. Each is contiguous or the transpose of a contiguous tensor, as cuBLAS needs. Shorter
+/// numbers are summed in `f32` and then rounded.
 pub(super) fn matmul(a: &Tensor, b: &Tensor) -> Result<Tensor> {
     for operand in [a, b] {
         if !operand.is_contiguous() && !operand.t()?.is_contiguous() {
             candle_core::bail!("a product of strided matrices {:?}", operand.layout());
         }
     }
-    // candle has no product of bf16 on the CPU. A bf16 is an f32 whose last bits are zero, so the product in f32 is the same.
+    // candle has no bf16 product on the CPU. A bf16 is an f32 with zero last bits, so the f32 product is the same.
     if a.dtype() == DType::BF16 && a.device().is_cpu() {
         let wide = a.to_dtype(DType::F32)?.matmul(&b.to_dtype(DType::F32)?)?;
         return wide.to_dtype(DType::BF16);
@@ -30,7 +30,7 @@ mod tests {
         Tensor::from_vec(values, shape, &Device::Cpu).unwrap()
     }
 
-    /// Operands are rounded, sums are not, and the product is.
+    /// Operands and products are rounded, sums are not.
     #[test]
     fn bf16_is_rounded_where_a_gpu_rounds() {
         let (m, n, k) = (3, 5, 40);
@@ -44,7 +44,7 @@ mod tests {
         for (a, found) in a.iter().zip(product) {
             for (b, found) in b.iter().zip(found) {
                 let exact: f64 = a.iter().zip(b).map(|(a, b)| a.to_f64() * b.to_f64()).sum();
-                // The tolerance is half a unit in the last of its eight bits, plus the rounding of f32.
+                // Half a unit in the last of eight bits, plus f32's rounding.
                 let allowed = exact.abs() / 256.0 + 1e-5;
                 assert!((found.to_f64() - exact).abs() <= allowed, "{found} {exact}");
                 assert_eq!(found, bf16::from_f32(found.to_f32()));

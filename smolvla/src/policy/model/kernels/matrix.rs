@@ -1,13 +1,13 @@
 //! Matrix products over strided views of plain memory.
 //!
-//! Two libraries compute them, as each is up to three times as fast as the other where it is chosen (`step_floors` shows it):
-//! `gemm`, which candle uses too, packs its operands and is the faster one for many rows; `faer` is for few, and for long sums.
+//! Two libraries are each up to three times as fast as the other where chosen (see `step_floors`): `gemm`, as in candle, packs its operands
+//! and suits many rows; `faer` suits few rows and long sums.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use gemm::Parallelism;
 
-/// A strided matrix inside a slice: element (i, j) is `values[i * row_stride + j * column_stride]`.
+/// A strided matrix in a slice, with element (i, j) at `i * row_stride + j * column_stride`.
 #[derive(Clone, Copy)]
 pub struct StridedMatrix<'a> {
     values: &'a [f32],
@@ -18,7 +18,7 @@ pub struct StridedMatrix<'a> {
 }
 
 impl<'a> StridedMatrix<'a> {
-    /// `rows x columns` values in order. More may follow.
+    /// The first `rows x columns` values, in order.
     ///
     /// # Panics
     /// There are fewer values.
@@ -26,7 +26,7 @@ impl<'a> StridedMatrix<'a> {
         Self::strided(values, rows, columns, columns)
     }
 
-    /// Rows of `columns` values, whose starts are `row_stride` apart.
+    /// Rows of `columns` values that start `row_stride` apart.
     ///
     /// # Panics
     /// The last row does not lie in `values`.
@@ -43,7 +43,7 @@ impl<'a> StridedMatrix<'a> {
 
     fn view(&self) -> MatRef<'a, f32> {
         let (rows, columns) = (self.row_stride as isize, self.column_stride as isize);
-        // SAFETY: `StridedMatrix` is made with the check that every element lies in `values`, and transposing keeps it.
+        // SAFETY: `StridedMatrix` is made with a check that every element lies in `values`, and transposing keeps that.
         unsafe {
             MatRef::from_raw_parts(self.values.as_ptr(), self.rows, self.columns, rows, columns)
         }
@@ -61,7 +61,7 @@ impl<'a> StridedMatrix<'a> {
     }
 }
 
-/// Values from the first to the last of `rows` rows of `columns` values whose starts are `stride` apart.
+/// The values spanned by `rows` rows of `columns` values, `stride` apart.
 fn extent(rows: usize, columns: usize, stride: usize) -> usize {
     match (rows, columns) {
         (0, _) | (_, 0) => 0,
@@ -72,31 +72,31 @@ fn extent(rows: usize, columns: usize, stride: usize) -> usize {
 /// Where a product goes.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Into {
-    /// What was there is replaced.
+    /// In place of the old values.
     Replace,
-    /// The product is added to what was there.
+    /// Added to the old values.
     Add,
 }
 
 /// How many threads a product may take.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Threads {
-    /// This one.
+    /// The caller's.
     One,
-    /// All of rayon's, where the product is large enough to be worth waking them.
+    /// All of rayon's, if the product is large enough.
     All,
 }
 
-/// Multiplications of the largest product that one thread finishes before another would have begun.
+/// Multiplications up to which one thread is faster.
 const SMALL: usize = 1 << 22;
 
-/// From so many rows of the result on, packing the operands pays.
+/// From this many rows on, packing the operands pays.
 const MANY_ROWS: usize = 256;
 
-/// With sums so many times longer than the result's rows, `gemm`'s packing of the right operand stalls.
+/// If sums are this many times longer than rows, `gemm` stalls in packing the right operand.
 const LONG_SUMS: usize = 2;
 
-/// `a·b`, row after row, from all of rayon's threads.
+/// `a·b`, row after row, with all of rayon's threads.
 ///
 /// # Panics
 /// The shapes disagree.
@@ -107,7 +107,7 @@ pub fn product_of(a: StridedMatrix, b: StridedMatrix) -> Vec<f32> {
         return vec![0.0; rows * columns];
     }
     let mut out = Vec::with_capacity(rows * columns);
-    // SAFETY: as much was just reserved. A product that replaces reads nothing of what was there, and writes all of it.
+    // SAFETY: just reserved. A replacing product writes all and reads nothing.
     unsafe {
         multiply(
             a,
@@ -123,7 +123,7 @@ pub fn product_of(a: StridedMatrix, b: StridedMatrix) -> Vec<f32> {
     out
 }
 
-/// `out = scale · a·b` or `out += scale · a·b`, rows of `out` being `out_stride` apart.
+/// `out = scale · a·b` or `out += scale · a·b`, with rows `out_stride` apart.
 ///
 /// # Panics
 /// The shapes disagree, or `out` is too short.
@@ -138,14 +138,14 @@ pub fn product(
 ) {
     assert_eq!(a.columns, b.rows, "inner dimensions of a product");
     assert!(b.columns <= out_stride && extent(a.rows, b.columns, out_stride) <= out.len());
-    // SAFETY: the elements that shapes and stride name lie in `out`, as was just made sure. It is borrowed mutably, so it overlaps
-    // neither operand; its rows do not overlap, as they are at least as far apart as they are long.
+    // SAFETY: the checks above show that the named elements lie in `out`. Its mutable borrow overlaps neither operand; its rows are at
+    // least as far apart as they are long, so they do not overlap.
     unsafe { multiply(a, b, scale, out.as_mut_ptr(), out_stride, into, threads) }
 }
 
 /// # Safety
-/// `a.rows` rows of `b.columns` values, `out_stride` apart and at least as far as they are long, may be written at `out`, and
-/// read where the product is added; they overlap neither operand.
+/// At `out`, `a.rows` rows of `b.columns` values, `out_stride` apart and at least as far as they are long, may be written, and read if the
+/// product is added. They overlap neither operand.
 unsafe fn multiply(
     a: StridedMatrix,
     b: StridedMatrix,
@@ -157,8 +157,8 @@ unsafe fn multiply(
 ) {
     let (rows, columns, inner) = (a.rows, b.columns, a.columns);
     let parallel = threads == Threads::All && rows * columns * inner > SMALL;
-    // SAFETY: every element that the operands' shapes and strides name lies in their slices: `StridedMatrix` is made with that check, and
-    // transposing keeps it. The output's is the caller's word.
+    // SAFETY: `StridedMatrix` checks when made that all elements named by shape and strides lie in its slice, and transposing keeps that.
+    // The caller vouches for the output.
     unsafe {
         if rows < MANY_ROWS || inner > LONG_SUMS * columns {
             let stride = out_stride as isize;
@@ -207,7 +207,6 @@ mod tests {
     fn strided_and_transposed_products_are_the_plain_ones() {
         let a: Vec<f32> = (0..35).map(|x| x as f32 - 11.0).collect();
         let b: Vec<f32> = (0..30).map(|x| (x * x % 13) as f32).collect();
-        // A matrix of 4 x 3 in rows of 7 is multiplied by the transpose of one of 5 x 3 in rows of 5.
         let (left, right) = (
             StridedMatrix::strided(&a[2..], 4, 3, 7),
             StridedMatrix::strided(&b, 5, 3, 5),
@@ -243,7 +242,6 @@ mod tests {
 
     #[test]
     fn results_do_not_depend_on_the_number_of_threads() {
-        // Few rows, many rows and long sums: each is large enough for several threads.
         for (rows, inner, columns) in [(50, 720, 512), (512, 128, 256), (300, 2048, 64)] {
             let values = |count: usize, step: f32| -> Vec<f32> {
                 (0..count).map(|i| (i as f32 * step).sin()).collect()

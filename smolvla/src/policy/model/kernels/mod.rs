@@ -1,25 +1,23 @@
-//! CPU kernels of the operations that training spends its time in, as candle custom operations with a backward pass.
+//! CPU kernels for training's costly operations: candle custom operations with a backward pass.
 //!
-//! candle's own operations run elementwise work in one thread, make a pass over memory for each of them, and compute a
-//! gradient for every operand of a product, frozen weights included. These do neither:
+//! candle runs elementwise work in one thread, with a pass over memory each, and computes gradients even for frozen operands. These do not:
 //!
-//! - [`linear`]: `x·wᵀ + b`; no gradient is computed for weights that are frozen.
+//! - [`linear`]: `x·wᵀ + b`, without gradients for frozen weights.
 //! - [`softmax`]: scale, mask and softmax of attention scores in one pass.
 //! - [`heads`]: queries by keys and weights by values, for heads that share keys.
-//! - [`attention`]: attention without a mask and without a gradient, block by block: the frozen vision tower's.
-//! - [`gradients`]: the gradients of a loss, written to where they belong.
+//! - [`attention`]: the frozen vision tower's attention, in blocks.
+//! - [`gradients`]: a loss's gradients, stored directly.
 //! - [`gelu`]: the frozen vision tower's activation.
-//! - [`swiglu`], [`norm`], [`rotate`]: the decoder layers' elementwise work, forward and backward in a pass each.
+//! - [`swiglu`], [`norm`], [`rotate`]: the decoder layers' elementwise work, one pass each way.
 //!
-//! Small work is done by one thread, as waking another takes longer: a policy of small dimensions is all small work.
+//! Small work stays in one thread: waking another takes longer.
 //!
-//! [`matrix`] is the product all are made of, and [`vector`] has the exponential function that compilers can vectorise.
+//! [`matrix`] is the product behind them, and [`vector`] has a vectorisable exponential.
 //!
-//! On another device than the CPU, and for other numbers than `f32`, each function does the same by candle's operations, with
-//! gradients by candle's rules; products go through [`matmul`]. [`without`] takes that way on the CPU, so that the kernels can be
-//! compared with it, and so that what a GPU computes is known here.
+//! On other devices, and for numbers other than `f32`, functions use candle's operations and gradients, and [`matmul`]. [`without`] does so
+//! on the CPU, to compare kernels and to show what a GPU computes.
 //!
-//! Work is divided among threads so that no sum depends on their number: results repeat bit for bit on one machine.
+//! No sum depends on the number of threads: results repeat bit for bit on a machine.
 
 pub mod attention;
 mod dispatch;

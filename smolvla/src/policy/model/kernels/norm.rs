@@ -1,4 +1,4 @@
-//! RMSNorm (Zhang and Sennrich, 2019), forward and backward row by row, and the frozen vision tower's layer norm.
+//! RMSNorm (Zhang and Sennrich, 2019), both ways row by row, and the frozen vision tower's layer norm.
 
 use candle_core::{Result, Tensor, D};
 use pulp::{Arch, Simd};
@@ -9,7 +9,7 @@ use crate::policy::model::kernels::operation::{
 };
 use crate::policy::model::kernels::vector::sum;
 
-/// `x / sqrt(mean(x²) + eps) * gain` over the last dimension; no gradient is computed for a gain that is not a variable.
+/// `x / sqrt(mean(x²) + eps) * gain` over the last dimension. Only a variable gain gets a gradient.
 pub fn rms_norm(x: &Tensor, gain: &Tensor, eps: f64) -> Result<Tensor> {
     if serve(x) {
         let eps = eps as f32;
@@ -22,8 +22,8 @@ pub fn rms_norm(x: &Tensor, gain: &Tensor, eps: f64) -> Result<Tensor> {
         .broadcast_mul(gain)
 }
 
-/// `(x - mean) / sqrt(variance + eps) * gain + bias` over the last dimension (Ba et al., Layer Normalization, 2016). Has no backward
-/// pass. The variance is the mean square of what is left without the mean: candle's, a difference of large numbers, is less exact.
+/// `(x - mean) / sqrt(variance + eps) * gain + bias` over the last dimension (Ba et al., Layer Normalization, 2016), without a backward
+/// pass. The variance is the mean square of `x - mean`, more exact than candle's difference of large numbers.
 pub fn layer_norm(x: &Tensor, gain: &Tensor, bias: &Tensor, eps: f64) -> Result<Tensor> {
     if serve(x) {
         let eps = eps as f32;
@@ -116,7 +116,7 @@ impl Kernel<2> for RmsNormKernel {
         let of_gain = gain
             .track_op()
             .then(|| {
-                // This is the sum over rows of grad * x / sqrt(mean(x²) + eps): the norm itself with grad as its gain.
+                // The sum over rows of grad * x / sqrt(mean(x²) + eps): the norm with grad as gain.
                 let plain = x.apply_op2_no_bwd(&gain.ones_like()?, &CpuOperation(*self))?;
                 (plain * &grad)?.flatten_to(D::Minus2)?.sum(0)
             })
@@ -152,7 +152,6 @@ fn normalise_with<S: Simd>(_: S, row: &mut [f32], gain: &[f32], eps: f32) {
     }
 }
 
-/// From the gradient of a normalised row to that of `x`.
 #[pulp::with_simd(gradient = Arch::new())]
 #[inline(always)]
 fn gradient_with<S: Simd>(_: S, grad: &mut [f32], x: &[f32], gain: &[f32], eps: f32) {
@@ -219,7 +218,6 @@ mod tests {
         for variable in [&x, &gain] {
             close(ours.get(variable).unwrap(), theirs.get(variable).unwrap());
         }
-        // A frozen gain gets no gradient.
         let frozen = gain.as_detached_tensor();
         let gradients = rms_norm(&x, &frozen, 1e-5)
             .unwrap()

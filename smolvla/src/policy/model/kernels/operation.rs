@@ -1,4 +1,4 @@
-//! An operation of these kernels: from the values of its arguments to those of its result, and the way of gradients back.
+//! A kernel's operation: arguments to result, and gradients back.
 
 use std::ops::Deref;
 
@@ -6,7 +6,7 @@ use candle_core::{
     bail, CpuStorage, CustomOp1, CustomOp2, CustomOp3, Error, Layout, Result, Shape, Tensor,
 };
 
-/// The values of a contiguous `f32` tensor on the CPU, in order.
+/// A contiguous `f32` CPU tensor's values, in order.
 #[derive(Clone, Copy)]
 pub(super) struct CpuValues<'a> {
     pub all: &'a [f32],
@@ -34,27 +34,23 @@ impl Deref for CpuValues<'_> {
     }
 }
 
-/// The values and the shape of a result.
 pub(super) type KernelOutput = Result<(Vec<f32>, Shape)>;
 
-/// The gradients of those of `N` arguments that get one.
+/// Gradients of `N` arguments, if wanted.
 pub(super) type Gradients<const N: usize> = Result<[Option<Tensor>; N]>;
 
-/// What an operation on `N` tensors does.
 pub(super) trait Kernel<const N: usize> {
-    /// Its name, in errors.
     const NAME: &'static str;
 
-    /// From the arguments to the result.
     fn forward(&self, arguments: [CpuValues; N]) -> KernelOutput;
 
-    /// From the arguments, the result and its gradient to theirs.
+    /// From arguments, result and its gradient to their gradients.
     fn backward(&self, _: [&Tensor; N], _: &Tensor, _: &Tensor) -> Gradients<N> {
         Err(Error::BackwardNotSupported { op: Self::NAME })
     }
 }
 
-/// A kernel as candle takes it.
+/// A kernel as candle's operation.
 pub(super) struct CpuOperation<K>(pub K);
 
 type Stored = Result<(CpuStorage, Shape)>;

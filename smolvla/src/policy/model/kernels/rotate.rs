@@ -1,4 +1,4 @@
-//! The rotation of the rotary embedding, over halves.
+//! The rotary embedding's rotation, over halves.
 
 use candle_core::{Result, Tensor, D};
 use pulp::{Arch, Simd};
@@ -8,8 +8,8 @@ use crate::policy::model::kernels::operation::{
     CpuOperation, CpuValues, Gradients, Kernel, KernelOutput,
 };
 
-/// Rotates the halves of the last dimension of x (B, L, heads, dim) by angles whose sines and cosines are (B, L, 1, dim / 2):
-/// `(a cos - b sin, b cos + a sin)`, in the angles' numbers. The angles get no gradient.
+/// Rotates the halves of the last dimension of x (B, L, heads, dim): `(a cos - b sin, b cos + a sin)`, in the angles' type. Sines and
+/// cosines are (B, L, 1, dim / 2) and get no gradient.
 pub fn rotate(x: &Tensor, sin: &Tensor, cos: &Tensor) -> Result<Tensor> {
     if serve(x) {
         return x
@@ -27,7 +27,7 @@ pub fn rotate(x: &Tensor, sin: &Tensor, cos: &Tensor) -> Result<Tensor> {
 }
 
 struct Rotate {
-    /// By the negative angles: the gradient's way.
+    /// By the negative angles, for gradients.
     back: bool,
 }
 
@@ -89,14 +89,14 @@ mod tests {
         let rotated = rotate(&variable, &sin, &cos).unwrap();
         let list = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
         let (before, after) = (list(&x), list(&rotated));
-        // The first head of the second token was computed by hand. Its angles are 0.9, 1.2 and 1.5.
+        // The second token's first head by hand, with angles 0.9, 1.2 and 1.5.
         for (i, angle) in [0.9f32, 1.2, 1.5].into_iter().enumerate() {
             let at = heads * dim + i;
             let (a, b) = (before[at], before[at + 3]);
             assert!((after[at] - (a * angle.cos() - b * angle.sin())).abs() < 1e-6);
             assert!((after[at + 3] - (b * angle.cos() + a * angle.sin())).abs() < 1e-6);
         }
-        // The gradient of half the squared length is the vector itself. Rotated back, it is x.
+        // Half the squared length has the vector as gradient; rotated back, x.
         let loss = (rotated.sqr().unwrap().sum_all().unwrap() * 0.5).unwrap();
         let gradient = list(loss.backward().unwrap().get(&variable).unwrap());
         for (found, x) in gradient.iter().zip(&before) {

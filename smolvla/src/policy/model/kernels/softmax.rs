@@ -1,4 +1,4 @@
-//! Softmax of attention scores, scaled and masked in the same pass.
+//! Softmax of attention scores, scaled and masked in one pass.
 
 use candle_core::{Result, Tensor, D};
 use pulp::{Arch, Simd};
@@ -9,8 +9,7 @@ use crate::policy::model::kernels::operation::{
 };
 use crate::policy::model::kernels::vector::{exp, sum};
 
-/// `softmax(scale * scores + mask)` over the last dimension, for scores (B, heads, Q, K) and a mask (B, 1, Q, K) of numbers
-/// to add. The mask gets no gradient.
+/// `softmax(scale * scores + mask)` over the last dimension, for scores (B, heads, Q, K) and a mask (B, 1, Q, K) without a gradient.
 pub fn masked_softmax(scores: &Tensor, mask: &Tensor, scale: f64) -> Result<Tensor> {
     if serve(scores) {
         let scale = scale as f32;
@@ -19,7 +18,7 @@ pub fn masked_softmax(scores: &Tensor, mask: &Tensor, scale: f64) -> Result<Tens
             .apply_op2(&mask.contiguous()?, CpuOperation(MaskedSoftmax { scale }));
     }
     let scores = (scores * scale)?.broadcast_add(mask)?;
-    // The maximum only guards against overflow, so it has no gradient.
+    // Only against overflow, so without a gradient.
     let shifted = scores
         .broadcast_sub(&scores.max_keepdim(D::Minus1)?.detach())?
         .exp()?;
@@ -79,7 +78,7 @@ impl Kernel<2> for SoftmaxBackward {
     }
 }
 
-/// Replaces rows of `keys` scores by the softmax of `scale * scores + mask`.
+/// The softmax of `scale * scores + mask` in place, in rows of `keys`.
 #[pulp::with_simd(softmax_rows = Arch::new())]
 #[inline(always)]
 fn softmax_rows_with<S: Simd>(_: S, scores: &mut [f32], mask: &[f32], keys: usize, scale: f32) {
@@ -107,7 +106,7 @@ fn gradient_rows_with<S: Simd>(_: S, grad: &mut [f32], p: &[f32], keys: usize, s
     }
 }
 
-/// Replaces a row by e^(x − largest x), and gives their sum.
+/// e^(x − largest x) in place; returns the sum.
 #[inline(always)]
 pub(super) fn exponentials(row: &mut [f32]) -> f32 {
     const LANES: usize = 16;
@@ -127,7 +126,6 @@ pub(super) fn exponentials(row: &mut [f32]) -> f32 {
     sum(LANES, |i| lanes[i])
 }
 
-/// The largest of a row's values, by lanes that compilers vectorise.
 #[inline(always)]
 fn largest(row: &[f32]) -> f32 {
     const LANES: usize = 16;
@@ -153,7 +151,6 @@ mod tests {
         let (batch, heads, queries, keys) = (2, 3, 4, 21);
         let count = batch * heads * queries * keys;
         let scores: Vec<f32> = (0..count).map(|i| 8.0 * (i as f32 * 0.37).sin()).collect();
-        // The last query of each sample sees nothing.
         let mask: Vec<f32> = (0..batch * queries * keys)
             .map(|i| match (i / keys % queries, i % keys) {
                 (3, _) => f32::MIN,

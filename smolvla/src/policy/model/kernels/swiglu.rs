@@ -1,4 +1,4 @@
-//! SiLU, and SwiGLU's gate `silu(gate) * up`, each gradient in one pass.
+//! SiLU and SwiGLU, each gradient in one pass.
 
 use candle_core::{Result, Tensor};
 use pulp::{Arch, Simd};
@@ -9,7 +9,7 @@ use crate::policy::model::kernels::operation::{
 };
 use crate::policy::model::kernels::vector::sigmoid;
 
-/// `silu(gate) * up` for two tensors of one shape, in `f32` where they are of shorter numbers (Shazeer, GLU Variants Improve Transformer, 2020).
+/// `silu(gate) * up` for one shape, with shorter numbers as `f32` (Shazeer, GLU Variants Improve Transformer, 2020).
 pub fn swiglu(gate: &Tensor, up: &Tensor) -> Result<Tensor> {
     if serve(gate) {
         gate.contiguous()?
@@ -87,7 +87,7 @@ impl Kernel<2> for SwiGlu {
     }
 }
 
-/// From grad, gate and up to the gradient of one of the two.
+/// From grad, gate and up to one gradient.
 enum SwigluBackward {
     /// `grad * up * s * (1 + gate * (1 - s))` for s = sigmoid(gate).
     Gate,

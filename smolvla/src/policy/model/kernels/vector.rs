@@ -1,13 +1,13 @@
-//! Elementwise functions written so that compilers vectorise them. Kernels that use them are compiled for every width of
-//! vector instruction, and the widest at hand is taken at run time (`pulp::with_simd`).
+//! Elementwise functions that compilers vectorise. Their kernels are compiled for every vector width; the widest available runs
+//! (`pulp::with_simd`).
 
-/// e^x to 2 units in the last place, for x within ±87; above it stays at e^87, below it is zero. What a mask hides then has a weight of
-/// exactly zero: the tiny numbers in its place, or their products, would be denormal, which takes processors a hundred cycles each.
+/// e^x to 2 units in the last place for x within ±87; above, e^87; below, zero. Masked values then weigh exactly zero: tiny numbers or
+/// their products would be denormal, at a hundred cycles each.
 ///
 /// Cody and Waite's reduction to |r| ≤ ln 2 / 2 and Cephes' polynomial, without a branch.
 #[inline(always)]
 pub fn exp(x: f32) -> f32 {
-    /// 1.5 · 2^23: a number added to it is rounded to an integer, which its lowest bits then hold.
+    /// 1.5 · 2^23: its sum with a number has the rounded number in the lowest bits.
     const ROUND: f32 = 12_582_912.0;
     let hidden = x < -87.0;
     let x = x.clamp(-87.0, 87.0);
@@ -22,7 +22,7 @@ pub fn exp(x: f32) -> f32 {
     let p = p.mul_add(r, 1.666_666_5e-1);
     let p = p.mul_add(r, 0.5);
     let e = (p * r).mul_add(r, r) + 1.0;
-    // This is 2^n, made from its exponent bits. n is within ±126. The bits of `ROUND` are shifted out on the left.
+    // 2^n from its exponent bits, for n within ±126. The bits of `ROUND` are shifted out.
     let value = e * f32::from_bits(rounded.to_bits().wrapping_add(127) << 23);
     if hidden {
         0.0
@@ -37,7 +37,7 @@ pub fn sigmoid(x: f32) -> f32 {
     1.0 / (1.0 + exp(-x))
 }
 
-/// Σ f(i) over `0..n` in sixteen lanes, which compilers vectorise and which fixes the order of additions.
+/// Σ f(i) over `0..n` in sixteen lanes, for vectorisation and a fixed order of additions.
 #[inline(always)]
 pub fn sum(n: usize, f: impl Fn(usize) -> f32) -> f32 {
     const LANES: usize = 16;
