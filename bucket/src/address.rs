@@ -1,5 +1,5 @@
-//! The address of a store: `s3://BUCKET/PREFIX`, `gs://BUCKET/PREFIX`, `az://CONTAINER/PREFIX` or `file:///FOLDER`. Credentials are not part of
-//! it: they are in variables of the environment, whose names the crate `object_store` documents (`AWS_…`, `GOOGLE_…`, `AZURE_…`).
+//! A store's address: `s3://BUCKET/PREFIX`, `gs://BUCKET/PREFIX`, `az://CONTAINER/PREFIX` or `file:///FOLDER`. Credentials are in variables
+//! of the environment, whose names the crate `object_store` documents (`AWS_…`, `GOOGLE_…`, `AZURE_…`).
 
 use crate::waiting::RetryPeriod;
 use object_store::aws::AmazonS3Builder;
@@ -18,7 +18,7 @@ use zk0_files::atomic_file::create_folder;
 /// Why a store cannot be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum AddressError {
-    /// The text is not an address.
+    /// The text is no address.
     #[error("{text:?} is not the address of a blob store ({why}): use s3://BUCKET/PREFIX, gs://BUCKET/PREFIX, az://CONTAINER/PREFIX or file:///FOLDER")]
     NoAddress {
         /// The text.
@@ -50,28 +50,27 @@ pub enum AddressError {
     Threads(io::Error),
 }
 
-/// An opened store.
 pub(crate) struct OpenedStore {
     pub(crate) address: String,
     pub(crate) objects: Arc<dyn ObjectStore>,
-    /// The same for requests that the store may need long for.
+    /// For requests that may take the store long.
     pub(crate) long: Arc<dyn ObjectStore>,
-    /// What signs addresses for others; `None` if the store cannot.
+    /// Signs addresses for others, if the store can.
     pub(crate) signer: Option<Arc<dyn Signer>>,
-    /// What the names of all objects begin with.
+    /// The start of all objects' names.
     pub(crate) prefix: ObjectPath,
     /// The folder, if the store is one.
     pub(crate) folder: Option<PathBuf>,
 }
 
-/// The clients of a store: for most requests, for long ones, and what signs addresses, if there is such a thing.
+/// A store's clients: for most requests, for long ones, and to sign addresses, if it can.
 type Clients = (
     Arc<dyn ObjectStore>,
     Arc<dyn ObjectStore>,
     Option<Arc<dyn Signer>>,
 );
 
-/// Makes the clients of a store from its address, the variables that belong to it, and our own limits.
+/// Makes a store's clients.
 macro_rules! clients {
     ($builder:ty, $key:expr, $url:expr, $variables:expr, $prefix:expr, $patience:expr) => {{
         let mut builder = <$builder>::new();
@@ -102,7 +101,7 @@ macro_rules! clients {
     }};
 }
 
-/// Opens the store at `text` with these variables of the environment. This asks nobody.
+/// Opens the store at `text`. Sends no request.
 pub(crate) fn open(
     text: &str,
     variables: &[(String, String)],
@@ -177,7 +176,7 @@ pub(crate) fn open(
         objects,
         long,
         signer,
-        // The client of a folder begins in it.
+        // A folder's client begins in it.
         prefix: folder.as_ref().map_or(prefix, |_| ObjectPath::default()),
         folder,
     })

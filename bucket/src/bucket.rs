@@ -20,12 +20,11 @@ pub use crate::objects::PART_BYTES;
 #[derive(Debug)]
 pub struct Bucket {
     pub(crate) objects: Objects,
-    /// Where the blobs are.
     place: ObjectPath,
 }
 
 impl Bucket {
-    /// The blobs at `address`. Credentials are in `variables`, as names and values. This asks nobody.
+    /// The blobs at `address`. `variables` are names and values with the credentials. Sends no request.
     pub fn open(
         address: &str,
         variables: &[(String, String)],

@@ -1,12 +1,12 @@
-//! Blobs in an object store: a bucket of S3 or of a service that speaks its protocol, of Google Cloud Storage, a container of Azure, or
-//! another folder.
+//! Blobs in an object store: a bucket of S3 or a service with its protocol, of Google Cloud Storage, a container of Azure, or another
+//! folder.
 //!
-//! - [`address`]: which store an address names, and with which credentials it is opened; `objects`: what is stored there; [`waiting`]: how long
-//!   it is waited for, and where.
-//! - [`bucket`]: what [`zk0_ledger::blobs::store`] asks of a store, with `reading` and `sent`, what others put there by themselves;
-//!   [`public_log`]: a published log in a bucket that anybody may read.
+//! - [`address`]: which store an address names, and with which credentials it is opened; `objects`: what is stored there; [`waiting`]: how
+//!   long and where to wait for it.
+//! - [`bucket`]: implements [`zk0_ledger::blobs::store`], with `reading`, and `sent` for what others put there; [`public_log`]: a published
+//!   log in a public bucket.
 //!
-//! The protocols and their signatures are those of the crate `object_store`.
+//! The crate `object_store` implements the protocols and their signatures.
 
 pub mod address;
 pub mod bucket;

@@ -1,4 +1,4 @@
-//! The objects under one address: stored whole or in parts, listed, and with errors that say what failed and why.
+//! The objects under one address, whole or in parts, with errors that name what failed and why.
 
 use crate::address::{self, AddressError};
 use crate::waiting::{RetryPeriod, StoreRuntime};
@@ -20,29 +20,26 @@ use tokio_stream::StreamExt;
 use zk0_files::atomic_file::{self, create_folder, folder_of, Durability};
 use zk0_ledger::blobs::error::StoreError;
 
-/// Larger objects are stored and read in parts of this size. A cut connection then costs one part, and one part is in memory.
+/// Larger objects are stored and read in parts of this size. A cut connection costs one part, and one part is in memory.
 pub const PART_BYTES: u64 = 8 << 20;
 
-/// How long it is tried to remove the parts of an upload that failed.
+/// Time limit to remove the parts of a failed upload.
 const ABORT: Duration = Duration::from_secs(5);
 
-/// An error's text is cut after so many characters. Servers answer with whole documents.
+/// An error's text is cut after so many characters, because servers answer with whole documents.
 const LONGEST_WHY: usize = 400;
 
-/// What errors of two kinds begin with.
+/// How two kinds of errors begin.
 const REFUSED: &str = "it refuses the credentials, or they lack a permission: ";
 const NOTHING: &str = "there is no such bucket or object: ";
 
-/// The objects under one address.
 #[derive(Debug)]
 pub(crate) struct Objects {
     pub(crate) address: String,
     pub(crate) client: Arc<dyn ObjectStore>,
-    /// The same for requests that the store may need long for: copies, and the end of an upload in parts.
+    /// For requests that may take the store long: copies, and the end of an upload in parts.
     pub(crate) long: Arc<dyn ObjectStore>,
-    /// What signs addresses for others; `None` if the store cannot.
     pub(crate) signer: Option<Arc<dyn Signer>>,
-    /// What the names of all objects begin with.
     pub(crate) prefix: ObjectPath,
     folder: Option<PathBuf>,
     pub(crate) patience: RetryPeriod,
@@ -50,7 +47,7 @@ pub(crate) struct Objects {
 }
 
 impl Objects {
-    /// The objects at `address`. Credentials are in `variables`, as names and values. This asks nobody.
+    /// The objects at `address`. Sends no request.
     pub(crate) fn open(
         address: &str,
         variables: &[(String, String)],
@@ -69,12 +66,10 @@ impl Objects {
         })
     }
 
-    /// Waits for `work`.
     pub(crate) fn wait_for<T: Send>(&self, work: impl Future<Output = T> + Send) -> T {
         self.waiting.wait_for(work)
     }
 
-    /// What failed, and why.
     pub(crate) fn failed(&self, what: &str, error: &Error) -> StoreError {
         let mut why = error.to_string();
         let mut cause = error.source();
@@ -85,7 +80,7 @@ impl Objects {
             }
             cause = error.source();
         }
-        // Of a list that fails, the crate gives the status only in the text.
+        // If a list fails, only the text has the status.
         let has = |status: &str| why.contains(&format!("status code: {status}"));
         let hint = match error {
             Error::PermissionDenied { .. } | Error::Unauthenticated { .. } => REFUSED,
@@ -103,7 +98,6 @@ impl Objects {
         self.error(what, why)
     }
 
-    /// What failed, and why.
     pub(crate) fn error(&self, what: &str, why: String) -> StoreError {
         StoreError {
             address: self.address.clone(),
@@ -112,8 +106,7 @@ impl Objects {
         }
     }
 
-    /// Stores the `size` bytes of a file from its place on. They are durable when this returns. `what` says for errors what this is. A folder keeps
-    /// no attributes.
+    /// Stores the next `size` bytes of a file, durably. `what` describes them in errors. A folder keeps no attributes.
     pub(crate) fn put(
         &self,
         what: &str,
@@ -156,7 +149,7 @@ impl Objects {
             let Err(error) = upload.complete().await else {
                 return Ok(());
             };
-            // If the answer comes late or is lost, the parts are an object already, and the next try finds no parts.
+            // If the answer is late or lost, the parts are an object already, and the next try finds none.
             match self.client.head(object).await {
                 Ok(found) if found.size == size => Ok(()),
                 _ => Err(failed(error)),
@@ -165,14 +158,14 @@ impl Objects {
         match stored.await {
             Ok(()) => Ok(()),
             Err(error) => {
-                // What cannot be removed now, the bucket's own rules have to remove.
+                // Otherwise the bucket's own rules have to remove the parts.
                 let _ = timeout(ABORT, upload.abort()).await;
                 Err(error)
             }
         }
     }
 
-    /// Stores a few bytes. They are durable when this returns. A folder keeps no attributes.
+    /// Stores a few bytes, durably. A folder keeps no attributes.
     pub(crate) fn put_bytes(
         &self,
         what: &str,
@@ -195,8 +188,7 @@ impl Objects {
         Some(folder.join(object.as_ref()))
     }
 
-    /// Writes the file of an object. The client of a folder gives a file its name before its bytes are on the disk, so that a power cut could leave
-    /// the name without them.
+    /// Writes the file of an object. A folder's client would name the file before its bytes are on disk, and a power cut could lose them.
     fn write(
         &self,
         what: &str,
@@ -208,7 +200,7 @@ impl Objects {
             .map_err(|error| self.error(what, error.to_string()))
     }
 
-    /// How many bytes an object has; `None` if there is no such object.
+    /// An object's size in bytes; `None` if there is no such object.
     pub(crate) fn size(&self, what: &str, object: &ObjectPath) -> Result<Option<u64>, StoreError> {
         self.wait_for(async {
             match self.client.head(object).await {
@@ -224,7 +216,7 @@ impl Objects {
         self.wait_for(async {
             match self.client.delete(object).await {
                 Ok(()) | Err(Error::NotFound { .. }) => Ok(()),
-                // Some servers answer in ways of their own that there is nothing to remove.
+                // Some servers have their own answers for a missing object.
                 Err(error) => match self.client.head(object).await {
                     Err(Error::NotFound { .. }) => Ok(()),
                     _ => Err(self.failed(what, &error)),
@@ -233,7 +225,7 @@ impl Objects {
         })
     }
 
-    /// All objects whose names begin with `place`, each with its size.
+    /// All objects whose names begin with `place`, with sizes.
     pub(crate) fn list(
         &self,
         what: &str,

@@ -1,5 +1,4 @@
-//! A log as it is published, in a bucket that anybody may read: the files of an export, by the same paths. Whatever serves the bucket over
-//! HTTP serves the log.
+//! A published log in a public bucket: the files of an export, by the same paths. An HTTP server of the bucket serves the log.
 
 use crate::address::AddressError;
 use crate::objects::Objects;
@@ -16,19 +15,19 @@ use zk0_ledger::blobs::error::{BlobError, StoreError};
 use zk0_ledger::published::export_place::{ExportTarget, PlaceError};
 use zk0_protocol::tlog::layout::{Resource, Tile};
 
-/// What a server of the bucket says to caches about files that never change, and about the others.
+/// For caches: files that never change, and the others.
 const IMMUTABLE: &str = "public, max-age=31536000, immutable";
 const NO_CACHE: &str = "no-cache";
 
-/// The published log under one address. Nobody else may write there.
+/// The published log under one address, with no other writer.
 #[derive(Debug)]
 pub struct PublicLog {
     objects: Objects,
-    /// How many bytes the files have that are there, by their paths. Tiles are here until they are known to be whole.
+    /// The sizes in bytes of the files that are there, by path. Tiles are here until known to be whole.
     there: BTreeMap<String, u64>,
-    /// The paths of the tiles that are whole.
+    /// The paths of whole tiles.
     tiles: BTreeSet<String>,
-    /// What was written of the files that change.
+    /// The newest content of files that change.
     written: BTreeMap<String, Vec<u8>>,
 }
 
@@ -44,7 +43,7 @@ pub enum PublicLogError {
 }
 
 impl PublicLog {
-    /// The log at `address`. Credentials are in `variables`, as names and values. Reads the list of what is there.
+    /// The log at `address`, with credentials in `variables`. Reads the list of files.
     pub fn open(
         address: &str,
         variables: &[(String, String)],
@@ -129,7 +128,7 @@ impl ExportTarget for PublicLog {
             return Ok(false);
         }
         let is_tile = matches!(resource, Resource::Tile(_));
-        // What a power cut has left of a tile has another size.
+        // A power cut leaves a tile of another size.
         if is_tile && self.there.remove(&path) == Some(bytes.len() as u64) {
             self.tiles.insert(path);
             return Ok(false);
@@ -154,7 +153,7 @@ impl ExportTarget for PublicLog {
         let what = format!("publishing {path}");
         let unreadable =
             |error: io::Error| BlobError::from(self.objects.error(&what, error.to_string()));
-        // What has another digest is not published.
+        // Bytes with a wrong digest are not published.
         let mut hasher = Sha256::new();
         let size = io::copy(&mut file, &mut hasher).map_err(PlaceError::Unreadable)?;
         let actual = Digest(hasher.finalize().into());

@@ -1,4 +1,4 @@
-//! Objects are read in parts, so that a cut connection costs one part, and no more than what somebody asked for.
+//! Reads objects in parts, so that a cut connection costs one part, and no more than was asked for.
 
 use crate::objects::{Objects, PART_BYTES};
 use object_store::path::Path as ObjectPath;
@@ -9,14 +9,14 @@ use zk0_ledger::blobs::take::Take;
 
 /// Why an object is not read.
 pub(crate) enum ReadError {
-    /// The store has something else than an object of the size that was asked for. This is what it has.
+    /// The store has something else, named here, than an object of the requested size.
     Other(String),
-    /// The store failed, or whoever takes the bytes.
+    /// The store failed, or the taker of the bytes.
     Failed(BlobError),
 }
 
 impl Objects {
-    /// Gives the bytes of an object of `size` bytes to `take`, in order. `what` says for errors what this is.
+    /// Gives the bytes of an object of `size` bytes to `take`, in order. `what` describes it in errors.
     pub(crate) async fn read(
         &self,
         what: &str,
@@ -32,7 +32,7 @@ impl Objects {
         loop {
             let end = held.saturating_add(PART_BYTES).min(size);
             let options = GetOptions {
-                // No byte of an empty object can be asked for.
+                // An empty object has no range of bytes.
                 range: (size > 0).then_some(GetRange::Bounded(held..end)),
                 ..GetOptions::default()
             };

@@ -1,4 +1,4 @@
-//! Objects that others put into a bucket by an address that the bucket's owner has signed for them: `PREFIX/uploads/ROUND/…`.
+//! Objects that others put into a bucket, at an address that its owner signed: `PREFIX/uploads/ROUND/…`.
 
 use crate::bucket::Bucket;
 use crate::reading::ReadError;
@@ -11,11 +11,10 @@ use zk0_ledger::blobs::error::{BlobError, StoreError};
 use zk0_ledger::blobs::take::Take;
 use zk0_ledger::blobs::unverified::{SentStore, Unverified};
 
-/// How long to wait before it is looked again whether a copy has arrived.
+/// The wait between two looks for a copy.
 const APART: Duration = Duration::from_millis(100);
 
 impl Bucket {
-    /// Where the objects are that are no blobs yet.
     fn uploads(&self) -> ObjectPath {
         self.objects.prefix.clone().join("uploads")
     }
@@ -26,8 +25,8 @@ impl Bucket {
         parts.fold(self.uploads(), |above, part| above.join(part))
     }
 
-    /// Copies an object of `size` bytes, and looks whether the copy is there. What a store answers is not enough: S3 may answer with status 200 and
-    /// an error after it, and Azure may go on copying after its answer. If somebody has replaced the object by a larger one, this ends at once.
+    /// Copies an object of `size` bytes, and looks for the copy, because answers are not enough: S3 may answer with status 200 and an error
+    /// after it, and Azure may go on copying after its answer. Ends at once if the object was replaced by a larger one.
     fn copied(
         &self,
         what: &str,
@@ -42,7 +41,7 @@ impl Bucket {
             if found == Some(size) {
                 return Ok(());
             }
-            // A copy that goes on gets more bytes, and never fewer.
+            // A copy only grows.
             if found.is_some_and(|found| found > size) || Instant::now() > until {
                 let found = found.map_or("nothing".into(), |found| format!("{found} bytes"));
                 let why = format!("it says that it has copied {size} bytes, and there is {found}");

@@ -1,4 +1,4 @@
-//! How long a store is waited for. The ledger reads and writes blobs on threads of its own, which wait here for a small runtime.
+//! How long to wait for a store. The ledger's threads read and write blobs, and wait here for a small runtime.
 
 use object_store::{BackoffConfig, RetryConfig};
 use std::future::Future;
@@ -8,11 +8,11 @@ use std::thread;
 use std::time::Duration;
 use tokio::runtime::{Builder, Runtime};
 
-/// A request that moves no faster than a part in this time is given up, and tried again. Copies, and uploads in parts, have all of the time: at the
-/// end of an upload, a store puts its parts together.
+/// A request that moves less than a part in this time is given up, and tried again. Copies and uploads in parts have all of the time,
+/// because the store puts parts together at the end of an upload.
 const LONGEST_REQUEST: Duration = Duration::from_secs(30);
 
-/// How long it takes at most until somebody takes the connection.
+/// Time limit for connecting.
 const CONNECT: Duration = Duration::from_secs(5);
 
 /// The longest wait between two tries.
@@ -21,22 +21,20 @@ const LONGEST_BACKOFF: Duration = Duration::from_secs(5);
 /// Enough tries that [`RetryPeriod::retries`] ends by its time.
 const TRIES: usize = 100;
 
-/// How long a request is tried again that fails, but may succeed later.
+/// How long to retry a request that may succeed later.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RetryPeriod(pub Duration);
 
 impl RetryPeriod {
-    /// One try may take so long.
     pub(crate) fn request(self) -> Duration {
         self.0.min(LONGEST_REQUEST)
     }
 
-    /// A connection may take so long.
     pub(crate) fn connect(self) -> Duration {
         self.0.min(CONNECT)
     }
 
-    /// Which tries there are after the first one.
+    /// The tries after the first.
     pub(crate) fn retries(self) -> RetryConfig {
         RetryConfig {
             backoff: BackoffConfig {
@@ -61,7 +59,7 @@ impl StoreRuntime {
         Ok(Self(Some(builder.enable_all().build()?)))
     }
 
-    /// Waits for `work`. It runs on a thread of its own, because a thread of another runtime must not wait for this one.
+    /// Waits for `work` on a thread of its own, because a thread of another runtime must not wait for this one.
     pub(crate) fn wait_for<T: Send>(&self, work: impl Future<Output = T> + Send) -> T {
         let runtime = self
             .0
@@ -76,7 +74,7 @@ impl StoreRuntime {
 
 impl Drop for StoreRuntime {
     fn drop(&mut self) {
-        // A runtime that is dropped waits for its threads, which a thread of another runtime must not do.
+        // Dropping a runtime waits for its threads, which a thread of another runtime must not do.
         if let Some(runtime) = self.0.take() {
             runtime.shutdown_background();
         }

@@ -1,11 +1,11 @@
-//! Backups: a second copy of a ledger's folder, which can be brought up to date at any time, and restored when the first copy is lost.
+//! Backups: a second copy of a ledger's folder, which can be updated at any time, and restored when the first is lost.
 //!
-//! All copies are made by [`crate::published::mirror`]. A mirror copies what a log publishes. A backup copies the folder itself: all
-//! entries up to the newest signed checkpoint, cosigned or not, and also the blobs of the open round. A backup is a ledger's folder
-//! too: it can be audited, exported, and brought up to date from any other copy of the log. It holds no key.
+//! [`crate::published::mirror`] makes all copies. A mirror copies what a log publishes. A backup copies the folder: all entries up to the
+//! newest signed checkpoint, cosigned or not, and also the blobs of the open round. It can be audited, exported, and updated from any other
+//! copy of the log. It holds no key.
 //!
-//! **An old backup is dangerous.** It lacks what the log signed later, and a writer who goes on from it signs a second history of the
-//! same sizes. So [`restore`] asks for the newest checkpoints that anybody has.
+//! **An old backup is dangerous.** It lacks what the log signed later, and a writer who goes on from it signs a second history. So
+//! [`restore`] asks for the newest checkpoints that anybody has.
 
 use crate::blobs::damaged::DamagedBlob;
 use crate::error::{io_error, LedgerError};
@@ -66,7 +66,6 @@ pub enum BackupError {
     },
 }
 
-/// What is damaged, and how.
 fn named(files: &[DamagedBlob]) -> String {
     let named = files
         .iter()
@@ -74,7 +73,7 @@ fn named(files: &[DamagedBlob]) -> String {
     named.collect::<Vec<_>>().join("; ")
 }
 
-/// A ledger's folder as the source of a copy, with all its entries, public or not. Its blobs are copied from the folder itself.
+/// A ledger's folder as the source of a copy, with all its entries, public or not.
 struct WholeLedger {
     text: Vec<u8>,
     pruned: Option<Vec<u8>>,
@@ -89,8 +88,7 @@ impl WholeLedger {
         if !database.exists() {
             return Err(LedgerError::NoLedger(dir.into()).into());
         }
-        // The checkpoint's text and the statement about pruned blobs are read first, because their entries were in the database before
-        // they were written.
+        // These files are read before the database, which then holds their entries.
         let pruned = folder::read_pruned(dir)?;
         let path = folder::checkpoint(dir);
         let text = folder::read_checkpoint(dir)?;
@@ -129,23 +127,22 @@ impl LogSource for WholeLedger {
     }
 }
 
-/// Makes a backup of the ledger in `dir`, or brings the backup in `out` up to date. The ledger's writer may be using it at the same time.
-/// Every entry, and every checkpoint and blob that is new in the backup, is verified. A blob that is damaged in the ledger is not copied, and
-/// named in the result; everything else is copied. A backup that has more entries, or another history, is not changed.
+/// Makes or updates the backup in `out` of the ledger in `dir`, perhaps beside its writer. Every entry, and every new checkpoint and blob,
+/// is verified. A damaged blob is not copied, but named in the result. A backup with more entries, or another history, stays unchanged.
 pub fn backup(dir: &Path, out: &Path) -> Result<Mirrored, BackupError> {
     backup_with(dir, &Blobs::at(dir), out, OldBlobs::Trusted)
 }
 
-/// What a backup does about the blobs that it has already.
+/// What happens to the backup's old blobs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OldBlobs {
-    /// They are left alone. Nobody notices if the backup's disk has damaged one.
+    /// They are left alone, although the disk may have damaged them.
     Trusted,
-    /// All of them are read and verified, and those that are damaged are copied again.
+    /// All are verified, and damaged ones are copied again.
     Checked,
 }
 
-/// [`backup`] of a ledger whose `blobs` may be kept in a store. The backup holds them all.
+/// [`backup`] with `blobs` perhaps kept in a store. The backup holds them all.
 pub fn backup_with(
     dir: &Path,
     blobs: &Blobs,
@@ -161,12 +158,12 @@ pub fn backup_with(
     copy(dir, blobs, out, old, None)
 }
 
-/// Makes a ledger's folder in `dir`, which has to be missing or empty, from a backup. `known` holds the log's newest checkpoints as others
-/// have them: nodes, mirrors, witnesses, or the `checkpoint` file of the lost ledger. A backup is refused if it lacks entries that a
-/// known checkpoint covers, or if it has another history.
+/// Makes a ledger's folder in `dir`, which must be missing or empty, from a backup. `known` holds the log's newest checkpoints from nodes,
+/// mirrors, witnesses, or the lost ledger's `checkpoint` file. A backup that lacks entries of a known checkpoint, or has another history,
+/// is refused.
 ///
-/// A backup with damaged blobs is not restored, and the error names all of them. After that or an interruption, the next call goes on
-/// from there. `dir` appears only when it is complete.
+/// A backup with damaged blobs is not restored, and the error names them. After that or an interruption, the next call goes on. `dir`
+/// appears only when complete.
 pub fn restore(
     backup: &Path,
     dir: &Path,
@@ -189,7 +186,7 @@ pub fn restore(
             files: done.damaged,
         });
     }
-    // The whole history is checked, rules included, so that the restored ledger can be opened.
+    // The restored ledger must open, so the whole history is checked.
     let text = folder::read_checkpoint(&unfinished)?;
     continuing::verify(
         &Store::open_read_only(&folder::database(&unfinished))?,
@@ -217,7 +214,7 @@ fn copy(
     old: OldBlobs,
     network: Option<&Digest>,
 ) -> Result<Mirrored, BackupError> {
-    // These files are read before the log, because the log then holds everything that was cosigned.
+    // Read before the log, which then holds everything that was cosigned.
     let (policy, cosigned) = (folder::read_policy(dir)?, folder::read_cosigned(dir)?);
     let whole = WholeLedger::open(dir)?;
     let source = BlobSource::Own {

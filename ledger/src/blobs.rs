@@ -1,8 +1,7 @@
-//! Content-addressed blobs beside the log: proofs, weights, leaf lists. A blob's name is the SHA-256 of its bytes, which is verified
-//! whenever a blob is read.
+//! Content-addressed blobs beside the log: proofs, weights, leaf lists. A blob's name is the SHA-256 of its bytes, verified at each read.
 //!
-//! - [`partial`]: blobs of which a part is here; [`error`]: why a blob cannot be stored or read; [`damaged`]: copies blobs, and names those that
-//!   are damaged.
+//! - [`partial`]: blobs of which a part is here; [`error`]: why a blob cannot be stored or read; [`damaged`]: copies blobs, and names
+//!   damaged ones.
 //! - [`store`]: a store outside the folder, in which blobs are kept; [`kept`]: blobs of such a store; [`cache`]: the folder as a bounded cache
 //!   of it; [`usage`]: what the store was asked for; [`take`]: how it hands over bytes.
 //! - [`sent`]: files that others put into the store by themselves, which are [`unverified`] objects there.
@@ -39,8 +38,8 @@ pub use self::error::BlobError;
 /// How often a blob is read from the store to open it.
 const TRIES: usize = 3;
 
-/// The blobs of one ledger folder: `blobs/sha256/<digest>`, unfinished ones in `blobs/unfinished/`, and those of which a part has come over a
-/// network in `blobs/partial/<digest>`. If they are kept in a store ([`Blobs::in_store`]), the folder is a cache of it.
+/// The blobs of one ledger folder: `blobs/sha256/<digest>`, unfinished ones in `blobs/unfinished/`, and partly received ones in
+/// `blobs/partial/<digest>`. With a store ([`Blobs::in_store`]), the folder is its cache.
 #[derive(Clone, Debug)]
 pub struct Blobs {
     dir: PathBuf,
@@ -56,7 +55,7 @@ impl PartialEq for Blobs {
 impl Eq for Blobs {}
 
 impl Blobs {
-    /// The blobs of the ledger in `dir`. This reads and writes nothing.
+    /// The blobs of the ledger in `dir`. Reads and writes nothing.
     pub fn at(dir: &Path) -> Self {
         Self {
             dir: dir.join("blobs"),
@@ -64,12 +63,12 @@ impl Blobs {
         }
     }
 
-    /// The path of a blob in the folder, whether or not it is there.
+    /// A blob's path in the folder, there or not.
     pub fn path(&self, digest: &Digest) -> PathBuf {
         self.folder().join(digest.to_string())
     }
 
-    /// Whether a blob exists, here or in the store. Its bytes are not checked, and nobody waits for the store.
+    /// Whether a blob exists, here or in the store. Neither reads it nor waits for the store.
     pub fn contains(&self, digest: &Digest) -> bool {
         self.is_here(digest) || self.kept.as_ref().is_some_and(|kept| kept.knows(digest))
     }
@@ -79,14 +78,14 @@ impl Blobs {
         self.path(digest).is_file()
     }
 
-    /// How many bytes a blob has, here or in the store; `None` if it is in neither. Its bytes are not checked, and nobody waits for the store.
+    /// A blob's size in bytes, here or in the store. Neither reads it nor waits for the store.
     pub fn size(&self, digest: &Digest) -> Option<u64> {
         let here = fs::metadata(self.path(digest)).ok();
         let here = here.filter(fs::Metadata::is_file).map(|here| here.len());
         here.or_else(|| self.kept.as_ref()?.known_size(digest))
     }
 
-    /// How many blobs there are, with those of which only a part is here.
+    /// The number of blobs, partial ones included.
     pub fn count(&self) -> usize {
         ["sha256", "partial"]
             .iter()
@@ -95,14 +94,14 @@ impl Blobs {
             .sum()
     }
 
-    /// The blobs here and in the store, complete ones alone, each with its size in bytes. Their bytes are not checked.
+    /// The complete blobs here and in the store, with sizes in bytes. Unchecked.
     pub(crate) fn all(&self) -> Result<Vec<(Digest, u64)>, BlobError> {
         let mut all: BTreeMap<_, _> = self.all_here()?.into_iter().collect();
         all.extend(self.kept.iter().flat_map(|kept| kept.all()));
         Ok(all.into_iter().collect())
     }
 
-    /// The blobs in the folder, complete ones alone, each with its size in bytes.
+    /// The complete blobs in the folder, with sizes in bytes.
     fn all_here(&self) -> Result<Vec<(Digest, u64)>, BlobError> {
         let folder = self.folder();
         let found = match fs::read_dir(&folder) {
@@ -121,12 +120,12 @@ impl Blobs {
         Ok(blobs)
     }
 
-    /// The folder of the complete blobs, whether or not it exists.
+    /// The folder of complete blobs.
     pub(crate) fn folder(&self) -> PathBuf {
         self.dir.join("sha256")
     }
 
-    /// The file of a blob, which is read from the store first if it is not here. Its bytes are not checked.
+    /// A blob's file, first read from the store if it is not here. Its bytes are not checked.
     pub fn file(&self, digest: &Digest) -> Result<File, BlobError> {
         Ok(self.open(digest)?.1)
     }
@@ -154,7 +153,7 @@ impl Blobs {
             Err(error) => Err(io_error(&path)(error)),
             Ok(file) => {
                 if self.kept.is_some() {
-                    // A cache removes first what nobody has read for longest. If the time cannot be set, it removes this one sooner.
+                    // A cache removes the least recently read blob first. If the time cannot be set, it removes this one sooner.
                     let _ = file.set_modified(SystemTime::now());
                 }
                 Ok((path, file))
@@ -166,7 +165,7 @@ impl Blobs {
         self.unfinished(unfinished::create)
     }
 
-    /// What `make` makes in the folder of unfinished files.
+    /// Runs `make` in the folder of unfinished files.
     fn unfinished(
         &self,
         make: impl FnOnce(&Path) -> Result<(PathBuf, File), BlobError>,
@@ -182,7 +181,7 @@ impl Blobs {
         })
     }
 
-    /// Makes a folder of files that are to become blobs, and the one of the blobs.
+    /// Makes the folder `of_files`, and that of the blobs.
     fn make_folders(&self, of_files: &Path) -> Result<(), BlobError> {
         for folder in [of_files, &self.folder()] {
             create_folder(folder).map_err(io_error(folder))?;
@@ -200,7 +199,7 @@ impl Blobs {
         })
     }
 
-    /// Stores a blob, unless it is there already. It is on disk, and in the store if there is one, when this returns.
+    /// Stores a blob, unless it is there, durably: on disk, and in the store if there is one.
     pub fn put<'a>(&self, blob: impl Into<Blob<'a>>) -> Result<Digest, BlobError> {
         let blob = blob.into();
         let digest = blob.digest();
@@ -212,9 +211,8 @@ impl Blobs {
         Ok(digest)
     }
 
-    /// Takes over a blob of another folder without copying it, unless it is here already: afterwards both folders name one file. Where the
-    /// file system cannot do that, the blob is copied. Its digest is verified, and it is on disk, and in the store if there is one, when
-    /// this returns.
+    /// Takes over a blob of another folder, unless it is here: both folders then name one file, or a copy if the file system cannot do
+    /// that. Its digest is verified, and it is on disk, and in the store if there is one, when this returns.
     pub fn link(&self, other: &Self, digest: &Digest) -> Result<(), BlobError> {
         if self.keeps(digest)? {
             return Ok(());
@@ -243,19 +241,18 @@ impl Blobs {
         Ok(bytes)
     }
 
-    /// Fills `buffer` with the bytes of a blob from `place` on. They are **not** checked: this is for readers that recognise the bytes
-    /// themselves.
+    /// Fills `buffer` with a blob's bytes from `place` on, **unchecked**, for readers that recognise the bytes themselves.
     pub fn read_at(&self, digest: &Digest, place: u64, buffer: &mut [u8]) -> Result<(), BlobError> {
         let (path, file) = self.open(digest)?;
         file.read_exact_at(buffer, place).map_err(io_error(&path))
     }
 
-    /// Verifies the digest of a blob of any size, without holding the blob in memory.
+    /// Verifies the digest of a blob of any size, without holding it in memory.
     pub fn check(&self, digest: &Digest) -> Result<(), BlobError> {
         check_file(digest, self.open(digest)?)
     }
 
-    /// Whether a blob is in the folder, and what it should be. If there is a store, it is in the store afterwards.
+    /// Whether the folder has a blob, unchanged. It is then also in the store, if there is one.
     pub fn keeps(&self, digest: &Digest) -> Result<bool, BlobError> {
         let here = self.open_here(digest);
         if here.and_then(|file| check_file(digest, file)).is_err() {
@@ -267,8 +264,8 @@ impl Blobs {
         Ok(true)
     }
 
-    /// Removes unfinished blobs that killed processes left behind. Only the ledger's writer may call this, or whoever brings a mirror or an
-    /// export up to date: they make no second names of files, which nobody locks.
+    /// Removes unfinished blobs of killed processes. Only for the ledger's writer, or an update of a mirror or an export: they make no
+    /// second names of files, which have no lock.
     pub(crate) fn remove_unfinished(&self) -> Result<(), BlobError> {
         unfinished::remove(&self.unfinished_folder())
     }
@@ -278,7 +275,7 @@ impl Blobs {
     }
 }
 
-/// A blob that is being written. If it is dropped before [`BlobWriter::finish`], nothing of it remains.
+/// A blob that is being written. Dropped before [`BlobWriter::finish`], it vanishes.
 #[derive(Debug)]
 pub struct BlobWriter {
     unfinished: UnfinishedBlob,
@@ -288,7 +285,7 @@ pub struct BlobWriter {
 }
 
 impl BlobWriter {
-    /// Adds bytes. Bytes over the limit are refused and not written.
+    /// Adds bytes. Refuses bytes over the limit.
     pub fn write(&mut self, bytes: &[u8]) -> Result<(), BlobError> {
         let size = self.size.saturating_add(bytes.len() as u64);
         if size > self.limit {
@@ -308,7 +305,7 @@ impl BlobWriter {
         self.size
     }
 
-    /// Stores the blob if its digest is `expected`. It is on disk, and in the store if there is one, when this returns.
+    /// Stores the blob if its digest is `expected`, on disk, and in the store if there is one.
     pub fn finish(self, expected: &Digest) -> Result<(), BlobError> {
         check(expected, self.hasher.finalize().into())?;
         self.unfinished.finish(expected)
@@ -326,7 +323,7 @@ impl Write for BlobWriter {
     }
 }
 
-/// A file that is not a blob yet. If it is dropped before [`UnfinishedBlob::finish`], nothing of it remains, unless it is kept.
+/// A file that is not a blob yet. Dropped before [`UnfinishedBlob::finish`], it vanishes unless it is kept.
 #[derive(Debug)]
 struct UnfinishedBlob {
     blobs: Blobs,
@@ -340,7 +337,7 @@ impl UnfinishedBlob {
         self.file.write_all(bytes).map_err(io_error(&self.path))
     }
 
-    /// Puts it into the store, if there is one, and names it after its digest. So what has a name in the folder is in the store.
+    /// Puts it into the store, if any, and then names it after its digest. So what has a name in the folder is in the store.
     fn finish(&self, digest: &Digest) -> Result<(), BlobError> {
         if let Some(kept) = &self.blobs.kept {
             kept.put(digest, &self.path)?;
@@ -348,11 +345,10 @@ impl UnfinishedBlob {
         self.finish_here(digest)
     }
 
-    /// Names it after its digest.
     fn finish_here(&self, digest: &Digest) -> Result<(), BlobError> {
         let place = self.blobs.path(digest);
         put_in_place(&self.file, &self.path, &place).map_err(io_error(&place))?;
-        // With the first blob, the folders above it are new too. If their names were lost, the blob would be lost with them.
+        // The first blob's folders are new too. Without their names, the blob would be lost.
         for folder in [folder_of(&self.blobs.folder()), folder_of(&self.blobs.dir)] {
             sync_folder(folder).map_err(io_error(folder))?;
         }
@@ -363,7 +359,7 @@ impl UnfinishedBlob {
 impl Drop for UnfinishedBlob {
     fn drop(&mut self) {
         if !self.kept {
-            // After a successful finish the file has another path, and this removes nothing.
+            // After a finish the file has another path, and this removes nothing.
             let _ = fs::remove_file(&self.path);
         }
     }

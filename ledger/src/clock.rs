@@ -1,9 +1,8 @@
-//! Whether the writer's clock is right. Deadlines and votes end by the times of entries, and those times never go back. An entry with a
-//! time in the far future would end all of them at once, and it could not be undone. So a writer compares its clock with a second
-//! clock that nobody can set.
+//! Whether the writer's clock is right. Deadlines and votes end by the times of entries, which never go back: one entry with a time in the
+//! far future would end all of them for good. So a writer compares its clock with one that cannot be set.
 //!
-//! A clock that jumps back is noticed, too: no deadline would pass until it shows the old time again. After a small step back, an entry
-//! gets the time of the entry before it. A clock that was ahead before the ledger was opened is not noticed.
+//! A clock that jumps back is noticed, too: no deadline would pass meanwhile. After a small step back, an entry gets its predecessor's
+//! time. A clock that was ahead before the ledger was opened is not noticed.
 
 use std::fmt;
 use std::sync::{Mutex, PoisonError};
@@ -12,7 +11,7 @@ use std::time::Duration;
 /// How much the two clocks may differ, in milliseconds.
 pub const TOLERANCE_MS: u64 = 60_000;
 
-/// How often the watch follows the clock, if that is right. So the small steps of a time service do not add up to a jump.
+/// How often the watch adopts a right clock's time, so that a time service's small steps do not add up.
 const FOLLOW: Duration = Duration::from_secs(3600);
 
 /// Why the clock seems to be wrong.
@@ -43,18 +42,16 @@ pub enum ClockError {
     LeaptBack { clock_ms: u64, expected_ms: u64 },
 }
 
-/// Compares a clock that can be set with one that cannot.
+/// Compares the clock with one that cannot be set.
 pub struct ClockWatch {
     right: Mutex<Right>,
     read: Box<dyn Fn() -> Duration + Send + Sync>,
 }
 
-/// What the two clocks showed when the first one was right.
+/// What the two clocks showed when the first was right.
 #[derive(Clone, Copy, Debug)]
 struct Right {
-    /// The clock's time, in Unix milliseconds.
     clock_ms: u64,
-    /// The second clock's time.
     steady: Duration,
 }
 
@@ -67,8 +64,8 @@ impl fmt::Debug for ClockWatch {
 }
 
 impl ClockWatch {
-    /// Begins now. The clock shows `clock_ms`, and the last entry has the time `last_ms`, both in Unix milliseconds. `read` reads the second
-    /// clock: the time since some moment in the past, such as Linux' `CLOCK_BOOTTIME`, which also runs while a machine sleeps.
+    /// Begins now, with the clock at `clock_ms` and the last entry's time `last_ms`, in Unix milliseconds. `read` reads the second clock:
+    /// the time since some past moment, such as Linux' `CLOCK_BOOTTIME`, which also runs while a machine sleeps.
     pub fn begin(
         clock_ms: u64,
         last_ms: u64,
@@ -87,9 +84,9 @@ impl ClockWatch {
         }
     }
 
-    /// Checks that the clock shows `clock_ms` now, and is neither ahead nor behind.
+    /// Checks that the clock, at `clock_ms` now, is neither ahead nor behind.
     pub fn check_now(&self, clock_ms: u64) -> Result<(), ClockError> {
-        // The lock is held from the second clock's reading on, so that nobody goes back to an older one.
+        // The lock also covers the second clock's reading, so that no thread goes back to an older one.
         let mut right = self.right.lock().unwrap_or_else(PoisonError::into_inner);
         let steady = (self.read)();
         let expected_ms = right.expected(steady);
@@ -106,7 +103,7 @@ impl ClockWatch {
         Ok(())
     }
 
-    /// Checks that an entry may have the time `time_ms`: it was read from the clock now or earlier, and the clock was not ahead.
+    /// Checks that the clock was not ahead at `time_ms`, read now or earlier for an entry.
     pub fn check(&self, time_ms: u64) -> Result<(), ClockError> {
         let right = *self.right.lock().unwrap_or_else(PoisonError::into_inner);
         ahead(time_ms, right.expected((self.read)()))

@@ -1,4 +1,4 @@
-//! Why a ledger cannot be opened, read or extended.
+//! Errors of a ledger.
 
 use crate::blobs::BlobError;
 use crate::clock::ClockError;
@@ -17,7 +17,7 @@ pub enum LedgerError {
     /// The rules refuse the entry. Nothing was written.
     #[error(transparent)]
     Rule(#[from] RuleViolation),
-    /// The clock seems to be wrong. Nothing was written.
+    /// The clock seems wrong. Nothing was written.
     #[error(transparent)]
     Clock(#[from] ClockError),
     /// Another process has the ledger open.
@@ -26,10 +26,10 @@ pub enum LedgerError {
     /// The folder holds no ledger.
     #[error("there is no ledger in {0}")]
     NoLedger(PathBuf),
-    /// The folder has a database, and neither entries nor a checkpoint. An import makes the database first.
+    /// The database is empty. An import makes it first.
     #[error("there is no ledger in {0} yet: its database is empty. If `zk0 ledger import` was interrupted there, run it again")]
     Unfinished(PathBuf),
-    /// The folder holds a ledger already.
+    /// The folder already holds a ledger.
     #[error("{0} already holds a ledger: open it, or choose another folder")]
     AlreadyExists(PathBuf),
     /// The ledger is of another network.
@@ -45,7 +45,7 @@ pub enum LedgerError {
     /// The database lacks entries that the log has signed.
     #[error("the database holds {held} entries, but the log has signed a checkpoint of {signed} entries: the database was rolled back or damaged. Restore the newest copy; until then nothing is signed")]
     RolledBack { held: u64, signed: u64 },
-    /// The database has another history than the log has signed.
+    /// The database's history differs from the signed one.
     #[error("the first {size} entries have root {found}, but the log has signed root {signed}: the history was changed. Restore the true one; until then nothing is signed")]
     Forked {
         size: u64,
@@ -55,50 +55,50 @@ pub enum LedgerError {
     /// The checkpoint file is missing.
     #[error("{0} is missing, but the database holds entries. Put the newest signed checkpoint back; until then nothing is signed. If this is a copy and `zk0 ledger import` was interrupted there, run it again")]
     NoCheckpoint(PathBuf),
-    /// A stored checkpoint is not valid.
+    /// A stored checkpoint is invalid.
     #[error("checkpoint of size {size}: {error}")]
     Checkpoint { size: u64, error: CheckpointError },
-    /// The checkpoint file does not hold a valid checkpoint of the log.
+    /// The checkpoint file holds no valid checkpoint of the log.
     #[error("{path}: {error}")]
     CheckpointFile {
         path: PathBuf,
         error: CheckpointError,
     },
-    /// The policy file does not hold a policy.
+    /// The policy file holds no policy.
     #[error("{path}: {why}")]
     BadPolicy { path: PathBuf, why: String },
     /// The statement about pruned blobs does not count.
     #[error("{from} does not hold a statement about pruned blobs that counts: {why}. Put it back from an export or a mirror, or remove it and prune again")]
     BadPruning { from: String, why: String },
-    /// The log's operator has signed a statement about blobs that later entries named.
+    /// The operator's statement covers blobs that only later entries named.
     #[error("ROLLED BACK: the log's operator has signed a statement about pruned blobs and {signed} entries, but there are {held}")]
     PrunedMore { signed: u64, held: u64 },
-    /// The database has a key that a log of its size does not have.
+    /// A log of the database's size does not have this key.
     #[error("the database holds {found}, which does not belong in a log of {size} entries")]
     StrayKey { found: String, size: u64 },
-    /// The checkpoint file does not hold the newest checkpoint of the database.
+    /// The checkpoint file does not hold the database's newest checkpoint.
     #[error("{path} holds a checkpoint of {published} entries, but the database has {size} entries. {}", if_published(*published, *size))]
     OtherPublished {
         path: PathBuf,
         published: u64,
         size: u64,
     },
-    /// A stored entry is not valid where it is.
+    /// A stored entry is invalid at its place.
     #[error("entry {index}: {why}")]
     BadEntry { index: u64, why: String },
-    /// A write has failed. What is on disk is unknown until the ledger is opened again.
+    /// A write failed. What is on disk is unknown until the ledger is opened again.
     #[error("an earlier write to the ledger failed, so nothing more is written: see to the disk, and start again")]
     Poisoned,
     /// The log has no such entry.
     #[error("there is no entry {0}")]
     NoEntry(u64),
-    /// The log has no checkpoint of this size, because no group of entries ended there.
+    /// No group of entries ended at this size.
     #[error("the log has no checkpoint of {0} entries")]
     NoCheckpointAt(u64),
     /// The tree's hashes are missing or wrong.
     #[error("tree: {0}")]
     Tree(String),
-    /// The folder has a database of RocksDB, which an auditor's build does not read.
+    /// An auditor's build cannot read the folder's RocksDB database.
     #[error("{0} has a database of RocksDB, which this build of zk0 cannot read: name an export of the ledger (`zk0 ledger export`) or the address of the served log, or build zk0 with RocksDB (`cargo build --release --locked -p zk0 --no-default-features --features audit,rocksdb`)")]
     NeedsRocksDb(PathBuf),
     /// The database failed.
@@ -112,21 +112,20 @@ pub enum LedgerError {
     Io { path: PathBuf, error: io::Error },
 }
 
-/// Why the database failed, whichever it is.
+/// Why a database of either kind failed.
 #[derive(Debug)]
 pub struct DatabaseError {
     failure: DatabaseFailure,
     text: String,
 }
 
-/// What has failed in a database.
+/// The kind of a database's failure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum DatabaseFailure {
-    /// The disk, or the file system.
+    /// Disk or file system.
     OfDisk,
-    /// Its files are missing or damaged.
+    /// Missing or damaged files.
     Damaged,
-    /// Anything else.
     Other,
 }
 
@@ -152,8 +151,7 @@ impl fmt::Display for DatabaseError {
 impl std::error::Error for DatabaseError {}
 
 impl LedgerError {
-    /// Whether the ledger cannot be read here and now, which says nothing about it: a disk has failed, another process writes to it, or this
-    /// build lacks its database.
+    /// Whether the ledger is just unreadable here and now: a disk failed, another process writes to it, or this build lacks its database.
     pub(crate) fn is_of_reading(&self) -> bool {
         match self {
             Self::Io { .. } | Self::Locked(_) | Self::NeedsRocksDb(_) => true,
@@ -163,7 +161,7 @@ impl LedgerError {
     }
 }
 
-/// What to do where a database has another checkpoint than the published one.
+/// Advice if the database's checkpoint is not the published one.
 fn if_published(published: u64, size: u64) -> &'static str {
     if published < size {
         "If the aggregator was killed, start it once. If this is a copy and `zk0 ledger import` was interrupted there, run it again"

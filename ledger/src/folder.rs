@@ -1,5 +1,5 @@
-//! A ledger's folder, and the small files in it: the newest signed checkpoint; if witnesses cosign checkpoints, the witness policy and
-//! the newest checkpoint with its cosignatures; and if blobs were pruned, the statement that says so.
+//! A ledger's folder and its small files: the newest signed checkpoint; the witness policy and the newest cosigned checkpoint, if any; and
+//! the statement about pruned blobs, if any.
 
 use crate::error::{io_error, LedgerError};
 use std::path::{Path, PathBuf};
@@ -10,42 +10,42 @@ use zk0_protocol::pruning::PRUNING_BYTES;
 use zk0_protocol::tlog::checkpoint::{MAX_CHECKPOINT_BYTES, MAX_NOTE_BYTES};
 use zk0_protocol::tlog::witness_policy::{WitnessPolicy, MAX_POLICY_BYTES};
 
-/// The database in `dir`.
+/// The database's path.
 pub fn database(dir: &Path) -> PathBuf {
     dir.join("log")
 }
 
-/// The checkpoint file in `dir`.
+/// The checkpoint file's path.
 pub fn checkpoint(dir: &Path) -> PathBuf {
     dir.join("checkpoint")
 }
 
-/// The newest checkpoint with its quorum of cosignatures in `dir`.
+/// The path of the newest checkpoint with its quorum of cosignatures.
 pub fn cosigned(dir: &Path) -> PathBuf {
     dir.join("cosigned")
 }
 
-/// The witness policy in `dir`: the witnesses, and the quorum that a published checkpoint needs.
+/// The path of the witness policy.
 pub fn policy(dir: &Path) -> PathBuf {
     dir.join("policy")
 }
 
-/// What the log's operator says about blobs that are no longer kept, in `dir`.
+/// The path of the operator's statement about pruned blobs.
 pub fn pruned(dir: &Path) -> PathBuf {
     dir.join("pruned")
 }
 
-/// The checkpoint file's content, if there is such a file.
+/// The checkpoint file's content; `None` without a file.
 pub fn read_checkpoint(dir: &Path) -> Result<Option<Vec<u8>>, LedgerError> {
     read(&checkpoint(dir), MAX_CHECKPOINT_BYTES)
 }
 
-/// The cosigned checkpoint, if there is such a file.
+/// The cosigned checkpoint; `None` without a file.
 pub fn read_cosigned(dir: &Path) -> Result<Option<Vec<u8>>, LedgerError> {
     read(&cosigned(dir), MAX_NOTE_BYTES)
 }
 
-/// The folder's policy; [`WitnessPolicy::none`] if there is no such file.
+/// The folder's policy; [`WitnessPolicy::none`] without a file.
 pub fn read_policy(dir: &Path) -> Result<WitnessPolicy, LedgerError> {
     let path = policy(dir);
     let bad = |why: String| LedgerError::BadPolicy {
@@ -61,28 +61,27 @@ pub fn read_policy(dir: &Path) -> Result<WitnessPolicy, LedgerError> {
     }
 }
 
-/// The encoded statement about pruned blobs, if there is such a file.
+/// The encoded statement about pruned blobs; `None` without a file.
 pub(crate) fn read_pruned(dir: &Path) -> Result<Option<Vec<u8>>, LedgerError> {
     read(&pruned(dir), PRUNING_BYTES)
 }
 
-/// Replaces the statement about pruned blobs. It is on disk when this returns.
+/// Replaces the statement about pruned blobs, durably.
 pub(crate) fn write_pruned(dir: &Path, bytes: &[u8]) -> Result<(), LedgerError> {
     replace(&pruned(dir), bytes)
 }
 
-/// Replaces the folder's policy. It is on disk when this returns.
+/// Replaces the policy, durably.
 pub fn write_policy(dir: &Path, policy: &WitnessPolicy) -> Result<(), LedgerError> {
     replace(&self::policy(dir), policy.text().as_bytes())
 }
 
-/// Replaces the cosigned checkpoint. It is on disk when this returns.
+/// Replaces the cosigned checkpoint, durably.
 pub fn write_cosigned(dir: &Path, text: &[u8]) -> Result<(), LedgerError> {
     replace(&cosigned(dir), text)
 }
 
-/// Removes the folder's policy, if there is one, and then the cosigned checkpoint, which nobody reads without a policy. Both are gone from
-/// the disk when this returns.
+/// Removes the policy, then the cosigned checkpoint, which is not read without a policy. Durable.
 pub(crate) fn remove_policy(dir: &Path) -> Result<(), LedgerError> {
     for path in [policy(dir), cosigned(dir)] {
         match fs::remove_file(&path) {
@@ -93,12 +92,12 @@ pub(crate) fn remove_policy(dir: &Path) -> Result<(), LedgerError> {
     sync(dir)
 }
 
-/// Replaces the checkpoint file. It is on disk when this returns.
+/// Replaces the checkpoint file, durably.
 pub(crate) fn write_checkpoint(dir: &Path, text: &[u8]) -> Result<(), LedgerError> {
     replace(&checkpoint(dir), text)
 }
 
-/// A small file's content, if the file exists. At most `limit` + 1 bytes are read, so that the caller can see that a file is too long.
+/// A small file's content, if it exists. Reads up to `limit` + 1 bytes, so that the caller notices a longer file.
 fn read(path: &Path, limit: usize) -> Result<Option<Vec<u8>>, LedgerError> {
     bounded_file::start_if_there(path, limit as u64 + 1).map_err(io_error(path))
 }
@@ -107,7 +106,7 @@ fn replace(path: &Path, text: &[u8]) -> Result<(), LedgerError> {
     atomic_file::replace(path, text).map_err(io_error(path))
 }
 
-/// Makes what was created or renamed in `dir` durable.
+/// Makes names created or changed in `dir` durable.
 pub(crate) fn sync(dir: &Path) -> Result<(), LedgerError> {
     sync_folder(dir).map_err(io_error(dir))
 }

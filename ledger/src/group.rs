@@ -1,8 +1,7 @@
-//! Groups: entries that are committed together, on disk with one write and covered by one signed checkpoint.
+//! Groups: entries committed with one write to disk, under one signed checkpoint.
 //!
-//! The log signs a checkpoint at the end of each group, so a log has checkpoints of some sizes and not of others. There are two kinds of
-//! entries after which a reader requires a checkpoint: the last entry, because nothing else would vouch for it, and an entry whose
-//! tree determines something ([`needs_checkpoint`]), because nobody could verify what follows from a root that was never signed.
+//! So a log has checkpoints of some sizes only. A reader requires one after the last entry, because nothing else vouches for it, and after
+//! an entry whose tree determines something ([`needs_checkpoint`]), because what follows from an unsigned root cannot be verified.
 
 use crate::error::LedgerError;
 use crate::store::StoreBatch;
@@ -17,34 +16,28 @@ use zk0_protocol::rules::violation::RuleViolation;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::tree::Frontier;
 
-/// Stands for the root after an entry that has no checkpoint. Nothing follows from such a root, and to compute it for each entry takes as
-/// long as all the rest of the tree.
+/// Stands for the root after an entry without a checkpoint. Nothing follows from it, and computing it would double the tree's cost.
 pub(crate) const UNUSED_ROOT: Digest = Digest([0; 32]);
 
-/// An entry that somebody wants to be recorded.
+/// An entry to be recorded.
 #[derive(Clone, Debug)]
 pub struct WantedEntry {
-    /// The time that it gets, in Unix milliseconds, or the time of the entry before it if that is later.
+    /// Its time in Unix milliseconds, or that of the entry before it if later.
     pub time_ms: u64,
     /// What it states.
     pub body: AuthenticBody,
 }
 
-/// A group of entries, ready to be written. Entries that the rules refuse are not in it.
+/// A group ready to be written.
 pub(crate) struct Group {
-    /// Everything that is written to the database.
     pub batch: StoreBatch,
-    /// The tree after the group.
     pub tree: Frontier,
-    /// For each entry the root after it, or why the rules refuse it. The root is the true one after entries from whose tree something
-    /// follows.
+    /// For each entry the root after it, or why the rules refuse it. Roots are true only where something follows from the tree.
     pub outcomes: Vec<Result<Digest, RuleViolation>>,
-    /// The signed checkpoint at the end of the group.
     pub checkpoint: Vec<u8>,
 }
 
-/// Makes a group of at least one entry that follows `tree`. Each entry has to be allowed by `state` and the entries before it that are
-/// allowed.
+/// Makes a group after `tree`, of at least one entry. `state` and the allowed entries before it must allow each entry.
 pub(crate) fn group(
     entries: &[DatedBody],
     tree: &Frontier,
@@ -85,7 +78,6 @@ pub(crate) fn group(
 }
 
 impl Group {
-    /// Signs a checkpoint of the tree so far, and returns its root.
     fn sign(&mut self, origin: &str, key: &SigningKey) -> Result<Digest, LedgerError> {
         let (size, root) = (self.tree.size(), self.tree.root()?);
         self.checkpoint = Checkpoint { size, root }
@@ -96,10 +88,10 @@ impl Group {
     }
 }
 
-/// An entry's bytes, its leaf, and the entry.
+/// An entry's bytes, leaf, and decoded form.
 type Alone<'a> = (Vec<u8>, Hash, AuthenticEntry<'a>);
 
-/// Encodes and hashes the entries, on all cores if there are several.
+/// Encodes and hashes the entries, on all cores.
 fn encode_all(entries: &[DatedBody]) -> Vec<Result<Alone<'_>, RuleViolation>> {
     fn encode(dated: &DatedBody) -> Result<Alone<'_>, RuleViolation> {
         let entry = dated.entry();
@@ -113,12 +105,10 @@ fn encode_all(entries: &[DatedBody]) -> Vec<Result<Alone<'_>, RuleViolation>> {
     }
 }
 
-/// The state that checks a group. For a single entry it is the ledger's own state. For several entries it is a copy, to which they are
-/// applied one after the other, while the ledger's state stays as it is on disk.
+/// The state that checks a group: for a single entry the ledger's own, and for several a copy that takes them, while the ledger's state
+/// stays as it is on disk.
 pub(crate) enum TrialState<'a> {
-    /// The ledger's state, which is not changed.
     Single(&'a State),
-    /// A copy, which is changed entry by entry.
     Copy(Box<State>),
 }
 

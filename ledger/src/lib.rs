@@ -1,12 +1,12 @@
-//! The storage of a network: the log on disk, the blobs beside it, backups, mirrors, and replay.
+//! A network's storage: the log on disk, the blobs beside it, backups, mirrors, and replay.
 //!
-//! [`zk0_protocol`] defines the entries and which entry may come next. This crate stores and reads them. A short tour:
-//! - [`log`]: the log on disk, over [`store`] (RocksDB, or plain files) and [`folder`]; [`group`]: entries that are written together; [`blobs`]: files
-//!   beside the log, named by their SHA-256; [`clock`]: whether the writer's clock is right.
-//! - [`replay`]: a reader or the next writer reads and verifies everything again.
-//! - [`published`]: the log as others read it, and mirrors of it; [`backup`]: copies of a ledger's folder, and how one is restored.
-//! - [`prune`]: deletes blobs that no audit needs any more; [`pruned`]: the file that says so.
-//! - [`witness_store`]: the files of a witness.
+//! [`zk0_protocol`] defines the entries and their rules. This crate stores and reads them. A short tour:
+//! - [`log`]: the log on disk, over [`store`] (RocksDB, or plain files) and [`folder`]; [`group`]: entries written together; [`blobs`]:
+//!   files beside the log, named by their SHA-256; [`clock`]: whether the writer's clock is right.
+//! - [`replay`]: a reader or the next writer verifies everything again.
+//! - [`published`]: the log as others read it, and mirrors; [`backup`]: copies of a ledger's folder, and how to restore one.
+//! - [`prune`]: deletes blobs that no audit needs any more; [`pruned`]: the operator's statement about them.
+//! - [`witness_store`]: a witness' files.
 
 pub mod backup;
 pub mod blobs;

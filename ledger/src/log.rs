@@ -1,7 +1,5 @@
 //! The append-only log. It takes entries and gives receipts. An entry is on disk before it is acknowledged, and the log never has two
-//! histories.
-//!
-//! Entries are committed in groups ([`crate::group`]): a group is written to disk at once, with one signed checkpoint, or not at all.
+//! histories. Entries are committed in groups ([`crate::group`]), each at once or not at all.
 //!
 //! A ledger's folder:
 //!
@@ -10,9 +8,9 @@
 //! | `log/` | the database ([`crate::store`]) |
 //! | `checkpoint` | the newest signed checkpoint, outside the database, so that a restored backup of the database is noticed |
 //! | `blobs/sha256/` | content-addressed proofs, weights and leaf lists ([`crate::blobs`]) |
-//! | `pruned` | which blobs are no longer kept, if some were pruned ([`crate::pruned`]) |
-//! | `policy` | the witness policy, if witnesses cosign checkpoints ([`zk0_protocol::tlog::witness_policy`]) |
-//! | `cosigned` | in that case, the newest checkpoint with its quorum of cosignatures: the one that is published |
+//! | `pruned` | which blobs are no longer kept ([`crate::pruned`]) |
+//! | `policy` | the witness policy ([`zk0_protocol::tlog::witness_policy`]) |
+//! | `cosigned` | with a policy, the newest checkpoint with its quorum of cosignatures: the published one |
 
 use crate::blobs::Blobs;
 use crate::clock::ClockWatch;
@@ -40,7 +38,7 @@ use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::tlog::tree::Frontier;
 
-/// A ledger that is open for writing. Only one process at a time can have it open.
+/// A ledger open for writing, by one process at a time.
 pub struct Ledger {
     dir: PathBuf,
     reader: LedgerReader,
@@ -48,7 +46,7 @@ pub struct Ledger {
     key: SigningKey,
     tree: Frontier,
     state: State,
-    /// A second copy of the state, made when the first group is appended. The next group is tried on it.
+    /// A copy of the state to try groups on, made with the first.
     trial: Option<Box<State>>,
     checkpoint: Vec<u8>,
     clock: Option<Arc<ClockWatch>>,
@@ -56,7 +54,7 @@ pub struct Ledger {
 }
 
 impl Ledger {
-    /// Founds a ledger in `dir`, which must not hold one. Returns the ledger and the receipt of the genesis.
+    /// Founds a ledger in `dir`, which must hold none, and returns its genesis' receipt.
     pub fn create(
         dir: &Path,
         genesis: Genesis,
@@ -110,8 +108,8 @@ impl Ledger {
         Ok((ledger, receipt))
     }
 
-    /// Opens the ledger in `dir` for writing. It reads the whole history and verifies every entry by the rules, every hash of the tree, and
-    /// the root by the signed checkpoint in the file. If `network` is given, the ledger has to be of that network.
+    /// Opens the ledger in `dir` for writing. Verifies the whole history: entries by the rules, tree hashes, and the root by the signed
+    /// checkpoint file. With `network`, the ledger must be of that network.
     pub fn open(
         dir: &Path,
         network: Option<&Digest>,
@@ -120,8 +118,8 @@ impl Ledger {
         Self::open_with(dir, network, key, Blobs::at(dir), &mut ())
     }
 
-    /// [`Ledger::open`], with the blobs of `dir` as they are kept: in a store perhaps. Whatever is only in the folder is put into the store.
-    /// `fold` takes each entry as it is verified, so that nobody has to read the history again.
+    /// [`Ledger::open`], with blobs perhaps kept in a store. Blobs that are only in the folder are put there. `fold` takes each verified
+    /// entry, so that the history is read once.
     pub fn open_with(
         dir: &Path,
         network: Option<&Digest>,
@@ -133,7 +131,7 @@ impl Ledger {
         if !path.exists() {
             return Err(LedgerError::NoLedger(dir.into()));
         }
-        // At first nothing is written, because RocksDB's own recovery would make a loss permanent.
+        // No writes at first: RocksDB's own recovery would make a loss permanent.
         let mut published = folder::read_checkpoint(dir)?;
         let mut history = continuing::verify(
             &Store::open_read_only(&path)?,
@@ -145,7 +143,7 @@ impl Ledger {
         let store = Store::open(&path)?;
         let newest = store.checkpoint(store.size()?)?;
         if newest.as_deref() != Some(history.checkpoint()) {
-            // Another process has written in the meantime. Now no other process can.
+            // Another process has written meanwhile. Now none can.
             published = folder::read_checkpoint(dir)?;
             continuing::verify_rest(&store, dir, published.as_deref(), &mut history, fold)?;
         }
@@ -153,7 +151,7 @@ impl Ledger {
         if state.genesis().log_key != key.verifying_key().to_bytes() {
             return Err(LedgerError::OtherKey(*state.network()));
         }
-        // The writer was killed after it committed an entry and before it published the checkpoint.
+        // The writer was killed between committing an entry and publishing the checkpoint.
         if published.as_deref() != Some(&checkpoint) {
             folder::write_checkpoint(dir, &checkpoint)?;
         }
@@ -181,8 +179,8 @@ impl Ledger {
         })
     }
 
-    /// Appends an entry if the rules allow it. When this returns, entry and checkpoint are on disk, and the receipt may be handed out. The
-    /// entry's time is `time_ms`, or the time of the entry before it if the clock went back.
+    /// Appends an entry if the rules allow it. When this returns, it is on disk with its checkpoint, and the receipt may be handed out. Its
+    /// time is `time_ms`, or that of the entry before it if the clock went back.
     pub fn append(&mut self, time_ms: u64, body: Body) -> Result<Receipt, LedgerError> {
         let body = AuthenticBody::of(body)?;
         match self.commit(vec![WantedEntry { time_ms, body }])?.pop() {
@@ -191,11 +189,11 @@ impl Ledger {
         }
     }
 
-    /// Appends entries as one group, with one write to disk and one checkpoint at the end, and one more after each entry from whose tree
-    /// something follows. An entry that the rules refuse, after those before it, is left out. When this returns, all others are on disk.
-    /// Returns for each entry its index, or why it is refused. [`LedgerReader::first_receipt`] gives the receipts.
+    /// Appends entries as one group: one write to disk, and a checkpoint at the end and after each entry from whose tree something follows.
+    /// Leaves out entries that the rules refuse after those before them; all others are on disk when this returns. Returns each entry's
+    /// index, or why it is refused. [`LedgerReader::first_receipt`] gives the receipts.
     ///
-    /// The time that this takes is proportional to the size of the group. The first group of several entries also copies the state.
+    /// The time is proportional to the group's size. The first group of several entries also copies the state.
     ///
     /// # Errors
     /// Nothing is recorded: the clock is wrong, or the disk failed.
@@ -253,9 +251,8 @@ impl Ledger {
         Ok(outcomes)
     }
 
-    /// From now on, the ledger refuses entries if the clock has moved further than time has passed ([`crate::clock`]). The clock shows
-    /// `clock_ms` now. If that is far before the last entry, this fails at once. `steady` reads a second clock that nobody can set. Returns what
-    /// compares the clocks.
+    /// From now on, refuses entries if the clock has moved further than time has passed ([`crate::clock`]). `clock_ms` is its time now.
+    /// Fails at once if that is far before the last entry. `steady` reads a clock that cannot be set.
     pub fn watch_clock(
         &mut self,
         clock_ms: u64,
@@ -267,12 +264,12 @@ impl Ledger {
         Ok(watch)
     }
 
-    /// The time of an entry that is recorded now. It is the clock's time, but never before the last entry.
+    /// The clock's time for an entry, never before the last entry's.
     pub fn time_ms(&self, clock_ms: u64) -> u64 {
         clock_ms.max(self.state.time_ms())
     }
 
-    /// Commits, and then publishes. After a failure it is unknown what is on disk, so nothing more is written.
+    /// Commits, then publishes. After a failure, the disk's content is unknown, so writing stops.
     fn write(&mut self, batch: StoreBatch, checkpoint: Vec<u8>) -> Result<(), LedgerError> {
         self.poisoned = true;
         self.reader.store.commit(batch)?;
@@ -282,22 +279,22 @@ impl Ledger {
         Ok(())
     }
 
-    /// Whether a write has failed. Then nothing more is written until the ledger is opened again.
+    /// Whether a write has failed. Writing then stops until the ledger is reopened.
     pub fn has_failed(&self) -> bool {
         self.poisoned
     }
 
-    /// Signs a statement of the log's operator with the log's key.
+    /// Signs an operator's statement with the log's key.
     pub(crate) fn sign<T: SignableStatement>(&self, statement: T) -> Signed<T> {
         Signed::new(statement, &self.key)
     }
 
-    /// The log's verifiable random function for `input`, with its proof.
+    /// The log's verifiable random function of `input`, with its proof.
     pub fn vrf(&self, input: &Digest) -> VrfProof {
         VrfProof::of(&self.key, &input.0)
     }
 
-    /// Reads entries and receipts, also while the ledger is written.
+    /// Reads entries and receipts, also during writes.
     pub fn reader(&self) -> &LedgerReader {
         &self.reader
     }
@@ -322,12 +319,12 @@ impl Ledger {
         &self.blobs
     }
 
-    /// The folder.
+    /// The ledger's folder.
     pub fn dir(&self) -> &Path {
         &self.dir
     }
 
-    /// The proof that entry `index` is in the tree of the newest checkpoint.
+    /// Proves that entry `index` is in the newest checkpoint's tree.
     pub fn receipt(&self, index: u64) -> Result<Receipt, LedgerError> {
         self.receipt_at(self.tree.size(), index)
     }

@@ -1,9 +1,7 @@
-//! Frees disk: deletes blobs of a ledger's folder that no audit of the chosen depth needs, and nothing that the next round, an open vote or an
-//! open dispute needs.
+//! Frees disk: deletes blobs that no audit of the chosen depth needs, and neither the next round nor an open vote or dispute.
 //!
-//! A [`PrunePlan`] says what would be deleted. Before anything is deleted that an audit could have used, the log's operator signs that it is no
-//! longer kept ([`crate::pruned`]). So a process that is killed in between leaves blobs that the statement excuses already, and the next one
-//! goes on.
+//! A [`PrunePlan`] lists them. Before the first blob that an audit could have used is deleted, the log's operator signs that it is no
+//! longer kept ([`crate::pruned`]). So a killed process leaves only blobs that the statement already excuses, and the next one goes on.
 //!
 //! - [`needed`]: which blobs are needed, and for what the others were there.
 
@@ -29,13 +27,13 @@ pub use needed::Reason;
 /// What is to be kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Retention {
-    /// Keep all that an audit needs of the last so many closed rounds, and delete the updates of older ones. `None` for all rounds.
+    /// Keep what an audit needs of the last so many closed rounds, and delete older updates. `None` for all rounds.
     pub rounds: Option<u64>,
-    /// Delete the proofs of older rounds, too. Otherwise a light audit can still check them.
+    /// Delete the proofs of older rounds, too, which a light audit could still check.
     pub without_proofs: bool,
     /// Delete the global weights of older rounds, too.
     pub without_weights: bool,
-    /// The aggregator writes a policy folder after so many rounds, so the weights of the last one that was due are kept.
+    /// The aggregator writes a policy folder after so many rounds. The weights of the last one that was due are kept.
     pub checkpoint_interval: Option<u64>,
 }
 
@@ -53,9 +51,9 @@ pub struct Doomed {
 /// Why more rounds are kept than was asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Longer {
-    /// A contribution to this round may still be disputed, or its dispute is not decided.
+    /// A contribution to this round may still be disputed, or is under dispute.
     Disputable(u64),
-    /// The witnesses have not cosigned a checkpoint that covers the end of this round.
+    /// The witnesses have not cosigned the end of this round.
     NotCosigned(u64),
 }
 
@@ -64,15 +62,15 @@ pub enum Longer {
 pub struct PrunePlan {
     /// How many rounds have closed.
     pub closed: u64,
-    /// The rounds before this one are older than those that are kept.
+    /// The first round that is not older than those that are kept.
     pub first_kept: u64,
-    /// Why this is less than was asked for, if it is.
+    /// Why more is kept than was asked for, if so.
     pub longer: Option<Longer>,
     /// What is to be deleted, sorted by reason.
     pub doomed: Vec<Doomed>,
     /// How many blobs stay, and how many bytes they have.
     pub kept: (usize, u64),
-    /// What the log's operator has to sign before, if it does not say that already.
+    /// What the log's operator has to sign first, if not signed already.
     pub statement: Option<Pruning>,
 }
 
@@ -104,8 +102,7 @@ impl PrunePlan {
         )
     }
 
-    /// The same for the folder `dir` and its `blobs`, which its aggregator may be using. What it is about to record looks as if no entry
-    /// named it.
+    /// The same for the folder `dir` and its `blobs`, perhaps beside its aggregator. Blobs that it is about to record look unnamed.
     ///
     /// # Errors
     /// The ledger cannot be read.
@@ -236,7 +233,7 @@ fn plan(
     })
 }
 
-/// The oldest round of which a contribution may still be disputed at `now_ms`, or is under a dispute that is not decided.
+/// The oldest round with a contribution that may still be disputed at `now_ms`, or whose dispute is undecided.
 fn disputable(state: &State, now_ms: u64) -> Option<u64> {
     let now_ms = now_ms.max(state.time_ms());
     let open = |entry: &u64| {

@@ -1,5 +1,5 @@
-//! The file `pruned` in a ledger's folder: what the log's operator has signed about blobs that are no longer kept ([`Pruning`]). It counts
-//! only with the signature of the log's key.
+//! The file `pruned` in a ledger's folder: the operator's statement about blobs that are no longer kept ([`Pruning`]), signed with the
+//! log's key.
 
 use crate::error::LedgerError;
 use crate::folder;
@@ -7,7 +7,7 @@ use std::path::Path;
 use zk0_protocol::pruning::Pruning;
 use zk0_protocol::{Genesis, Signed};
 
-/// What the operator of the log of `genesis` has signed in `dir`; `None` if nothing was pruned.
+/// The operator's statement in `dir` for the log of `genesis`; `None` if nothing was pruned.
 ///
 /// # Errors
 /// The file cannot be read, or its statement does not count.
@@ -15,7 +15,7 @@ pub fn read(dir: &Path, genesis: &Genesis) -> Result<Option<Pruning>, LedgerErro
     Ok(read_signed(dir, genesis)?.map(|signed| signed.statement))
 }
 
-/// [`read`] of a log of `entries` entries. The statement cannot be about more.
+/// [`read`] of a log of `entries` entries, which the statement must not exceed.
 pub(crate) fn read_within(
     dir: &Path,
     genesis: &Genesis,
@@ -42,7 +42,7 @@ pub(crate) fn read_signed(
         .transpose()
 }
 
-/// Reads the statement, which is from the file or the address `from`.
+/// Reads the statement from the file or address `from`.
 pub(crate) fn decode(
     from: &str,
     bytes: &[u8],
@@ -67,17 +67,16 @@ pub(crate) fn decode(
     Ok(signed)
 }
 
-/// The bytes of the file.
 pub(crate) fn encode(signed: &Signed<Pruning>) -> Vec<u8> {
     borsh::to_vec(signed).expect("writing to a Vec cannot fail")
 }
 
-/// Writes the statement. It is on disk when this returns.
+/// Writes the statement, durably.
 pub(crate) fn write(dir: &Path, signed: &Signed<Pruning>) -> Result<(), LedgerError> {
     folder::write_pruned(dir, &encode(signed))
 }
 
-/// Writes a statement of another copy of the log, unless this copy has a later one.
+/// Writes another copy's statement, unless this copy has a later one.
 pub(crate) fn keep_newer(
     dir: &Path,
     genesis: &Genesis,

@@ -1,5 +1,5 @@
-//! The log on disk: a database with entries, the hashes of their tree, and a signed checkpoint where a group of entries ended
-//! ([`crate::group`]). It is RocksDB's, or consists of plain files where a build without RocksDB has made it.
+//! The log on disk: a database of entries, their tree's hashes, and a signed checkpoint where a group ended ([`crate::group`]). It is
+//! RocksDB's, or plain files from a build without RocksDB.
 
 mod engine;
 mod on_files;
@@ -23,7 +23,7 @@ use zk0_protocol::tlog::tree::Frontier;
 /// The database under a ledger.
 pub struct Store(Box<dyn Engine>);
 
-/// Entries, hashes and checkpoints that [`Store::commit`] writes at once.
+/// What [`Store::commit`] writes at once.
 #[derive(Default)]
 pub struct StoreBatch(Vec<(DatabaseKey, Vec<u8>)>);
 
@@ -47,12 +47,12 @@ impl StoreBatch {
 }
 
 impl Store {
-    /// Whether there is a database in the folder `path`. Where making one was interrupted, there is none yet.
+    /// Whether the folder `path` has a database, completely made.
     pub fn is_in(path: &Path) -> bool {
         is_rocksdb(path) || on_files::is_in(path)
     }
 
-    /// Opens a database for writing. Only one process at a time can do so. A new one is RocksDB's where this build has RocksDB.
+    /// Opens a database for writing, by one process at a time. A new one is RocksDB's if this build has it.
     pub fn open(path: &Path) -> Result<Self, LedgerError> {
         #[cfg(feature = "rocksdb")]
         if is_rocksdb(path) || !on_files::is_in(path) {
@@ -62,10 +62,10 @@ impl Store {
         Ok(Self(Box::new(Files::open(path)?)))
     }
 
-    /// Opens a snapshot for reading, while another process may write, or on a read-only file system. This writes nothing.
+    /// Opens a snapshot for reading, even beside a writer or on a read-only disk.
     pub fn open_read_only(path: &Path) -> Result<Self, LedgerError> {
         if !path.exists() {
-            // RocksDB would make the folder, and then fail. What has to be made there would seem to be there.
+            // RocksDB would make the folder, which would seem to hold a database, and then fail.
             return Err(LedgerError::NoLedger(path.into()));
         }
         #[cfg(feature = "rocksdb")]
@@ -86,7 +86,7 @@ impl Store {
         self.get(DatabaseKey::Checkpoint(size))
     }
 
-    /// The first checkpoint of `size` entries or more, and its size.
+    /// The first checkpoint of at least `size` entries, and its size.
     pub fn checkpoint_from(&self, size: u64) -> Result<Option<(u64, Vec<u8>)>, LedgerError> {
         let Some(size) = self.0.checkpoint_from(size)? else {
             return Ok(None);
@@ -104,7 +104,7 @@ impl Store {
         Ok(Digest(tree_hash(size, self)?.0))
     }
 
-    /// The tree of which somebody knows the size and the root, from the stored hashes. A replay verifies that the hashes belong to the entries.
+    /// The tree of known size and root, from the stored hashes, which a replay verifies.
     pub fn known_tree(&self, known: &Checkpoint) -> Result<Frontier, LedgerError> {
         let (held, signed) = (self.size()?, known.size);
         if signed == 0 || signed > held {
@@ -121,17 +121,17 @@ impl Store {
         }
     }
 
-    /// Every key in the database, in order; `None` stands for a key of an unknown kind.
+    /// Every key in order; `None` for a key of an unknown kind.
     pub fn keys(&self) -> impl Iterator<Item = Result<Option<DatabaseKey>, LedgerError>> + '_ {
         self.0.keys().map(|key| Ok(key?))
     }
 
-    /// Writes all of a batch or nothing. It is on disk when this returns.
+    /// Writes all of a batch or nothing, durably.
     pub fn commit(&self, batch: StoreBatch) -> Result<(), LedgerError> {
         Ok(self.0.commit(batch.0)?)
     }
 
-    /// The tree's hashes at these stored positions; `None` if one of them is missing.
+    /// The tree's hashes at these stored positions; `None` if one is missing.
     pub fn hashes(&self, positions: &[u64]) -> Result<Option<Vec<Hash>>, LedgerError> {
         let read = |position: &u64| {
             let bytes = self.get(DatabaseKey::Hash(*position))?;
@@ -152,12 +152,12 @@ impl HashReader for Store {
     }
 }
 
-/// Whether there is a database of RocksDB in a folder. It makes this file last.
+/// Whether a folder has a RocksDB database. It makes this file last.
 fn is_rocksdb(path: &Path) -> bool {
     path.join("CURRENT").exists()
 }
 
-/// Refuses a database of RocksDB. A build that has RocksDB has opened it before.
+/// Refuses RocksDB, which a build that has it would have opened.
 fn refuse_rocksdb(path: &Path) -> Result<(), LedgerError> {
     if is_rocksdb(path) {
         Err(LedgerError::NeedsRocksDb(path.into()))

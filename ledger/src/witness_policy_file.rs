@@ -5,10 +5,10 @@ use std::path::Path;
 use zk0_files::bounded_file;
 use zk0_protocol::tlog::witness_policy::{WitnessPolicy, MAX_POLICY_BYTES};
 
-/// Reads the witness policy in `path`.
+/// Reads the policy in `path`.
 ///
 /// # Errors
-/// The file cannot be read, or is not a witness policy.
+/// The file cannot be read, or is no witness policy.
 pub fn read(path: &Path) -> Result<WitnessPolicy, LedgerError> {
     let bad = |why: String| LedgerError::BadPolicy {
         path: path.to_owned(),

@@ -1,6 +1,5 @@
-//! The files of a witness: for each log, the last checkpoint that it cosigned, with its cosignature, as the C2SP monitoring interface
-//! serves it. The witness hands out a cosignature only after the file is on disk, so even a killed witness never forgets what it
-//! signed.
+//! A witness' files: for each log, the last checkpoint that it cosigned, as the C2SP monitoring interface serves it. The file is on disk
+//! before the cosignature is handed out, so even a killed witness never forgets what it signed.
 
 use sha2::{Digest as _, Sha256};
 use std::collections::BTreeMap;
@@ -19,16 +18,15 @@ use zk0_protocol::tlog::witness_policy::WitnessPolicy;
 pub struct WitnessStore {
     dir: PathBuf,
     witness: Witness,
-    /// What each log's file says, by the log's name. The witness answers from it when a checkpoint is sent again.
+    /// Each log's file by the log's name, to answer repeated requests.
     cosigned: BTreeMap<String, KeptCosignature>,
-    /// The lock is held as long as the witness runs, because two processes in one folder could cosign two histories.
+    /// Held while the witness runs: two processes in one folder could cosign two histories.
     _lock: File,
 }
 
-/// A checkpoint that is on disk with its cosignature.
 struct KeptCosignature {
     checkpoint: Checkpoint,
-    /// The line of the note.
+    /// The note's line.
     cosignature: Vec<u8>,
 }
 
@@ -61,13 +59,13 @@ pub enum AddError {
     /// The witness refuses.
     #[error(transparent)]
     Refused(#[from] WitnessRefusal),
-    /// The witness cannot store the checkpoint, so it does not cosign it.
+    /// The checkpoint cannot be stored, so it is not cosigned.
     #[error(transparent)]
     Failed(#[from] WitnessError),
 }
 
 impl WitnessStore {
-    /// Opens the witness in `dir`, which watches `logs`, and verifies its files.
+    /// Opens the witness in `dir` for `logs`, and verifies its files.
     pub fn open(
         dir: &Path,
         cosigner: Cosigner,
@@ -108,7 +106,7 @@ impl WitnessStore {
             origin: key.name().into(),
             why,
         };
-        // The file has to carry this witness' own cosignature.
+        // The file must carry this witness' own cosignature.
         let own = format!("witness this {}\nquorum this\n", self.witness.key());
         let own = WitnessPolicy::parse(&own).map_err(|error| damaged(error.to_string()))?;
         let opened = own
@@ -123,8 +121,8 @@ impl WitnessStore {
         }))
     }
 
-    /// Decides on a request at `time_s` and returns the cosignature line. The checkpoint is on disk when this returns. A checkpoint that is sent
-    /// again gets the cosignature that it has, and nothing is written: whoever knows a public checkpoint can send it as often as they like.
+    /// Decides on a request at `time_s` and returns the cosignature line. The checkpoint is on disk when this returns. A repeated
+    /// checkpoint gets its old cosignature without a write, because anyone can send a public checkpoint often.
     pub fn add(&mut self, body: &[u8], time_s: u64) -> Result<Vec<u8>, AddError> {
         let accepted = self.witness.check(body, time_s)?;
         match self.cosigned.get(&accepted.origin) {
@@ -172,7 +170,7 @@ fn read(path: &Path) -> Result<Option<Vec<u8>>, WitnessError> {
     bounded_file::start_if_there(path, MAX_NOTE_BYTES as u64 + 1).map_err(io_error(path))
 }
 
-/// The name of a log in the monitoring interface: the SHA-256 of its origin, in hexadecimal.
+/// A log's name in the monitoring interface: its origin's SHA-256, in hexadecimal.
 pub fn hash(origin: &str) -> String {
     hex::encode(Sha256::digest(origin.as_bytes()))
 }

@@ -1,4 +1,4 @@
-//! The folder as a bounded cache of the store: what was not read for longest is removed from the folder, and stays in the store.
+//! The folder as a bounded cache of the store: the least recently read blobs leave the folder first.
 
 use super::error::{io_error, BlobError};
 use super::Blobs;
@@ -17,8 +17,8 @@ pub struct Shrunk {
 }
 
 impl Blobs {
-    /// Removes blobs from the folder until those that are left have at most `limit` bytes. Blobs that are not in the store stay, and so do
-    /// those in `needed`. Then more than `limit` bytes may be left.
+    /// Removes blobs from the folder until the rest have at most `limit` bytes. Blobs that are not in the store, and those in `needed`,
+    /// stay, perhaps with more bytes.
     pub fn shrink(&self, limit: u64, needed: &BTreeSet<Digest>) -> Result<Shrunk, BlobError> {
         let Some(kept) = &self.kept else {
             return Ok(Shrunk::default());

@@ -1,4 +1,4 @@
-//! Blobs that are damaged where they are kept. Whoever copies many blobs names such a blob, and goes on with the others.
+//! Blobs that are damaged where they are kept. A copy of many blobs names them, and goes on with the others.
 
 use super::error::BlobError;
 use super::Blobs;
@@ -6,12 +6,12 @@ use std::fmt;
 use std::io::{self, Read};
 use zk0_circuits::Digest;
 
-/// A blob that cannot be copied, because it is damaged where it is kept.
+/// A blob that is not copied, because it is damaged where it is kept.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DamagedBlob {
     /// The blob.
     pub blob: Digest,
-    /// Where it is kept: the path of its file, or its name in the blob store.
+    /// Where it is kept: its file's path, or its name in the blob store.
     pub place: String,
     /// What is wrong with it.
     pub why: String,
@@ -29,21 +29,21 @@ impl fmt::Display for DamagedBlob {
     }
 }
 
-/// What became of the damaged blobs of a folder.
+/// What became of a folder's damaged blobs.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Removed {
-    /// Blobs whose files held other bytes. They are gone.
+    /// Removed blobs, which had other bytes.
     pub removed: Vec<Digest>,
-    /// Blobs whose files cannot be read.
+    /// Unreadable blobs.
     pub unreadable: Vec<DamagedBlob>,
 }
 
 /// Why a blob is not copied.
 #[derive(Debug)]
 pub(crate) enum CopyError {
-    /// Where it is read, its bytes cannot be read.
+    /// Its bytes cannot be read.
     Unreadable(io::Error),
-    /// Its bytes are others than its name says, or it cannot be written.
+    /// Its digest is wrong, or it cannot be written.
     Blob(BlobError),
 }
 
@@ -54,7 +54,7 @@ impl From<BlobError> for CopyError {
 }
 
 impl Blobs {
-    /// Stores a blob of at most `limit` bytes that `from` reads, if it has this digest. What is there under its name is replaced.
+    /// Stores a blob of at most `limit` bytes from `from`, if it has this digest, and replaces what is there.
     pub(crate) fn copy_from(
         &self,
         blob: &Digest,
@@ -73,8 +73,8 @@ impl Blobs {
         }
     }
 
-    /// Removes the file of a blob from the folder, if it holds other bytes than its name says. Whoever brings a mirror up to date then copies the
-    /// blob again. Returns whether the file was removed.
+    /// Removes a blob's file from the folder if its bytes do not have the digest, so that an update of the mirror copies it again. Returns
+    /// whether it did.
     pub fn remove_damaged(&self, blob: &Digest) -> Result<bool, BlobError> {
         match self.check(blob) {
             Err(BlobError::WrongDigest { .. }) => {
@@ -86,8 +86,7 @@ impl Blobs {
         }
     }
 
-    /// Removes the files of all blobs in the folder that hold other bytes than their names say. This reads every blob. A file that cannot be read
-    /// stays.
+    /// Removes the files of all damaged blobs in the folder. This reads every blob. Unreadable files stay.
     pub fn remove_all_damaged(&self) -> Result<Removed, BlobError> {
         let mut done = Removed::default();
         for (blob, _) in self.all_here()? {
@@ -100,10 +99,10 @@ impl Blobs {
         Ok(done)
     }
 
-    /// What `error`, from reading or copying a blob of these, says about the blob.
+    /// What `error`, from reading or copying one of these blobs, means for the blob.
     ///
     /// # Errors
-    /// The error itself, if it says nothing about the blob: the store does not answer, or the copy cannot be written.
+    /// The error itself, if it is not about the blob: the store does not answer, or the copy cannot be written.
     pub(crate) fn damage(&self, blob: &Digest, error: BlobError) -> Result<DamagedBlob, BlobError> {
         match error {
             BlobError::WrongDigest { actual, .. } => {

@@ -1,4 +1,4 @@
-//! Why a blob cannot be stored or read.
+//! Errors of blobs.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ pub enum BlobError {
     /// Not all of its bytes are here.
     #[error("the blob has {size} bytes, and {held} of them are here")]
     Incomplete { held: u64, size: u64 },
-    /// Its bytes are not those that were announced, or they have changed on disk.
+    /// Its bytes are not the announced ones, or have changed on disk.
     #[error("the blob has SHA-256 {actual}, not {expected}")]
     WrongDigest { expected: Digest, actual: Digest },
     /// The store has other bytes under its name.
@@ -26,10 +26,10 @@ pub enum BlobError {
         blob: Digest,
         found: String,
     },
-    /// Nobody has put anything at the address of an upload.
+    /// Nothing was put at an upload's address.
     #[error("nothing was put at the address of this upload: put the update there before its time is over, or upload it to the aggregator")]
     NotSent,
-    /// What somebody has put at the address of an upload has another size.
+    /// What was put at an upload's address has another size.
     #[error(
         "{found} bytes were put at the address of this upload, and its signed request says {size}"
     )]

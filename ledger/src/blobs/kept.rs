@@ -1,9 +1,9 @@
-//! Blobs that are kept in a store. The folder is a cache of the store then: a blob is in the store before it has its name in the folder, and
-//! a blob that is not in the folder is read from the store.
+//! Blobs in a store, with the folder as its cache: a blob is in the store before it has its name in the folder, and missing blobs are read
+//! from the store.
 //!
-//! The store is trusted with nothing but keeping the bytes: whatever comes from it counts only if it has the digest in its name. Its list is
-//! read once, so that nobody waits for the network to learn whether a blob exists. Only the ledger's writer adds to the store. A reader beside
-//! it ([`Blobs::beside_writer`]) asks the store about each blob that is not in the folder.
+//! The store is trusted only to keep bytes: whatever comes from it must have the digest in its name. Its list is read once, so that the
+//! question whether a blob exists needs no network. Only the ledger's writer adds to the store. A reader beside it
+//! ([`Blobs::beside_writer`]) asks the store about each blob that is not in the folder.
 
 use super::error::{io_error, BlobError};
 use super::store::{BlobStore, IndexedStore};
@@ -25,7 +25,7 @@ impl Blobs {
         })
     }
 
-    /// The same for a reader. The ledger's writer may add blobs and remove some at the same time.
+    /// The same for a reader, beside the ledger's writer.
     pub fn beside_writer(dir: &Path, store: Box<dyn BlobStore>) -> Result<Self, BlobError> {
         Ok(Self {
             kept: Some(Arc::new(IndexedStore::new(store, true)?)),
@@ -43,7 +43,7 @@ impl Blobs {
         Ok(Amount::of(&self.all_here()?))
     }
 
-    /// What the store holds, as far as this process knows; `None` if the folder is the only place. Nobody waits for the store.
+    /// What the store holds, as far as this process knows, without waiting; `None` if the folder is the only place.
     pub fn stored(&self) -> Option<Amount> {
         let kept = self.kept.as_ref();
         kept.map(|kept| Amount::of(&kept.all()))
@@ -54,8 +54,7 @@ impl Blobs {
         self.kept.as_ref().map(|kept| kept.address())
     }
 
-    /// Puts into the store what is only in the folder, and returns how many blobs these were. Only the ledger's writer may call this.
-    /// A blob that is damaged is not stored.
+    /// Puts undamaged blobs that are only in the folder into the store, and returns their number. Only for the ledger's writer.
     pub fn store_all(&self) -> Result<usize, BlobError> {
         let Some(kept) = &self.kept else {
             return Ok(0);
@@ -78,7 +77,7 @@ impl Blobs {
         Ok(stored)
     }
 
-    /// Reads a blob from the store into the folder, if it is not here. Its digest is verified.
+    /// Reads a blob that is not here from the store into the folder, and verifies its digest.
     ///
     /// # Errors
     /// There is no such blob, the store fails, or it has other bytes under this name.
@@ -98,8 +97,7 @@ impl Blobs {
         })
     }
 
-    /// The file of a blob. If it is not in the folder, it is read from the store, and is not in the folder afterwards. Its digest is verified
-    /// then.
+    /// The file of a blob. If it is not in the folder, it is read from the store and verified, and does not stay in the folder.
     pub fn file_once(&self, blob: &Digest) -> Result<File, BlobError> {
         match (self.open_here(blob), &self.kept) {
             (Err(BlobError::Missing(_)), Some(kept)) => {
@@ -134,9 +132,9 @@ impl Blobs {
         Ok(unfinished)
     }
 
-    /// Removes a blob, here and in the store. Only the ledger's writer may call this.
+    /// Removes a blob, here and in the store. Only for the ledger's writer.
     pub fn remove(&self, blob: &Digest) -> Result<(), BlobError> {
-        // In this order, whoever is killed in between leaves a blob that is still listed.
+        // In this order, a process that is killed in between leaves a blob that is still listed.
         self.remove_here(blob)?;
         match &self.kept {
             Some(kept) => kept.remove(blob),

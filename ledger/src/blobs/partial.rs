@@ -1,4 +1,4 @@
-//! Blobs that come over a network, and of which a part may be here already.
+//! Blobs from a network, of which a part may be here already.
 
 use super::{check, io_error, BlobError, Blobs, UnfinishedBlob};
 use sha2::{Digest as _, Sha256};
@@ -8,9 +8,7 @@ use std::path::PathBuf;
 use zk0_circuits::Digest;
 use zk0_files::atomic_file::folder_of;
 
-/// A blob of which a part is here. The part stays when this is dropped, and whoever opens the blob again goes on after it.
-///
-/// Nobody else may write the same blob at the same time.
+/// A blob of which a part is here. The part stays when this is dropped, and can be continued. There must be one writer at a time.
 #[derive(Debug)]
 pub struct PartialBlob {
     unfinished: UnfinishedBlob,
@@ -21,7 +19,7 @@ pub struct PartialBlob {
 }
 
 impl Blobs {
-    /// How many bytes of a blob are here, whether or not it is complete.
+    /// How many bytes of a blob are here.
     pub fn held(&self, digest: &Digest) -> Result<u64, BlobError> {
         for path in [self.path(digest), self.partial_path(digest)] {
             match fs::metadata(&path) {
@@ -33,7 +31,7 @@ impl Blobs {
         Ok(0)
     }
 
-    /// Whether a file of this blob is here: all of it, or a part, which may have no byte yet.
+    /// Whether a file of this blob is here: all of it, or a part, perhaps empty.
     pub fn has_begun(&self, digest: &Digest) -> Result<bool, BlobError> {
         for path in [self.path(digest), self.partial_path(digest)] {
             if fs::exists(&path).map_err(io_error(&path))? {
@@ -43,7 +41,7 @@ impl Blobs {
         Ok(false)
     }
 
-    /// Goes on with a blob of `size` bytes, from the part of it that is here. Reads that part.
+    /// Continues a blob of `size` bytes, after reading the part that is here.
     pub fn partial(&self, digest: &Digest, size: u64) -> Result<PartialBlob, BlobError> {
         let path = self.partial_path(digest);
         self.make_folders(folder_of(&path))?;
@@ -83,7 +81,7 @@ impl PartialBlob {
         self.held
     }
 
-    /// Adds bytes. With more bytes than the blob has, nothing of it remains.
+    /// Adds bytes. With more bytes than the blob has, all are removed.
     pub fn write(&mut self, bytes: &[u8]) -> Result<(), BlobError> {
         let held = self.held.saturating_add(bytes.len() as u64);
         if held > self.size {
@@ -95,10 +93,10 @@ impl PartialBlob {
         Ok(())
     }
 
-    /// Stores the blob if all its bytes are here. It is on disk when this returns. If these are other bytes, nothing of it remains.
+    /// Stores the complete blob, durably.
     ///
     /// # Errors
-    /// Bytes are missing, and the blob stays as it is; or it has another digest.
+    /// Bytes are missing, and the blob stays as it is; or it has another digest, and is removed.
     pub fn finish(mut self) -> Result<(), BlobError> {
         if self.held < self.size {
             return Err(BlobError::Incomplete {
@@ -111,7 +109,7 @@ impl PartialBlob {
         self.unfinished.finish(&self.digest)
     }
 
-    /// Removes what is here of it.
+    /// Removes its part.
     pub(super) fn discard(mut self) {
         self.unfinished.kept = false;
     }

@@ -1,8 +1,8 @@
-//! Files that others put into the store by themselves, by an address that the store has signed for them. They are no blobs yet.
+//! Files that others put into the store, at an address that the store signed for them. They are no blobs yet.
 //!
-//! Whoever has the address can write there until its time is over, also while the file is read. So the file is copied inside the store first, to
-//! a name for which nobody has an address, and only the copy is read and verified. When the file becomes a blob, the copy is copied again,
-//! inside the store, to the blob's name.
+//! Anyone with the address can write there until its time is over, also while the file is read. So the file is first copied inside the
+//! store to a name without an address, and only the copy is read and verified. When it becomes a blob, it is copied again, inside the
+//! store, to the blob's name.
 
 use super::error::{io_error, BlobError};
 use super::partial::PartialBlob;
@@ -22,12 +22,12 @@ impl Blobs {
         Some((kept, kept.sent()?))
     }
 
-    /// Whether nodes can put files into the store by themselves.
+    /// Whether nodes can put files into the store.
     pub fn takes_sent(&self) -> bool {
         self.sent().is_some()
     }
 
-    /// An address at which a node can put its update (HTTP, `PUT`), for so long from now; `None` if the store gives no addresses.
+    /// An address for a node's update (HTTP, `PUT`), valid for this time; `None` if the store gives no addresses.
     pub fn address(
         &self,
         round: u64,
@@ -42,9 +42,8 @@ impl Blobs {
         ))
     }
 
-    /// Reads into `partial` what a node has put into the store, and verifies it. `partial` is the blob of this digest and size, and nothing of it
-    /// is here. What the node has put there is removed. When `stopped` is set, reading ends. What was read before the store failed stays, as with
-    /// any upload that is cut.
+    /// Reads a node's file in the store into `partial`, the empty blob of this digest and size, verifies it, and removes the node's file.
+    /// Ends when `stopped` is set. What was read before the store failed stays, as with any upload that is cut.
     ///
     /// # Errors
     /// Nothing is there, or it has another size or digest, or the store fails.
@@ -86,7 +85,7 @@ impl Blobs {
         }
     }
 
-    /// Removes what nodes have put into the store in other rounds than `open`, and returns how many objects these were.
+    /// Removes nodes' files of other rounds than `open` from the store, and returns their number.
     pub fn remove_sent(&self, open: Option<u64>) -> Result<usize, BlobError> {
         let Some((kept, store)) = self.sent() else {
             return Ok(0);
@@ -106,7 +105,7 @@ impl Blobs {
 }
 
 impl IndexedStore {
-    /// Makes a copy of what a node has put into the store, if it has this size, and removes it.
+    /// Copies a node's file of this size, and removes it.
     fn copied(
         &self,
         store: &dyn SentStore,
@@ -122,14 +121,14 @@ impl IndexedStore {
             }
             Some(_) => {}
         }
-        // A store that copies slowly may still have a copy of an earlier run. It is not taken for this one, because it has another number.
+        // A slow store may still hold an earlier run's copy. Its number differs, so it is not taken for this one.
         let number = random_number().map_err(io_error(Path::new(self.address())))?;
         let copy = Unverified::Copied {
             round: sent.round(),
             number,
         };
         if let Err(error) = store.copy(&sent, &copy, size) {
-            // The next copy has another number, so nobody would replace what is there of this one.
+            // The next copy has another number, and would not replace this one.
             removed(store, &copy);
             return Err(error.into());
         }

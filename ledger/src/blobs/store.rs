@@ -58,7 +58,7 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl IndexedStore {
-    /// A store, whose list is read. If it is `shared`, another process may add to it and remove from it.
+    /// A store with its list. If `shared`, another process may add and remove.
     pub(super) fn new(store: Box<dyn BlobStore>, shared: bool) -> Result<Self, BlobError> {
         let counting = UsageCounter::default();
         let list = || store.all().map_err(BlobError::from);
@@ -73,7 +73,6 @@ impl IndexedStore {
         })
     }
 
-    /// What the store was asked for.
     pub(super) fn usage(&self) -> Usage {
         self.counting.now()
     }
@@ -82,12 +81,10 @@ impl IndexedStore {
         self.store.address()
     }
 
-    /// What the store can do for those who put files into it by themselves.
     pub(super) fn sent(&self) -> Option<&dyn SentStore> {
         self.store.sent()
     }
 
-    /// Does `work`, which asks the store, and counts it.
     pub(super) fn counted<T>(
         &self,
         operation: StoreOperation,
@@ -101,7 +98,7 @@ impl IndexedStore {
         locked(&self.known).contains_key(blob)
     }
 
-    /// How many bytes a blob has, as far as this process knows.
+    /// A blob's size in bytes, as far as known.
     pub(super) fn known_size(&self, blob: &Digest) -> Option<u64> {
         locked(&self.known).get(blob).copied()
     }
@@ -111,7 +108,7 @@ impl IndexedStore {
         known.iter().map(|(blob, size)| (*blob, *size)).collect()
     }
 
-    /// Stores a file whose digest is verified. If the store has a verified copy of it already, it need not be sent there.
+    /// Stores a file whose digest is verified. A verified copy in the store saves sending it.
     pub(super) fn put(&self, blob: &Digest, file: &Path) -> Result<(), BlobError> {
         let size = fs::metadata(file).map_err(io_error(file))?.len();
         let put = || {
@@ -126,7 +123,7 @@ impl IndexedStore {
         Ok(())
     }
 
-    /// How many bytes a blob has; `None` if the store does not have it. Asks the store if it is shared.
+    /// A blob's size in bytes; `None` if the store does not have it. Asks the store if it is shared.
     pub(super) fn size(&self, blob: &Digest) -> Result<Option<u64>, BlobError> {
         if !self.shared {
             return Ok(locked(&self.known).get(blob).copied());
@@ -141,7 +138,6 @@ impl IndexedStore {
         Ok(found)
     }
 
-    /// Does `read`, which reads a blob of this size from the store and verifies it.
     pub(super) fn get(
         &self,
         size: u64,
@@ -151,7 +147,7 @@ impl IndexedStore {
         self.counting.count(StoreOperation::Get, get, |()| size)
     }
 
-    /// Removes a blob. If that fails, the blob is still known, so that it can be removed later.
+    /// Removes a blob. If that fails, it stays known, so that it can be removed later.
     pub(super) fn remove(&self, blob: &Digest) -> Result<(), BlobError> {
         let remove = || self.store.remove(blob).map_err(BlobError::from);
         self.counting
@@ -160,7 +156,7 @@ impl IndexedStore {
         Ok(())
     }
 
-    /// Runs `read` when nobody else reads this blob.
+    /// Runs `read` while no other thread reads this blob.
     pub(super) fn in_turn<T>(&self, blob: &Digest, read: impl FnOnce() -> T) -> T {
         let turn = locked(&self.reading).entry(*blob).or_default().clone();
         let done = {
@@ -168,7 +164,7 @@ impl IndexedStore {
             read()
         };
         let mut reading = locked(&self.reading);
-        // One is in the map, one is here: nobody else waits.
+        // One is in the map, one is here: no other thread waits.
         if Arc::strong_count(&turn) == 2 {
             reading.remove(blob);
         }

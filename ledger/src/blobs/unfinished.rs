@@ -1,7 +1,7 @@
 //! The files in `unfinished/`, of which blobs are made.
 //!
-//! The ledger's writer and readers beside it share this folder, perhaps from several containers. So each file has a random name, and whoever
-//! writes a file holds a lock on it. A writer that starts removes only files that nobody holds.
+//! The ledger's writer and readers share this folder, perhaps from several containers. So each file has a random name, and a lock while it
+//! is written. A writer that starts removes only unlocked files.
 
 use super::error::{io_error, BlobError};
 use std::fs::{self, File, TryLockError};
@@ -9,18 +9,18 @@ use std::io;
 use std::path::{Path, PathBuf};
 use zk0_files::random_number::random_number;
 
-/// A path in the folder that nobody else uses.
+/// An unused path in the folder.
 fn unused(folder: &Path) -> Result<PathBuf, BlobError> {
     let number = random_number().map_err(io_error(folder))?;
     Ok(folder.join(format!("{number:016x}")))
 }
 
-/// Makes a file in the folder, which exists. Nobody else removes it while it is open.
+/// Makes a file in the existing folder. No other process removes it while it is open.
 pub(super) fn create(folder: &Path) -> Result<(PathBuf, File), BlobError> {
     loop {
         let path = unused(folder)?;
         let file = File::create_new(&path).map_err(io_error(&path))?;
-        // Some file systems have no locks. There, a writer that starts removes the file.
+        // Without locks in the file system, a writer that starts removes the file.
         let _ = file.lock();
         // A writer that started may have removed it before it was locked.
         if fs::exists(&path).map_err(io_error(&path))? {
@@ -29,8 +29,8 @@ pub(super) fn create(folder: &Path) -> Result<(PathBuf, File), BlobError> {
     }
 }
 
-/// Gives the file `from` a second name in the folder. Where the file system cannot do that, the file is copied. Only the ledger's writer may
-/// call this, because it locks no second name.
+/// Gives the file `from` a second name in the folder, or copies it if the file system cannot. Only for the ledger's writer, because no
+/// second name is locked.
 pub(super) fn link(folder: &Path, from: &Path) -> Result<(PathBuf, File), BlobError> {
     let mut file = File::open(from).map_err(io_error(from))?;
     let path = unused(folder)?;
@@ -48,7 +48,7 @@ pub(super) fn link(folder: &Path, from: &Path) -> Result<(PathBuf, File), BlobEr
     }
 }
 
-/// Removes what killed processes left in the folder, and nothing that somebody writes. No other process may call [`link`] meanwhile.
+/// Removes what killed processes left in the folder. No other process may call [`link`] meanwhile.
 pub(super) fn remove(folder: &Path) -> Result<(), BlobError> {
     let found = match fs::read_dir(folder) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
@@ -56,7 +56,7 @@ pub(super) fn remove(folder: &Path) -> Result<(), BlobError> {
     };
     for left in found {
         let path = left.map_err(io_error(folder))?.path();
-        // The lock is held until the file is removed, so that whoever has just made the file sees that.
+        // Locked until the file is removed, so that its maker notices.
         let file = File::open(&path);
         if let Ok(Err(TryLockError::WouldBlock)) = file.as_ref().map(File::try_lock) {
             continue;

@@ -1,4 +1,4 @@
-//! Objects in the store that are no blobs yet, and what a store can do with them.
+//! Objects in the store that are no blobs yet, and a store's operations on them.
 
 use super::error::{BlobError, StoreError};
 use super::take::Take;
@@ -12,14 +12,14 @@ use zk0_circuits::{Digest, NodeId};
 /// An object in the store that is no blob yet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unverified {
-    /// What a node puts there by itself. It has one such place in a round.
+    /// What a node puts there, in its one place of a round.
     Sent {
         /// The round.
         round: u64,
         /// The node.
         node: NodeId,
     },
-    /// A copy of it. Nobody has an address for it.
+    /// A copy of it, without an address.
     Copied {
         /// The round.
         round: u64,
@@ -29,7 +29,6 @@ pub enum Unverified {
 }
 
 impl Unverified {
-    /// Its round.
     pub(super) fn round(&self) -> u64 {
         match self {
             Self::Sent { round, .. } | Self::Copied { round, .. } => *round,
@@ -62,24 +61,24 @@ impl FromStr for Unverified {
     }
 }
 
-/// What a store can do for those who put files into it by themselves. Each method waits for the network, and gives up after a bounded time.
+/// Operations of a store on objects that are no blobs yet. Each waits for the network, for a bounded time.
 pub trait SentStore: Send + Sync {
-    /// An address at which anybody who knows it can put this object (HTTP, `PUT`), for so long from now.
+    /// An address for putting this object (HTTP, `PUT`), valid for this time.
     fn address(&self, object: &Unverified, valid: Duration) -> Result<String, StoreError>;
 
     /// How many bytes an object has; `None` if there is no such object.
     fn size(&self, object: &Unverified) -> Result<Option<u64>, StoreError>;
 
-    /// Copies an object of `size` bytes inside the store. All of the copy is there when this returns.
+    /// Copies an object of `size` bytes inside the store, completely.
     fn copy(&self, from: &Unverified, to: &Unverified, size: u64) -> Result<(), StoreError>;
 
-    /// Copies an object of `size` bytes inside the store to the name of a blob. The blob is there, and durable, when this returns.
+    /// Copies an object of `size` bytes inside the store to a blob's name, durably.
     fn copy_to_blob(&self, from: &Unverified, blob: &Digest, size: u64) -> Result<(), StoreError>;
 
     /// Gives the bytes of an object of `size` bytes to `take`, in order.
     ///
     /// # Errors
-    /// The object has another size, or is not there, or the store fails; or `take` fails.
+    /// The object is missing or has another size; the store or `take` fails.
     fn get(&self, object: &Unverified, size: u64, take: Take) -> Result<(), BlobError>;
 
     /// Removes an object, if it is there.
@@ -97,11 +96,11 @@ pub(super) struct VerifiedCopies {
 
 impl VerifiedCopies {
     fn verified(&self) -> MutexGuard<'_, BTreeMap<Digest, Unverified>> {
-        // A panic elsewhere does not spoil the map: it is never half changed.
+        // As in the store, a panic elsewhere does not spoil the map.
         self.verified.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Remembers the verified copy of a blob, and removes the one before.
+    /// Adds a blob's verified copy, and removes the one before.
     pub fn add(&self, store: &dyn SentStore, blob: &Digest, copy: Unverified) {
         let before = self.verified().insert(*blob, copy);
         if let Some(before) = before {
@@ -109,12 +108,11 @@ impl VerifiedCopies {
         }
     }
 
-    /// Forgets these copies.
     pub fn forget(&self, these: impl Fn(&Unverified) -> bool) {
         self.verified().retain(|_, copy| !these(copy));
     }
 
-    /// Makes a blob of `size` bytes of its verified copy, if there is one. Returns whether it did.
+    /// Makes a blob of `size` bytes of its verified copy. Returns whether there was one.
     pub fn make_blob(&self, store: Option<&dyn SentStore>, blob: &Digest, size: u64) -> bool {
         let copy = self.verified().remove(blob);
         let (Some(store), Some(copy)) = (store, copy) else {
@@ -129,7 +127,7 @@ impl VerifiedCopies {
     }
 }
 
-/// Removes what is not needed any more. If that fails, it goes when the round has ended.
+/// Removes an object. If that fails, it goes when the round has ended.
 pub(super) fn removed(store: &dyn SentStore, object: &Unverified) {
     if let Err(error) = store.remove(object) {
         tracing::warn!("an object stays in the blob store until its round has ended: {error}");

@@ -1,4 +1,4 @@
-//! What a store was asked for, and how it answered: counts for whoever watches it.
+//! Counts requests to a store and its answers, for monitoring.
 
 use super::error::BlobError;
 use std::sync::{Mutex, PoisonError};
@@ -12,7 +12,7 @@ pub enum StoreOperation {
     Put,
     /// To give a blob.
     Get,
-    /// To say how large a blob is.
+    /// To name a blob's size.
     Size,
     /// To remove a blob.
     Remove,
@@ -36,18 +36,18 @@ impl StoreOperation {
     }
 }
 
-/// How often a store was asked for one thing. A blob that is stored or read in many parts counts once.
+/// Counts of one operation. A blob that moves in parts counts once.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RequestCount {
     /// It did what it was asked for.
     pub done: u64,
     /// It failed, and trying again did not help.
     pub failed: u64,
-    /// It had something else under the name of the blob, or nothing.
+    /// It had something else under the blob's name, or nothing.
     pub altered: u64,
     /// Bytes of the blobs that were stored or read.
     pub bytes: u64,
-    /// The time that all of it took.
+    /// The time of all requests.
     pub time: Duration,
 }
 
@@ -55,7 +55,7 @@ pub struct RequestCount {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Usage {
     counts: [RequestCount; StoreOperation::ALL.len()],
-    /// When it failed first after it had last answered.
+    /// Since when it has failed, without an answer between.
     failing: Option<Instant>,
 }
 
@@ -65,7 +65,7 @@ impl Usage {
         self.counts[operation as usize]
     }
 
-    /// For how long it has failed whatever it was asked for; `None` if it answered last.
+    /// How long the store has failed; `None` if its last answer was good.
     pub fn failing(&self) -> Option<Duration> {
         self.failing.map(|since| since.elapsed())
     }
@@ -89,7 +89,6 @@ impl Amount {
     }
 }
 
-/// Counts what a store is asked for.
 #[derive(Debug, Default)]
 pub(super) struct UsageCounter(Mutex<Usage>);
 
@@ -98,7 +97,7 @@ impl UsageCounter {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Does `work`, which asks the store, and counts it. `bytes` says how many bytes of a blob were moved.
+    /// Does `work`, which asks the store, and counts it with the `bytes` of a blob that it moved.
     pub(super) fn count<T>(
         &self,
         operation: StoreOperation,

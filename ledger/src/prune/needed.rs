@@ -11,19 +11,19 @@ use zk0_protocol::rules::state::State;
 /// Why a blob is deleted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Reason {
-    /// It is an update of an older round, which an audit reads.
+    /// An update of an older round, which an audit reads.
     Update,
-    /// It is a proof of an older round, which an audit reads.
+    /// A proof of an older round, which an audit reads.
     Proof,
-    /// It is the global weights of an older round.
+    /// The global weights of an older round.
     Weights,
-    /// It is an update or a proof that no audit reads, because its contribution was not decided, or was refused for another reason.
+    /// An update or a proof that no audit reads: its contribution was undecided, or refused for another reason.
     Unread,
     /// No entry names it.
     Unnamed,
 }
 
-/// Which rounds are older than those that are kept, and what is kept of them.
+/// Which rounds are old, and what is kept of them.
 #[derive(Clone, Copy, Debug)]
 pub struct Older {
     /// The first round of which everything is kept.
@@ -39,19 +39,19 @@ pub struct Needed {
     older: Older,
     /// The number of the open round.
     open: Option<u64>,
-    /// The number of the round that the entries have come to, and what it started from.
+    /// The round that the entries have come to, and what it started from.
     round: u64,
     base: Option<Digest>,
-    /// The moments that the next round goes on from, and those that were computed of the present one.
+    /// The moments that the next round goes on from, and those computed of this one.
     moments: Option<Digest>,
     computed: Option<Digest>,
     needed: BTreeSet<Digest>,
-    /// What the entries name besides. A blob that is here and needed all the same is kept.
+    /// Other blobs of the entries. If also needed, they are kept.
     others: BTreeMap<Digest, Reason>,
 }
 
 impl Needed {
-    /// What is needed beside the entries: by the next round, and by what is voted on.
+    /// What the next round and open votes need.
     pub fn beside(state: &State, older: Older) -> Self {
         let mut needed: BTreeSet<_> = [state.global().blob].into();
         needed.extend(state.earlier_base().map(|base| base.blob));
@@ -73,14 +73,14 @@ impl Needed {
         }
     }
 
-    /// Keeps the weights of the policy folder that was due last, after so many rounds: it may not be written yet.
+    /// Keeps the weights of the policy folder due last, after so many rounds: it may be unwritten.
     pub fn keep_due(&mut self, state: &State, rounds: u64) {
         let due = rounds.checked_sub(1);
         let result = due.and_then(|round| state.results().of(round));
         self.needed.extend(result.map(|result| result.blob));
     }
 
-    /// Takes the next entry into account.
+    /// Takes the next entry.
     pub fn observe(&mut self, body: &Body) {
         let older = self.round < self.older.before;
         let open = self.open == Some(self.round);
@@ -150,7 +150,7 @@ impl Needed {
         self.round >= self.older.before || !self.older.without_weights
     }
 
-    /// Notes a blob that is needed, or else is there for this reason. An audit's reason counts more than another.
+    /// Records a needed blob, or the reason of another. An audit's reason counts more.
     fn take(&mut self, needed: bool, blob: Digest, reason: Reason) {
         if needed {
             self.needed.insert(blob);

@@ -1,5 +1,5 @@
-//! Export: a ledger as plain files in the tlog-tiles layout. Any web server can serve them, any archive can keep them, and
-//! [`crate::published::mirror`] makes a ledger of them again.
+//! Exports a ledger as plain files in the tlog-tiles layout, for any web server or archive. [`crate::published::mirror`] makes a ledger of
+//! them again.
 
 use crate::blobs::damaged::DamagedBlob;
 use crate::blobs::BlobError;
@@ -15,15 +15,15 @@ use zk0_protocol::tlog::witness_policy::WitnessPolicy;
 /// The result of an export.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Exported {
-    /// How many entries are published.
+    /// Published entries.
     pub entries: u64,
-    /// How many tiles and bundles were written. Those that existed already are not written again.
+    /// Tiles and bundles written; existing ones stay.
     pub tiles: u64,
-    /// How many blobs were written.
+    /// Blobs written.
     pub blobs: u64,
-    /// How many public blobs the ledger's folder does not have.
+    /// Public blobs that the ledger's folder lacks.
     pub missing_blobs: u64,
-    /// The public blobs that are damaged where the ledger keeps them. They were not written, and everything else was.
+    /// Damaged public blobs, which were not written.
     pub damaged: Vec<DamagedBlob>,
 }
 
@@ -36,16 +36,16 @@ pub enum ExportError {
     /// The ledger cannot be read.
     #[error(transparent)]
     Ledger(#[from] LedgerError),
-    /// A blob of the ledger cannot be read.
+    /// A blob cannot be read.
     #[error(transparent)]
     Blob(#[from] BlobError),
     /// The export cannot be written.
     #[error(transparent)]
     Place(#[from] PlaceError),
-    /// Readers of an export must not see what else is in a ledger's folder: the blobs of the open round are not public yet.
+    /// A ledger's folder holds the open round's blobs, which readers of an export must not see yet.
     #[error("{0} is a ledger's folder: choose another folder for the export")]
     IsLedger(PathBuf),
-    /// There is an export of another log.
+    /// The place has another log's export.
     #[error("the checkpoint in {place} is not one of this log ({error}): choose another place")]
     Other {
         place: String,
@@ -53,7 +53,7 @@ pub enum ExportError {
     },
 }
 
-/// Writes what `view` publishes to the folder `out`, as [`export_to`] does.
+/// [`export_to`] for the folder `out`.
 pub fn export(view: &Publication, out: &Path) -> Result<Exported, ExportError> {
     if folder::database(out).exists() {
         return Err(ExportError::IsLedger(out.into()));
@@ -63,8 +63,8 @@ pub fn export(view: &Publication, out: &Path) -> Result<Exported, ExportError> {
     export_to(view, &mut folder)
 }
 
-/// Writes what `view` publishes to `place`, or brings an older export of the same log up to date. The checkpoint is written last, so a
-/// reader always finds everything that the checkpoint covers.
+/// Writes what `view` publishes to `place`, or updates the same log's older export. The checkpoint is written last, so a reader finds all
+/// that it covers.
 pub fn export_to(
     view: &Publication,
     place: &mut dyn ExportTarget,
@@ -75,7 +75,7 @@ pub fn export_to(
         ..Exported::default()
     };
     for tile in tiles(view.checkpoint().size) {
-        // A tile never changes.
+        // Tiles never change.
         if place.holds_tile(&tile) {
             continue;
         }
@@ -86,7 +86,7 @@ pub fn export_to(
     }
     let blobs = view.blobs();
     for blob in view.public_blobs() {
-        // What a power cut has left of a blob has fewer bytes.
+        // A power cut leaves a blob with fewer bytes.
         let is_whole = |there: u64| blobs.size(blob).is_none_or(|size| there >= size);
         if place.blob_size(blob).is_some_and(is_whole) {
             continue;
@@ -96,7 +96,7 @@ pub fn export_to(
             Err(error) => exported.damaged.push(blobs.damage(blob, error)?),
             Ok(file) => match place.put_blob(blob, file) {
                 Ok(()) => exported.blobs += 1,
-                // One damaged blob does not keep back the entries, and the blobs after it.
+                // A damaged blob does not hold back the rest.
                 Err(PlaceError::Unreadable(error)) => {
                     let damaged = blobs.damaged_here(blob, error.to_string());
                     exported.damaged.push(damaged);
@@ -114,7 +114,7 @@ pub fn export_to(
     Ok(exported)
 }
 
-/// Refuses to change an export of another log, and an export that has more entries than the log has now.
+/// Refuses an export of another log, or of more entries.
 fn continues(view: &Publication, place: &dyn ExportTarget) -> Result<(), ExportError> {
     let Some(text) = place.checkpoint(MAX_NOTE_BYTES as u64 + 1)? else {
         return Ok(());

@@ -1,4 +1,4 @@
-//! Where an export is written: a folder, or anything else that keeps files by path, such as a bucket.
+//! Where an export is written: anything that keeps files by path, such as a folder or a bucket.
 
 use crate::blobs::damaged::CopyError;
 use crate::blobs::{BlobError, Blobs};
@@ -9,24 +9,24 @@ use zk0_circuits::Digest;
 use zk0_files::{atomic_file, bounded_file};
 use zk0_protocol::tlog::layout::{Resource, Tile};
 
-/// Keeps the files of an export by the paths of [`zk0_protocol::tlog::layout`]. What it has stored is durable.
+/// Keeps an export's files durably, by the paths of [`zk0_protocol::tlog::layout`].
 pub trait ExportTarget {
-    /// What messages call it: a path, or an address without credentials.
+    /// Its name in messages: a path, or an address without credentials.
     fn name(&self) -> String;
 
-    /// The checkpoint that is there, at most `limit` bytes of it; `None` if there is none.
+    /// The first `limit` bytes of its checkpoint; `None` if there is none.
     fn checkpoint(&self, limit: u64) -> Result<Option<Vec<u8>>, PlaceError>;
 
-    /// Whether this tile is there, and known to be whole.
+    /// Whether the whole tile is known to be there.
     fn holds_tile(&self, tile: &Tile) -> bool;
 
-    /// How many bytes of this blob are there; `None` if it is not there.
+    /// The size in bytes of a blob that is there.
     fn blob_size(&self, blob: &Digest) -> Option<u64>;
 
-    /// Writes a file, or replaces it. Returns whether it did: a file that is there already, and is whole, may stay.
+    /// Writes or replaces a file. Returns false if a whole file stayed.
     fn put(&mut self, resource: &Resource, bytes: &[u8]) -> Result<bool, PlaceError>;
 
-    /// Writes a blob, unless the bytes of `file` are others than its name says ([`BlobError::WrongDigest`]) or cannot be read
+    /// Writes a blob, unless `file`'s bytes do not have its digest ([`BlobError::WrongDigest`]) or cannot be read
     /// ([`PlaceError::Unreadable`]).
     fn put_blob(&mut self, blob: &Digest, file: File) -> Result<(), PlaceError>;
 }
@@ -34,16 +34,16 @@ pub trait ExportTarget {
 /// An export cannot be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum PlaceError {
-    /// A blob cannot be read or written, or it does not have the digest in its name.
+    /// A blob is unreadable, not writable, or has the wrong digest.
     #[error(transparent)]
     Blob(#[from] BlobError),
-    /// The bytes of a blob cannot be read in the ledger.
+    /// The ledger's blob cannot be read.
     #[error("the blob cannot be read: {0}")]
     Unreadable(io::Error),
     /// The place failed.
     #[error("{name}: {why}")]
     Failed {
-        /// The file, as messages call it.
+        /// The file's name in messages.
         name: String,
         /// Why it failed.
         why: String,
@@ -57,7 +57,7 @@ pub struct ExportFolder {
 }
 
 impl ExportFolder {
-    /// The export in `dir`. This reads and writes nothing.
+    /// The export in `dir`. Reads and writes nothing.
     pub fn at(dir: &Path) -> Self {
         Self {
             dir: dir.into(),
@@ -65,7 +65,7 @@ impl ExportFolder {
         }
     }
 
-    /// Removes unfinished blobs that killed exports left behind.
+    /// Removes what killed exports left behind.
     pub(crate) fn remove_unfinished(&self) -> Result<(), PlaceError> {
         Ok(self.blobs.remove_unfinished()?)
     }

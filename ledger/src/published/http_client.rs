@@ -1,4 +1,4 @@
-//! A blocking HTTP client. It says what is wrong with a server's certificate in words that help.
+//! A blocking HTTP client, which explains what is wrong with a server's certificate.
 
 use std::time::Duration;
 use ureq::http::Response;
@@ -6,10 +6,9 @@ use ureq::tls::{Certificate, RootCerts, TlsConfig};
 use ureq::Body;
 use zk0_tls::authorities::{tls_error, Authorities, AuthoritiesError};
 
-/// How long a connection may take.
 const CONNECTING: Duration = Duration::from_secs(10);
 
-/// Asks servers, with TLS where an address begins with `https://`.
+/// Sends requests, over TLS to addresses that begin with `https://`.
 #[derive(Clone, Debug)]
 pub struct HttpClient {
     agent: ureq::Agent,
@@ -18,7 +17,7 @@ pub struct HttpClient {
     no_roots: Option<String>,
 }
 
-/// A server cannot be asked.
+/// A request failed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{why}")]
 pub struct HttpError {
@@ -27,35 +26,34 @@ pub struct HttpError {
 }
 
 impl HttpError {
-    /// Whether the same request may succeed in a moment: the connection broke, or it took too long.
+    /// Whether the same request may succeed soon.
     pub fn may_pass(&self) -> bool {
         self.may_pass
     }
 }
 
-/// How long a client waits.
 #[derive(Clone, Copy)]
 enum RequestTimeout {
-    /// For all of an answer.
+    /// For the whole answer.
     Whole(Duration),
-    /// For an answer to begin, and then for each part of it.
+    /// For the answer's start, and then for each part.
     Parts(Duration),
 }
 
 impl HttpClient {
-    /// A client that believes these authorities, and gives up a request after `timeout`. If the system has no authorities, requests over TLS
-    /// fail, and no others.
+    /// A client that trusts these authorities, and gives up a request after `timeout`. If the system has no authorities, only TLS requests
+    /// fail.
     ///
     /// # Errors
-    /// The file of authorities cannot be used.
+    /// The file of authorities is unusable.
     pub fn new(authorities: Authorities, timeout: Duration) -> Result<Self, AuthoritiesError> {
         Self::checked(authorities, RequestTimeout::Whole(timeout))
     }
 
-    /// Like [`Self::new`], for files of any size: an answer may take any time, and is given up when nothing comes for `silence`.
+    /// Like [`Self::new`], for files of any size: gives up after `silence` without a byte.
     ///
     /// # Errors
-    /// The file of authorities cannot be used.
+    /// The file of authorities is unusable.
     pub fn for_files(
         authorities: Authorities,
         silence: Duration,
@@ -63,7 +61,7 @@ impl HttpClient {
         Self::checked(authorities, RequestTimeout::Parts(silence))
     }
 
-    /// A client that believes the authorities of the system. `option` names others.
+    /// A client that trusts the system's authorities. `option` names others.
     pub fn of_system(option: &'static str, timeout: Duration) -> Self {
         let authorities = Authorities::of_system(option);
         Self::believing(authorities, RequestTimeout::Whole(timeout))
@@ -98,7 +96,7 @@ impl HttpClient {
         let connecting = whole.or(part).map(|time| time.min(CONNECTING));
         let agent = ureq::Agent::config_builder()
             .tls_config(tls)
-            // Nobody may lead a reader who named an authority away from encryption.
+            // A named authority also means that redirects must stay encrypted.
             .https_only(authorities.file().is_some())
             .timeout_global(whole)
             .timeout_resolve(part.and(connecting))
@@ -106,7 +104,7 @@ impl HttpClient {
             .timeout_send_request(part)
             .timeout_recv_response(part)
             .timeout_per_read(part)
-            // An answer with an error status is an answer, and not an error of the client.
+            // An error status is an answer, too.
             .http_status_as_error(false)
             .build()
             .into();
@@ -117,14 +115,14 @@ impl HttpClient {
         }
     }
 
-    /// Asks for what is at `url`.
+    /// Requests `url`.
     pub fn get(&self, url: &str) -> Result<Response<Body>, HttpError> {
         self.agent.get(url).call().map_err(|error| self.why(&error))
     }
 
-    /// Asks for the bytes of `url` from the byte number `begins` on. The server may answer with all of them (status 200).
+    /// Requests `url` from byte `begins` on. The server may answer with all of it (status 200).
     pub fn get_from(&self, url: &str, begins: u64) -> Result<Response<Body>, HttpError> {
-        // The bytes are counted as they are, and not as they are compressed.
+        // Bytes are counted uncompressed.
         let mut request = self.agent.get(url).header("accept-encoding", "identity");
         if begins > 0 {
             request = request.header("range", format!("bytes={begins}-"));
@@ -147,7 +145,7 @@ impl HttpClient {
         sent.map_err(|error| self.why(&error))
     }
 
-    /// What goes wrong while an answer is read.
+    /// Explains a failure, also while an answer is read.
     pub fn why(&self, error: &ureq::Error) -> HttpError {
         let of_tls = match error {
             ureq::Error::Rustls(error) => Some(error),
@@ -162,7 +160,7 @@ impl HttpClient {
                 | ureq::Error::ConnectionFailed
         );
         HttpError {
-            // What is wrong with a certificate stays wrong.
+            // A bad certificate stays bad.
             may_pass: broken && of_tls.is_none(),
             why: match (of_tls, &self.no_roots) {
                 (Some(rustls::Error::InvalidCertificate(_)), Some(why)) => why.clone(),

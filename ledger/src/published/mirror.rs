@@ -1,9 +1,9 @@
-//! Mirrors: a ledger's folder made from a published log, or brought up to date from it. An auditor can replay a mirror on any machine,
-//! even after the network's operator is gone. It holds no signing key.
+//! Mirrors: a ledger's folder made or updated from a published log, without a signing key. An auditor can replay it anywhere, even after
+//! the operator is gone.
 //!
 //! Everything is verified: the newest checkpoint by its signatures and the policy, every entry by its place in the signed tree, every
-//! checkpoint by its signature and root, and every blob that is copied by its digest. The log has to continue what was mirrored before. If it has
-//! forked, or has fewer entries, it is refused, and the folder stays as it is.
+//! checkpoint by its signature and root, and every copied blob by its digest. A log that has forked, or lacks mirrored entries, is refused,
+//! and the folder stays as it is.
 
 use crate::blobs::damaged::{CopyError, DamagedBlob};
 use crate::blobs::{BlobError, Blobs};
@@ -39,34 +39,32 @@ use zk0_protocol::Signed;
 pub struct Mirrored {
     /// The network.
     pub network: Digest,
-    /// How many entries the mirror has.
+    /// Entries in the mirror.
     pub entries: u64,
-    /// How many of them are new.
+    /// New entries among them.
     pub new_entries: u64,
-    /// How many blobs were fetched.
+    /// Fetched blobs.
     pub new_blobs: u64,
-    /// How many blobs the log does not serve, although its entries name them: they are not public yet, or no longer kept.
+    /// Blobs that entries name and the log does not serve: not public yet, or not kept.
     pub missing_blobs: u64,
-    /// How many blobs of the mirror were damaged, and were copied again.
+    /// Damaged blobs of the mirror that were copied again.
     pub mended_blobs: u64,
-    /// Blobs that are damaged where they are kept, and were not copied. A mirror of a served log has none: it ends with an error.
+    /// Damaged blobs of the source, which were not copied. A served log causes an error instead.
     pub damaged: Vec<DamagedBlob>,
 }
 
-/// Where the blobs of a copy come from.
+/// The source of a copy's blobs.
 pub(crate) enum BlobSource<'a> {
-    /// From the published log. Whoever serves a blob that is not what its name says is at fault, and the copy ends there.
+    /// The published log. A blob with a wrong digest ends the copy.
     Served(&'a dyn LogSource),
-    /// From a folder of one's own. Its disk may have damaged a blob. The copy goes on with the others, so that they are not lost, too.
+    /// One's own folder, perhaps with damaged blobs. The copy goes on, to save the others.
     Own {
-        /// The blobs in the folder.
         blobs: &'a Blobs,
-        /// Read each blob that the copy has already, and copy it again if it is damaged.
+        /// Read each blob of the copy, and replace damaged ones.
         check_copies: bool,
     },
 }
 
-/// What became of a blob that is to be copied.
 enum BlobCopy {
     Done,
     Missing,
@@ -79,10 +77,10 @@ pub enum MirrorError {
     /// The published log is not valid.
     #[error(transparent)]
     Published(#[from] PublishedError),
-    /// The mirror's folder cannot be read or written.
+    /// The mirror's folder is unreadable or not writable.
     #[error(transparent)]
     Ledger(#[from] LedgerError),
-    /// The log serves a blob that is not what its name says, or is too large.
+    /// A served blob is too large or has the wrong digest.
     #[error("{path}: {error}")]
     WrongBlob { path: String, error: BlobError },
     /// The published checkpoint lacks required cosignatures.
@@ -91,9 +89,8 @@ pub enum MirrorError {
     /// The checkpoint after an entry is not valid.
     #[error("the checkpoint after entry {index}: {why}")]
     Checkpoint { index: u64, why: String },
-    /// The log serves a statement about pruned blobs that is about more entries than the served checkpoint. An export writes the statement
-    /// first, so a reader finds it beside the older checkpoint until the export is finished. That is no verdict about the log, and a later
-    /// try may succeed. In the mirror, the statement would be a fault that stays.
+    /// The served statement about pruned blobs covers more entries than the checkpoint. An export writes the statement first, so this
+    /// passes when the export ends, and is no verdict. In a mirror, it would be a lasting fault.
     #[error(
         "the log is being updated: its statement about pruned blobs is about {entries} entries, but the checkpoint is of {size}. Try again \
          later. If this stays, an update of the log was interrupted, or entries are gone: ask its operator to export the log again"
@@ -123,10 +120,9 @@ impl From<BlobError> for MirrorError {
     }
 }
 
-/// Mirrors the log in `source` to the folder `dir`. If `network` is given, the log has to be of that network. Otherwise the first mirroring
-/// accepts the network that the log names. `policy` names the cosignatures that the checkpoint needs. Without a policy, the network's
-/// rules name them. Since the rules are in the entries, the entries are stored even if their quorum is missing, but the checkpoint is
-/// not.
+/// Mirrors the log in `source` to the folder `dir`. With `network`, the log must be of that network; otherwise the first mirroring accepts
+/// its network. `policy`, or else the network's rules, name the cosignatures that the checkpoint needs. The rules are in the entries, so
+/// these are stored even without a quorum, but the checkpoint is not.
 pub fn mirror(
     source: &dyn LogSource,
     dir: &Path,
@@ -136,7 +132,6 @@ pub fn mirror(
     mirror_with(source, &BlobSource::Served(source), dir, policy, network)
 }
 
-/// [`mirror`], with the blobs from `blob_source`.
 pub(crate) fn mirror_with(
     source: &dyn LogSource,
     blob_source: &BlobSource<'_>,
@@ -144,7 +139,7 @@ pub(crate) fn mirror_with(
     policy: Option<&WitnessPolicy>,
     network: Option<&Digest>,
 ) -> Result<Mirrored, MirrorError> {
-    // If there is none, an import was perhaps killed while it made the database. This import makes it anew.
+    // Otherwise a killed import may have left part of a database, and this import makes a new one.
     let begun = Store::is_in(&folder::database(dir));
     let known = if begun {
         Store::open_read_only(&folder::database(dir))?.entry(0)?
@@ -153,14 +148,14 @@ pub(crate) fn mirror_with(
     };
     let genesis = genesis(&known.map_or_else(|| first_entry(source), Ok)?)?;
     check_network(dir, &genesis.network_id(), network)?;
-    // This is read before the checkpoint, which then covers what it is about, unless an export is being updated.
+    // Read before the checkpoint, which then covers it, unless an export is being updated.
     let pruned = served_pruning(source, &genesis)?;
     let key = genesis.verifier_key().map_err(PublishedError::from)?;
     let log = PublishedLog::open(source, &key, policy.unwrap_or(&WitnessPolicy::none()))?;
     fs::create_dir_all(dir).map_err(io_error(dir))?;
     let store = Store::open(&folder::database(dir))?;
     let blobs = Blobs::at(dir);
-    // While the database is open, nobody else brings this folder up to date. What is unfinished and not locked is from a killed process.
+    // The open database keeps other processes from updating this folder. Unlocked unfinished files are from a killed process.
     blobs.remove_unfinished()?;
     let (mut tree, mut required) = held(&store)?;
     let held = tree.size();
@@ -195,7 +190,7 @@ pub(crate) fn mirror_with(
         folder::write_policy(dir, &policy)?;
         folder::write_cosigned(dir, log.text())?;
     } else if !named && has_ruled_policy(dir, &store)? {
-        // The rules have dropped the witnesses. What they cosigned last would be published for ever.
+        // The rules have dropped the witnesses, whose last checkpoint would be published for ever.
         folder::remove_policy(dir)?;
     }
     if let Some(signed) = pruned {
@@ -222,7 +217,7 @@ pub(crate) fn mirror_with(
     Ok(done)
 }
 
-/// What the log's operator says about pruned blobs, if they say something.
+/// The served statement about pruned blobs, if there is one.
 fn served_pruning(
     source: &dyn LogSource,
     genesis: &Genesis,
@@ -236,7 +231,6 @@ fn served_pruning(
     Ok(Some(pruned::decode(&path, &bytes, genesis)?))
 }
 
-/// The genesis in a log's first entry.
 pub(crate) fn genesis(bytes: &[u8]) -> Result<Genesis, MirrorError> {
     let broken = |violation: RuleViolation| MirrorError::Ledger(violation.into());
     match Entry::decode(bytes)?.body {
@@ -249,7 +243,7 @@ pub(crate) fn genesis(bytes: &[u8]) -> Result<Genesis, MirrorError> {
     }
 }
 
-/// Whether the folder's policy is the one that the rules named at its cosigned checkpoint. Otherwise the operator has chosen it.
+/// Whether the folder's policy comes from the rules at its cosigned checkpoint, and not from the operator.
 fn has_ruled_policy(dir: &Path, store: &Store) -> Result<bool, MirrorError> {
     let text = folder::read_cosigned(dir)?;
     let Some(Ok(cosigned)) = text.map(|text| Parsed::read(&text)) else {
@@ -264,7 +258,7 @@ fn has_ruled_policy(dir: &Path, store: &Store) -> Result<bool, MirrorError> {
     Ok(ruled.wants_witnesses() && ruled.text() == folder::read_policy(dir)?.text())
 }
 
-/// The tree of the entries in a folder, with its stored hashes verified, and the witnesses that the entries require.
+/// The verified tree of the folder's entries, and the witnesses that they require.
 fn held(store: &Store) -> Result<(Frontier, RequiredWitnesses), LedgerError> {
     let (mut tree, mut required) = (Frontier::default(), RequiredWitnesses::default());
     for index in 0..store.size()? {
@@ -282,7 +276,6 @@ fn held(store: &Store) -> Result<(Frontier, RequiredWitnesses), LedgerError> {
     Ok((tree, required))
 }
 
-/// Appends the entries that the log has beyond `tree`.
 fn extend(
     log: &PublishedLog<'_>,
     genesis: &Genesis,
@@ -323,7 +316,7 @@ fn extend(
     Ok(())
 }
 
-/// Checks that the log signed the tree that we found.
+/// Checks that the log signed this tree.
 fn check_checkpoint(text: &[u8], genesis: &Genesis, found: &Checkpoint) -> Result<(), String> {
     let signed = Checkpoint::open(text, genesis.origin(), &genesis.log_key)
         .map_err(|error| error.to_string())?;
@@ -346,7 +339,7 @@ fn copy_blobs(
     done: &mut Mirrored,
 ) -> Result<(), MirrorError> {
     let mut rules = rules.clone();
-    // Several entries may name one blob, which is read and counted once.
+    // Several entries may name one blob.
     let mut seen = BTreeSet::new();
     for index in 0..done.entries {
         let bytes = store.entry(index)?.ok_or(LedgerError::NoEntry(index))?;
@@ -385,7 +378,7 @@ fn copy_blobs(
 }
 
 impl BlobSource<'_> {
-    /// What is wrong with a blob that the copy has already, if that is to be checked.
+    /// What is wrong with a copied blob, if that is checked.
     fn damage_of_copy(
         &self,
         copies: &Blobs,
@@ -402,7 +395,7 @@ impl BlobSource<'_> {
         }
     }
 
-    /// Copies a blob to `copies`. One that is served may have at most `limit` bytes.
+    /// Copies a blob, of at most `limit` bytes if it is served.
     fn copy(&self, copies: &Blobs, blob: &Digest, limit: u64) -> Result<BlobCopy, MirrorError> {
         match *self {
             Self::Served(source) => copy_served(source, copies, blob, limit),
@@ -411,7 +404,6 @@ impl BlobSource<'_> {
     }
 }
 
-/// Copies a blob that a published log serves.
 fn copy_served(
     source: &dyn LogSource,
     copies: &Blobs,
@@ -432,7 +424,6 @@ fn copy_served(
     }
 }
 
-/// Copies a blob of a folder of one's own.
 fn copy_own(blobs: &Blobs, copies: &Blobs, blob: &Digest) -> Result<BlobCopy, BlobError> {
     let mut file = match blobs.file_once(blob) {
         Err(BlobError::Missing(_)) => return Ok(BlobCopy::Missing),

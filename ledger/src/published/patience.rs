@@ -1,17 +1,17 @@
-//! When a reader of a served file asks its server again, and when it gives up.
+//! When a reader asks a file's server again, and when it gives up.
 //!
-//! | what went wrong | what the reader does |
+//! | what went wrong | the reader |
 //! |---|---|
-//! | the connection broke; status 408, 429, 502 or 504; status 503 with `Retry-After` | asks again with growing waits, of half a minute together |
+//! | broken connection; status 408, 429, 502, 504; status 503 with `Retry-After` | asks again with growing waits, half a minute in all |
 //! | status 503 alone: perhaps nothing is published yet | asks twice again, within two seconds |
-//! | less than [`LEAST_BYTES`] came within [`WITHIN`] of waiting | gives up |
+//! | less than [`LEAST_BYTES`] within [`WITHIN`] of waiting | gives up |
 //! | anything else | gives up |
 //!
-//! The waits begin anew when something comes. The third row bounds what a server can do that sends a byte now and then.
+//! The waits start over when bytes come. The third row limits a server that sends a byte now and then.
 
 use std::time::Duration;
 
-/// How long the reader waits before each try, while nothing comes.
+/// The wait before each try, while nothing comes.
 const WAITS: [Duration; 6] = [
     Duration::from_millis(500),
     Duration::from_secs(1),
@@ -21,30 +21,28 @@ const WAITS: [Duration; 6] = [
     Duration::from_secs(12),
 ];
 
-/// How long all waits may be together, if the server asks for longer ones.
+/// The longest sum of waits, if the server asks for longer ones.
 const ALL_WAITS: Duration = Duration::from_secs(29);
 
-/// How often the reader asks again when the server is unavailable and does not say for how long.
+/// Tries while the server is unavailable and names no time.
 const UNAVAILABLE: usize = 2;
 
-/// So much has to come, or the end of the file, ...
+/// This many bytes must come, or the end of the file, ...
 pub(super) const LEAST_BYTES: u64 = 16 << 20;
 
-/// ... while the reader waits as long as this.
+/// ... within this time of waiting.
 pub(super) const WITHIN: Duration = Duration::from_secs(600);
 
-/// What went wrong, as far as it matters for the next try.
+/// What went wrong, for the choice of the next try.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FailedRequest {
-    /// It may pass. The server may have said when to ask `again`.
+    /// It may pass, perhaps at the server's time `again`.
     Passing { again: Option<Duration> },
-    /// The server is unavailable, and does not say for how long.
+    /// The server is unavailable and names no time.
     Unavailable,
-    /// It does not pass.
     ForGood,
 }
 
-/// How much patience is left.
 #[derive(Debug, Default)]
 pub(super) struct RetryBudget {
     tries: usize,
@@ -55,7 +53,7 @@ pub(super) struct RetryBudget {
 }
 
 impl RetryBudget {
-    /// How long to wait before the next try; `None` if there is no other.
+    /// The wait before the next try; `None` to give up.
     pub fn next_wait(&mut self, failed: FailedRequest) -> Option<Duration> {
         let step = *WAITS.get(self.tries)?;
         let wait = match failed {
@@ -75,12 +73,12 @@ impl RetryBudget {
         Some(wait)
     }
 
-    /// Bytes came that the reader did not have: the waits begin anew.
+    /// New bytes came: the waits start over.
     pub fn progress(&mut self) {
         (self.tries, self.unavailable, self.waits) = (0, 0, Duration::ZERO);
     }
 
-    /// Counts `bytes` that came, and how long the reader waited for them. Returns whether that is fast enough.
+    /// Counts new `bytes` and the wait for them. Returns whether that is fast enough.
     pub fn keeps_pace(&mut self, bytes: u64, took: Duration) -> bool {
         self.came = self.came.saturating_add(bytes);
         self.took = self.took.saturating_add(took);
@@ -120,7 +118,7 @@ mod tests {
             waits(&mut patience, FailedRequest::Unavailable),
             [500, 1000]
         );
-        // It does not matter what went wrong between.
+        // What went wrong between does not matter.
         assert_eq!(patience.next_wait(BROKEN), Some(WAITS[2]));
         assert_eq!(patience.next_wait(FailedRequest::Unavailable), None);
         assert_eq!(

@@ -1,8 +1,8 @@
-//! What a ledger's folder publishes now: one checkpoint, and everything up to it that is public. The export and the log's server hand out
-//! nothing else.
+//! What a ledger's folder publishes now: one checkpoint, and all that is public up to it. The export and the log's server hand out nothing
+//! else.
 //!
-//! If the network's rules require witnesses, or if the folder has a witness policy, the published checkpoint is the newest one with its
-//! quorum of cosignatures. Later entries are on disk, but not published. Blobs of an open round are not public yet
+//! If the network's rules or the folder's policy require witnesses, the published checkpoint is the newest one with its quorum of
+//! cosignatures. Later entries are on disk, but not published. Blobs of an open round are not public yet
 //! ([`zk0_protocol::rules::disclosed_blobs`]).
 
 use crate::blobs::{BlobError, Blobs};
@@ -33,21 +33,20 @@ pub struct Publication {
     genesis: Genesis,
     key: VerifierKey,
     policy: WitnessPolicy,
-    /// The folder's own policy, which is used if the rules require no witnesses.
+    /// The folder's own policy, used if the rules require no witnesses.
     own_policy: WitnessPolicy,
     text: Vec<u8>,
     checkpoint: Checkpoint,
-    /// What was gathered from the entries up to the checkpoint.
     gathered: GatheredEntries,
 }
 
-/// The checkpoints that may be published. They are read before the database, because the database then holds their entries.
+/// The checkpoints that may be published. They are read before the database, which then holds their entries.
 struct Texts {
     checkpoint: Option<Vec<u8>>,
     cosigned: Option<Vec<u8>>,
 }
 
-/// What is gathered from a log's first entries.
+/// Gathered from a log's first entries.
 #[derive(Clone, Default)]
 struct GatheredEntries {
     size: u64,
@@ -55,7 +54,7 @@ struct GatheredEntries {
     required: RequiredWitnesses,
 }
 
-/// Something that is handed out.
+/// What is handed out.
 #[derive(Debug)]
 pub enum Content {
     /// These bytes.
@@ -64,7 +63,7 @@ pub enum Content {
     File(File),
 }
 
-/// Why a folder does not publish anything.
+/// Why a folder publishes nothing.
 #[derive(Debug, thiserror::Error)]
 pub enum PublicationError {
     /// The ledger cannot be read.
@@ -73,14 +72,13 @@ pub enum PublicationError {
     /// No checkpoint has its quorum yet.
     #[error("{0} has no checkpoint with a quorum of cosignatures yet. Nothing is published before the witnesses have cosigned")]
     NotCosigned(PathBuf),
-    /// The published checkpoint is not a valid checkpoint of this ledger.
+    /// The published checkpoint is not one of this ledger.
     #[error("{path}: {why}")]
     Published { path: PathBuf, why: String },
 }
 
 impl Publication {
-    /// The published log in `dir` as it is now. A writer may be using the folder at the same time. With `before`, an older view, entries that
-    /// were read then are not read again.
+    /// What `dir` publishes now, perhaps beside a writer. Entries in the older view `before` are not read again.
     pub fn open(dir: &Path, before: Option<&Self>) -> Result<Self, PublicationError> {
         let path = folder::database(dir);
         if !path.exists() {
@@ -93,7 +91,7 @@ impl Publication {
             _ => return Err(LedgerError::NoLedger(dir.into()).into()),
         };
         let held = store.size()?;
-        // The rules in the entries up to a checkpoint determine which cosignatures it needs.
+        // The entries up to a checkpoint hold the rules about its cosignatures.
         let gathered_from = |file: &Path,
                              text: &[u8]|
          -> Result<(GatheredEntries, WitnessPolicy), PublicationError> {
@@ -144,7 +142,7 @@ impl Publication {
         })
     }
 
-    /// The same log, with the blobs of its folder as they are kept: in a store perhaps.
+    /// The same log, with blobs perhaps kept in a store.
     pub fn with_blobs(self, blobs: Blobs) -> Self {
         Self { blobs, ..self }
     }
@@ -181,7 +179,7 @@ impl Publication {
         self.store.root(size)
     }
 
-    /// The blobs that anybody may read, whether or not they are kept.
+    /// The blobs that are public, kept or not.
     pub fn public_blobs(&self) -> impl Iterator<Item = &Digest> {
         self.gathered.disclosed.public()
     }
@@ -197,7 +195,7 @@ impl Publication {
         self.blobs.clone()
     }
 
-    /// What is served for a resource; `None` if nothing is. A blob that is not in the folder is read from the store of the blobs first.
+    /// A resource's content, if served. A blob outside the folder is first read from the store.
     pub fn read(&self, resource: &Resource) -> Result<Option<Content>, LedgerError> {
         Ok(match resource {
             Resource::Checkpoint => Some(Content::Bytes(self.text.clone())),
@@ -224,7 +222,7 @@ impl Publication {
     }
 }
 
-/// A ledger's folder can be read like any published log.
+/// A folder can be read like any published log.
 impl LogSource for Publication {
     fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError> {
         let failed = |error: String| SourceError::new(path, error);
@@ -250,7 +248,7 @@ impl Texts {
 }
 
 impl GatheredEntries {
-    /// Goes on to the first `size` entries, which are at least as many as before.
+    /// Goes on to the first `size` entries.
     fn up_to(mut self, store: &Store, size: u64) -> Result<Self, LedgerError> {
         for index in self.size..size {
             let body = entry(store, index)?.body;
@@ -262,7 +260,6 @@ impl GatheredEntries {
     }
 }
 
-/// An error that says why the content of `file` is not published.
 fn not_published<E: ToString>(file: &Path) -> impl Fn(E) -> PublicationError + '_ {
     |error| PublicationError::Published {
         path: file.into(),

@@ -1,5 +1,5 @@
-//! A published log, read without trust in whoever serves it. Every tile is verified by the signed root, every entry by its leaf, and every
-//! newer checkpoint by the older one.
+//! Reads a published log without trust in its server. Every tile is verified by the signed root, every entry by its leaf, and every newer
+//! checkpoint by the older one.
 
 use crate::published::source::{LogSource, SourceError};
 use std::cell::RefCell;
@@ -24,10 +24,10 @@ pub enum PublishedError {
     /// A file cannot be read.
     #[error(transparent)]
     Source(#[from] SourceError),
-    /// A file that the log has to serve is missing.
+    /// A file that the log must serve is missing.
     #[error("{0} is missing, but a log of {1} entries has it")]
     Missing(String, u64),
-    /// The log has not published anything.
+    /// Nothing is published.
     #[error("there is no checkpoint, so this is not a published log")]
     NoCheckpoint,
     /// The checkpoint is not valid.
@@ -39,10 +39,10 @@ pub enum PublishedError {
     /// The log has no such entry.
     #[error("there is no entry {index} in a log of {size} entries")]
     NoEntry { index: u64, size: u64 },
-    /// Tiles do not belong to the signed tree.
+    /// The tiles do not belong to the signed tree.
     #[error("the tiles do not belong to the signed tree of {size} entries: {why}")]
     Tiles { size: u64, why: String },
-    /// The bytes are not a bundle, or the bundle holds other entries than the tree.
+    /// The bytes are not a bundle, or its entries are not the tree's.
     #[error("{path}: {why}")]
     Bundle { path: String, why: String },
     /// The log has fewer entries than it signed before.
@@ -50,7 +50,7 @@ pub enum PublishedError {
         "ROLLED BACK: the log publishes a checkpoint of {published} entries, but it signed one of {known} entries before"
     )]
     RolledBack { published: u64, known: u64 },
-    /// The log has another history than it signed before.
+    /// The log's history differs from the one it signed before.
     #[error("FORKED: the first {size} entries of the log have root {found}, but it signed root {known} before")]
     Forked {
         size: u64,
@@ -67,7 +67,7 @@ pub struct PublishedLog<'a> {
 }
 
 impl<'a> PublishedLog<'a> {
-    /// Reads the newest checkpoint of the log `key`, which `policy` has to accept.
+    /// Reads the newest checkpoint of the log `key`, which `policy` must accept.
     pub fn open(
         source: &'a dyn LogSource,
         key: &VerifierKey,
@@ -94,12 +94,12 @@ impl<'a> PublishedLog<'a> {
         self.checkpoint
     }
 
-    /// Its text, with its cosignatures.
+    /// The checkpoint's text, with cosignatures.
     pub fn text(&self) -> &[u8] {
         &self.text
     }
 
-    /// Checks that the log continues `known`, a checkpoint that it signed before: no entry is missing, and none has changed.
+    /// Checks that the log continues `known`, which it signed before.
     pub fn continues(&self, known: &Checkpoint) -> Result<(), PublishedError> {
         let size = self.checkpoint.size;
         if known.size > size {
@@ -120,7 +120,7 @@ impl<'a> PublishedLog<'a> {
         }
     }
 
-    /// The verified bytes of an entry.
+    /// An entry's verified bytes.
     pub fn entry(&self, index: u64) -> Result<Vec<u8>, PublishedError> {
         let mut entries = self.entries(index / TILE_WIDTH)?;
         let at = (index % TILE_WIDTH) as usize;
@@ -155,15 +155,14 @@ impl<'a> PublishedLog<'a> {
         }
     }
 
-    /// The checkpoints after the entries of bundle `number`, as the log serves them. They are not verified. It is `None` after an entry
-    /// within a group.
+    /// The served checkpoints after bundle `number`'s entries, unverified. `None` after an entry within a group.
     pub fn checkpoints(&self, number: u64) -> Result<Vec<Option<Vec<u8>>>, PublishedError> {
         let (_, texts) = self.bundle(TileKind::Checkpoints, number)?;
         let there = |text: Vec<u8>| (!text.is_empty()).then_some(text);
         Ok(texts.into_iter().map(there).collect())
     }
 
-    /// A proof that entry `index` is in the log. It holds the entry and this checkpoint, so that anybody can verify it.
+    /// A proof that entry `index` is in the log, with the entry and this checkpoint, so that anyone can verify it.
     pub fn prove(&self, index: u64) -> Result<TlogProof, PublishedError> {
         let size = self.checkpoint.size;
         if index >= size {
@@ -192,7 +191,7 @@ impl<'a> PublishedLog<'a> {
         read_bundle(self.source, tile, size).map(|items| (tile, items))
     }
 
-    /// Calls `read` with the tree's hashes, each of which is proven to be in the signed tree.
+    /// Calls `read` with the tree's hashes, proven by the signed tree.
     fn tiles<T>(
         &self,
         read: impl FnOnce(&TileHashReader<'_>) -> Result<T, TreeError>,
@@ -216,8 +215,7 @@ impl<'a> PublishedLog<'a> {
     }
 }
 
-/// The first entry of a published log, which is not verified. The genesis in it names the log's key. A reader compares the genesis with the
-/// network's id, or accepts the log as it is.
+/// A published log's first entry, unverified. Its genesis names the log's key. A reader compares it with the network's id, or accepts it.
 pub fn first_entry(source: &dyn LogSource) -> Result<Vec<u8>, PublishedError> {
     let path = Resource::Checkpoint.to_string();
     let text = source
@@ -248,7 +246,7 @@ fn read_bundle(
         .collect())
 }
 
-/// Fetches a tile. If a partial tile is gone because the log has grown, it fetches the full one.
+/// Fetches a tile, or the full one if the log has grown and a partial one is gone.
 fn fetch(
     source: &dyn LogSource,
     tile: Tile,

@@ -1,4 +1,4 @@
-//! Where a published log is read from: a folder with its files, or anything else that has files by path.
+//! Where a published log is read from: anything with files by path, such as a folder.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -7,7 +7,7 @@ use zk0_files::bounded_file;
 
 /// Gives files by the paths of [`zk0_protocol::tlog::layout`].
 pub trait LogSource {
-    /// Opens a file; `None` if there is no file with this path.
+    /// Opens a file; `None` if there is none at this path.
     fn open(&self, path: &str) -> Result<Option<Box<dyn Read>>, SourceError>;
 
     /// Reads a file of at most `limit` bytes.
@@ -21,13 +21,13 @@ pub trait LogSource {
     }
 }
 
-/// A file of a published log cannot be read.
+/// A published log's file cannot be read.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{path}: {why}")]
 pub struct SourceError {
     /// The file.
     pub path: String,
-    /// Why it cannot be read.
+    /// The cause.
     pub why: String,
 }
 
@@ -46,7 +46,7 @@ impl SourceError {
 pub struct FolderSource(PathBuf);
 
 impl FolderSource {
-    /// The log in `dir`. This reads and writes nothing.
+    /// The log in `dir`. Reads and writes nothing.
     pub fn at(dir: &Path) -> Self {
         Self(dir.into())
     }

@@ -1,4 +1,4 @@
-//! Tiles and bundles of a ledger, read from its database.
+//! A ledger's tiles and bundles, read from its database.
 
 use crate::error::LedgerError;
 use crate::store::Store;
@@ -6,8 +6,7 @@ use tlog_tiles::tlog::{stored_hash_index, HashReader};
 use zk0_protocol::tlog::bundle::{push, BundleError};
 use zk0_protocol::tlog::layout::{Tile, TileKind, TILE_HEIGHT};
 
-/// The bytes of `tile` in the log of the first `size` entries of `store`; `None` if that log does not have the tile. A tile has the same
-/// bytes for every size.
+/// The bytes of `tile`, if the log of `store`'s first `size` entries has it. They are the same for every size.
 pub fn read(store: &Store, size: u64, tile: &Tile) -> Result<Option<Vec<u8>>, LedgerError> {
     if !tile.is_in(size) {
         return Ok(None);
@@ -23,7 +22,7 @@ pub fn read(store: &Store, size: u64, tile: &Tile) -> Result<Option<Vec<u8>>, Le
         TileKind::Entries => bundle(positions, |index| {
             store.entry(index)?.ok_or(LedgerError::NoEntry(index))
         })?,
-        // After an entry within its group there is no checkpoint.
+        // There is no checkpoint within a group.
         TileKind::Checkpoints => bundle(positions, |index| {
             Ok(store.checkpoint(index + 1)?.unwrap_or_default())
         })?,

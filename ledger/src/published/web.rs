@@ -1,4 +1,4 @@
-//! A published log under an address, read over HTTP.
+//! A published log, read over HTTP.
 
 use crate::published::http_client::HttpClient;
 use crate::published::source::{LogSource, SourceError};
@@ -9,10 +9,10 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 use zk0_tls::authorities::Authorities;
 
-/// How long a server may be silent, before it answers or in the middle of a file. It may have to fetch the file from a bucket first.
+/// How long a server may be silent. It may have to fetch the file from a bucket.
 const SILENCE: Duration = Duration::from_secs(120);
 
-/// A log that is served under an address.
+/// A log served under an address.
 pub struct Web {
     client: HttpClient,
     base: String,
@@ -21,11 +21,11 @@ pub struct Web {
 }
 
 impl Web {
-    /// The log under `url`, such as `https://host/log`. This fetches nothing. With the PEM file `ca`, only the authorities in it count, and
-    /// otherwise those that the system trusts do.
+    /// The log under `url`, such as `https://host/log`. Fetches nothing. Trusts only the authorities in the PEM file `ca`, or else the
+    /// system's.
     ///
     /// # Errors
-    /// This is no such address, it is not encrypted and there is a `ca`, or the file holds no certificate.
+    /// The address is invalid, or not encrypted despite `ca`, or the file holds no certificate.
     pub fn at(url: &str, ca: Option<&Path>) -> Result<Self, SourceError> {
         let encrypted = url.starts_with("https://");
         if !(encrypted || url.starts_with("http://")) {
@@ -69,19 +69,17 @@ mod tests {
         (0..LENGTH).map(|at| at as u8).collect()
     }
 
-    /// An answer with these headers and this body, after which the connection is closed.
     fn answer(head: &str, body: &[u8]) -> Vec<u8> {
         let head = head.replace('\n', "\r\n");
         let head = format!("HTTP/1.1 {head}\r\nconnection: close\r\n\r\n");
         [head.as_bytes(), body].concat()
     }
 
-    /// The whole file, of which only so many bytes come.
     fn whole(come: usize) -> Vec<u8> {
         answer("200 OK\ncontent-length: 300", &file()[..come])
     }
 
-    /// The file from one byte on, of which those before another come.
+    /// The file from one byte on, cut at another.
     fn rest(from: usize, to: usize) -> Vec<u8> {
         let left = LENGTH - from;
         let head = format!(
@@ -90,7 +88,7 @@ mod tests {
         answer(&head, &file()[from..to])
     }
 
-    /// A server that gives these answers in turn, one on each connection, and then the heads of the requests.
+    /// A server of these answers, one on each connection. Returns the requests' heads.
     fn served(answers: &[Vec<u8>]) -> (Web, JoinHandle<Vec<String>>) {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let url = format!("http://{}", listener.local_addr().unwrap());
@@ -116,7 +114,6 @@ mod tests {
         web.get("x", 1000)
     }
 
-    /// Why the file cannot be read.
     fn refused(answers: &[Vec<u8>]) -> String {
         let (web, server) = served(answers);
         let error = read(&web).unwrap_err().to_string();
@@ -144,7 +141,7 @@ mod tests {
 
     #[test]
     fn a_server_that_knows_no_ranges_sends_the_file_again_and_nothing_is_read_twice() {
-        // The second answer ends before it comes to what is missing.
+        // The second answer ends before the missing part.
         let (web, server) = served(&[whole(100), whole(50), whole(300)]);
         assert_eq!(read(&web).unwrap(), Some(file()));
         server.join().unwrap();
@@ -167,7 +164,7 @@ mod tests {
         let error = refused(&[nothing.clone(), nothing.clone(), nothing]);
         assert!(error.ends_with("status 503: not yet"), "{error}");
         assert!(begun.elapsed() < Duration::from_secs(10));
-        // What does not pass is not asked for again.
+        // A failure that does not pass is not tried again.
         let error = refused(&[answer("500 X\ncontent-length: 0", b"")]);
         assert!(error.ends_with("status 500"), "{error}");
     }

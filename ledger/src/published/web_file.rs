@@ -1,5 +1,5 @@
-//! A file of a served log, read over HTTP to its end. When the connection breaks, or the server cannot answer now, the reader asks again for
-//! what is missing. Whether the bytes are the right ones is for the caller to check, who knows their digest or their signature.
+//! Reads a file of a served log to its end. After a broken connection or a passing failure, the reader asks for what is missing. The caller
+//! verifies the bytes by their digest or signature.
 
 use crate::published::http_client::{HttpClient, HttpError};
 use crate::published::patience::{FailedRequest, RetryBudget, LEAST_BYTES, WITHIN};
@@ -11,25 +11,25 @@ use ureq::http::Response;
 use ureq::Body;
 use zk0_protocol::quote::short;
 
-/// As much is read of what a server says instead of a file.
+/// How much is read of a refusal's text.
 const MAX_REASON_BYTES: u64 = 1 << 10;
 
-/// A file under an address, from its first byte to its last.
+/// A file under an address.
 pub(super) struct WebFile {
     client: HttpClient,
     url: String,
-    /// What the newest answer holds.
+    /// The newest answer.
     body: Box<dyn Read>,
-    /// So many bytes of it come first although they are here already: the server cannot answer with the rest of a file.
+    /// How many of its first bytes are here already, because the server cannot send a rest.
     skip: u64,
-    /// How many bytes were read.
+    /// Bytes read.
     at: u64,
-    /// How many bytes the file has, if the server has said so.
+    /// The file's length, once the server has named it.
     length: Option<u64>,
     patience: RetryBudget,
 }
 
-/// A file cannot be read, or not to its end.
+/// A file cannot be read to its end.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum WebError {
     #[error(transparent)]
@@ -77,7 +77,7 @@ impl WebError {
 }
 
 impl WebFile {
-    /// Asks for the file at `url`. `None` if the server has no such file. `answered` says whether the server has ever answered. Before that, its
+    /// Asks for the file at `url`; `None` if the server has none. `answered` records whether the server has ever answered. Until then, its
     /// address may be wrong, and it is not asked again.
     pub fn open(
         client: HttpClient,
@@ -140,7 +140,7 @@ impl WebFile {
         Ok(true)
     }
 
-    /// Waits until it is time for the next try after `error`, which came of a try that began at `begun`. Fails with it if there is no other.
+    /// Waits for the next try after `error`, from a try that began at `begun`, or fails with it.
     fn wait(&mut self, error: WebError, begun: Instant) -> Result<(), WebError> {
         let Some(wait) = self.patience.next_wait(error.failed()) else {
             return Err(error);
@@ -154,7 +154,7 @@ impl WebFile {
         Ok(())
     }
 
-    /// Asks again until the server answers with what is missing, or there is no other try.
+    /// Asks again until the missing bytes come, or no try is left.
     fn go_on(&mut self, mut error: WebError, mut begun: Instant) -> Result<(), WebError> {
         loop {
             self.wait(error, begun)?;
@@ -168,7 +168,7 @@ impl WebFile {
         }
     }
 
-    /// Reads the next bytes of the answer: those to be skipped, or else new ones. None come at the end of the file.
+    /// Reads the answer's next bytes, to skip or new; none at the file's end.
     fn part(&mut self, buffer: &mut [u8]) -> Result<usize, WebError> {
         let most = match self.skip {
             0 => buffer.len(),
@@ -218,7 +218,7 @@ fn header<'a>(response: &'a Response<Body>, name: &str) -> Option<&'a str> {
     response.headers().get(name)?.to_str().ok()
 }
 
-/// How long the file is of which a server answers with `range`, if that begins with byte `at`, and has as many bytes as were `sent`.
+/// The file's length in a `range` that begins with byte `at` and has `sent` bytes.
 fn length_of(range: &str, at: u64, sent: Option<u64>) -> Option<u64> {
     let (part, length) = range.trim().strip_prefix("bytes ")?.split_once('/')?;
     let (first, last) = part.split_once('-')?;
@@ -231,7 +231,7 @@ fn length_of(range: &str, at: u64, sent: Option<u64>) -> Option<u64> {
     fits.then_some(length)
 }
 
-/// What a server says instead of a file. It helps: the port may speak TLS.
+/// A server's text instead of a file, which helps if the port speaks TLS.
 fn refusal(status: u16, mut response: Response<Body>) -> WebError {
     let again = header(&response, "retry-after").and_then(|seconds| seconds.parse().ok());
     let said = response.body_mut().with_config().limit(MAX_REASON_BYTES);
@@ -254,7 +254,7 @@ mod tests {
     fn a_range_that_was_not_asked_for_does_not_fit() {
         let fits = |range| length_of(range, 100, Some(200));
         assert_eq!(fits("bytes 100-299/300"), Some(300));
-        // A server may answer with less. The reader then asks again.
+        // A server may send less. The reader then asks again.
         assert_eq!(fits("bytes 100-299/500"), Some(500));
         for other in [
             "bytes 99-298/300",

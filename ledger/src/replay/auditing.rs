@@ -1,4 +1,4 @@
-//! An auditor's replay: the caller's own checks of each entry, what an earlier replay has verified, and what is saved for a later one.
+//! An auditor's replay: the caller's checks of each entry, what an earlier replay verified, and what is saved for a later one.
 
 use super::chunk::Chunk;
 use super::database::{self, OpenedDatabase};
@@ -21,7 +21,7 @@ use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::tree::Frontier;
 use zk0_protocol::{Body, Entry, Genesis};
 
-/// Replays the ledger in `dir` with these options, until something cannot be verified.
+/// Replays the ledger in `dir`, until something cannot be verified.
 pub fn replay_with(
     dir: &Path,
     mut options: ReplayOptions<'_>,
@@ -44,20 +44,18 @@ pub fn replay_with(
     auditing.report(history, stopped)
 }
 
-/// What an auditor finds in a history.
 struct Auditing<'a> {
     dir: &'a Path,
     network: Option<Digest>,
     recheck: &'a mut dyn Recheck,
     keep: Option<SaveOptions>,
     kept: Instant,
-    /// Why the newest write to the file of `keep` failed.
     unsaved: Option<String>,
     blobs: Blobs,
     findings: Vec<Finding>,
-    /// How many entries an earlier replay verified. It may have had the same findings about them.
+    /// Entries that an earlier replay verified, perhaps with the same findings.
     before: u64,
-    /// How many entries the file of `keep` is about, if this replay does not go on from it. It stays as it is until as many are verified.
+    /// The entries of `keep`'s file, if this replay does not start there. The file stays until as many are verified.
     known_size: u64,
 }
 
@@ -83,7 +81,6 @@ impl HistoryFold for Auditing<'_> {
 }
 
 impl Auditing<'_> {
-    /// Verifies `history` from the earlier replay, or from the genesis, to the end.
     fn replay(
         &mut self,
         options: ReplayOptions<'_>,
@@ -107,7 +104,6 @@ impl Auditing<'_> {
             Some(saved) => self.resume(&store, saved)?,
             None => VerifiedHistory::found(&store, dir, network.as_ref(), self)?,
         });
-        // What the log's operator says about blobs that are no longer kept.
         if let Some(pruning) = pruned::read_within(self.dir, history.genesis(), size)? {
             self.recheck.pruned(&pruning);
         }
@@ -118,7 +114,7 @@ impl Auditing<'_> {
         Ok(())
     }
 
-    /// Checks that the log continues an earlier replay: it must have the same root at that size. Returns the tree of that size.
+    /// Checks that the log has an earlier replay's root at that size, and returns that tree.
     fn check_continues(&self, store: &Store, saved: &SavedReplay) -> Result<Frontier, Finding> {
         let fault = |text: String| Finding::fault(None, text);
         let founder = Chunk::read(store, 0..1, None);
@@ -141,7 +137,6 @@ impl Auditing<'_> {
         earlier_tree(store, &Checkpoint { size, root })
     }
 
-    /// Goes on from an earlier replay.
     fn resume(&mut self, store: &Store, saved: SavedReplay) -> Result<VerifiedHistory, Finding> {
         let tree = self.check_continues(store, &saved)?;
         self.findings = saved.findings;
@@ -162,7 +157,6 @@ impl Auditing<'_> {
         }
     }
 
-    /// Saves what is verified so far.
     fn save(&mut self, verified: &VerifiedHistory) {
         let found = self.recheck.settle();
         self.found(found);
@@ -178,13 +172,13 @@ impl Auditing<'_> {
             findings: &self.findings,
             recheck: self.recheck.save(),
         };
-        // A later write may succeed, when the disk has room again. The last one decides what the next replay knows.
+        // A later write may succeed, when the disk has room again. The last one counts.
         let written = saving.write(&keep.path);
         self.unsaved = written.err().map(|error| error.to_string());
         self.kept = Instant::now();
     }
 
-    /// Ends the replay. If it stopped early, `stopped` says why, and nothing more is saved.
+    /// Ends the replay, early if `stopped` states why. Then nothing more is saved.
     fn report(
         mut self,
         history: Option<VerifiedHistory>,
@@ -203,7 +197,7 @@ impl Auditing<'_> {
             let text = "the state of this audit cannot be saved, so the next audit does not know what this one has verified";
             Finding::note(None, format!("{text}: {why}"))
         }));
-        // A replay stops at a fault, or where it cannot read any further.
+        // A replay stops at a fault, or where it cannot read.
         let unread = stopped
             .as_ref()
             .filter(|why| why.severity != Severity::Fault);
@@ -234,7 +228,7 @@ impl Auditing<'_> {
     }
 }
 
-/// The tree where an earlier audit verified it. It has to have the same root.
+/// The tree that an earlier audit verified, which must have the same root.
 fn earlier_tree(store: &Store, earlier: &Checkpoint) -> Result<Frontier, Finding> {
     store.known_tree(earlier).map_err(|error| {
         let (verified, root) = (earlier.size, earlier.root);

@@ -1,5 +1,4 @@
-//! The part of a replay that needs only one entry: reading, decoding, verifying signatures. Several threads do it for many entries at
-//! once.
+//! The part of a replay that needs only one entry: reading, decoding, verifying signatures. Several threads do it at once.
 
 use super::stopped::Stopped;
 use crate::store::Store;
@@ -11,41 +10,37 @@ use zk0_protocol::rules::violation::RuleViolation;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::{Body, Entry, Genesis};
 
-/// Most entries in a chunk.
+/// The most entries in a chunk.
 pub const CHUNK: u64 = 256;
 
-/// Some consecutive entries, read and decoded.
+/// Consecutive entries, read and decoded.
 pub struct Chunk {
-    /// The entries, up to the first that cannot be read.
+    /// The entries before the first that cannot be read.
     pub items: Vec<Item>,
-    /// Why the next entry cannot be read.
+    /// Why that one cannot be read.
     pub broken: Option<Stopped>,
 }
 
-/// An entry, and what is stored beside it.
+/// An entry and what is stored beside it.
 pub struct Item {
-    /// Its index.
     pub index: u64,
-    /// The entry.
     pub entry: Entry,
-    /// Its hash as a leaf of the tree.
+    /// Its leaf hash in the tree.
     pub leaf: Hash,
     /// The stored hashes that became final with it; `None` if one is missing.
     pub hashes: Option<Vec<Hash>>,
-    /// The checkpoint after it, if there is one.
+    /// The checkpoint after it, if any.
     pub checkpoint: Option<StoredCheckpoint>,
 }
 
-/// A checkpoint in the database.
 pub struct StoredCheckpoint {
-    /// Its text.
     pub text: Vec<u8>,
-    /// What it says, if its signature is valid; otherwise why it is not.
+    /// The checkpoint, if its signature is valid; otherwise why not.
     pub opened: Result<Checkpoint, String>,
 }
 
 impl Chunk {
-    /// Reads the entries in `range`. `genesis` is the log's genesis. Without it, the first entry has to be a genesis.
+    /// Reads the entries in `range` of `genesis`' log. Without it, the first entry must be a genesis.
     pub fn read(store: &Store, range: Range<u64>, genesis: Option<&Genesis>) -> Self {
         let mut items = Vec::new();
         for index in range {
@@ -63,7 +58,7 @@ impl Chunk {
         }
     }
 
-    /// Verifies the signatures in each entry, and the keys that are new.
+    /// Verifies each entry's signatures, and new keys.
     pub fn authenticate(&self, keys: &KnownKeys) -> Vec<Result<AuthenticEntry<'_>, RuleViolation>> {
         self.items
             .iter()
@@ -99,7 +94,7 @@ impl Item {
 }
 
 impl StoredCheckpoint {
-    /// Verifies the signature of the log of `genesis`.
+    /// Verifies the signature by the log of `genesis`.
     pub fn open(text: Vec<u8>, genesis: Option<&Genesis>) -> Self {
         let opened = match genesis {
             Some(genesis) => Checkpoint::open(&text, genesis.origin(), &genesis.log_key)

@@ -1,5 +1,4 @@
-//! The history that a writer goes on from. Before a log signs more, its writer verifies all entries, and compares the result with what the
-//! log has signed.
+//! A writer's history. Before a log signs more, its writer verifies all entries, and compares them with what the log signed.
 
 use super::database;
 use super::relay;
@@ -12,8 +11,8 @@ use std::path::Path;
 use zk0_circuits::Digest;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 
-/// Reads and verifies everything in `store`, which is the database in `dir`: each entry by the rules, each tree hash, each checkpoint, and the
-/// root at the size of `published`, which is the content of the checkpoint file. If `network` is given, the ledger has to be of that network.
+/// Verifies all of `store`, the database in `dir`: entries by the rules, tree hashes, checkpoints, and the root at the size of `published`,
+/// the checkpoint file's content. With `network`, the ledger must be of that network.
 pub fn verify(
     store: &Store,
     dir: &Path,
@@ -30,7 +29,7 @@ pub fn verify(
     Ok(history)
 }
 
-/// Goes on to the end of `store`, which has to continue what is verified.
+/// Goes on to the end of `store`, which must continue what is verified.
 pub fn verify_rest(
     store: &Store,
     dir: &Path,
@@ -51,7 +50,6 @@ pub fn verify_rest(
     verified.map_err(|stopped| stopped.error)
 }
 
-/// What the checkpoint file says.
 fn open_published(
     dir: &Path,
     history: &VerifiedHistory,
@@ -61,7 +59,7 @@ fn open_published(
     let path = folder::checkpoint(dir);
     let genesis = history.genesis();
     match published {
-        // The writer was killed right after the founding.
+        // The writer was killed right after founding.
         None if held == 1 => Ok(None),
         None => Err(LedgerError::NoCheckpoint(path)),
         Some(text) => Checkpoint::open(text, genesis.origin(), &genesis.log_key)

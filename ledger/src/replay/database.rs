@@ -1,5 +1,4 @@
-//! The database that is replayed. Its newest checkpoint has to be the published one, and it has to hold exactly what a log of its size
-//! holds.
+//! The replayed database. Its newest checkpoint must be the published one, and it must hold exactly what a log of its size holds.
 
 use crate::error::LedgerError;
 use crate::folder;
@@ -12,11 +11,10 @@ use tlog_tiles::tlog::stored_hash_count;
 /// A database whose newest checkpoint is the published one.
 pub struct OpenedDatabase {
     pub(super) store: Store,
-    /// How many entries it has.
     pub(super) size: u64,
 }
 
-/// Opens a database whose newest checkpoint is the published one. It tries again if a writer seems to be using the database.
+/// Opens such a database. Tries again if a writer seems to be using it.
 pub fn open_published(dir: &Path) -> Result<OpenedDatabase, LedgerError> {
     const PAUSE: Duration = Duration::from_millis(20);
     let path = folder::database(dir);
@@ -31,7 +29,7 @@ pub fn open_published(dir: &Path) -> Result<OpenedDatabase, LedgerError> {
             Ok(_) => return opened,
             Err(_) => PAUSE,
         });
-        // If a writer has committed and not published yet, or has published in the meantime, the next try can succeed.
+        // The next try can succeed if a writer has just committed or published.
         let between = matches!(&opened, Err(LedgerError::OtherPublished { published, size, .. })
             if published < size);
         patience -= 1;
@@ -41,9 +39,8 @@ pub fn open_published(dir: &Path) -> Result<OpenedDatabase, LedgerError> {
     }
 }
 
-/// Whether the ledger that gives this error may be whole: it cannot be read now, or whoever imported it was killed before anything was
-/// written, or its writer was killed after it committed a group and before it published the checkpoint. Then the published checkpoint is an
-/// earlier one of the database. Any other is a fault.
+/// Whether the ledger may be whole despite this error: it is unreadable now, or its import was killed before any write, or its writer was
+/// killed between committing a group and publishing the checkpoint, which is then an earlier one of the database. All else is a fault.
 pub fn is_unread(dir: &Path, error: &LedgerError) -> bool {
     match error {
         LedgerError::Unfinished(_) => true,
@@ -54,7 +51,7 @@ pub fn is_unread(dir: &Path, error: &LedgerError) -> bool {
     }
 }
 
-/// Whether the published checkpoint is the one that the database has at this size.
+/// Whether the database has the published checkpoint at this size.
 fn is_earlier(dir: &Path, published: u64) -> Result<bool, LedgerError> {
     let held = Store::open_read_only(&folder::database(dir))?.checkpoint(published)?;
     Ok(held.is_some() && held == folder::read_checkpoint(dir)?)
@@ -65,7 +62,7 @@ fn open_once(dir: &Path, path: &Path) -> Result<OpenedDatabase, LedgerError> {
     let store = Store::open_read_only(path)?;
     let size = store.size()?;
     if size == 0 {
-        // Where a checkpoint is published, there were entries.
+        // A published checkpoint means that there were entries.
         return Err(match published {
             None => LedgerError::Unfinished(dir.into()),
             Some(_) => LedgerError::NoLedger(dir.into()),
@@ -74,8 +71,7 @@ fn open_once(dir: &Path, path: &Path) -> Result<OpenedDatabase, LedgerError> {
     let Some(published) = published else {
         return Err(LedgerError::NoCheckpoint(folder::checkpoint(dir)));
     };
-    // A writer commits before it publishes. If it has published something new in the meantime, the checkpoint that we read has to be in
-    // the database, but it need not be the newest.
+    // A writer commits before it publishes. If it has published meanwhile, our checkpoint is in the database, perhaps not as the newest.
     let at_work = folder::read_checkpoint(dir)?.as_ref() != Some(&published);
     let claimed = claimed_size(&published).unwrap_or_default();
     let at = if at_work { claimed } else { size };
@@ -90,13 +86,13 @@ fn open_once(dir: &Path, path: &Path) -> Result<OpenedDatabase, LedgerError> {
     }
 }
 
-/// The size that a checkpoint's text claims. It is not verified.
+/// The size that a checkpoint's text claims, not verified.
 fn claimed_size(text: &[u8]) -> Option<u64> {
     let line = text.split(|byte| *byte == b'\n').nth(1)?;
     std::str::from_utf8(line).ok()?.parse().ok()
 }
 
-/// Checks that the database has every entry and hash of a log of this size, and no other keys. There is a checkpoint where a group ended.
+/// Checks that the database has every entry and hash of a log of this size, checkpoints where groups ended, and no other keys.
 pub fn check_keys(store: &Store, size: u64) -> Result<(), LedgerError> {
     let (mut entries, mut hashes) = (0..size, 0..stored_hash_count(size));
     for key in store.keys() {

@@ -1,14 +1,13 @@
-//! The replay: it reads a ledger's folder from the first byte and verifies everything. An auditor's replay reports, and a writer goes on from
-//! what its replay has verified.
+//! The replay reads a ledger's folder from the first byte and verifies everything. An auditor's replay reports; a writer's replay goes on.
 //!
-//! Several threads do the part that needs only one entry ([`chunk`]: reading, decoding, signatures). The part that needs the entries before
-//! it ([`verified`]: tree, rules, and a fold over the entries) is done in order, by one thread at a time. Each thread holds one chunk, so
-//! only the network's state grows with the log. The result does not depend on the number of threads.
+//! Several threads do the part that needs only one entry ([`chunk`]). The part that needs earlier entries ([`verified`]) is done in order,
+//! by one thread at a time. Each thread holds one chunk, so only the network's state grows with the log. The result does not depend on the
+//! number of threads.
 //!
 //! - [`relay`]: the threads; [`database`]: how an auditor opens the database, and its keys; [`stopped`]: why a replay stops;
 //! - [`continuing`]: a writer's replay;
 //! - [`auditing`]: an auditor's replay; [`recheck`]: what an auditor checks besides; [`report`]: the report at the end;
-//! - [`options`]: how to replay; [`saved`]: a replay on disk, from which a later replay goes on.
+//! - [`options`]: how to replay; [`saved`]: a replay on disk, to go on from.
 
 mod auditing;
 mod chunk;
@@ -35,7 +34,7 @@ use crate::error::LedgerError;
 use std::path::Path;
 use zk0_circuits::Digest;
 
-/// Replays the ledger in `dir`, which may be a read-only copy, or in use. If `network` is given, the ledger has to be of that network.
+/// Replays the ledger in `dir`, perhaps a read-only copy or in use. With `network`, it must be of that network.
 pub fn replay(dir: &Path, network: Option<&Digest>, recheck: &mut dyn Recheck) -> ReplayReport {
     let options = ReplayOptions {
         network: network.copied(),
@@ -44,10 +43,10 @@ pub fn replay(dir: &Path, network: Option<&Digest>, recheck: &mut dyn Recheck) -
     replay_with(dir, options, recheck)
 }
 
-/// Opens the ledger in `dir` before a replay, which takes it in its [`ReplayOptions`]. `None` if something is wrong: the replay reports it.
+/// Opens the ledger in `dir` for [`ReplayOptions`]. `None` if something is wrong, which the replay reports.
 ///
 /// # Errors
-/// Nobody can say yet whether something is wrong: the folder cannot be read, or its writer was killed between two writes.
+/// Too early for a verdict: the folder is unreadable, or its writer was killed between two writes.
 pub fn open(dir: &Path) -> Result<Option<OpenedDatabase>, LedgerError> {
     match database::open_published(dir) {
         Ok(opened) => Ok(Some(opened)),

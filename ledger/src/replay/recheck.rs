@@ -1,17 +1,17 @@
-//! What a caller checks besides the ledger itself.
+//! A caller's checks besides the ledger itself.
 
 use super::report::Finding;
 use crate::blobs::Blobs;
 use zk0_protocol::pruning::Pruning;
 use zk0_protocol::{Entry, Genesis, State};
 
-/// The checks that an auditor adds to each entry: proofs, refusals, aggregation. The replay has verified the entry's bytes, the tree and
-/// the checkpoint before it calls these functions. The calls come one after the other, though not all from the same thread.
+/// An auditor's further checks of each entry: proofs, refusals, aggregation. The replay first verifies the entry's bytes, the tree and the
+/// checkpoint. The calls come in order, though from several threads.
 pub trait Recheck: Send {
-    /// The replay begins, and the log has so many entries.
+    /// The replay begins. The log has so many entries.
     fn begin(&mut self, _entries: u64) {}
 
-    /// Before any entry but the genesis is checked: what the log's operator says about blobs that are no longer kept.
+    /// Takes the operator's statement about pruned blobs, before any entry but the genesis.
     fn pruned(&mut self, _pruning: &Pruning) {}
 
     /// Checks the genesis.
@@ -19,8 +19,8 @@ pub trait Recheck: Send {
         Vec::new()
     }
 
-    /// Checks an entry that the rules allow in the state `before`. Long checks may be left to other threads, so the result is findings about
-    /// this entry and about entries before it, in order.
+    /// Checks an entry that the rules allow in the state `before`. Other threads may do long checks, so the findings are about this entry
+    /// and earlier ones, in order.
     fn entry(
         &mut self,
         _before: &State,
@@ -31,18 +31,18 @@ pub trait Recheck: Send {
         Vec::new()
     }
 
-    /// Waits for the checks that were left to other threads, and returns their findings.
+    /// Waits for the other threads' checks, and returns their findings.
     fn settle(&mut self) -> Vec<Finding> {
         Vec::new()
     }
 
-    /// Whether a later replay may go on from here. Otherwise the replay is not saved, and the file of an earlier one stays: some check could
-    /// not be done, and has to be done later. It is asked for after [`Recheck::settle`].
+    /// Whether a later replay may go on from here. Otherwise some check is still to be done, and an earlier replay's file stays. Called
+    /// after [`Recheck::settle`].
     fn may_be_saved(&self) -> bool {
         true
     }
 
-    /// The state that another process needs to go on from here. It is asked for after [`Recheck::settle`].
+    /// What another process needs to go on from here. Called after [`Recheck::settle`].
     fn save(&self) -> Vec<u8> {
         Vec::new()
     }
@@ -53,5 +53,5 @@ pub trait Recheck: Send {
     }
 }
 
-/// No checks beyond the ledger's own.
+/// No further checks.
 impl Recheck for () {}

@@ -1,4 +1,4 @@
-//! A replay on several threads: each prepares chunks, and the serial part passes from thread to thread, in order.
+//! A replay on several threads: each prepares chunks, and the serial part passes between them in order.
 
 use super::chunk::{Chunk, CHUNK};
 use super::stopped::Stopped;
@@ -10,7 +10,7 @@ use std::thread;
 use zk0_protocol::entries::known_keys::KnownKeys;
 use zk0_protocol::Genesis;
 
-/// Goes on with `history` to the end of its log of `whole` entries, with so many threads. Stops at the first entry that it cannot verify.
+/// Verifies `history` to the end of its log of `whole` entries, or to the first entry that fails, with so many threads.
 pub fn run(
     store: &Store,
     whole: u64,
@@ -53,12 +53,12 @@ pub fn run(
     }
 }
 
-/// One thread more than there are cores, because one may be waiting for its turn.
+/// The cores and one, because one thread may be waiting for its turn.
 pub fn default_threads() -> usize {
     thread::available_parallelism().map_or(2, |cores| cores.get() + 1)
 }
 
-/// Distributes chunks of entries to several threads, which do the serial part in the order of the chunks.
+/// Gives chunks to several threads, which do the serial part in order.
 struct Relay<'a> {
     store: &'a Store,
     entries: std::ops::Range<u64>,
@@ -67,7 +67,7 @@ struct Relay<'a> {
     next: AtomicU64,
     progress: Option<&'a (dyn Fn(u64, u64) + Sync)>,
     track: Mutex<Track<'a>>,
-    /// Wakes the waiting threads when the next chunk's turn has come, and when the replay stops.
+    /// Wakes waiting threads at the next chunk's turn, and when the replay stops.
     turned: Condvar,
 }
 
@@ -80,9 +80,9 @@ struct Track<'a> {
 }
 
 enum Stop {
-    /// An entry is not valid, or it cannot be read. So nothing can be said of those after it.
+    /// An entry is invalid or unreadable, so nothing is known of later ones.
     At(Stopped),
-    /// A thread has panicked, and the others must not wait for it.
+    /// A thread has panicked. The others must not wait for it.
     Panic,
 }
 
@@ -128,7 +128,7 @@ impl<'a> Relay<'a> {
         drop(alarm);
     }
 
-    /// The keys that are known now; `None` once the replay has stopped.
+    /// The keys known now; `None` once the replay has stopped.
     fn keys(&self) -> Option<Arc<KnownKeys>> {
         let track = self.lock();
         track.stop.is_none().then(|| track.history.keys())

@@ -1,4 +1,4 @@
-//! The report of a replay: findings, and a verdict on the history.
+//! A replay's report: findings and a verdict.
 
 use super::stopped::Stopped;
 use crate::error::LedgerError;
@@ -9,9 +9,9 @@ use zk0_protocol::rules::network_rules::Rules;
 /// Something that an auditor should know.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, BorshSerialize, BorshDeserialize)]
 pub struct Finding {
-    /// The entry it is about.
+    /// Its entry, if it is about one.
     pub index: Option<u64>,
-    /// How serious it is.
+    /// Its severity.
     pub severity: Severity,
     /// The finding in words.
     pub text: String,
@@ -23,23 +23,23 @@ pub struct Finding {
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum Severity {
-    /// Something deserves a look. The verdict does not change.
+    /// Deserves a look. The verdict does not change.
     Note,
-    /// Something was not checked: the verdict is [`Verdict::Incomplete`] at best.
+    /// Not checked: [`Verdict::Incomplete`] at best.
     NotChecked,
-    /// Something is wrong: the verdict is [`Verdict::Failed`].
+    /// Wrong: [`Verdict::Failed`].
     Fault,
 }
 
-/// The verdict on the history.
+/// The verdict on a history.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
     /// Everything was checked, and nothing is wrong.
     Verified,
-    /// Nothing was found to be wrong, but something was not checked: see the findings.
+    /// Nothing wrong was found, but something was not checked.
     Incomplete,
-    /// Something is wrong: see the findings.
+    /// Something is wrong.
     Failed,
 }
 
@@ -48,13 +48,13 @@ pub enum Verdict {
 pub struct ReplayReport {
     /// The verdict.
     pub verdict: Verdict,
-    /// The network's name, once the genesis was read.
+    /// The network's name, from the genesis.
     pub name: Option<String>,
     /// The network's id, in hexadecimal.
     pub network: Option<String>,
-    /// How many entries were verified.
+    /// Verified entries.
     pub entries: u64,
-    /// How many checkpoints were verified.
+    /// Verified checkpoints.
     pub checkpoints: u64,
     /// Root of the last verified tree, in hexadecimal.
     pub root: Option<String>,
@@ -62,18 +62,18 @@ pub struct ReplayReport {
     pub state: Option<String>,
     /// The rules in force after the last verified entry.
     pub rules: Option<Rules>,
-    /// Why the replay could not be saved, if that failed. The next replay then knows nothing of this one, and notices no rollback.
+    /// Why saving failed. The next replay then notices no rollback since the last save.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unsaved: Option<String>,
-    /// Why the replay could not read the ledger to its end: a disk failed, which says nothing about the ledger. It is among the findings.
+    /// Why the replay could not read to the end, such as a failed disk: no verdict about the ledger. It is among the findings.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unread: Option<Finding>,
-    /// The findings in the order of the entries, then what was not checked, and at last why the replay stopped, if it did.
+    /// The findings: by entry, then what was not checked, then why the replay stopped, if it did.
     pub findings: Vec<Finding>,
 }
 
 impl Finding {
-    /// A finding that makes the verdict [`Verdict::Failed`].
+    /// Makes the verdict [`Verdict::Failed`].
     pub fn fault(index: impl Into<Option<u64>>, text: impl Into<String>) -> Self {
         Self {
             index: index.into(),
@@ -82,7 +82,7 @@ impl Finding {
         }
     }
 
-    /// A finding that makes the verdict [`Verdict::Incomplete`] at best.
+    /// Makes the verdict [`Verdict::Incomplete`] at best.
     pub fn not_checked(index: impl Into<Option<u64>>, text: impl Into<String>) -> Self {
         Self {
             severity: Severity::NotChecked,
@@ -90,7 +90,7 @@ impl Finding {
         }
     }
 
-    /// A finding that does not change the verdict.
+    /// Does not change the verdict.
     pub fn note(index: impl Into<Option<u64>>, text: impl Into<String>) -> Self {
         Self {
             severity: Severity::Note,
@@ -99,7 +99,7 @@ impl Finding {
     }
 }
 
-/// That a ledger cannot be verified any further is a fault, unless it just cannot be read.
+/// A stop is a fault, unless the ledger just cannot be read.
 impl From<Stopped> for Finding {
     fn from(Stopped { index, error }: Stopped) -> Self {
         match error {

@@ -1,7 +1,7 @@
-//! A saved replay: what an auditor has verified so far, and need not read again.
+//! A saved replay: what an auditor has verified, and need not read again.
 //!
-//! The file has a line that names the format, the SHA-256 of the rest, and the rest in borsh encoding. It belongs to the auditor, and a
-//! later replay trusts it. Whoever can write this file can make that replay accept anything.
+//! The file has a line with the format, the SHA-256 of the rest, and the rest in borsh. A later replay trusts it: an attacker who can write
+//! it can make that replay accept anything.
 
 use super::report::Finding;
 use super::verified::VerifiedHistory;
@@ -17,25 +17,22 @@ use zk0_protocol::rules::state::State;
 
 const FORMAT: &[u8] = b"zk0 audit state v5\n";
 
-/// Largest file that is read, in bytes.
+/// The largest file that is read, in bytes.
 const MAX_BYTES: u64 = 1 << 32;
 
 /// The verified first entries of a log.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct SavedReplay {
-    /// [`ENTRY_VERSION`] of the software that wrote it.
+    /// The writer's [`ENTRY_VERSION`].
     version: u16,
     /// How many entries are verified.
     pub size: u64,
-    /// Root of their tree.
+    /// Their tree's root.
     pub root: Digest,
-    /// How many checkpoints were verified.
     pub(super) checkpoints: u64,
-    /// The network after them.
     pub(super) state: State,
-    /// The findings.
     pub(super) findings: Vec<Finding>,
-    /// The state of the caller's own checks ([`super::Recheck::save`]).
+    /// The state of the caller's checks ([`super::Recheck::save`]).
     pub recheck: Vec<u8>,
 }
 
@@ -45,18 +42,18 @@ pub enum SavedError {
     /// The file cannot be read or written.
     #[error("{path}: {error}")]
     Io { path: PathBuf, error: io::Error },
-    /// The file is damaged, of another kind, or of another version.
+    /// The file is damaged, or of another kind or version.
     #[error("{path} is not a usable state file of an audit: {why}")]
     Unusable { path: PathBuf, why: String },
 }
 
 impl SavedReplay {
-    /// The network of the log.
+    /// The log's network.
     pub fn network(&self) -> &Digest {
         self.state.network()
     }
 
-    /// Reads the file at `path`; `None` if there is no such file.
+    /// Reads the file at `path`; `None` without a file.
     pub fn read(path: &Path) -> Result<Option<Self>, SavedError> {
         let failed = |error| SavedError::Io {
             path: path.into(),
@@ -99,7 +96,7 @@ impl SavedReplay {
     }
 }
 
-/// The values that are written. It has the fields of [`SavedReplay`], but borrows them.
+/// The fields of [`SavedReplay`], borrowed for writing.
 pub(super) struct Saving<'a> {
     pub verified: &'a VerifiedHistory,
     pub findings: &'a Vec<Finding>,
@@ -107,7 +104,7 @@ pub(super) struct Saving<'a> {
 }
 
 impl Saving<'_> {
-    /// Replaces the file. It is on disk when this returns.
+    /// Replaces the file, durably.
     pub fn write(&self, path: &Path) -> Result<(), SavedError> {
         let write = || {
             let rest = borsh::to_vec(&(

@@ -1,24 +1,24 @@
-//! Where a history cannot be verified any further, and why.
+//! Where and why a history cannot be verified any further.
 
 use crate::error::LedgerError;
 
 /// Why a history cannot be verified any further.
 #[derive(Debug)]
 pub struct Stopped {
-    /// The entry where it stops; `None` if it is about the whole ledger.
+    /// The entry; `None` for the whole ledger.
     pub index: Option<u64>,
     /// Why.
     pub error: LedgerError,
 }
 
 impl Stopped {
-    /// An entry is not valid where it is, or what belongs to it is not.
+    /// An entry, or what belongs to it, is not valid.
     pub fn bad(index: u64, why: impl Into<String>) -> Self {
         let why = why.into();
         Self::at(index, LedgerError::BadEntry { index, why })
     }
 
-    /// Something is wrong at this entry, or it cannot be read.
+    /// This entry is wrong, or cannot be read.
     pub fn at(index: u64, error: LedgerError) -> Self {
         Self {
             index: Some(index),

@@ -1,5 +1,4 @@
-//! The part of a replay that needs the entries before: the tree, the checkpoints, the rules. It takes one entry after the other, and hands
-//! each to a fold.
+//! The part of a replay that needs earlier entries: tree, checkpoints, rules. Each entry then goes to a fold.
 
 use super::chunk::{Chunk, Item, StoredCheckpoint};
 use super::stopped::Stopped;
@@ -18,37 +17,35 @@ use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::tree::Frontier;
 use zk0_protocol::{Entry, Genesis};
 
-/// What somebody computes of a history, entry by entry, while it is verified. The calls come one after the other, though not all from the
-/// same thread.
+/// Computes something from a history while it is verified. The calls come in the order of entries, though from several threads.
 pub trait HistoryFold: Send {
     /// Takes the genesis.
     fn genesis(&mut self, _genesis: &Genesis) {}
 
-    /// Takes entry `index`, which the rules allow in the state `before`. Its bytes, the tree and the checkpoint after it are verified.
+    /// Takes entry `index`, allowed by the rules in the state `before`, after its bytes, its tree and its checkpoint are verified.
     fn entry(&mut self, _before: &State, _index: u64, _entry: &Entry) {}
 
-    /// Is called from time to time, with what is verified so far.
+    /// Called now and then, with what is verified so far.
     fn pause(&mut self, _verified: &VerifiedHistory) {}
 }
 
-/// Nothing but the history itself.
 impl HistoryFold for () {}
 
 /// The verified first entries of a log.
 pub struct VerifiedHistory {
-    /// How many entries the log has.
+    /// The number of entries in the log.
     whole: u64,
     state: State,
     tree: Frontier,
-    /// The keys that the verified entries use. Threads that verify signatures hold older copies.
+    /// The verified entries' keys. Threads that verify signatures hold older copies.
     keys: Arc<KnownKeys>,
     checkpoints: u64,
-    /// The text of the newest verified checkpoint. It is empty where the history goes on from an earlier replay.
+    /// The newest verified checkpoint; empty at the start from an earlier replay.
     checkpoint: Vec<u8>,
 }
 
 impl VerifiedHistory {
-    /// Verifies the first entry in `store`, which is the database in `dir`. If `network` is given, it has to found that network.
+    /// Verifies the first entry in `store`, the database in `dir`. With `network`, it must found that network.
     pub(super) fn found(
         store: &Store,
         dir: &Path,
@@ -70,7 +67,7 @@ impl VerifiedHistory {
         Ok(history)
     }
 
-    /// What an earlier replay has verified, and `tree`, which is the one that it had.
+    /// The state and `tree` of an earlier replay.
     pub(super) fn resume(state: State, tree: Frontier, checkpoints: u64) -> Self {
         Self {
             whole: tree.size(),
@@ -82,8 +79,7 @@ impl VerifiedHistory {
         }
     }
 
-    /// Says how many entries the log has. If the verified ones are all of them, no later checkpoint vouches for the last one, so it needs
-    /// its own.
+    /// Sets the log's number of entries. If all are verified, nothing later vouches for the last one, so it needs its own checkpoint.
     pub(super) fn is_of(&mut self, store: &Store, whole: u64) -> Result<(), Stopped> {
         self.whole = whole;
         if self.size() < whole {
@@ -99,7 +95,7 @@ impl VerifiedHistory {
         Ok(())
     }
 
-    /// How many entries are verified.
+    /// The number of verified entries.
     pub fn size(&self) -> u64 {
         self.tree.size()
     }
@@ -114,12 +110,12 @@ impl VerifiedHistory {
         &self.state
     }
 
-    /// The root of their tree.
+    /// Their tree's root.
     pub fn root(&self) -> Result<Digest, LedgerError> {
         Ok(self.tree.root()?)
     }
 
-    /// How many checkpoints are verified.
+    /// The number of verified checkpoints.
     pub fn checkpoints(&self) -> u64 {
         self.checkpoints
     }
@@ -129,17 +125,16 @@ impl VerifiedHistory {
         &self.checkpoint
     }
 
-    /// The keys that are known so far, for the threads that verify signatures.
+    /// The keys known so far, for threads that verify signatures.
     pub(super) fn keys(&self) -> Arc<KnownKeys> {
         Arc::clone(&self.keys)
     }
 
-    /// The state, the tree, and the text of the newest checkpoint.
     pub(crate) fn into_parts(self) -> (State, Frontier, Vec<u8>) {
         (self.state, self.tree, self.checkpoint)
     }
 
-    /// Verifies the next entries, in order. `authentic` says for each whether its signatures are valid.
+    /// Verifies the next entries in order. `authentic` has the results of their signatures.
     pub(super) fn take(
         &mut self,
         chunk: &Chunk,
@@ -152,7 +147,7 @@ impl VerifiedHistory {
                 .map_err(|violation| Stopped::bad(item.index, violation.to_string()))?;
             fold.entry(&self.state, item.index, &item.entry);
             self.state.enact(&root, &item.entry);
-            // The map is copied when other threads hold it, so it is left alone where nothing is new.
+            // Other threads may hold the map, and a change then copies it.
             if self.keys.lacks(&item.entry) {
                 Arc::make_mut(&mut self.keys).learn(&item.entry);
             }
@@ -169,8 +164,8 @@ impl VerifiedHistory {
         }
     }
 
-    /// The tree with one more entry, and its root, which is the true one where something follows from it. The stored hashes have to be those
-    /// that the entry completes, and the checkpoint after it has to be of this tree.
+    /// The tree with one more entry, and its root where something follows from it. The stored hashes must be those that the entry
+    /// completes, and its checkpoint must be of this tree.
     fn with_leaf(&self, item: &Item) -> Result<(Frontier, Digest), Stopped> {
         let bad = |why: String| Stopped::bad(item.index, why);
         let mut tree = self.tree.clone();
@@ -191,7 +186,7 @@ impl VerifiedHistory {
         Ok((tree, root))
     }
 
-    /// Whether the rules allow the entry. The thread that read the entry has verified its signatures.
+    /// Whether the rules allow the entry. Its signatures are already verified.
     fn check_allowed(
         &self,
         entry: &Entry,
@@ -205,7 +200,7 @@ impl VerifiedHistory {
     }
 }
 
-/// Checks the checkpoint of `after`'s size. It may be missing within a group, but not where it is `needed`.
+/// Checks the checkpoint of `after`'s size, which may be missing within a group unless `needed`.
 fn check_checkpoint(
     signed: Option<&StoredCheckpoint>,
     after: &Checkpoint,
@@ -223,7 +218,7 @@ fn check_checkpoint(
     }
 }
 
-/// Refuses a folder of another network than `expected`.
+/// Refuses a folder of another network.
 pub fn check_network(
     dir: &Path,
     found: &Digest,

@@ -1,14 +1,13 @@
-//! A database in three plain files, which are only ever appended to: a build of zk0 without RocksDB keeps its copies of logs in them. A
-//! database can be read while another process writes to it.
+//! A database in three plain append-only files, for copies of logs in a build without RocksDB. It can be read beside a writer.
 //!
 //! | file | content |
 //! |---|---|
-//! | `records` | for each entry a [`Record`], in borsh encoding, and the SHA-256 of that |
+//! | `records` | for each entry a [`Record`] in borsh, and its SHA-256 |
 //! | `ends` | for each entry, where its record ends: 64 bits, little-endian |
-//! | `size` | the number of entries, in borsh encoding, and the SHA-256 of that |
+//! | `size` | the number of entries in borsh, and its SHA-256 |
 //!
-//! A commit appends to the first two files, waits until that is on disk, and then replaces the third. What is behind the last record is from a commit
-//! that was interrupted. The next one writes over it.
+//! A commit appends to the first two files, waits until they are on disk, and then replaces the third. Bytes after the last record are from
+//! an interrupted commit. The next one overwrites them.
 
 use super::engine::{DatabaseKey, Engine, Keys};
 use crate::error::{io_error, DatabaseError, DatabaseFailure, LedgerError};
@@ -23,13 +22,11 @@ use tlog_tiles::tlog::{split_stored_hash_index, stored_hash_count, stored_hash_i
 use zk0_files::atomic_file::{self, create_folder};
 use zk0_files::bounded_file;
 
-/// The most bytes of a record that are read. An entry and a checkpoint have at most 64 KiB each.
+/// The most bytes of a record. An entry and a checkpoint have at most 64 KiB each.
 const MAX_RECORD_BYTES: u64 = 1 << 18;
 
-/// The bytes of a SHA-256.
 const SEAL: usize = 32;
 
-/// The database in a folder.
 pub struct Files {
     dir: PathBuf,
     records: File,
@@ -37,23 +34,21 @@ pub struct Files {
     size: Mutex<u64>,
 }
 
-/// What is written with an entry.
 #[derive(BorshSerialize, BorshDeserialize)]
 struct Record {
     entry: Vec<u8>,
-    /// The tree hashes that become final with the entry.
+    /// The tree hashes that become final with it.
     hashes: Vec<Vec<u8>>,
-    /// The checkpoint after it, if there is one.
     checkpoint: Option<Vec<u8>>,
 }
 
-/// Whether there is such a database in the folder `dir`. Where making one was interrupted, there is none yet.
+/// Whether the folder `dir` has such a database, completely made.
 pub fn is_in(dir: &Path) -> bool {
     dir.join("size").exists()
 }
 
 impl Files {
-    /// Opens the database in the folder `dir` for writing, or makes it.
+    /// Opens or makes the database in `dir` for writing.
     pub fn open(dir: &Path) -> Result<Self, LedgerError> {
         create_folder(dir).map_err(io_error(dir))?;
         let mut options = File::options();
@@ -72,7 +67,7 @@ impl Files {
         Ok(Self::whole(dir, records, ends)?)
     }
 
-    /// Opens a snapshot for reading. This writes nothing.
+    /// Opens a snapshot for reading. Writes nothing.
     pub fn open_read_only(dir: &Path) -> Result<Self, LedgerError> {
         let open = |name: &str| File::open(dir.join(name)).map_err(io_error(dir));
         Ok(Self::whole(dir, open("records")?, open("ends")?)?)
@@ -98,7 +93,7 @@ impl Files {
         self.size.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Where the record of an entry begins.
+    /// Where an entry's record begins.
     fn start(&self, index: u64) -> Result<u64, DatabaseError> {
         let Some(before) = index.checked_sub(1) else {
             return Ok(0);
@@ -109,7 +104,6 @@ impl Files {
         Ok(u64::from_le_bytes(end))
     }
 
-    /// The record of an entry; `None` if there is no such entry.
     fn record(&self, index: u64) -> Result<Option<Record>, DatabaseError> {
         if index >= *self.locked_size() {
             return Ok(None);
@@ -225,7 +219,7 @@ fn write_size(dir: &Path, size: u64) -> Result<(), DatabaseError> {
     written.map_err(failed(dir))
 }
 
-/// A value's encoding, and the SHA-256 of that.
+/// A value's encoding, and its SHA-256.
 fn sealed(value: &impl BorshSerialize) -> io::Result<Vec<u8>> {
     let mut bytes = borsh::to_vec(value)?;
     let seal = Sha256::digest(&bytes);

@@ -1,4 +1,4 @@
-//! RocksDB, in which ledgers are kept. A database can be read while another process writes to it.
+//! A ledger's database in RocksDB. It can be read beside a writer.
 //!
 //! | key | value |
 //! |---|---|
@@ -20,11 +20,10 @@ const WRITE_BUFFER: usize = 16 << 20;
 /// Bytes of tables that it keeps in memory.
 const BLOCK_CACHE: usize = 16 << 20;
 
-/// A database of RocksDB.
 pub struct RocksDb(DB);
 
 impl RocksDb {
-    /// Opens the database in the folder `path` for writing, or makes it.
+    /// Opens or makes the database in `path` for writing.
     pub fn open(path: &Path) -> Result<Self, LedgerError> {
         let mut options = options();
         options.create_if_missing(true);
@@ -35,13 +34,13 @@ impl RocksDb {
         }
     }
 
-    /// Opens a snapshot for reading. This writes nothing.
+    /// Opens a snapshot for reading. Writes nothing.
     pub fn open_read_only(path: &Path) -> Result<Self, LedgerError> {
         let opened = DB::open_for_read_only(&options(), path, false);
         Ok(Self(opened.map_err(DatabaseError::from)?))
     }
 
-    /// The first key that is read in this way.
+    /// The first key in this order.
     fn first(&self, mode: IteratorMode<'_>) -> Result<Option<DatabaseKey>, DatabaseError> {
         let item = self.0.iterator(mode).next().transpose()?;
         Ok(item.and_then(|(key, _)| parse(&key)))
@@ -114,15 +113,15 @@ fn parse(bytes: &[u8]) -> Option<DatabaseKey> {
 fn options() -> Options {
     let mut options = Options::default();
     options.set_paranoid_checks(true);
-    // RocksDB holds the newest data in memory, and reads it from its journal again whenever the database is opened.
+    // RocksDB holds the newest data in memory, and replays its journal at each opening.
     options.set_write_buffer_size(WRITE_BUFFER);
     let mut blocks = BlockBasedOptions::default();
     blocks.set_block_cache(&Cache::new_lru_cache(BLOCK_CACHE));
     options.set_block_based_table_factory(&blocks);
-    // A record that a crash cut off is dropped, because it was never acknowledged. If a damaged record looks like one, the log becomes
-    // shorter than its signed checkpoint, and opening fails.
+    // A record that a crash cut off was never acknowledged, and is dropped. If a damaged record looks like one, the log becomes shorter
+    // than its signed checkpoint, and opening fails.
     options.set_wal_recovery_mode(DBRecoveryMode::TolerateCorruptedTailRecords);
-    // RocksDB's own log messages go to our log, so that the folder holds only data, and read-only file systems can be read.
+    // Our log takes RocksDB's messages, so that the folder holds only data, and can be read-only.
     options.set_info_logger(InfoLogger::new_callback_logger(
         LogLevel::Warn,
         |_, message| tracing::debug!(target: "rocksdb", "{}", message.trim_end()),

@@ -1,4 +1,4 @@
-//! What can be read of a log beside its writer: entries and receipts of entries, which never change. Nobody waits for the writer, and it for nobody.
+//! Reads a log beside its writer: entries and receipts, which never change. Reader and writer never wait for each other.
 
 use super::Store;
 use crate::error::LedgerError;
@@ -9,7 +9,7 @@ use zk0_protocol::entries::entry::Entry;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::receipt::Receipt;
 
-/// Reads a log that is open for writing. Clones read the same database.
+/// Reads a log beside its writer. Clones share the database.
 #[derive(Clone)]
 pub struct LedgerReader {
     pub(crate) store: Arc<Store>,
@@ -36,8 +36,7 @@ impl LedgerReader {
         self.receipt_with(size, checkpoint, index)
     }
 
-    /// The proof that entry `index` is in the tree of the first `size` entries, with the checkpoint of that size. A group has to have ended
-    /// there.
+    /// Proves that entry `index` is among the first `size` entries, with that size's checkpoint. A group must have ended there.
     pub fn receipt_at(&self, size: u64, index: u64) -> Result<Receipt, LedgerError> {
         self.receipt_with(size, self.checkpoint_at(size)?, index)
     }
@@ -59,21 +58,21 @@ impl LedgerReader {
         })
     }
 
-    /// The log's checkpoint of the first `size` entries, with only the log's signature. A group has to have ended there.
+    /// The checkpoint of the first `size` entries, without cosignatures. A group must have ended there.
     pub fn checkpoint_at(&self, size: u64) -> Result<Vec<u8>, LedgerError> {
         let missing = LedgerError::NoCheckpointAt(size);
         self.store.checkpoint(size)?.ok_or(missing)
     }
 
-    /// Whether the log goes on from `signed`, a checkpoint that it has signed: its entries are the first ones here.
+    /// Checks that the log continues `signed`, a checkpoint of its own.
     ///
     /// # Errors
-    /// [`LedgerError::RolledBack`] if entries are missing here, [`LedgerError::Forked`] if others are here.
+    /// [`LedgerError::RolledBack`] if entries are missing here, [`LedgerError::Forked`] if they differ.
     pub fn continues(&self, signed: &Checkpoint) -> Result<(), LedgerError> {
         self.store.known_tree(signed).map(drop)
     }
 
-    /// RFC 6962 consistency proof from the tree of the first `old` entries to that of the first `new`.
+    /// RFC 6962 consistency proof from the first `old` entries to the first `new`.
     pub fn consistency_between(&self, old: u64, new: u64) -> Result<Vec<Digest>, LedgerError> {
         let proof = prove_tree(new, old, &*self.store)?;
         Ok(proof.into_iter().map(|hash| Digest(hash.0)).collect())
