@@ -358,6 +358,7 @@ fn an_audit_reads_the_moments_that_the_round_goes_on_from() {
             state: state.clone(),
             contributions: contributions.clone(),
             lost: Vec::new(),
+            accepted: Vec::new(),
             blobs: blobs.clone(),
             dir: dir.path().into(),
         };
@@ -415,6 +416,7 @@ fn a_round_waits_while_its_result_cannot_be_kept() {
                 state: state.clone(),
                 contributions: contributions.clone(),
                 lost: Vec::new(),
+                accepted: Vec::new(),
                 blobs: blobs.clone(),
                 dir: dir.path().into(),
             };
