@@ -156,7 +156,7 @@ pub(super) fn tagged(repo: &ApiRepo) -> Option<String> {
 }
 
 /// Whether it is a digest as git or Git LFS writes it.
-fn is_hash(text: &str) -> bool {
+pub(super) fn is_hash(text: &str) -> bool {
     text.len() >= 40 && text.bytes().all(|b| b.is_ascii_hexdigit())
 }
 
