@@ -1,6 +1,7 @@
 //! Finds the ledger to audit. A ledger's folder is read where it lies. An export or a served log is fetched into a mirror, with as
 //! many blobs as the audit reads.
 
+pub mod behind;
 pub mod temporary;
 
 use crate::depth::Depth;
@@ -16,13 +17,12 @@ use zk0_ledger::folder;
 use zk0_ledger::published::mirror::{mirror, MirrorError};
 use zk0_ledger::published::reader::PublishedError;
 use zk0_ledger::published::source::{LogSource, SourceError};
-use zk0_ledger::replay::SavedReplay;
 use zk0_ledger::store::Store;
 use zk0_protocol::rules::named_blobs::{named_blobs, BlobKind};
-use zk0_protocol::tlog::checkpoint::CheckpointError;
+use zk0_protocol::tlog::checkpoint::{Checkpoint, CheckpointError};
 use zk0_protocol::tlog::layout::Resource;
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;
-use zk0_protocol::{Body, Entry};
+use zk0_protocol::{Body, Entry, Genesis};
 
 /// Which blobs to fetch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -133,12 +133,26 @@ pub fn locate(
 
 /// The network that the first entry of the ledger in `dir` founds; `None` if that cannot be read, which a replay reports.
 pub fn network_of(dir: &Path) -> Option<Digest> {
+    genesis_of(dir).map(|genesis| genesis.network_id())
+}
+
+/// The genesis in the first entry of the ledger in `dir`; `None` if it cannot be read.
+fn genesis_of(dir: &Path) -> Option<Genesis> {
     let store = Store::open_read_only(&folder::database(dir)).ok()?;
     let founder = store.entry(0).ok()??;
     match Entry::decode(&founder).ok()?.body {
-        Body::Genesis(genesis) => Some(genesis.network_id()),
+        Body::Genesis(genesis) => Some(genesis),
         _ => None,
     }
+}
+
+/// Whether the log of the ledger in `dir` has signed the checkpoint there.
+pub fn is_signed(dir: &Path) -> bool {
+    let signed = || {
+        let (genesis, text) = (genesis_of(dir)?, folder::read_checkpoint(dir).ok()??);
+        Checkpoint::open(&text, genesis.origin(), &genesis.log_key).ok()
+    };
+    signed().is_some()
 }
 
 /// Refuses a ledger in `dir` of another network than the auditor has named.
@@ -195,6 +209,7 @@ pub fn is_wrong(error: &MirrorError) -> bool {
             PublishedError::Source(_)
                 | PublishedError::Missing(..)
                 | PublishedError::NoCheckpoint
+                | PublishedError::Behind { .. }
                 // Something else answers under this address, such as a page for browsers.
                 | PublishedError::Checkpoint(CheckpointError::NoNote(_))
         ),
@@ -213,21 +228,6 @@ pub fn is_wrong(error: &MirrorError) -> bool {
         | MirrorError::Witnesses(_)
         | MirrorError::WrongBlob { .. } => true,
     }
-}
-
-/// What is wrong with a log that is being updated, if it has fewer entries than an earlier audit has seen: it was rolled back all the same.
-pub fn rolled_back(error: &anyhow::Error, saved: &SavedReplay) -> Option<String> {
-    error.chain().find_map(|cause| match cause.downcast_ref()? {
-        MirrorError::BeingUpdated { network, size, .. }
-            if network == saved.network() && *size < saved.size =>
-        {
-            Some(format!(
-                "ROLLED BACK: the log has a checkpoint of {size} entries, but {} were verified before",
-                saved.size
-            ))
-        }
-        _ => None,
-    })
 }
 
 /// Whether `error` says that something is wrong with the log, and not just that it cannot be read.

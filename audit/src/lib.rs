@@ -7,7 +7,8 @@
 //! - [`blob_check`]: checks that the blobs of a ledger's folder have the digests that the ledger names.
 //! - [`log_source`]: finds logs by their address or folder. [`fetch`]: fetches what an audit reads, into [`fetch::temporary`] folders where
 //!   nobody names one.
-//! - [`run`]: one run of an audit. [`watch`]: one run after another, each over what is new.
+//! - [`run`]: one run of an audit. [`watch`]: one run after another, each over what is new. [`fetch::behind`]: what it means that a log shows less than
+//!   it did before.
 //! - [`verified_entries`]: an audit of a ledger's folder that hands out the entries. [`fsck`]: a check that a folder is whole.
 //!   [`known_checkpoint`]: reads a checkpoint that somebody has.
 //! - [`report`]: the verdict, the history in numbers, and the page for a browser.

@@ -16,6 +16,13 @@ pub struct OpenedDatabase {
     pub(super) size: u64,
 }
 
+impl OpenedDatabase {
+    /// How many entries it has.
+    pub fn size(&self) -> u64 {
+        self.size
+    }
+}
+
 /// Opens a database whose newest checkpoint is the published one. It tries again if a writer seems to be using the database.
 pub fn open_published(dir: &Path) -> Result<OpenedDatabase, LedgerError> {
     const PAUSE: Duration = Duration::from_millis(20);
