@@ -1,5 +1,6 @@
 //! Finds the ledger to audit. Reads a ledger's folder in place, and fetches an export or a served log into a mirror.
 
+pub mod behind;
 pub mod temporary;
 
 use crate::depth::Depth;
@@ -15,13 +16,12 @@ use zk0_ledger::folder;
 use zk0_ledger::published::mirror::{mirror, MirrorError};
 use zk0_ledger::published::reader::PublishedError;
 use zk0_ledger::published::source::{LogSource, SourceError};
-use zk0_ledger::replay::SavedReplay;
 use zk0_ledger::store::Store;
 use zk0_protocol::rules::named_blobs::{named_blobs, BlobKind};
-use zk0_protocol::tlog::checkpoint::CheckpointError;
+use zk0_protocol::tlog::checkpoint::{Checkpoint, CheckpointError};
 use zk0_protocol::tlog::layout::Resource;
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;
-use zk0_protocol::{Body, Entry};
+use zk0_protocol::{Body, Entry, Genesis};
 
 /// Which blobs to fetch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -132,15 +132,29 @@ pub fn locate(
 
 /// The network founded by the ledger in `dir`, if its first entry is readable.
 pub fn network_of(dir: &Path) -> Option<Digest> {
+    genesis_of(dir).map(|genesis| genesis.network_id())
+}
+
+/// The genesis in the first entry of the ledger in `dir`; `None` if it cannot be read.
+fn genesis_of(dir: &Path) -> Option<Genesis> {
     let store = Store::open_read_only(&folder::database(dir)).ok()?;
     let founder = store.entry(0).ok()??;
     match Entry::decode(&founder).ok()?.body {
-        Body::Genesis(genesis) => Some(genesis.network_id()),
+        Body::Genesis(genesis) => Some(genesis),
         _ => None,
     }
 }
 
-/// Refuses a ledger of another network than the auditor named.
+/// Whether the log of the ledger in `dir` has signed the checkpoint there.
+pub fn is_signed(dir: &Path) -> bool {
+    let signed = || {
+        let (genesis, text) = (genesis_of(dir)?, folder::read_checkpoint(dir).ok()??);
+        Checkpoint::open(&text, genesis.origin(), &genesis.log_key).ok()
+    };
+    signed().is_some()
+}
+
+/// Refuses a ledger in `dir` of another network than the auditor has named.
 fn check_network(ledger: &str, dir: &Path, expected: Option<&Digest>) -> Result<(), WrongUsage> {
     let Some(expected) = expected else {
         return Ok(());
@@ -194,7 +208,8 @@ pub fn is_wrong(error: &MirrorError) -> bool {
             PublishedError::Source(_)
                 | PublishedError::Missing(..)
                 | PublishedError::NoCheckpoint
-                // Another service has this address, for example with a page for browsers.
+                | PublishedError::Behind { .. }
+                // Something else answers under this address, such as a page for browsers.
                 | PublishedError::Checkpoint(CheckpointError::NoNote(_))
         ),
         MirrorError::Ledger(error) => matches!(
@@ -214,22 +229,7 @@ pub fn is_wrong(error: &MirrorError) -> bool {
     }
 }
 
-/// What is wrong if a log being updated has fewer entries than an earlier audit saw: a rollback all the same.
-pub fn rolled_back(error: &anyhow::Error, saved: &SavedReplay) -> Option<String> {
-    error.chain().find_map(|cause| match cause.downcast_ref()? {
-        MirrorError::BeingUpdated { network, size, .. }
-            if network == saved.network() && *size < saved.size =>
-        {
-            Some(format!(
-                "ROLLED BACK: the log has a checkpoint of {size} entries, but {} were verified before",
-                saved.size
-            ))
-        }
-        _ => None,
-    })
-}
-
-/// Whether `error` means that the log is wrong, not only unreadable.
+/// Whether `error` says that something is wrong with the log, and not just that it cannot be read.
 pub fn is_fault(error: &anyhow::Error) -> bool {
     let mut causes = error.chain();
     causes.any(|cause| cause.downcast_ref::<MirrorError>().is_some_and(is_wrong))

@@ -5,7 +5,7 @@
 //!   [`trusted_programs`]: what the auditor answers for.
 //! - [`blob_check`]: checks the digests of blobs in a ledger's folder.
 //! - [`log_source`]: finds logs by address or folder. [`fetch`]: fetches what an audit reads, by default into [`fetch::temporary`] folders.
-//! - [`run`]: one audit. [`watch`]: repeated audits of what is new.
+//! - [`run`]: one audit. [`watch`]: repeated audits of what is new. [`fetch::behind`]: what it means that a log shows less than before.
 //! - [`verified_entries`]: audits a folder and returns the entries. [`fsck`]: checks a folder. [`known_checkpoint`]: reads a checkpoint.
 //! - [`report`]: the verdict, the history in numbers, and the page for a browser.
 

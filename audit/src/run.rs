@@ -2,7 +2,8 @@
 
 use crate::auditor::Auditor;
 use crate::depth::Depth;
-use crate::fetch::network_of;
+use crate::fetch::behind::{is_recent, LogBehind};
+use crate::fetch::{is_signed, network_of};
 use crate::log_source::WrongUsage;
 use crate::report::verdict::Audited;
 use crate::trusted_programs::TrustedPrograms;
@@ -10,11 +11,12 @@ use anyhow::{anyhow, Result};
 use std::collections::BTreeSet;
 use std::num::NonZeroUsize;
 use std::path::Path;
+use std::time::{Duration, Instant};
 use zk0_circuits::Digest;
 use zk0_files::atomic_file;
 use zk0_ledger::error::LedgerError;
 use zk0_ledger::replay::{
-    self, replay_with, Finding, ReplayOptions as Replaying, ReplayReport, SaveOptions, SavedError,
+    self, replay_with, Finding, OpenedDatabase, ReplayOptions as Replaying, ReplayReport, SaveOptions, SavedError,
     SavedReplay,
 };
 use zk0_ledger::Blobs;
@@ -36,6 +38,15 @@ pub fn check_state_file(path: &Path) -> Result<(), WrongUsage> {
     Ok(())
 }
 
+/// The newest log that somebody has verified, and when.
+#[derive(Clone, Copy, Debug)]
+pub struct SeenLog {
+    /// Its size and root.
+    pub checkpoint: Checkpoint,
+    /// When it was verified last.
+    pub at: Instant,
+}
+
 /// How to audit.
 #[derive(Clone)]
 pub struct Audit<'a> {
@@ -49,9 +60,13 @@ pub struct Audit<'a> {
     pub threads: Option<NonZeroUsize>,
     /// The state file of what was verified. `None` starts from the first entry and keeps nothing.
     pub state_file: Option<SaveOptions>,
-    /// A checkpoint that the caller has seen. The log has to continue it, whatever the state file has.
-    pub seen: Option<Checkpoint>,
-    /// Copies missing blobs again from a served log or an export. `None` if the ledger is read in place: then a damaged blob is a fault.
+    /// What the caller has seen of the log before. The log has to continue it, whatever the state file knows.
+    pub seen: Option<SeenLog>,
+    /// How long a log may show fewer entries than were seen before. Then it was rolled back, and the verdict is
+    /// [`Verdict::Failed`](zk0_ledger::replay::Verdict::Failed).
+    pub behind_for: Duration,
+    /// Copies again what is missing in the folder, where the auditor has copied it from a served log or an export. `None` where the ledger is
+    /// read where it lies: then a damaged blob is a fault.
     pub fetch_again: Option<&'a dyn Fn() -> Result<()>>,
     /// Called from several threads with the numbers of verified and of all entries.
     pub progress: Option<&'a (dyn Fn(u64, u64) + Sync)>,
@@ -64,7 +79,8 @@ impl Audit<'_> {
     /// A damaged blob in the auditor's own copy is fetched again before the verdict.
     ///
     /// # Errors
-    /// The ledger, a blob or the state file is unreadable, and nothing else is wrong. [`WrongUsage`] if they are of different networks.
+    /// The ledger or the state file cannot be read, or a blob of it cannot, and nothing else is wrong. [`WrongUsage`] if they are of different
+    /// networks. [`LogBehind`] if the ledger shows less than was seen before, and has time to come back.
     pub fn run(&self, dir: &Path) -> Result<Audited> {
         let (mut audited, mut auditor) = self.once(dir)?;
         if let Some(fetch_again) = self.fetch_again.filter(|_| !auditor.damaged().is_empty()) {
@@ -90,6 +106,10 @@ impl Audit<'_> {
             Err(LedgerError::Unfinished(_)) if saved.is_some() || self.seen.is_some() => None,
             opened => opened?,
         };
+        let shown = opened.as_ref().map(OpenedDatabase::size);
+        if let Some(behind) = shown.and_then(|shown| self.behind(dir, shown, saved.as_ref())) {
+            return Err(behind.into());
+        }
         let (mut auditor, mut from, mut known) = (self.auditor(), None, None);
         if let Some(saved) = saved {
             match self.auditor().go_on(&saved.recheck, &Blobs::at(dir)) {
@@ -113,11 +133,26 @@ impl Audit<'_> {
             progress: self.progress,
             from,
             known,
-            seen: self.seen,
+            seen: self.seen.map(|seen| seen.checkpoint),
             keep: self.state_file.clone(),
         };
         let report = replay_with(dir, options, &mut auditor);
         Ok((Audited::new(report, self.depth, &auditor), auditor))
+    }
+
+    /// How far the log in `dir` is behind what was seen of it a short time ago, if it has signed what it shows.
+    fn behind(&self, dir: &Path, shown: u64, saved: Option<&SavedReplay>) -> Option<LogBehind> {
+        let in_file = self.state_file.as_ref().zip(saved);
+        let in_file = in_file
+            .map(|(file, saved)| (saved.size, is_recent(&file.path, self.behind_for)));
+        let by_caller = self.seen.map(|seen| {
+            let recent = seen.at.elapsed() < self.behind_for;
+            (seen.checkpoint.size, recent)
+        });
+        let seen = in_file.into_iter().chain(by_caller);
+        let recently = seen.filter(|(size, recent)| *recent && *size > shown);
+        let known = recently.map(|(size, _)| size).max()?;
+        is_signed(dir).then_some(LogBehind { shown, known })
     }
 
     fn auditor(&self) -> Auditor {

@@ -1,16 +1,18 @@
-//! Audits a log repeatedly. The watch raises an alarm when the log forks, is rolled back or breaks a rule.
+//! Audits a log again and again. What was seen once has to stay: the watch raises an alarm when the log forks, stays behind or breaks a
+//! rule.
 
+use crate::fetch::behind::{LogBehind, Shortfall};
 use crate::fetch::temporary::Temporary;
-use crate::fetch::{fetch, is_fault, rolled_back};
+use crate::fetch::{fetch, is_fault};
 use crate::log_source::{source, Trust, WrongUsage};
 use crate::report::history;
 use crate::report::verdict::{faults, sentence, Audited};
-use crate::run::{check_state_file, Audit};
+use crate::run::{check_state_file, Audit, SeenLog};
 use crate::trusted_programs::TrustedPrograms;
 use crate::Depth;
 use anyhow::{bail, Context, Result};
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use zk0_ledger::folder;
 use zk0_ledger::replay::{SaveOptions, SavedReplay, Verdict};
 use zk0_protocol::tlog::checkpoint::Checkpoint;
@@ -21,7 +23,9 @@ use zk0_protocol::Entry;
 pub enum Look {
     /// The log continues what was seen, and nothing new is wrong.
     Continues,
-    /// Reasons, at least one, not to trust the log.
+    /// The log shows fewer entries than were seen before, and has time to come back. Nothing was checked.
+    Behind(LogBehind),
+    /// The log cannot be trusted, for these reasons. There is at least one.
     Alarm(Vec<String>),
 }
 
@@ -61,6 +65,8 @@ pub struct WatchOptions {
     pub state: Option<PathBuf>,
     /// The folder of what is fetched; `None` to remove it at the end.
     pub mirror: Option<PathBuf>,
+    /// How long the log may show fewer entries than were seen before. Then it was rolled back.
+    pub behind_for: Duration,
 }
 
 /// A watch over one log.
@@ -69,8 +75,8 @@ pub struct LogWatch {
     /// The log's mirror; `None` when it is read in place.
     mirror: Option<PathBuf>,
     state: PathBuf,
-    /// The newest verified log. The state file may lack it, if not written or removed.
-    seen: Option<Checkpoint>,
+    /// The newest log that was verified. The state file may not know it, because it could not be written or somebody has removed it.
+    seen: Option<SeenLog>,
     _made: Temporary,
 }
 
@@ -138,21 +144,14 @@ impl LogWatch {
         let dir = match &self.mirror {
             None => PathBuf::from(&self.options.ledger),
             Some(dir) => {
-                match self.fetch(dir) {
-                    Err(error) if is_fault(&error) => return Ok(alarm(&error)),
-                    Err(error) => {
-                        return match saved.and_then(|saved| rolled_back(&error, &saved)) {
-                            Some(why) => Ok(alarm(&why)),
-                            None => Err(error),
-                        }
-                    }
-                    Ok(()) => {}
+                if let Err(error) = self.fetch(dir) {
+                    return self.look_of(error, saved.as_ref());
                 }
                 dir.clone()
             }
         };
-        let saved = saved.map(|saved| saved.size);
-        let before = saved.max(self.seen.map(|seen| seen.size));
+        let known = saved.as_ref().map(|saved| saved.size);
+        let before = known.max(self.seen.map(|seen| seen.checkpoint.size));
         let fetch_again = || self.fetch(&dir);
         let copied = self.mirror.is_some();
         let audit = Audit {
@@ -165,14 +164,15 @@ impl LogWatch {
                 every: Duration::from_secs(30),
             }),
             seen: self.seen,
+            behind_for: self.options.behind_for,
             fetch_again: copied.then_some(&fetch_again),
             progress,
         };
         let audited = match audit.run(&dir) {
             // What was seen must stay, so another network is an alarm here.
             Err(error) if error.is::<WrongUsage>() => return Ok(alarm(&error)),
-            Err(error) if is_fault(&error) => return Ok(alarm(&error)),
-            audited => audited?,
+            Err(error) => return self.look_of(error, saved.as_ref()),
+            Ok(audited) => audited,
         };
         if audited.holds() {
             self.remember(&audited);
@@ -195,11 +195,26 @@ impl LogWatch {
         }
     }
 
-    /// Remembers the verified log.
+    /// What this error of a look means for the log.
+    fn look_of(&self, error: anyhow::Error, saved: Option<&SavedReplay>) -> Result<Look> {
+        let saved = saved.map(|saved| (&*self.state, saved));
+        let (mirror, behind_for) = (self.mirror.as_deref(), self.options.behind_for);
+        match Shortfall::of(&error, mirror, saved, behind_for) {
+            Some(Shortfall::Behind(behind)) => Ok(Look::Behind(behind)),
+            Some(Shortfall::RolledBack(why)) => Ok(alarm(&why)),
+            None if is_fault(&error) => Ok(alarm(&error)),
+            None => Err(error),
+        }
+    }
+
+    /// Remembers which log was verified.
     fn remember(&mut self, audited: &Audited) {
         if let Some(root) = audited.root.as_deref().and_then(|root| root.parse().ok()) {
             let size = audited.entries;
-            self.seen = Some(Checkpoint { size, root });
+            self.seen = Some(SeenLog {
+                checkpoint: Checkpoint { size, root },
+                at: Instant::now(),
+            });
         }
     }
 

@@ -182,6 +182,7 @@ fn of<'a>(
             every: Duration::from_secs(3600),
         }),
         seen: None,
+        behind_for: Duration::ZERO,
         fetch_again,
         progress: None,
     }

@@ -9,12 +9,16 @@ use std::fs::{self, DirBuilder};
 use std::io;
 use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 use zk0_circuits::Digest;
 use zk0_lerobot::dataset::Dataset;
 use zk0_node::client::NodeClient;
 use zk0_node::participant::Participant;
 use zk0_node::state_files::lock::StateLock;
 use zk0_tls::service_address::ServiceAddress;
+
+/// How long a command waits that a person has typed. Then that person decides.
+const COMMAND_PATIENCE: Duration = Duration::from_secs(10);
 
 /// The network that is meant.
 #[derive(Debug, clap::Args)]
@@ -74,12 +78,18 @@ impl NetworkChoice {
         let address = ServiceAddress::from(self.aggregator.clone()).with_ca(self.ca.clone());
         Ok(NodeClient::connect(address, self.network, key).await?)
     }
+
+    /// Connects to the network for a command, which asks again for a moment only.
+    pub async fn connect_for_command(&self, key: SigningKey) -> Result<NodeClient> {
+        Ok(self.connect(key).await?.giving_up_after(COMMAND_PATIENCE))
+    }
 }
 
 impl Signer {
-    /// Connects to the network with the signer's key.
+    /// Connects to the network with the signer's key, for a command.
     pub async fn connect(&self) -> Result<NodeClient> {
-        self.network.connect(keys::read(&self.key)?).await
+        let key = keys::read(&self.key)?;
+        self.network.connect_for_command(key).await
     }
 }
 
@@ -90,7 +100,10 @@ impl Membership {
         make_state(state).with_context(|| format!("creating {}", state.display()))?;
         // Everything that follows reads and removes files there.
         let lock = StateLock::take(state)?;
-        let dataset = self.dataset.locate()?;
+        // A node that is started again and again while its aggregator is away does not ask the Hub each time.
+        let node = self.signer.network.connect(keys::read(&self.signer.key)?);
+        let node = node.await?;
+        let dataset = self.dataset.locate_for_node(state)?;
         if self.whole_recordings {
             refuse_left_out(&Dataset::open(&dataset)?)?;
         }
@@ -103,7 +116,7 @@ impl Membership {
             variants: None,
             lock,
         };
-        Ok((participant, self.signer.connect().await?))
+        Ok((participant, node))
     }
 }
 

@@ -273,7 +273,7 @@ fn where_a_partial_tile_is_gone_the_full_one_serves() {
 }
 
 #[test]
-fn a_fork_and_a_rollback_are_named() {
+fn a_fork_and_a_log_that_is_behind_are_named() {
     let mut forked = leaves(300, 6);
     let honest = Shelf::of(&forked);
     forked[270] = b"another entry".to_vec();
@@ -292,7 +292,7 @@ fn a_fork_and_a_rollback_are_named() {
     assert!(
         matches!(
             error,
-            PublishedError::RolledBack {
+            PublishedError::Behind {
                 published: 200,
                 known: 201
             }

@@ -5,17 +5,18 @@ mod heads;
 pub mod status;
 pub mod stored_update;
 mod transfers;
+mod waits;
 pub mod watching;
 
 use crate::client::heads::{run, system_clock, About, For};
 use crate::client::stored_update::StoreClient;
+use crate::client::waits::{may_pass, Waits};
 use crate::client_error::NodeError;
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
-use std::error::Error as _;
 use std::time::Duration;
 use tonic::service::interceptor::InterceptedService;
-use tonic::{transport, Code, Status};
+use tonic::{transport, Status};
 use tracing::instrument;
 use zk0_circuits::{Claim, Digest, NodeId, WeightsDigest};
 use zk0_protocol::challenge::closing;
@@ -30,7 +31,6 @@ use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation as rpc;
 use zk0_protocol::rpc::federation::federation_client::FederationClient;
 use zk0_protocol::rpc::federation::record_request::Statement;
-use zk0_protocol::rpc::federation::turned_down::Remedy;
 use zk0_protocol::rpc::head_metadata::with_head;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::receipt::Receipt;
@@ -41,36 +41,20 @@ use zk0_traces::carried::Carrier;
 /// Largest message that is read. A receipt or a chunk is far smaller.
 const MAX_MESSAGE_BYTES: usize = 4 << 20;
 
-/// How often a node asks an aggregator that does not answer. The aggregator may be restarting.
-pub(crate) const ATTEMPTS: u32 = 150;
-/// Time between two of these attempts.
-pub(crate) const APART: Duration = Duration::from_secs(2);
-
-/// Longest wait that an aggregator can ask for, in milliseconds.
-const MOST_APART_MS: u64 = 60_000;
-
-/// Makes a request, and repeats it while the aggregator does not answer. That is safe, because a node that asks for the same thing twice
-/// gets the same receipt. `$request` makes the request anew for each attempt, because the head of a request counts once.
+/// Makes a request, and repeats it while the aggregator does not answer or cannot grant it. That is safe, because a node that asks for the same
+/// thing twice gets the same receipt. `$request` makes the request for each attempt, because the head of a request counts once.
 macro_rules! patiently {
     ($self:ident.client.$method:ident($request:expr)) => {{
-        let mut attempt = 1;
-        loop {
+        let mut waits = Waits::default();
+        let answer = loop {
             let request = $request;
             match $self.client.$method(request).await {
-                Err(status) if is_lost(&status) && attempt < ATTEMPTS => {
-                    if attempt == 1 {
-                        tracing::warn!(
-                            "{}; the node asks again every two seconds",
-                            $crate::client::why_again(&status)
-                        );
-                    }
-                    attempt += 1;
-                    tokio::time::sleep($crate::client::apart(&status)).await;
-                    $self.learn_run().await;
-                }
-                other => break other,
+                Ok(answer) => break answer,
+                Err(failure) => $self.again(&mut waits, failure).await?,
             }
-        }
+        };
+        waits.end();
+        answer
     }};
 }
 
@@ -83,6 +67,8 @@ pub struct NodeClient {
     heads: For,
     /// Puts updates into the aggregator's store.
     store: StoreClient,
+    /// How long the node waits for an aggregator that does not answer; `None` for as long as it takes.
+    patience: Option<Duration>,
 }
 
 /// What the aggregator decided on a submission.
@@ -155,6 +141,7 @@ impl NodeClient {
             key,
             genesis,
             store: StoreClient::beside(&address),
+            patience: None,
             heads: For {
                 network,
                 run: run(&info.run)?,
@@ -166,6 +153,12 @@ impl NodeClient {
     /// From now on, the node signs the times of this clock, in Unix milliseconds, instead of the machine's.
     pub fn by_clock(mut self, clock: impl Fn() -> u64 + Send + Sync + 'static) -> Self {
         self.heads.clock = Box::new(clock);
+        self
+    }
+
+    /// From now on, a request fails for which the node would wait longer than this. Without a limit, a node waits for as long as it takes.
+    pub fn giving_up_after(mut self, limit: Duration) -> Self {
+        self.patience = Some(limit);
         self
     }
 
@@ -206,7 +199,7 @@ impl NodeClient {
             round: None,
             node: Vec::new(),
         };
-        let info = patiently!(self.client.get_round(request.clone()))?.into_inner();
+        let info = patiently!(self.client.get_round(request.clone())).into_inner();
         program(&info.program)
     }
 
@@ -217,7 +210,7 @@ impl NodeClient {
             node: self.id().0.to_vec(),
         };
         let wanted = "the contribution of this node that the round has accepted";
-        let info = patiently!(self.client.get_round(request.clone()))?.into_inner();
+        let info = patiently!(self.client.get_round(request.clone())).into_inner();
         let contribution = info.contribution;
         let contribution = contribution.ok_or_else(|| unexpected(wanted, "none"))?;
         let Body::ContributionAccepted(signed) = self.entry(contribution)?.1.body else {
@@ -238,7 +231,7 @@ impl NodeClient {
             round: None,
             node: Vec::new(),
         };
-        let info = patiently!(self.client.get_round(request.clone()))?.into_inner();
+        let info = patiently!(self.client.get_round(request.clone())).into_inner();
         let Some(opened) = info.opened else {
             return Ok(0);
         };
@@ -291,7 +284,7 @@ impl NodeClient {
         let submission = encode(&signed);
         let about = About::message(Method::Submit, &submission).in_round(round);
         let message = rpc::SubmitRequest { submission, proof };
-        let reply = patiently!(self.client.submit(self.headed(&about, message.clone())?))?;
+        let reply = patiently!(self.client.submit(self.headed(&about, message.clone())?));
         let reply = reply.into_inner();
         let receipt = reply
             .receipt
@@ -341,7 +334,7 @@ impl NodeClient {
             statement: Some(statement),
             leaves,
         };
-        let receipt = patiently!(self.client.record(self.headed(&about, message.clone())?))?;
+        let receipt = patiently!(self.client.record(self.headed(&about, message.clone())?));
         let (receipt, _, entry) = self.opened(receipt.into_inner())?;
         if entry.body == body {
             Ok(receipt)
@@ -357,7 +350,7 @@ impl NodeClient {
     /// what the aggregator says; to be sure of it, replay the ledger.
     pub async fn governance(&mut self) -> Result<GovernanceInfo, NodeError> {
         let request = rpc::GetGovernanceRequest {};
-        let info = patiently!(self.client.get_governance(request))?.into_inner();
+        let info = patiently!(self.client.get_governance(request)).into_inner();
         let rules: Rules = borsh::from_slice(&info.rules)
             .map_err(|error| unexpected("rules", format!("something else ({error})")))?;
         let unsigned = |error: SignatureError| {
@@ -391,13 +384,32 @@ impl NodeClient {
         Ok(with_head(message, &head))
     }
 
-    /// Asks the aggregator for its run, because it may have been started again. If it does not answer, the next request shows that.
-    pub(crate) async fn learn_run(&mut self) {
-        if let Ok(info) = self.client.get_network(rpc::GetNetworkRequest {}).await {
-            if let Ok(run) = run(&info.into_inner().run) {
-                self.heads.run = run;
+    /// Waits before a request is repeated after this failure. The aggregator may have been started again meanwhile, so this asks for its run, until it
+    /// answers.
+    ///
+    /// # Errors
+    /// The failure does not pass, or the node gives up.
+    pub(crate) async fn again(
+        &mut self,
+        waits: &mut Waits,
+        mut failure: Status,
+    ) -> Result<(), NodeError> {
+        loop {
+            waits.again(failure, self.patience).await?;
+            match self.learn_run().await {
+                Err(away) if may_pass(&away) => failure = away,
+                _ => return Ok(()),
             }
         }
+    }
+
+    /// Asks the aggregator for its run. If the answer is none, the next request shows that.
+    pub(crate) async fn learn_run(&mut self) -> Result<(), Status> {
+        let info = self.client.get_network(rpc::GetNetworkRequest {}).await?;
+        if let Ok(run) = run(&info.into_inner().run) {
+            self.heads.run = run;
+        }
+        Ok(())
     }
 
     pub(crate) fn entry(&self, receipt: rpc::Receipt) -> Result<(Checkpoint, Entry), NodeError> {
@@ -414,36 +426,6 @@ impl NodeClient {
             .map_err(|error| unexpected("a hash of 32 bytes", format!("{} bytes", error.0)))?;
         let (checkpoint, entry) = receipt.verify(&self.genesis.log_key, self.genesis.origin())?;
         Ok((receipt, checkpoint, entry))
-    }
-}
-
-/// Whether the aggregator did not answer, the connection to it was lost, or it cannot do it now. What an aggregator answers has no source.
-pub(crate) fn is_lost(status: &Status) -> bool {
-    if rpc::TurnedDown::of(status).remedy() == Remedy::AskAgain {
-        return true;
-    }
-    let broken = matches!(
-        status.code(),
-        Code::Unknown | Code::Internal | Code::Cancelled
-    );
-    status.code() == Code::Unavailable || (broken && status.source().is_some())
-}
-
-/// How long to wait before a request is repeated: as long as the aggregator tells, within bounds.
-pub(crate) fn apart(status: &Status) -> Duration {
-    match rpc::TurnedDown::of(status).after_ms {
-        0 => APART,
-        told => Duration::from_millis(told.min(MOST_APART_MS)),
-    }
-}
-
-/// Why a request is repeated.
-pub(crate) fn why_again(status: &Status) -> String {
-    match status.source() {
-        None if !status.message().is_empty() => {
-            format!("the aggregator cannot do it now: {}", status.message())
-        }
-        _ => "the aggregator does not answer".into(),
     }
 }
 

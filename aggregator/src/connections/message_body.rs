@@ -11,7 +11,8 @@ use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 use tokio::time::{timeout_at, Instant};
 use tokio_stream::StreamExt;
-use tonic::Status;
+use tonic::{Code, Status};
+use zk0_protocol::rpc::federation::{turned_down::Remedy, TurnedDown};
 
 const PREFIX_BYTES: usize = 5;
 
@@ -61,6 +62,15 @@ pub(super) fn bounded(
     Body::from_stream(data)
 }
 
+/// A message for which there is never room.
+fn too_large(why: &str) -> Status {
+    let never = TurnedDown {
+        remedy: Remedy::Never.into(),
+        ..TurnedDown::default()
+    };
+    never.status(Code::ResourceExhausted, why)
+}
+
 impl Messages {
     /// What comes next, once there is memory for the messages that begin in it.
     async fn next(&mut self) -> Result<Option<Bytes>, Status> {
@@ -85,7 +95,7 @@ impl Messages {
         }
         if held > 0 {
             // It would hold some memory while it waits for more, and so would others.
-            return Err(Status::resource_exhausted(
+            return Err(too_large(
                 "the messages of a stream must not be larger than its first large one",
             ));
         }
@@ -95,8 +105,7 @@ impl Messages {
                 "the aggregator is receiving too many large messages: send this one again later",
             )
         })?;
-        let reserved =
-            reserved.ok_or_else(|| Status::resource_exhausted("the message is too large"))?;
+        let reserved = reserved.ok_or_else(|| too_large("the message is too large"))?;
         let _ = self.held.set(reserved);
         Ok(Some(data))
     }

@@ -11,8 +11,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use zk0_circuits::NodeId;
 
-/// How long a node stays present after it has followed the rounds. `WatchRound` ends every five minutes, and the node asks again after two
-/// seconds, or when its connection is back.
+/// How long a node stays present after it has followed the rounds. `WatchRound` ends every five minutes, and the node asks again within a
+/// second, or when its connection is back.
 pub const AFTERWARDS: Duration = Duration::from_secs(60);
 
 /// The nodes that have been seen. There are not more of them than members.

@@ -17,6 +17,9 @@ use zk0_verifier::Unreadable;
 /// When to ask again what the aggregator cannot do at the moment, in milliseconds.
 const AFTER_MS: u64 = 2000;
 
+/// When to ask an aggregator again that has failed, in milliseconds. Most likely it has to be started again.
+const AFTER_FAILURE_MS: u64 = 15_000;
+
 /// Why a request is turned down.
 #[derive(Debug, thiserror::Error)]
 pub enum RequestError {
@@ -53,9 +56,13 @@ pub enum RequestError {
     /// No round could be closed with the public samples that are proposed.
     #[error("{0}")]
     PublicSamples(String),
-    /// The node asks for too much at once.
-    #[error("{0}")]
-    Busy(String),
+    /// The node asks for too much.
+    #[error("{why}")]
+    Busy {
+        why: String,
+        /// Whether there is room for it later.
+        remedy: Remedy,
+    },
     /// Many ask for the same at once. There is room for this request later.
     #[error("{0}")]
     Crowded(String),
@@ -137,7 +144,10 @@ impl From<Unreadable<BlobError>> for RequestError {
 impl From<StagingError> for RequestError {
     fn from(error: StagingError) -> Self {
         match error {
-            StagingError::Quota(_) => Self::Busy(error.to_string()),
+            StagingError::Quota(_) => Self::Busy {
+                why: error.to_string(),
+                remedy: Remedy::NextRound,
+            },
             StagingError::OtherPlace { .. } => Self::OtherPlace(error.to_string()),
             StagingError::Blob(error) => Self::upload(error),
             StagingError::Io { .. } => Self::Internal(error.to_string()),
@@ -190,7 +200,7 @@ impl RequestError {
             }
             Self::HeldBack(_) | Self::NotOperator(_) => Code::PermissionDenied,
             Self::UnknownBlob(_) | Self::NotKept(_) => Code::NotFound,
-            Self::Busy(_) => Code::ResourceExhausted,
+            Self::Busy { .. } => Code::ResourceExhausted,
             Self::OtherPlace(_) => Code::Aborted,
             Self::TimedOut(_) => Code::DeadlineExceeded,
             Self::Crowded(_)
@@ -239,7 +249,9 @@ impl RequestError {
             | Self::NotPublished(_)
             | Self::NoRoom(_)
             | Self::BlobStore(_)
-            | Self::Clock(_) => Remedy::AskAgain,
+            | Self::Clock(_)
+            | Self::Internal(_) => Remedy::AskAgain,
+            Self::Busy { remedy, .. } => *remedy,
             // The round goes on without the node, or has what the node can contribute to it.
             Self::Head(HeadRefusal::Replayed) => Remedy::NextRound,
             Self::Refused(refusal) => match refusal.code {
@@ -266,8 +278,9 @@ impl RequestError {
                 _ => 0,
             },
             remedy: remedy.into(),
-            after_ms: match remedy {
-                Remedy::AskAgain => AFTER_MS,
+            after_ms: match self {
+                Self::Internal(_) => AFTER_FAILURE_MS,
+                _ if remedy == Remedy::AskAgain => AFTER_MS,
                 _ => 0,
             },
         }
@@ -325,5 +338,10 @@ mod tests {
             let again = (0, Remedy::AskAgain, AFTER_MS);
             assert_eq!(told(RequestError::Head(passes)), again);
         }
+        // A failure of the aggregator ends no node, which gives it time to be started again.
+        let failed = told(RequestError::Internal("no disk".into()));
+        assert_eq!(failed, (0, Remedy::AskAgain, AFTER_FAILURE_MS));
+        let quota = RequestError::from(StagingError::Quota(sender));
+        assert_eq!(told(quota), (0, Remedy::NextRound, 0));
     }
 }

@@ -7,6 +7,7 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use tokio::sync::{watch, OwnedMutexGuard};
 use zk0_circuits::NodeId;
+use zk0_protocol::rpc::federation::turned_down::Remedy;
 
 /// The uploads of all nodes.
 #[derive(Clone, Default)]
@@ -49,8 +50,9 @@ impl Newest {
         let mut newest = self.newest.clone();
         while newest.changed().await.is_ok() {}
         let node = self.node;
-        RequestError::Busy(format!(
-            "a newer upload of node {node} has begun, which ends this one"
-        ))
+        RequestError::Busy {
+            why: format!("a newer upload of node {node} has begun, which ends this one"),
+            remedy: Remedy::Never,
+        }
     }
 }

@@ -126,8 +126,19 @@ fn forked(ours: &Path, other: &Path) {
     }
 }
 
+/// Makes a ledger that is shorter than those of [`forked`] and has another second entry.
+fn older_fork(dir: &Path) {
+    let (mut ledger, _) = Ledger::create(dir, genesis(), log_key(), START_MS).unwrap();
+    let node = SigningNode::new(99).id();
+    let name = "another node".into();
+    let enrolled = zk0_protocol::entries::member::NodeEnrolled { node, name };
+    ledger
+        .append(START_MS, zk0_protocol::Body::NodeEnrolled(enrolled))
+        .unwrap();
+}
+
 #[test]
-fn a_mirror_follows_no_fork_and_no_rollback() {
+fn a_mirror_follows_no_fork_and_no_older_log() {
     let dirs: Vec<_> = (0..4).map(|_| tempfile::tempdir().unwrap()).collect();
     let [ours, other, copy, out] = [0, 1, 2, 3].map(|at| dirs[at].path());
     forked(ours, other);
@@ -156,7 +167,21 @@ fn a_mirror_follows_no_fork_and_no_rollback() {
     assert!(
         matches!(
             error,
-            MirrorError::Published(PublishedError::RolledBack { .. })
+            MirrorError::Published(PublishedError::Behind {
+                published: 1,
+                known: 21
+            })
+        ),
+        "{error}"
+    );
+    // An older part of the other history is a fork, and not just behind.
+    let forked_early = tempfile::tempdir().unwrap();
+    older_fork(forked_early.path());
+    let error = mirrored(&view(forked_early.path()), copy).unwrap_err();
+    assert!(
+        matches!(
+            error,
+            MirrorError::Published(PublishedError::Forked { size: 2, .. })
         ),
         "{error}"
     );

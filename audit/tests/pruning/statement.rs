@@ -3,7 +3,8 @@
 use super::*;
 use std::fs;
 use std::time::Duration;
-use zk0_audit::fetch::{fetch, is_wrong, rolled_back, WantedBlobs};
+use zk0_audit::fetch::behind::{LogBehind, Shortfall};
+use zk0_audit::fetch::{fetch, is_wrong, WantedBlobs};
 use zk0_audit::log_source::source;
 use zk0_audit::run::Audit;
 use zk0_audit::trusted_programs::TrustedPrograms;
@@ -193,12 +194,12 @@ fn an_export_that_is_being_updated_is_not_called_rolled_back() {
     let (report, _) = audit(&mirror, Depth::Full);
     assert_eq!(faults(&report), [] as [&str; 0]);
 
-    // A mirror that has more entries knows that the log was rolled back, whatever the statement is about.
+    // A mirror that has more entries knows that the log is behind, whatever the statement is about.
     fs::write(out.join("checkpoint"), earlier).unwrap();
     let refused = follow(&out, &mirror).unwrap_err();
-    assert!(is_wrong(&refused), "{refused}");
-    assert!(refused.to_string().contains("ROLLED BACK"));
-    // So does a state file.
+    assert!(!is_wrong(&refused), "{refused}");
+    assert!(refused.to_string().contains("the log is behind"));
+    // So does a state file, and that the log was rolled back when the time is over.
     let state = at("state");
     let audit_it = Audit {
         depth: Depth::Full,
@@ -210,14 +211,26 @@ fn an_export_that_is_being_updated_is_not_called_rolled_back() {
             every: Duration::from_secs(30),
         }),
         seen: None,
+        behind_for: Duration::ZERO,
         fetch_again: None,
         progress: None,
     };
     assert!(audit_it.run(&mirror).unwrap().holds());
     let saved = SavedReplay::read(&state).unwrap().unwrap();
     let unfinished = follow(&out, &at("another")).unwrap_err();
-    let why = rolled_back(&unfinished.into(), &saved).unwrap();
-    assert!(why.contains("ROLLED BACK"), "{why}");
+    let unfinished = anyhow::Error::from(unfinished);
+    let known = Some((state.as_path(), &saved));
+    let within = |seconds| Shortfall::of(&unfinished, None, known, Duration::from_secs(seconds));
+    let behind = LogBehind {
+        shown: size,
+        known: size + 1,
+    };
+    assert_eq!(within(3600), Some(Shortfall::Behind(behind)));
+    let over = within(0);
+    assert!(
+        matches!(&over, Some(Shortfall::RolledBack(why)) if why.contains("ROLLED BACK")),
+        "{over:?}"
+    );
 
     // So does whoever audits a folder with such a statement.
     let beyond = Pruning {

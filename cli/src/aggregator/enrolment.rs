@@ -57,7 +57,7 @@ fn in_folder(dir: &Path, key: SigningKey, nodes: &[NodeToEnrol]) -> Result<()> {
 }
 
 async fn through(network: &NetworkChoice, key: SigningKey, nodes: &[NodeToEnrol]) -> Result<()> {
-    let mut aggregator = network.connect(key).await?;
+    let mut aggregator = network.connect_for_command(key).await?;
     for NodeToEnrol { name, node } in nodes {
         let entry = aggregator
             .enrol(*node, name.clone())

@@ -22,13 +22,14 @@ use zk0_audit::log_source::WrongUsage;
 pub enum AuditCommand {
     /// Check a ledger from its first entry: signatures, the tree, checkpoints, rules, proofs, refusals, and the averaged weights. The exit
     /// code is 0 if everything was checked and is right (VERIFIED), 1 if anything is wrong (FAILED), 3 if something was not checked
-    /// (INCOMPLETE), 2 if an option is wrong, and 4 if there is no verdict, because the ledger cannot be read.
+    /// (INCOMPLETE), 2 if an option is wrong, and 4 if there is no verdict, because the ledger cannot be read or is behind what an earlier
+    /// audit saw of it.
     Replay(replay::AuditReplayOptions),
     /// Show what happened: the network, its rounds and nodes, or an entry. This checks no proofs; `zk0 audit replay` does.
     Show(show::AuditShowOptions),
     /// Check a log again and again. Each time, new entries are checked, and the log must continue what was seen before. This prints a line
-    /// for each new entry. It ends with exit code 1 when the log shows two histories, loses entries, breaks a rule, or lacks
-    /// cosignatures.
+    /// for each new entry. It ends with exit code 1 when the log shows two histories, stays behind what was seen of it, breaks a rule, or
+    /// lacks cosignatures.
     Watch(watch::AuditWatchOptions),
     /// Make a file that proves that an entry is in a log (C2SP tlog-proof). `zk0 audit verify-proof` checks it without a network.
     Prove(proof::AuditProveOptions),

@@ -12,7 +12,8 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
-use zk0_audit::fetch::{locate, rolled_back};
+use zk0_audit::fetch::behind::Shortfall;
+use zk0_audit::fetch::locate;
 use zk0_audit::log_source::WrongUsage;
 use zk0_audit::report::rollouts::Rollouts;
 use zk0_audit::report::verdict::{verdict, Audited};
@@ -33,7 +34,7 @@ pub struct AuditReplayOptions {
     #[arg(long)]
     light: bool,
     /// Keep the state of the audit in this file. The next audit with the same file reads only what is new, and it reports a log that
-    /// shows another history or has lost entries.
+    /// shows another history or is behind.
     #[arg(long, value_name = "FILE")]
     state: Option<PathBuf>,
     /// Write the file of --state at most every this many seconds. An audit that is killed loses so much work.
@@ -42,6 +43,11 @@ pub struct AuditReplayOptions {
     /// Keep what is fetched from an address or an export in this folder, so that the next audit fetches only what is new.
     #[arg(long, value_name = "DIR")]
     mirror: Option<PathBuf>,
+    /// Give a log this many seconds to come back that shows fewer entries than the file of --state or the folder of --mirror, from when an audit
+    /// saw them last. Until then the log is behind, and the audit ends without a verdict (exit code 4): somebody may serve an old copy, as a cache
+    /// does. A log that is still behind then was rolled back (FAILED).
+    #[arg(long, value_name = "SECONDS", default_value_t = 172_800)]
+    behind_for: u64,
     /// Write a report to this file, for reading in a browser without a network. Its data goes beside it, into a file of the same name that
     /// ends with `.json`.
     #[arg(long, value_name = "FILE")]
@@ -70,7 +76,7 @@ pub fn run(options: &AuditReplayOptions) -> Result<ExitCode> {
     let mirror = options.mirror.as_deref();
     let trust = options.trust.read()?;
     let located = locate(&options.ledger, mirror, &trust, depth.into())
-        .map_err(|error| options.rolled_back(error))?;
+        .map_err(|error| options.shortfall(error))?;
     let state_file = options.state.as_ref().map(|path| SaveOptions {
         path: path.clone(),
         every: Duration::from_secs(options.state_every),
@@ -84,10 +90,12 @@ pub fn run(options: &AuditReplayOptions) -> Result<ExitCode> {
         threads: options.threads,
         state_file,
         seen: None,
+        behind_for: options.behind_for(),
         fetch_again: located.fetch_again.as_deref(),
         progress: (!options.json).then_some(&progress),
     };
-    let mut audited = audit.run(&located.dir)?;
+    let audited = audit.run(&located.dir);
+    let mut audited = audited.map_err(|error| options.shortfall(error))?;
     let rules = audited.rules.as_ref();
     if located.lies_here && rules.is_some_and(|rules| !rules.witness_policy.is_empty()) {
         audited.report.findings.push(Finding::note(
@@ -132,14 +140,18 @@ pub fn run(options: &AuditReplayOptions) -> Result<ExitCode> {
 }
 
 impl AuditReplayOptions {
-    /// Adds to an error that the log was rolled back, if the state file shows that.
-    fn rolled_back(&self, error: anyhow::Error) -> anyhow::Error {
-        let saved = self.state.as_deref().map(SavedReplay::read);
-        let Some(Ok(Some(saved))) = saved else {
-            return error;
-        };
-        match rolled_back(&error, &saved) {
-            Some(why) => error.context(AuditFailed(why)),
+    fn behind_for(&self) -> Duration {
+        Duration::from_secs(self.behind_for)
+    }
+
+    /// Adds to an error that the log is behind, or was rolled back, if the file of --state or the mirror shows that.
+    fn shortfall(&self, error: anyhow::Error) -> anyhow::Error {
+        let state = self.state.as_deref();
+        let saved = state.and_then(|file| Some((file, SavedReplay::read(file).ok()??)));
+        let saved = saved.as_ref().map(|(file, saved)| (*file, saved));
+        match Shortfall::of(&error, self.mirror.as_deref(), saved, self.behind_for()) {
+            Some(Shortfall::Behind(behind)) => behind.into(),
+            Some(Shortfall::RolledBack(why)) => error.context(AuditFailed(why)),
             None => error,
         }
     }

@@ -1,4 +1,4 @@
-//! `zk0 audit watch`: an audit that does not end. What was seen once has to stay. When a log shows two histories, loses entries or breaks a
+//! `zk0 audit watch`: an audit that does not end. What was seen once has to stay. When a log shows two histories, stays behind or breaks a
 //! rule, the watch raises an alarm and ends.
 
 use super::named_options::NamedOptions;
@@ -35,6 +35,10 @@ pub struct AuditWatchOptions {
     /// Keep what is fetched in this folder, so that after a restart only what is new is fetched.
     #[arg(long, value_name = "DIR")]
     mirror: Option<PathBuf>,
+    /// Give a log this many seconds to come back that shows fewer entries than were seen before: somebody may serve an old copy, as a cache does.
+    /// A log that is still behind then was rolled back.
+    #[arg(long, value_name = "SECONDS", default_value_t = 3600)]
+    behind_for: u64,
     /// Read and fetch no weights. `zk0 audit replay --help` says what is not checked then.
     #[arg(long)]
     light: bool,
@@ -62,8 +66,9 @@ pub fn run(options: &AuditWatchOptions) -> Result<bool> {
         named: options.named.named(),
         state: options.state.clone(),
         mirror: options.mirror.clone(),
+        behind_for: Duration::from_secs(options.behind_for),
     })?;
-    let mut failed = 0;
+    let (mut failed, mut behind) = (0, None);
     let mut look = 0;
     let log = &options.ledger;
     loop {
@@ -79,7 +84,16 @@ pub fn run(options: &AuditWatchOptions) -> Result<bool> {
         // A watch that nobody hears is none.
         told.context(UNHEARD)?;
         match looked {
-            Ok(Look::Continues) => failed = 0,
+            Ok(Look::Continues) => (failed, behind) = (0, None),
+            Ok(Look::Behind(found)) => {
+                failed = 0;
+                if behind.replace(found) != Some(found) {
+                    options.say("behind", &found.to_string()).context(UNHEARD)?;
+                }
+                if options.looks == Some(look + 1) {
+                    return Err(found).context(format!("the last check of {log} gave no verdict"));
+                }
+            }
             Ok(Look::Alarm(faults)) => {
                 for fault in faults {
                     options.say("ALARM", &fault).context(UNHEARD)?;

@@ -3,15 +3,31 @@
 use anyhow::{bail, Error, Result};
 use std::convert::Infallible;
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use zk0_lerobot::dataset::{CopiedEpisodes, Dataset, RenameMap};
-use zk0_lerobot::hub::{fetch, HubOptions, HubRecording};
+use zk0_lerobot::hub::{fetch, Fetched, HubOptions, HubRecording};
 use zk0_node::progress::Progress;
+use zk0_node::recording::registering::has_registered;
+use zk0_node::state_files;
 
 /// A LeRobotDataset folder (v2.0, v2.1, v3.0), or `hub:owner/name[@revision]` on the Hugging Face Hub.
 #[derive(Clone, Debug)]
 pub struct RecordingName(String);
+
+/// The file in the state folder of a node that names the commit of its recording on the Hub.
+const COMMIT_FILE: &str = "recording-commit.json";
+
+/// Largest such file that is read, in bytes.
+const MAX_COMMIT_BYTES: u64 = 4 << 10;
+
+/// The commit of a recording on the Hub that a node uses.
+#[derive(serde::Deserialize, serde::Serialize)]
+struct NodeCommit {
+    /// The recording, as its operator named it.
+    recording: String,
+    commit: String,
+}
 
 impl FromStr for RecordingName {
     type Err = Infallible;
@@ -30,25 +46,24 @@ impl fmt::Display for RecordingName {
 impl RecordingName {
     /// The recording's folder. A recording on the Hub is downloaded, unless it is in the Hub's cache already.
     pub fn locate(&self) -> Result<PathBuf> {
-        let Some(name) = self.0.strip_prefix("hub:") else {
-            return Ok((&self.0).into());
-        };
-        let name: HubRecording = name.parse()?;
-        let options = HubOptions::from_env()?;
-        let mut progress = None;
-        let fetched = fetch(&name, &options, &mut |at| {
-            progress
-                .get_or_insert_with(|| Progress::start("downloading", at.of_bytes))
-                .reached(at.bytes);
-        })?;
-        tracing::info!("{name} is commit {}", fetched.commit);
-        if let Some(other) = fetched.lerobot_commit {
-            tracing::warn!(
-                "LeRobot reads commit {other} of it, which the tag v3.0 names; write hub:{}@v3.0 to read that",
-                name.repository
-            );
+        match self.on_hub()? {
+            Some(name) => Ok(fetched(&name, &HubOptions::from_env()?)?.folder),
+            None => Ok((&self.0).into()),
         }
-        Ok(fetched.folder)
+    }
+
+    /// The recording's folder, for the node with this state folder. A node that has registered keeps the commit of its recording on the Hub, and
+    /// does not ask the Hub for it again.
+    pub fn locate_for_node(&self, state: &Path) -> Result<PathBuf> {
+        match self.on_hub()? {
+            Some(name) => kept(name, state, &HubOptions::from_env()?),
+            None => Ok((&self.0).into()),
+        }
+    }
+
+    fn on_hub(&self) -> Result<Option<HubRecording>> {
+        let name = self.0.strip_prefix("hub:");
+        Ok(name.map(str::parse).transpose()?)
     }
 
     /// Opens the recording.
@@ -69,6 +84,47 @@ impl RecordingName {
         }
         Ok(opened)
     }
+}
+
+/// The folder of a recording on the Hub for a node, at the commit that the node has registered.
+fn kept(name: HubRecording, state: &Path, options: &HubOptions) -> Result<PathBuf> {
+    let path = state.join(COMMIT_FILE);
+    let named = name.to_string();
+    let last: Option<NodeCommit> = state_files::read_json(&path, MAX_COMMIT_BYTES)?;
+    let last = last.filter(|last| last.recording == named && has_registered(state));
+    if let Some(NodeCommit { commit, .. }) = last {
+        tracing::info!(
+            "the node has registered commit {commit} of {named}, and stays with it; to take another one, write hub:{}@COMMIT",
+            name.repository
+        );
+        let registered = HubRecording {
+            revision: commit,
+            ..name
+        };
+        return Ok(fetched(&registered, options)?.folder);
+    }
+    let Fetched { folder, commit, .. } = fetched(&name, options)?;
+    let recording = named;
+    state_files::write_json(&path, &NodeCommit { recording, commit })?;
+    Ok(folder)
+}
+
+/// Fetches a recording on the Hub.
+fn fetched(name: &HubRecording, options: &HubOptions) -> Result<Fetched> {
+    let mut progress = None;
+    let fetched = fetch(name, options, &mut |at| {
+        progress
+            .get_or_insert_with(|| Progress::start("downloading", at.of_bytes))
+            .reached(at.bytes);
+    })?;
+    tracing::info!("{name} is commit {}", fetched.commit);
+    if let Some(other) = &fetched.lerobot_commit {
+        tracing::warn!(
+            "LeRobot reads commit {other} of it, which the tag v3.0 names; write hub:{}@v3.0 to read that",
+            name.repository
+        );
+    }
+    Ok(fetched)
 }
 
 /// Adds the name of a recording to an error, unless the error has it already: most name a file, and so its folder.
@@ -99,6 +155,7 @@ pub fn refuse_left_out(dataset: &Dataset) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     #[test]
     fn a_recording_is_named_once() {
@@ -131,5 +188,45 @@ mod tests {
         let name: RecordingName = "no/such/recording".parse().unwrap();
         let said = format!("{:#}", name.open().unwrap_err());
         assert_eq!(said.matches("no/such/recording").count(), 1, "{said}");
+    }
+
+    #[test]
+    fn a_node_stays_with_the_commit_that_it_has_registered() {
+        let (cache, state) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        // The Hub cannot be reached. What is in the cache is complete.
+        let options = HubOptions {
+            endpoint: "http://127.0.0.1:1".into(),
+            token: None,
+            cache: cache.path().into(),
+        };
+        let repository = cache.path().join("datasets--robots--arm");
+        let commits = ["0a", "0b"].map(|digits| digits.repeat(20));
+        let is_at = |revision: &str, commit: &str| {
+            let reference = repository.join("refs").join(revision);
+            fs::create_dir_all(reference.parent().unwrap()).unwrap();
+            fs::write(reference, commit).unwrap();
+        };
+        for commit in &commits {
+            let meta = repository.join("snapshots").join(commit).join("meta");
+            fs::create_dir_all(&meta).unwrap();
+            fs::write(meta.join("info.json"), "{}").unwrap();
+            is_at(commit, commit);
+        }
+        let found = |name: &str| {
+            let folder = kept(name.parse().unwrap(), state.path(), &options).unwrap();
+            folder.file_name().unwrap().to_str().unwrap().to_owned()
+        };
+        is_at("main", &commits[0]);
+        assert_eq!(found("robots/arm"), commits[0]);
+        // Nothing is registered yet, so the node follows the branch.
+        is_at("main", &commits[1]);
+        assert_eq!(found("robots/arm"), commits[1]);
+        fs::write(state.path().join("registration"), "").unwrap();
+        is_at("main", &commits[0]);
+        assert_eq!(found("robots/arm"), commits[1]);
+        // The operator names another one.
+        let named = format!("robots/arm@{}", commits[0]);
+        assert_eq!(found(&named), commits[0]);
+        assert_eq!(found("robots/arm@main"), commits[0]);
     }
 }

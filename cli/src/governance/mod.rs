@@ -112,7 +112,7 @@ async fn answer(command: &GovernanceCommand) -> Result<()> {
         GovernanceCommand::Status { network, rules } => {
             // Nothing is signed, so any key will do.
             let key = SigningKey::from_bytes(&keys::random()?);
-            let info = network.connect(key).await?.governance().await?;
+            let info = network.connect_for_command(key).await?.governance().await?;
             if *rules {
                 println!("{}", serde_json::to_string_pretty(&info.rules)?)
             } else {

@@ -6,6 +6,7 @@ use crate::harness::{copy, text};
 use ed25519_dalek::SigningKey;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 use zk0_audit::log_source::Trust;
 use zk0_audit::watch::{LogWatch, Look, WatchOptions};
 use zk0_audit::{Depth, TrustedPrograms};
@@ -48,8 +49,14 @@ fn an_audit_whose_state_cannot_be_saved_says_so_and_does_not_pass() {
     }
 }
 
-/// What a watch finds in a log that is replaced by an older copy between two looks. `lose` is called in between.
-fn rolled_back(state: &Path, lose: impl Fn(&Path)) -> (anyhow::Result<Look>, Look) {
+const HOUR: Duration = Duration::from_secs(3600);
+
+/// What a watch finds in a log that is replaced by an older copy between two looks, and may be behind for this time. `lose` is called in between.
+fn replaced(
+    state: &Path,
+    behind_for: Duration,
+    lose: impl Fn(&Path),
+) -> (anyhow::Result<Look>, Look) {
     let scratch = tempfile::tempdir().unwrap();
     let (dir, older) = (scratch.path().join("ledger"), scratch.path().join("older"));
     drop(Made::found(&dir, 0).ledger);
@@ -70,6 +77,7 @@ fn rolled_back(state: &Path, lose: impl Fn(&Path)) -> (anyhow::Result<Look>, Loo
         named: TrustedPrograms::default(),
         state: Some(state.into()),
         mirror: None,
+        behind_for,
     })
     .unwrap();
     let first = watch.look(None, |_| {});
@@ -83,24 +91,32 @@ fn rolled_back(state: &Path, lose: impl Fn(&Path)) -> (anyhow::Result<Look>, Loo
 fn is_rolled_back(look: &Look) {
     match look {
         Look::Alarm(faults) => assert!(faults[0].starts_with("ROLLED BACK"), "{faults:?}"),
-        Look::Continues => panic!("the watch accepts an older copy"),
+        other => panic!("the watch accepts an older copy: {other:?}"),
     }
 }
 
 #[test]
 fn a_watch_whose_state_cannot_be_saved_gives_no_verdict_and_still_notices_a_rollback() {
     let scratch = tempfile::tempdir().unwrap();
-    let (first, second) = rolled_back(&unwritable(scratch.path()), |_| {});
-    let why = first.unwrap_err().to_string();
-    assert!(why.contains("cannot be saved"), "{why}");
-    is_rolled_back(&second);
+    for behind_for in [Duration::ZERO, HOUR] {
+        let (first, second) = replaced(&unwritable(scratch.path()), behind_for, |_| {});
+        let why = first.unwrap_err().to_string();
+        assert!(why.contains("cannot be saved"), "{why}");
+        if behind_for == HOUR {
+            assert!(matches!(second, Look::Behind(_)), "{second:?}");
+        } else {
+            is_rolled_back(&second);
+        }
+    }
 }
 
 #[test]
 fn a_watch_whose_state_file_is_removed_still_notices_a_rollback() {
     let scratch = tempfile::tempdir().unwrap();
     let state = scratch.path().join("state");
-    let (first, second) = rolled_back(&state, |state| fs::remove_file(state).unwrap());
+    let (first, second) = replaced(&state, Duration::ZERO, |state| {
+        fs::remove_file(state).unwrap();
+    });
     assert_eq!(first.unwrap(), Look::Continues);
     is_rolled_back(&second);
     assert!(!state.exists(), "the older copy is not remembered");

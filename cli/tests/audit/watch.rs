@@ -31,14 +31,21 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
     assert!(said.contains("round 1 closed"), "{said}");
     // The watch reads the ledger's own folder with the same state file.
     assert_eq!(look(0, &dir, &state, &[]), "");
-    // Lost entries, another history and damage raise an alarm, and the state file stays the same.
+    // A log that shows less is behind, which is no verdict.
     let kept = fs::read(&state).unwrap();
-    let said = look(1, &first, &state, &[]);
+    let said = look(4, &first, &state, &[]);
+    assert!(said.starts_with("behind       the log is behind"), "{said}");
+    let said = look(4, &first, &state, &["--json"]);
+    let behind: serde_json::Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(behind["event"], "behind");
+    // One that stays behind, another history and damage raise an alarm, and the state file stays the same.
+    let over = ["--behind-for", "0"];
+    let said = look(1, &first, &state, &over);
     assert!(
         said.contains("ALARM") && said.contains("ROLLED BACK"),
         "{said}"
     );
-    let said = look(1, &first, &state, &["--json"]);
+    let said = look(1, &first, &state, &["--json", "--behind-for", "0"]);
     let alarm: serde_json::Value = serde_json::from_str(&said).unwrap();
     assert_eq!(alarm["event"], "alarm");
     let fault = alarm["text"].as_str().unwrap();
@@ -59,7 +66,7 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
         (&fork, "FORKED"),
         (&stranger, "is of network"),
     ] {
-        let said = look(1, log, &state, &["--light"]);
+        let said = look(1, log, &state, &["--light", "--behind-for", "0"]);
         assert!(said.contains("ALARM") && said.contains(words), "{said}");
         assert_eq!(fs::read(&state).unwrap(), kept);
     }
@@ -71,11 +78,14 @@ fn a_watch_tells_what_is_new_and_remembers_what_it_saw() {
     fs::write(proof.path(), b"another proof").unwrap();
     let said = look(1, &place("false-proof"), &place("new"), &[]);
     assert!(said.contains("ALARM") && said.contains("SHA-256"), "{said}");
-    // A mirror that is kept notices the rollback without the state file.
+    // A mirror that is kept knows what the log has signed without the state file.
     let (mirror, other) = (place("mirror"), place("other"));
     look(0, &second, &other, &["--mirror", text(&mirror)]);
     fs::remove_file(&other).unwrap();
-    let said = look(1, &first, &other, &["--mirror", text(&mirror)]);
+    let kept_mirror = ["--mirror", text(&mirror)];
+    let said = look(4, &first, &other, &kept_mirror);
+    assert!(said.contains("the log is behind"), "{said}");
+    let said = look(1, &first, &other, &[&kept_mirror[..], &over].concat());
     assert!(said.contains("ROLLED BACK"), "{said}");
     // When the state file is damaged, its owner has to decide.
     let mut damaged = kept.clone();

@@ -100,11 +100,9 @@ impl Remote {
 }
 
 /// What a node says when it hears nothing from the aggregator any more. It depends on what the node does at that moment.
-const LOST: [&str; 4] = [
-    "the connection to the aggregator is lost",
+const LOST: [&str; 2] = [
     "the aggregator does not answer",
-    "the download was cut",
-    "the upload was cut",
+    "the aggregator cannot do it now",
 ];
 
 #[test]

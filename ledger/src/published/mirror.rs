@@ -2,8 +2,8 @@
 //! the operator is gone.
 //!
 //! Everything is verified: the newest checkpoint by its signatures and the policy, every entry by its place in the signed tree, every
-//! checkpoint by its signature and root, and every copied blob by its digest. A log that has forked, or lacks mirrored entries, is refused,
-//! and the folder stays as it is.
+//! checkpoint by its signature and root, and every blob that is copied by its digest. The log has to continue what was mirrored before. If it has
+//! forked, or is behind, the folder stays as it is.
 
 use crate::blobs::damaged::{CopyError, DamagedBlob};
 use crate::blobs::{BlobError, Blobs};
@@ -166,6 +166,17 @@ pub(crate) fn mirror_with(
         if signed.size > held {
             let signed = signed.size;
             return Err(LedgerError::RolledBack { held, signed }.into());
+        }
+    }
+    let shown = log.checkpoint();
+    if shown.size < held {
+        let known = store.root(shown.size)?;
+        if known != shown.root {
+            return Err(MirrorError::Published(PublishedError::Forked {
+                size: shown.size,
+                found: shown.root,
+                known,
+            }));
         }
     }
     if held > 0 {

@@ -45,12 +45,13 @@ pub enum PublishedError {
     /// The bytes are not a bundle, or its entries are not the tree's.
     #[error("{path}: {why}")]
     Bundle { path: String, why: String },
-    /// The log has fewer entries than it signed before.
+    /// The log shows an older checkpoint than it signed before. That proves nothing: it may be an old copy, as from a cache.
     #[error(
-        "ROLLED BACK: the log publishes a checkpoint of {published} entries, but it signed one of {known} entries before"
+        "the log is behind: it shows a checkpoint of {published} entries, and it signed one of {known} entries before. This may be an old copy, \
+         as from a cache, so nothing is changed. Try again later; if this stays, the log was rolled back"
     )]
-    RolledBack { published: u64, known: u64 },
-    /// The log's history differs from the one it signed before.
+    Behind { published: u64, known: u64 },
+    /// The log has another history than it signed before.
     #[error("FORKED: the first {size} entries of the log have root {found}, but it signed root {known} before")]
     Forked {
         size: u64,
@@ -99,11 +100,14 @@ impl<'a> PublishedLog<'a> {
         &self.text
     }
 
-    /// Checks that the log continues `known`, which it signed before.
+    /// Checks that the log continues `known`, a checkpoint that it signed before: no entry is missing, and none has changed.
+    ///
+    /// # Errors
+    /// [`PublishedError::Behind`] if `known` is larger. Who has its tree can tell whether the log has forked.
     pub fn continues(&self, known: &Checkpoint) -> Result<(), PublishedError> {
         let size = self.checkpoint.size;
         if known.size > size {
-            return Err(PublishedError::RolledBack {
+            return Err(PublishedError::Behind {
                 published: size,
                 known: known.size,
             });

@@ -14,7 +14,14 @@ pub struct OpenedDatabase {
     pub(super) size: u64,
 }
 
-/// Opens such a database. Tries again if a writer seems to be using it.
+impl OpenedDatabase {
+    /// How many entries it has.
+    pub fn size(&self) -> u64 {
+        self.size
+    }
+}
+
+/// Opens a database whose newest checkpoint is the published one. It tries again if a writer seems to be using the database.
 pub fn open_published(dir: &Path) -> Result<OpenedDatabase, LedgerError> {
     const PAUSE: Duration = Duration::from_millis(20);
     let path = folder::database(dir);

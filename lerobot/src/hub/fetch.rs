@@ -8,7 +8,7 @@ use hf_hub::{Cache, Repo, RepoType};
 use crate::dataset::{CameraStorage, Info};
 use crate::hub::download::{download, is_whole, DownloadFailure, HubProgress, RETRIES};
 use crate::hub::error::HubError;
-use crate::hub::listing::{list, tagged, Listing, RemoteFile};
+use crate::hub::listing::{is_hash, list, tagged, Listing, RemoteFile};
 use crate::hub::name::DEFAULT_REVISION;
 use crate::hub::options::HubOptions;
 use crate::hub::recording::HubRecording;
@@ -30,8 +30,9 @@ pub struct Fetched {
     pub lerobot_commit: Option<String>,
 }
 
-/// Fetches a recording's missing files into the cache, and reports each step to `progress`. If all are there, it asks the Hub only for the
-/// listing and LeRobot's tag. If it cannot reach the Hub, it uses an earlier fetch, with a warning.
+/// Fetches what is missing of a recording into the cache. `progress` is told of every step; if all is there, the
+/// Hub is asked only for the listing and for LeRobot's tag. A commit that was fetched before is used as it is, because it never changes, and the
+/// Hub is not asked. If the Hub cannot be reached, a recording that was fetched before is used as it is, with a warning.
 ///
 /// # Errors
 /// See [`HubError`]. Incomplete files do not get their names.
@@ -50,22 +51,20 @@ pub fn fetch(
         )
     };
     let named = cache.repo(of(&recording.revision));
+    // The reference is written when everything is there.
+    let before = match named.get(INFO).map(|info| in_cache(&info)) {
+        Some(fetched) if is_hash(&recording.revision) => return Ok(fetched),
+        before => before,
+    };
     let mut listing = match list(&api.repo(of(&recording.revision)), recording, options) {
         Ok(listing) => listing,
         Err(error @ HubError::Unreachable { .. }) => {
-            // The reference is written last.
-            let info = named.get(INFO).ok_or(error)?;
+            let fetched = before.ok_or(error)?;
             tracing::warn!(
                 "{recording}: {} cannot be reached; what was fetched before is used",
                 options.endpoint
             );
-            let folder = above(&above(&info));
-            let commit = folder.file_name().unwrap_or_default();
-            return Ok(Fetched {
-                commit: commit.to_string_lossy().into_owned(),
-                lerobot_commit: None,
-                folder,
-            });
+            return Ok(fetched);
         }
         Err(error) => return Err(error),
     };
@@ -95,8 +94,10 @@ pub fn fetch(
     for file in listing.siblings.iter().skip(1) {
         get(file, &listing)?;
     }
-    if let Err(error) = named.create_ref(&listing.sha) {
-        tracing::warn!("{recording}: its place in the cache could not be noted: {error}");
+    for reference in [named, cache.repo(pinned)] {
+        if let Err(error) = reference.create_ref(&listing.sha) {
+            tracing::warn!("{recording}: its place in the cache could not be noted: {error}");
+        }
     }
     let lerobot_commit = if recording.revision == DEFAULT_REVISION {
         tagged(&api.repo(of(LEROBOT_TAG))).filter(|commit| *commit != listing.sha)
@@ -110,7 +111,18 @@ pub fn fetch(
     })
 }
 
-/// Cameras with possible picture files. Opening the recording tells why `meta/info.json` is unreadable.
+/// A recording of which this file is in the cache.
+fn in_cache(info: &Path) -> Fetched {
+    let folder = above(&above(info));
+    let commit = folder.file_name().unwrap_or_default();
+    Fetched {
+        commit: commit.to_string_lossy().into_owned(),
+        lerobot_commit: None,
+        folder,
+    }
+}
+
+/// The cameras whose pictures may be in files of their own. Whoever opens the recording learns why `meta/info.json` cannot be read.
 fn cameras_with_pictures(folder: &Path) -> Vec<String> {
     let cameras = Info::read(folder).map_or(Vec::new(), |info| info.cameras);
     let stored = cameras

@@ -155,8 +155,8 @@ pub(super) fn tagged(repo: &ApiRepo) -> Option<String> {
     is_hash(&commit.sha).then_some(commit.sha)
 }
 
-/// Whether it is a git or Git LFS digest.
-fn is_hash(text: &str) -> bool {
+/// Whether it is a digest as git or Git LFS writes it.
+pub(super) fn is_hash(text: &str) -> bool {
     text.len() >= 40 && text.bytes().all(|b| b.is_ascii_hexdigit())
 }
 

@@ -1,7 +1,8 @@
 //! Uploads and downloads, which go on where they were cut.
 
 use crate::client::heads::About;
-use crate::client::{encode, is_lost, NodeClient, APART, ATTEMPTS};
+use crate::client::waits::Waits;
+use crate::client::{encode, NodeClient};
 use crate::client_error::NodeError;
 use sha2::{Digest as _, Sha256};
 use std::io::Write;
@@ -18,43 +19,37 @@ use zk0_protocol::rpc::federation::upload_chunk::Part;
 /// Bytes in one message of an upload. The aggregator reserves memory for messages over 32 KiB.
 const CHUNK_BYTES: usize = 16 << 10;
 
-/// Attempts of a transfer. Those count that came no further than the attempt before.
+/// The attempts of a transfer. One that comes further than those before begins the waits again.
 struct Attempts {
     what: &'static str,
-    made: u32,
     furthest: u64,
+    waits: Waits,
 }
 
 impl Attempts {
     fn of(what: &'static str) -> Self {
         Self {
             what,
-            made: 0,
             furthest: 0,
+            waits: Waits::default(),
         }
     }
 
-    /// Waits before the next attempt, which begins at byte `begins` of `size`. The last failure is returned.
-    async fn again(&mut self, status: Status, begins: u64) -> Result<(), NodeError> {
+    /// Waits before the next attempt, which begins at byte `begins`.
+    async fn again(
+        &mut self,
+        node: &mut NodeClient,
+        failure: Status,
+        begins: u64,
+    ) -> Result<(), NodeError> {
         if begins > self.furthest {
-            (self.made, self.furthest) = (0, begins);
-        }
-        self.made += 1;
-        if !is_cut(&status) || self.made >= ATTEMPTS {
-            return Err(status.into());
-        }
-        if self.made == 1 {
+            self.furthest = begins;
+            self.waits.end();
             let what = self.what;
-            tracing::warn!("the {what} was cut after {begins} bytes ({status}); it goes on there");
+            tracing::info!("the {what} was cut after {begins} bytes; it goes on there");
         }
-        tokio::time::sleep(APART).await;
-        Ok(())
+        node.again(&mut self.waits, failure).await
     }
-}
-
-/// Whether a transfer that failed so may go on: the connection was lost, it took too long, or somebody has to ask where it goes on.
-fn is_cut(status: &Status) -> bool {
-    is_lost(status) || matches!(status.code(), Code::DeadlineExceeded | Code::Aborted)
 }
 
 impl NodeClient {
@@ -80,13 +75,11 @@ impl NodeClient {
             let part = self.download_part(blob, limit, &mut hash, &mut held, out);
             match part.await {
                 Ok(()) => break,
-                Err(NodeError::Refused(status)) => {
-                    attempts.again(*status, held).await?;
-                    self.learn_run().await;
-                }
+                Err(NodeError::Refused(failure)) => attempts.again(self, *failure, held).await?,
                 Err(error) => return Err(error),
             }
         }
+        attempts.waits.end();
         out.flush().map_err(NodeError::Write)?;
         match Digest(hash.finalize().into()) {
             actual if actual == *blob => Ok(()),
@@ -140,26 +133,25 @@ impl NodeClient {
         let signed = encode(&Signed::new(request, &self.key));
         let about = About::message(Method::Upload, &signed).in_round(round);
         let mut attempts = Attempts::of("upload");
-        // The store is tried once.
-        let (mut held, mut stored) = (0, false);
+        // The store is tried once, and an upload begins again once.
+        let (mut held, mut stored, mut begun_again) = (0, false, false);
         loop {
             let part = self.upload_part(&about, &signed, &update, &mut held, &mut stored);
             match part.await {
-                Ok(()) => return Ok(()),
+                Ok(()) => break,
                 // What the aggregator had was damaged, and it has removed all of it.
                 Err(NodeError::Refused(status))
-                    if held > 0 && status.code() == Code::InvalidArgument && attempts.made == 0 =>
+                    if held > 0 && status.code() == Code::InvalidArgument && !begun_again =>
                 {
                     tracing::warn!("the upload begins again: {status}");
-                    attempts.made += 1;
+                    begun_again = true;
                 }
-                Err(NodeError::Refused(status)) => {
-                    attempts.again(*status, held).await?;
-                    self.learn_run().await;
-                }
+                Err(NodeError::Refused(failure)) => attempts.again(self, *failure, held).await?,
                 Err(error) => return Err(error),
             }
         }
+        attempts.waits.end();
+        Ok(())
     }
 
     /// Asks how many bytes the aggregator has, and sends the others. If the aggregator has nothing and gives an address, the update goes there,

@@ -1,7 +1,8 @@
 //! Following a round: the aggregator tells the node when a round has come further, and the node asks again when the connection is lost.
 
 use crate::client::heads::About;
-use crate::client::{is_lost, program, unexpected, NodeClient, APART, ATTEMPTS};
+use crate::client::waits::Waits;
+use crate::client::{program, unexpected, NodeClient};
 use crate::client_error::NodeError;
 use std::time::Duration;
 use tonic::Streaming;
@@ -14,7 +15,7 @@ use zk0_protocol::rpc::federation as rpc;
 pub(crate) struct FollowedRound {
     request: rpc::GetRoundRequest,
     stream: Option<Streaming<rpc::RoundInfo>>,
-    failed: u32,
+    waits: Waits,
 }
 
 impl FollowedRound {
@@ -23,7 +24,7 @@ impl FollowedRound {
         Self {
             request: rpc::GetRoundRequest { round, node },
             stream: None,
-            failed: 0,
+            waits: Waits::default(),
         }
     }
 }
@@ -187,27 +188,24 @@ impl NodeClient {
                     Err(status) => Err(status),
                 },
             };
-            match told {
+            let failure = match told {
                 Ok(Some(info)) => {
-                    watch.failed = 0;
+                    watch.waits.end();
                     return Ok(info);
                 }
                 // The aggregator ends the stream after some minutes.
-                Ok(None) => {}
-                Err(status) if is_lost(&status) && watch.failed < ATTEMPTS => {
-                    if watch.failed == 0 {
-                        tracing::warn!(
-                            "the connection to the aggregator is lost ({}); the node asks again every two seconds",
-                            status.message()
-                        );
-                    }
-                    watch.failed += 1;
-                }
-                Err(status) => return Err(status.into()),
-            }
+                Ok(None) => None,
+                Err(failure) => Some(failure),
+            };
             watch.stream = None;
-            tokio::time::sleep(APART).await;
-            self.learn_run().await;
+            match failure {
+                Some(failure) => self.again(&mut watch.waits, failure).await?,
+                None => {
+                    watch.waits.shortly().await;
+                    // If it was started again and does not answer yet, the next request shows that.
+                    let _ = self.learn_run().await;
+                }
+            }
         }
     }
 }

@@ -23,6 +23,11 @@ use zk0_smolvla::frames::sample::PreparedSample;
 /// The file in which a node keeps what it has registered last.
 const REGISTRATION: &str = "registration";
 
+/// Whether the node with this state folder has registered a recording.
+pub fn has_registered(state: &Path) -> bool {
+    state.join(REGISTRATION).exists()
+}
+
 /// What a node registers, and where it keeps it.
 pub struct Registering<'a> {
     /// The node's state folder.

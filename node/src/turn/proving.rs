@@ -5,7 +5,7 @@ use crate::error::{NoProof, ParticipantError};
 use crate::progress;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::time::sleep;
+use tokio::time::{sleep, timeout};
 use zk0_protocol::entries::entry::RoundOpened;
 use zk0_prover::program::GuestInput;
 use zk0_prover::rpc;
@@ -76,8 +76,9 @@ pub async fn have_proven(
 /// Ready when the round takes no more submissions. An aggregator that is away costs no proof: the round takes none after its whole window.
 async fn submissions_end(node: &mut NodeClient, opened: &RoundOpened) {
     let whole = Duration::from_millis(opened.rules.submit_window_ms);
-    let left = node.submissions_end_in(opened).await;
-    sleep(left.unwrap_or(whole)).await;
+    if let Ok(left) = timeout(whole, node.submissions_end_in(opened)).await {
+        sleep(left.unwrap_or(whole)).await;
+    }
 }
 
 /// Reports how far the proving service is with a claim.

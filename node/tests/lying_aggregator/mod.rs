@@ -1,10 +1,12 @@
 //! A node believes nothing that an aggregator says of a round's randomness or of a proposal. The aggregator of these tests holds the log's
 //! key, and shows the node whatever a test makes up.
 
+mod asking_again;
 mod proof_in_time;
 
 use std::fs;
 use std::pin::Pin;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
@@ -116,6 +118,15 @@ impl Told {
 
     /// Node 0, connected to an aggregator that shows it this round, and the aggregator.
     async fn connected(&self, round: rpc::RoundInfo) -> (NodeClient, JoinHandle<()>) {
+        self.failing(round, Failures::default()).await
+    }
+
+    /// The same. The aggregator fails like this, the last failure first, before it shows the round or the governance.
+    async fn failing(
+        &self,
+        round: rpc::RoundInfo,
+        failures: Failures,
+    ) -> (NodeClient, JoinHandle<()>) {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let url = format!("http://{}", listener.local_addr().unwrap());
         let whole = MemoryLog::of(&self.leaves);
@@ -125,6 +136,7 @@ impl Told {
             checkpoint: String::from_utf8(checkpoint).unwrap(),
             round,
             governance: self.governance(),
+            failures,
         };
         let serving = Server::builder()
             .add_service(FederationServer::new(lying))
@@ -150,11 +162,21 @@ impl Told {
     }
 }
 
+/// Failures that an aggregator has before it.
+type Failures = Arc<Mutex<Vec<Status>>>;
+
 struct Lying {
     genesis: Vec<u8>,
     checkpoint: String,
     round: rpc::RoundInfo,
     governance: rpc::GovernanceInfo,
+    failures: Failures,
+}
+
+impl Lying {
+    fn fail(&self) -> Result<(), Status> {
+        self.failures.lock().unwrap().pop().map_or(Ok(()), Err)
+    }
 }
 
 type Answer<T> = Result<Response<T>, Status>;
@@ -184,6 +206,7 @@ impl Federation for Lying {
         &self,
         _: Request<rpc::GetRoundRequest>,
     ) -> Answer<Self::WatchRoundStream> {
+        self.fail()?;
         let told = tokio_stream::once(Ok(self.round.clone()));
         Ok(Response::new(Box::pin(told.chain(tokio_stream::pending()))))
     }
@@ -222,6 +245,7 @@ impl Federation for Lying {
         &self,
         _: Request<rpc::GetGovernanceRequest>,
     ) -> Answer<rpc::GovernanceInfo> {
+        self.fail()?;
         Ok(Response::new(self.governance.clone()))
     }
 }

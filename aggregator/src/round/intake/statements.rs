@@ -28,6 +28,7 @@ use zk0_protocol::entries::signed::{
     DatasetRegistration, Enrolment, SignableStatement, UpdateCommitment, UploadRequest,
 };
 use zk0_protocol::rpc::federation::record_request::Statement;
+use zk0_protocol::rpc::federation::turned_down::Remedy;
 use zk0_protocol::rpc::federation::RecordRequest;
 use zk0_protocol::rules::named_blobs::BlobKind;
 use zk0_protocol::tlog::receipt::Receipt;
@@ -198,11 +199,14 @@ impl AllowedStatement {
         let again_ms = ledger.entry(first)?.time_ms.saturating_add(PERIOD_MS);
         match again_ms.saturating_sub(self.time_ms) {
             0 => Ok(()),
-            left_ms => Err(RequestError::Busy(format!(
-                "node {} has registered {MAX_REGISTRATIONS} datasets within a day, and no round has closed since: it may register again when a round has closed, or in {} minutes",
-                self.sent.signer,
-                left_ms.div_ceil(60_000)
-            ))),
+            left_ms => Err(RequestError::Busy {
+                why: format!(
+                    "node {} has registered {MAX_REGISTRATIONS} datasets within a day, and no round has closed since: it may register again when a round has closed, or in {} minutes",
+                    self.sent.signer,
+                    left_ms.div_ceil(60_000)
+                ),
+                remedy: Remedy::NextRound,
+            }),
         }
     }
 

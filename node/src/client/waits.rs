@@ -1,0 +1,222 @@
+//! How long a node waits before it asks again: longer with each attempt, and at least as long as the aggregator tells. The waits of many nodes
+//! differ, so they do not all ask an aggregator that comes back at the same moment.
+
+use crate::progress;
+use std::error::Error as _;
+use std::time::Duration;
+use tokio::time::{sleep, Instant};
+use tonic::{Code, Status};
+use zk0_protocol::rpc::federation::turned_down::Remedy;
+use zk0_protocol::rpc::federation::TurnedDown;
+
+/// The first wait is at most this long.
+const FIRST: Duration = Duration::from_secs(1);
+/// Each further wait may be longer by this factor, ...
+const GROWTH: f64 = 1.5;
+/// ... up to this.
+const LONGEST: Duration = Duration::from_secs(60);
+
+/// The longest wait that an aggregator can ask for.
+const MOST_TOLD: Duration = Duration::from_secs(60);
+
+/// What a wait is called on a terminal.
+const PHASE: &str = "waiting for the aggregator";
+
+/// The waits until a request is answered, or until a connection brings something again.
+#[derive(Default)]
+pub(crate) struct Waits {
+    attempt: u32,
+    since: Option<Instant>,
+    /// The code of the failure that the log knows.
+    logged: Option<Code>,
+}
+
+impl Waits {
+    /// Waits before the next attempt after this failure. Returns the failure if it does not pass, or if the waits would take longer than `limit`
+    /// together.
+    pub async fn again(
+        &mut self,
+        failure: Status,
+        limit: Option<Duration>,
+    ) -> Result<(), Status> {
+        let waited = self.since.get_or_insert_with(Instant::now).elapsed();
+        let Some(pause) = self.next(&failure, waited, limit) else {
+            return Err(failure);
+        };
+        if self.logged.replace(failure.code()) != Some(failure.code()) {
+            tracing::warn!(
+                "{}; the node asks again, after longer and longer waits of up to a minute",
+                why(&failure)
+            );
+        }
+        let (waited_ms, pause_ms) = (waited.as_millis() as u64, pause.as_millis() as u64);
+        progress::report(PHASE, waited_ms, waited_ms + pause_ms, pause_ms);
+        sleep(pause).await;
+        Ok(())
+    }
+
+    /// Waits a moment before the node asks for what has ended as it should.
+    pub async fn shortly(&mut self) {
+        let pause = wait(self.attempt, random(), Duration::ZERO);
+        self.attempt = self.attempt.saturating_add(1);
+        sleep(pause).await;
+    }
+
+    /// The aggregator has answered. The next failure begins with a short wait.
+    pub fn end(&mut self) {
+        if let Some(since) = self.since {
+            progress::report(PHASE, 1, 1, 0);
+            let waited = since.elapsed().as_secs();
+            tracing::info!("the aggregator answers again; the node has waited for {waited} s");
+        }
+        *self = Self::default();
+    }
+
+    /// The wait after this failure, when the node has waited for `waited`; `None` if it gives up.
+    fn next(
+        &mut self,
+        failure: &Status,
+        waited: Duration,
+        limit: Option<Duration>,
+    ) -> Option<Duration> {
+        let pause = wait(self.attempt, random(), told(failure));
+        let too_long = limit.is_some_and(|limit| waited + pause > limit);
+        if too_long || !may_pass(failure) {
+            return None;
+        }
+        self.attempt = self.attempt.saturating_add(1);
+        Some(pause)
+    }
+}
+
+/// Draws a wait. Without a random number, the wait is the longest.
+fn random() -> u32 {
+    getrandom::u32().unwrap_or(u32::MAX)
+}
+
+/// The wait before an attempt, counted from 0. `random` draws it between half and the whole of a time that grows with the attempts. The half
+/// is at least what the aggregator has `told`.
+fn wait(attempt: u32, random: u32, told: Duration) -> Duration {
+    let grown = FIRST.as_secs_f64() * GROWTH.powf(f64::from(attempt));
+    let grown = Duration::from_secs_f64(grown.min(LONGEST.as_secs_f64()));
+    let half = (grown / 2).max(told);
+    half + half.mul_f64(f64::from(random) / f64::from(u32::MAX))
+}
+
+/// Whether the same request may be granted later. The aggregator tells that with what it turns down. All else comes from the connection, or from
+/// what is between.
+pub(crate) fn may_pass(failure: &Status) -> bool {
+    match TurnedDown::of(failure).remedy() {
+        Remedy::AskAgain => true,
+        Remedy::Never | Remedy::NextRound => false,
+        Remedy::Unspecified => match failure.code() {
+            Code::Unavailable
+            | Code::ResourceExhausted
+            | Code::Internal
+            | Code::DeadlineExceeded
+            | Code::Aborted => true,
+            // What somebody answers has no source.
+            Code::Unknown | Code::Cancelled => failure.source().is_some(),
+            _ => false,
+        },
+    }
+}
+
+/// How long the aggregator wants the node to wait.
+fn told(failure: &Status) -> Duration {
+    Duration::from_millis(TurnedDown::of(failure).after_ms).min(MOST_TOLD)
+}
+
+/// Why the node waits.
+fn why(failure: &Status) -> String {
+    let message = failure.message();
+    match failure.source() {
+        None if !message.is_empty() => format!("the aggregator cannot do it now: {message}"),
+        Some(_) if !message.is_empty() => format!("the aggregator does not answer ({message})"),
+        _ => "the aggregator does not answer".into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NOTHING: Duration = Duration::ZERO;
+
+    #[test]
+    fn waits_grow_to_a_minute_and_are_drawn_between_half_and_whole() {
+        let bounds = |attempt| {
+            [0, u32::MAX].map(|random| wait(attempt, random, NOTHING).as_millis() as u64)
+        };
+        assert_eq!(bounds(0), [500, 1000]);
+        assert_eq!(bounds(1), [750, 1500]);
+        assert_eq!(bounds(2), [1125, 2250]);
+        for attempt in [11, 1000, u32::MAX] {
+            assert_eq!(bounds(attempt), [30_000, 60_000]);
+        }
+        let middle = wait(0, u32::MAX / 2, NOTHING);
+        assert!((749..=750).contains(&middle.as_millis()), "{middle:?}");
+    }
+
+    #[test]
+    fn a_node_asks_no_sooner_than_it_was_told() {
+        let told = Duration::from_secs(2);
+        assert_eq!(wait(0, 0, told), told);
+        assert_eq!(wait(0, u32::MAX, told), 2 * told);
+        // Later, the node waits longer than that by itself.
+        assert_eq!(wait(20, 0, told), Duration::from_secs(30));
+        let details = |after_ms| TurnedDown {
+            after_ms,
+            ..TurnedDown::default()
+        };
+        let wanted = |after_ms| super::told(&details(after_ms).status(Code::Unavailable, ""));
+        assert_eq!(wanted(7000), Duration::from_secs(7));
+        assert_eq!(wanted(u64::MAX), MOST_TOLD);
+    }
+
+    #[test]
+    fn the_aggregator_s_advice_decides_and_the_code_where_there_is_none() {
+        let advised = |code, remedy: Remedy| {
+            let details = TurnedDown {
+                remedy: remedy.into(),
+                ..TurnedDown::default()
+            };
+            may_pass(&details.status(code, ""))
+        };
+        for code in [
+            Code::Unavailable,
+            Code::ResourceExhausted,
+            Code::Internal,
+            Code::NotFound,
+        ] {
+            assert!(advised(code, Remedy::AskAgain), "{code:?}");
+            assert!(!advised(code, Remedy::Never), "{code:?}");
+            assert!(!advised(code, Remedy::NextRound), "{code:?}");
+            let passes = code != Code::NotFound;
+            assert_eq!(may_pass(&Status::new(code, "")), passes, "{code:?}");
+        }
+        let broken = std::io::Error::other("broken pipe");
+        assert!(may_pass(&Status::from_error(broken.into())));
+        assert!(!may_pass(&Status::unknown("")));
+    }
+
+    #[test]
+    fn waits_have_an_end_only_where_there_is_a_limit() {
+        let away = Status::unavailable("away");
+        let limit = Some(Duration::from_secs(10));
+        let (mut waits, mut waited) = (Waits::default(), Duration::ZERO);
+        while let Some(pause) = waits.next(&away, waited, limit) {
+            waited += pause;
+        }
+        assert!(waited > FIRST && Some(waited) <= limit, "{waited:?}");
+        let (mut waits, mut waited) = (Waits::default(), Duration::ZERO);
+        for _ in 0..1000 {
+            waited += waits.next(&away, waited, None).unwrap();
+        }
+        let refused = Status::permission_denied("");
+        assert_eq!(waits.next(&refused, waited, None), None);
+        // An answer ends the waits.
+        waits.end();
+        assert!(waits.next(&away, NOTHING, limit).unwrap() <= FIRST);
+    }
+}
