@@ -180,7 +180,7 @@ impl Participant {
             let mut watch = node.until_closed(round);
             let closed = loop {
                 match node.wait_for_close(&mut watch).await? {
-                    Waited::Closed(closed) => break closed,
+                    Waited::Closed(closed) => break *closed,
                     Waited::Lost => {
                         if let Err(error) = turn.send_again(node).await {
                             tracing::error!("round {round}: a file that the aggregator has lost cannot be sent again: {error}");

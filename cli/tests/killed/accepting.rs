@@ -98,7 +98,7 @@ impl Served {
             let mut node = self.client(&self.members[0]).await;
             let mut watch = node.until_closed(0);
             match node.wait_for_close(&mut watch).await.unwrap() {
-                Waited::Closed(closed) => closed,
+                Waited::Closed(closed) => *closed,
                 Waited::Lost => panic!("a file is lost"),
             }
         })

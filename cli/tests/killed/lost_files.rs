@@ -13,7 +13,7 @@ async fn closes(member: &Member, node: &mut NodeClient) -> (RoundClosed, usize) 
     let (mut watch, mut lost) = (node.until_closed(0), 0);
     loop {
         match node.wait_for_close(&mut watch).await.unwrap() {
-            Waited::Closed(closed) => return (closed, lost),
+            Waited::Closed(closed) => return (*closed, lost),
             Waited::Lost => {
                 lost += 1;
                 node.upload(0, member.update.clone()).await.unwrap();

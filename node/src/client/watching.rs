@@ -39,7 +39,7 @@ pub struct WaitForClose {
 #[derive(Clone, Debug)]
 pub enum Waited {
     /// The round is closed, like this.
-    Closed(RoundClosed),
+    Closed(Box<RoundClosed>),
     /// The aggregator has lost a file of the node's contribution, and the round cannot close without it.
     Lost,
 }
@@ -88,7 +88,7 @@ impl NodeClient {
             if let Some(closed) = info.closed {
                 return match self.entry(closed)?.1.body {
                     Body::RoundClosed(closed) if closed.round == watch.round => {
-                        Ok(Waited::Closed(closed))
+                        Ok(Waited::Closed(Box::new(closed)))
                     }
                     _ => Err(unexpected("the close of the round", "another entry")),
                 };
