@@ -2,6 +2,8 @@
 //! each of these is audited; and an entry is proven offline. Ledgers
 //! without real proofs are pruned.
 
+mod missing;
+
 use crate::harness::made_ledger::Made;
 use crate::harness::serving::Serving;
 use crate::harness::{self, copy, ends, logged, printed, prints, text, zk0, LEDGER};

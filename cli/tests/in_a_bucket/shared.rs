@@ -37,13 +37,14 @@ fn belongs_to_the_first(address: &str, variables: &[(String, String)], root: &Pa
         id(&ours),
         id(&theirs)
     );
-    let of_theirs: [&[&str]; 6] = [
+    let of_theirs: [&[&str]; 7] = [
         &words(&serve),
         &["ledger", "prune", &ledger, "--key", &key],
         &["ledger", "prune", &ledger, "--dry-run"],
         &["ledger", "export", &ledger, &out],
         &["ledger", "backup", &ledger, &out],
         &["ledger", "serve", &ledger],
+        &["ledger", "fsck", &ledger],
     ];
     for arguments in of_theirs {
         let said = with_store(1, arguments);

@@ -6,7 +6,7 @@
 //! only the network's state grows with the log. The result does not depend on the number of threads.
 //!
 //! - [`relay`]: the threads; [`database`]: how an auditor opens the database, and its keys; [`stopped`]: why a replay stops;
-//! - [`continuing`]: a writer's replay;
+//! - [`continuing`]: a writer's replay; [`missing_files`]: what the open round lacks;
 //! - [`auditing`]: an auditor's replay; [`recheck`]: what an auditor checks besides; [`report`]: the report at the end;
 //! - [`options`]: how to replay; [`saved`]: a replay on disk, from which a later replay goes on.
 
@@ -14,6 +14,7 @@ mod auditing;
 mod chunk;
 pub(crate) mod continuing;
 mod database;
+pub mod missing_files;
 mod options;
 mod recheck;
 mod relay;
