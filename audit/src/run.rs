@@ -16,8 +16,8 @@ use zk0_circuits::Digest;
 use zk0_files::atomic_file;
 use zk0_ledger::error::LedgerError;
 use zk0_ledger::replay::{
-    self, replay_with, Finding, OpenedDatabase, ReplayOptions as Replaying, ReplayReport, SaveOptions, SavedError,
-    SavedReplay,
+    self, replay_with, Finding, OpenedDatabase, ReplayOptions as Replaying, ReplayReport,
+    SaveOptions, SavedError, SavedReplay,
 };
 use zk0_ledger::Blobs;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
@@ -143,8 +143,8 @@ impl Audit<'_> {
     /// How far the log in `dir` is behind what was seen of it a short time ago, if it has signed what it shows.
     fn behind(&self, dir: &Path, shown: u64, saved: Option<&SavedReplay>) -> Option<LogBehind> {
         let in_file = self.state_file.as_ref().zip(saved);
-        let in_file = in_file
-            .map(|(file, saved)| (saved.size, is_recent(&file.path, self.behind_for)));
+        let in_file =
+            in_file.map(|(file, saved)| (saved.size, is_recent(&file.path, self.behind_for)));
         let by_caller = self.seen.map(|seen| {
             let recent = seen.at.elapsed() < self.behind_for;
             (seen.checkpoint.size, recent)

@@ -150,6 +150,8 @@ fn a_log_behind_its_mirror_has_time_to_come_back() {
     assert!(!is_fault(&error), "{error}");
     let within = |behind_for| Shortfall::of(&error, Some(&mirror), None, behind_for);
     assert_eq!(within(HOUR), Some(Shortfall::Behind(scene.behind)));
-    assert!(matches!(within(NO_TIME), Some(Shortfall::RolledBack(why)) if why.starts_with("ROLLED BACK")));
+    assert!(
+        matches!(within(NO_TIME), Some(Shortfall::RolledBack(why)) if why.starts_with("ROLLED BACK"))
+    );
     assert_eq!(fs::read(mirror.join("checkpoint")).unwrap(), kept);
 }

@@ -1,4 +1,5 @@
-//! A store of blobs. A blob of digest D is the object `PREFIX/blobs/sha256/D`, the same name as in a ledger's folder.
+//! A store of blobs. A blob of digest D is the object `PREFIX/blobs/sha256/D`, the same name as in a ledger's folder. `PREFIX/network` has the id
+//! of the network that the store belongs to.
 
 use crate::address::AddressError;
 use crate::objects::Objects;
@@ -15,6 +16,12 @@ use zk0_ledger::blobs::take::Take;
 use zk0_ledger::blobs::unverified::SentStore;
 
 pub use crate::objects::PART_BYTES;
+
+/// The object that names the network of a store. It holds the network's id.
+const NETWORK: &str = "network";
+
+/// How many bytes of it are read. An id has 64 digits.
+const NETWORK_BYTES: u64 = 128;
 
 /// The blobs under one address.
 #[derive(Debug)]
@@ -39,6 +46,10 @@ impl Bucket {
         self.place.clone().join(blob.to_string())
     }
 
+    fn network_object(&self) -> ObjectPath {
+        self.objects.prefix.clone().join(NETWORK)
+    }
+
     fn altered(&self, blob: &Digest, found: String) -> BlobError {
         BlobError::Altered {
             address: self.objects.address.clone(),
@@ -60,6 +71,37 @@ impl Bucket {
 impl BlobStore for Bucket {
     fn address(&self) -> &str {
         &self.objects.address
+    }
+
+    fn network(&self) -> Result<Option<Digest>, StoreError> {
+        let what = "reading which network it belongs to";
+        let object = self.network_object();
+        let Some(bytes) = self.objects.start(what, &object, NETWORK_BYTES)? else {
+            return Ok(None);
+        };
+        let id = String::from_utf8_lossy(&bytes).trim().parse();
+        let wrong = |_| {
+            let why = format!("its object `{NETWORK}` does not hold the id of a network: put the id of the right one there");
+            self.objects.error(what, why)
+        };
+        id.map(Some).map_err(wrong)
+    }
+
+    fn name_network(&self, network: &Digest) -> Result<Digest, StoreError> {
+        let (what, object) = (
+            "naming the network that it belongs to",
+            self.network_object(),
+        );
+        let id = format!("{network}\n");
+        if self.objects.create(what, &object, id.as_bytes())? {
+            return Ok(*network);
+        }
+        // Another process was faster.
+        let gone = || {
+            let why = format!("its object `{NETWORK}` cannot be made, and cannot be read");
+            self.objects.error(what, why)
+        };
+        self.network()?.ok_or_else(gone)
     }
 
     fn put(&self, blob: &Digest, file: &Path, size: u64) -> Result<(), StoreError> {

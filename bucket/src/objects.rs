@@ -5,7 +5,7 @@ use crate::waiting::{RetryPeriod, StoreRuntime};
 use object_store::path::Path as ObjectPath;
 use object_store::signer::Signer;
 use object_store::{
-    Attributes, Error, MultipartUpload, ObjectStore, ObjectStoreExt, PutMultipartOptions,
+    Attributes, Error, MultipartUpload, ObjectStore, ObjectStoreExt, PutMode, PutMultipartOptions,
     PutOptions,
 };
 use std::error::Error as _;
@@ -17,7 +17,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::timeout;
 use tokio_stream::StreamExt;
-use zk0_files::atomic_file::{self, create_folder, folder_of, Durability};
+use zk0_files::atomic_file::{self, create_folder, folder_of, sync_folder, Durability};
 use zk0_ledger::blobs::error::StoreError;
 
 /// Larger objects are stored and read in parts of this size. A cut connection costs one part, and one part is in memory.
@@ -182,6 +182,26 @@ impl Objects {
         put.map_err(|error| self.failed(what, &error))
     }
 
+    /// Stores a few bytes, unless there is an object of this name. They are durable when this returns. Returns whether they were stored.
+    pub(crate) fn create(
+        &self,
+        what: &str,
+        object: &ObjectPath,
+        bytes: &[u8],
+    ) -> Result<bool, StoreError> {
+        if let Some(path) = self.file(object) {
+            let created = create_file(&path, bytes);
+            return created.map_err(|error| self.error(what, error.to_string()));
+        }
+        let options = PutOptions::from(PutMode::Create);
+        let put = self.client.put_opts(object, bytes.to_vec().into(), options);
+        match self.wait_for(put) {
+            Ok(_) => Ok(true),
+            Err(Error::AlreadyExists { .. }) => Ok(false),
+            Err(error) => Err(self.failed(what, &error)),
+        }
+    }
+
     /// The file of an object, if this is a folder.
     fn file(&self, object: &ObjectPath) -> Option<PathBuf> {
         let folder = self.folder.as_ref()?;
@@ -241,6 +261,19 @@ impl Objects {
             Ok(found)
         })
     }
+}
+
+/// Makes a file, unless there is one. It is on disk when this returns. Returns whether it was made.
+fn create_file(path: &Path, bytes: &[u8]) -> io::Result<bool> {
+    create_folder(folder_of(path))?;
+    let mut file = match File::create_new(path) {
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => return Ok(false),
+        created => created?,
+    };
+    file.write_all(bytes)?;
+    file.sync_all()?;
+    sync_folder(folder_of(path))?;
+    Ok(true)
 }
 
 /// The next part of a file; nothing at its end.

@@ -4,12 +4,11 @@ use crate::address::AddressError;
 use crate::objects::Objects;
 use crate::waiting::RetryPeriod;
 use object_store::path::Path as ObjectPath;
-use object_store::{Attribute, Attributes, Error, ObjectStoreExt};
+use object_store::{Attribute, Attributes};
 use sha2::{Digest as _, Sha256};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{self, Seek};
-use tokio_stream::StreamExt;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::error::{BlobError, StoreError};
 use zk0_ledger::published::export_place::{ExportTarget, PlaceError};
@@ -80,11 +79,6 @@ impl PublicLog {
         attributes.insert(Attribute::ContentType, kind.into());
         attributes
     }
-
-    fn failed(&self, path: &str, error: &Error) -> PlaceError {
-        let failed = self.objects.failed(&format!("publishing {path}"), error);
-        BlobError::from(failed).into()
-    }
 }
 
 impl ExportTarget for PublicLog {
@@ -94,24 +88,9 @@ impl ExportTarget for PublicLog {
 
     fn checkpoint(&self, limit: u64) -> Result<Option<Vec<u8>>, PlaceError> {
         let path = Resource::Checkpoint.to_string();
-        let object = self.object(&path);
-        let read = async {
-            let found = match self.objects.client.get(&object).await {
-                Err(Error::NotFound { .. }) => return Ok(None),
-                found => found?,
-            };
-            let (mut bytes, mut parts) = (Vec::new(), found.into_stream());
-            while let Some(part) = parts.next().await {
-                bytes.extend_from_slice(&part?);
-                // Nobody makes us read more than a checkpoint may have.
-                if bytes.len() as u64 >= limit {
-                    break;
-                }
-            }
-            Ok(Some(bytes))
-        };
-        let read = self.objects.wait_for(read);
-        read.map_err(|error: Error| self.failed(&path, &error))
+        let (what, object) = (format!("publishing {path}"), self.object(&path));
+        let read = self.objects.start(&what, &object, limit);
+        Ok(read.map_err(BlobError::from)?)
     }
 
     fn holds_tile(&self, tile: &Tile) -> bool {

@@ -2,9 +2,9 @@
 
 use crate::objects::{Objects, PART_BYTES};
 use object_store::path::Path as ObjectPath;
-use object_store::{Error, GetOptions, GetRange, ObjectStore};
+use object_store::{Error, GetOptions, GetRange, ObjectStore, ObjectStoreExt};
 use tokio_stream::StreamExt;
-use zk0_ledger::blobs::error::BlobError;
+use zk0_ledger::blobs::error::{BlobError, StoreError};
 use zk0_ledger::blobs::take::Take;
 
 /// Why an object is not read.
@@ -57,5 +57,30 @@ impl Objects {
                 return Ok(());
             }
         }
+    }
+
+    /// The bytes of a small object; `None` if there is no such object. Of a larger one this reads `limit` bytes or a few more.
+    pub(crate) fn start(
+        &self,
+        what: &str,
+        object: &ObjectPath,
+        limit: u64,
+    ) -> Result<Option<Vec<u8>>, StoreError> {
+        let read = async {
+            let found = match self.client.get(object).await {
+                Err(Error::NotFound { .. }) => return Ok(None),
+                found => found?,
+            };
+            let (mut bytes, mut parts) = (Vec::new(), found.into_stream());
+            while let Some(part) = parts.next().await {
+                bytes.extend_from_slice(&part?);
+                if bytes.len() as u64 >= limit {
+                    break;
+                }
+            }
+            Ok(Some(bytes))
+        };
+        let read = self.wait_for(read);
+        read.map_err(|error: Error| self.failed(what, &error))
     }
 }

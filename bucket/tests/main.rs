@@ -3,3 +3,4 @@ mod failing_store;
 mod kept_blobs;
 mod public_log;
 mod sent;
+mod store_network;

@@ -14,7 +14,8 @@ use zk0_ledger::blobs::Blobs;
 pub struct BlobStoreOptions {
     /// The ledger's weights and proofs are kept in the store at this address, too: s3://BUCKET/PREFIX, gs://BUCKET/PREFIX, az://CONTAINER/PREFIX
     /// or file:///FOLDER. The ledger's folder then is a cache of it. Credentials are in the variables AWS_…, GOOGLE_… or AZURE_… of the
-    /// environment. The store must not be public. Give each command about this ledger the same address [default: the ledger's folder alone]
+    /// environment. The store belongs to one network, and must not be public. Give each command about this ledger the same address
+    /// [default: the ledger's folder alone]
     #[arg(long, value_name = "ADDRESS")]
     blob_store: Option<String>,
     /// When the blob store fails, try again for this many seconds.
@@ -31,23 +32,27 @@ impl BlobStoreOptions {
     /// The blobs of the ledger in `dir`.
     ///
     /// # Errors
-    /// The address or the credentials are wrong, or the store does not answer.
+    /// The address or the credentials are wrong, or the store does not answer, or belongs to another network.
     pub fn blobs(&self, dir: &Path) -> Result<Blobs> {
-        Ok(match self.bucket()? {
+        let blobs = match self.bucket()? {
             None => Blobs::at(dir),
             Some(bucket) => Blobs::in_store(dir, Box::new(bucket))?,
-        })
+        };
+        blobs.check_network()?;
+        Ok(blobs)
     }
 
     /// The same for a reader. The ledger's aggregator may be running.
     ///
     /// # Errors
-    /// The address or the credentials are wrong, or the store does not answer.
+    /// Those of [`Self::blobs`].
     pub fn blobs_beside_writer(&self, dir: &Path) -> Result<Blobs> {
-        Ok(match self.bucket()? {
+        let blobs = match self.bucket()? {
             None => Blobs::at(dir),
             Some(bucket) => Blobs::beside_writer(dir, Box::new(bucket))?,
-        })
+        };
+        blobs.check_network()?;
+        Ok(blobs)
     }
 
     fn bucket(&self) -> Result<Option<Bucket>> {

@@ -1,6 +1,7 @@
 //! The one binary. Its exit codes are 0 for success, 1 for a failure (an audit that fails, a refusal, an error), and 2 for a wrong command
-//! line, or for a ledger that `zk0 aggregator serve` must not serve, because the log has signed another history. `zk0 audit replay` also has 3 for an incomplete audit. It, `zk0 audit watch`, `zk0 audit recording` and `zk0 audit verify-proof`
-//! have 4 for an error, which is no verdict.
+//! line, or for a ledger that `zk0 aggregator serve` must not serve, because the log has signed another history. `zk0 audit replay` also has 3
+//! for an incomplete audit. It, `zk0 audit watch`, `zk0 audit recording` and `zk0 audit verify-proof` have 4 for an error, which is no verdict.
+//! `zk0 ledger fsck`, `zk0 ledger import` and `zk0 ledger restore` have 5 if a file of a contribution is missing that the open round has accepted.
 
 #[cfg(all(target_os = "linux", target_arch = "x86_64", target_feature = "avx2"))]
 mod processor;
@@ -143,17 +144,16 @@ fn traced(cli: &Cli) -> anyhow::Result<ExitCode> {
 
 /// Runs the command. If something is wrong, the command has printed what.
 fn run(command: &Command) -> anyhow::Result<ExitCode> {
-    let holds = match command {
+    match command {
         #[cfg(feature = "full")]
-        Command::Full(command) => command.run()?,
-        Command::Audit(command) => return audit::run(command),
-        Command::Ledger(command) => ledger::run(command)?,
-    };
-    Ok(if holds {
-        ExitCode::SUCCESS
-    } else {
-        ExitCode::FAILURE
-    })
+        Command::Full(command) => Ok(if command.run()? {
+            ExitCode::SUCCESS
+        } else {
+            ExitCode::FAILURE
+        }),
+        Command::Audit(command) => audit::run(command),
+        Command::Ledger(command) => ledger::run(command),
+    }
 }
 
 #[cfg(feature = "full")]

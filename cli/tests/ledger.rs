@@ -2,6 +2,8 @@
 //! each of these is audited; and an entry is proven offline. Ledgers
 //! without real proofs are pruned.
 
+mod missing;
+
 use crate::harness::made_ledger::Made;
 use crate::harness::serving::Serving;
 use crate::harness::{self, copy, ends, logged, printed, prints, text, zk0, LEDGER};
@@ -9,7 +11,7 @@ use ed25519_dalek::SigningKey;
 use std::fs;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
-use zk0_ledger::Ledger;
+use zk0_ledger::{Blobs, Ledger};
 use zk0_protocol::tlog::cosigner::Cosigner;
 
 /// Runs a command that has to fail, and to say `words`.
@@ -379,4 +381,28 @@ fn nobody_prunes_a_ledger_that_is_in_use() {
     drop(writer);
     let said = prints(&prune);
     assert!(said.contains("deleted      1 blob, 8 bytes"), "{said}");
+}
+
+#[test]
+fn many_files_that_no_entry_names_are_not_pruned_without_yes() {
+    let scratch = tempfile::tempdir().unwrap();
+    let (dir, key) = to_prune(scratch.path());
+    let blobs = Blobs::at(&dir);
+    let stranger = |number: u8| blobs.put(&[number]).unwrap();
+    let strangers: Vec<_> = (0..10).map(stranger).collect();
+    let prune = ["ledger", "prune", text(&dir), "--key", text(&key)];
+    // With the one that was there, they are eleven.
+    fails(
+        &prune,
+        "no entry of this ledger names 11 files, 18 bytes, which would be deleted",
+    );
+    assert!(strangers.iter().all(|blob| blobs.contains(blob)));
+    prints(&["ledger", "prune", text(&dir), "--dry-run"]);
+    let said = prints(&with(&prune, &["--yes"]));
+    assert!(said.contains("deleted      11 blobs"), "{said}");
+    for number in 0..10 {
+        stranger(number);
+    }
+    let said = prints(&prune);
+    assert!(said.contains("deleted      10 blobs"), "{said}");
 }

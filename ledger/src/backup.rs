@@ -9,10 +9,12 @@
 
 use crate::blobs::damaged::DamagedBlob;
 use crate::error::{io_error, LedgerError};
-use crate::published::mirror::{genesis, mirror_with, BlobSource, MirrorError, Mirrored};
+use crate::published::mirror::{
+    copy_blobs, genesis, mirror_with, BlobSource, MirrorError, Mirrored,
+};
 use crate::published::source::{LogSource, SourceError};
 use crate::published::tiles;
-use crate::replay::continuing;
+use crate::replay::{check_network, continuing};
 use crate::store::Store;
 use crate::{folder, Blobs};
 use std::ffi::OsString;
@@ -21,6 +23,7 @@ use std::io::{self, Cursor, Read};
 use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
 use zk0_files::atomic_file::folder_of;
+use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::tlog::checkpoint::{Checkpoint, CheckpointError};
 use zk0_protocol::tlog::layout::Resource;
 use zk0_protocol::tlog::witness_policy::WitnessPolicy;
@@ -82,6 +85,12 @@ struct WholeLedger {
 }
 
 impl WholeLedger {
+    /// The genesis of the log in `dir`, which is this folder.
+    fn genesis(&self, dir: &Path) -> Result<Genesis, MirrorError> {
+        let first = self.store.entry(0)?;
+        genesis(&first.ok_or_else(|| LedgerError::NoLedger(dir.into()))?)
+    }
+
     /// Opens the folder at its newest signed checkpoint. A writer may be using it at the same time.
     fn open(dir: &Path) -> Result<Self, MirrorError> {
         let database = folder::database(dir);
@@ -200,6 +209,38 @@ pub fn restore(
     Ok(done)
 }
 
+/// Copies from a backup the blobs that the ledger in `dir` lacks, and nothing else. Each blob is verified. The ledger's writer may be using it at
+/// the same time. A blob that is damaged in the backup is not copied, and named in the result.
+pub fn restore_blobs(
+    backup: &Path,
+    dir: &Path,
+    network: Option<&Digest>,
+) -> Result<Mirrored, BackupError> {
+    let saved = WholeLedger::open(backup)?.genesis(backup)?.network_id();
+    let ledger = WholeLedger::open(dir)?;
+    let genesis = ledger.genesis(dir)?;
+    let found = genesis.network_id();
+    for expected in [network, Some(&saved)] {
+        check_network(dir, &found, expected)?;
+    }
+    let mut done = Mirrored {
+        network: found,
+        entries: ledger.size,
+        new_entries: 0,
+        new_blobs: 0,
+        missing_blobs: 0,
+        mended_blobs: 0,
+        damaged: Vec::new(),
+    };
+    let source = BlobSource::Own {
+        blobs: &Blobs::at(backup),
+        check_copies: false,
+    };
+    let blobs = Blobs::at(dir);
+    copy_blobs(&source, &ledger.store, &blobs, &genesis.rules, &mut done)?;
+    Ok(done)
+}
+
 /// The temporary folder in which a ledger is put together.
 fn unfinished(dir: &Path) -> PathBuf {
     let mut name = OsString::from(dir);
@@ -237,9 +278,7 @@ fn copy(
 /// Refuses a backup that lacks entries that the log has signed.
 fn not_older(backup: &Path, known: &[Vec<u8>]) -> Result<(), BackupError> {
     let whole = WholeLedger::open(backup)?;
-    let first = whole.store.entry(0).map_err(MirrorError::from)?;
-    let genesis = genesis(&first.ok_or_else(|| LedgerError::NoLedger(backup.into()))?)?;
-    let key = genesis.verifier_key()?;
+    let key = whole.genesis(backup)?.verifier_key()?;
     for text in known {
         let signed = WitnessPolicy::none().open(text, &key)?.checkpoint;
         if signed.size > whole.size {

@@ -24,6 +24,9 @@ use zk0_protocol::rules::state::State;
 
 pub use needed::Reason;
 
+/// More files that no entry names are not deleted unless somebody asks for it: they may be another network's.
+pub const MOST_UNNAMED: usize = 10;
+
 /// What is to be kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Retention {
@@ -129,6 +132,13 @@ impl PrunePlan {
     /// How many bytes are to be deleted.
     pub fn bytes(&self) -> u64 {
         self.doomed.iter().map(|blob| blob.size).sum()
+    }
+
+    /// How many files that no entry names are to be deleted, and how many bytes they have.
+    pub fn unnamed(&self) -> (usize, u64) {
+        let unnamed = self.doomed.iter();
+        let unnamed = unnamed.filter(|blob| blob.reason == Reason::Unnamed);
+        unnamed.fold((0, 0), |(count, size), blob| (count + 1, size + blob.size))
     }
 
     /// Signs what will no longer be kept, and deletes the blobs. `ledger` is the one that the plan is of, and has been open since: so nobody

@@ -1,5 +1,6 @@
 //! `zk0 ledger`: publish, mirror, back up, prune and check a ledger as files.
 
+mod kept_blobs;
 #[cfg(feature = "full")]
 mod prune;
 #[cfg(feature = "full")]
@@ -12,7 +13,9 @@ pub use trust_options::TrustOptions;
 use crate::blob_store::BlobStoreOptions;
 use crate::output::println;
 use anyhow::{bail, Result};
+use kept_blobs::KeptBlobsOptions;
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use zk0_audit::fsck::{fsck, is_export};
 use zk0_audit::known_checkpoint::known_checkpoint;
 use zk0_audit::log_source::{genesis_at, source};
@@ -22,9 +25,13 @@ use zk0_ledger::blobs::damaged::{DamagedBlob, Removed};
 use zk0_ledger::published::export::export;
 use zk0_ledger::published::mirror::{mirror, Mirrored};
 use zk0_ledger::published::publication::{Publication, PublicationError};
+use zk0_ledger::replay::missing_files::missing_files;
 use zk0_ledger::replay::Severity;
 use zk0_ledger::{folder, Blobs, LedgerError};
 use zk0_protocol::counted::counted;
+
+/// The exit code where everything is done, and files are missing that the open round cannot close without.
+const FILES_MISSING: u8 = 5;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -48,7 +55,8 @@ pub enum LedgerCommand {
         store: BlobStoreOptions,
     },
     /// Make a ledger's folder from an export or a served log (a mirror). An earlier mirror is brought up to date. Everything is checked
-    /// on the way, and the log must continue what was mirrored before.
+    /// on the way, and the log must continue what was mirrored before. The exit code is 5 if the copy lacks an update or a proof that the open
+    /// round has accepted: a log serves these when the round has closed.
     Import(Import),
     /// Make a backup of a ledger's folder. An earlier backup is brought up to date. A backup is a ledger's folder, too. It contains the
     /// private files of the open round, but no keys. What is copied is checked on the way. If a blob of the ledger is damaged, everything
@@ -61,12 +69,12 @@ pub enum LedgerCommand {
         /// Also check the blobs that the backup has already, and copy damaged ones again. This reads the whole backup.
         #[arg(long)]
         check: bool,
-        #[cfg(feature = "full")]
         #[command(flatten)]
-        store: BlobStoreOptions,
+        kept: KeptBlobsOptions,
     },
     /// Make a ledger's folder from a backup. If an aggregator goes on from a backup that is too old, it signs a second history of its
-    /// log, and auditors will notice. So name the newest checkpoint that anybody has; the backup must contain all that it covers.
+    /// log, and auditors will notice. So name the newest checkpoint that anybody has; the backup must contain all that it covers. The exit
+    /// code is 5 if an update or a proof is missing that the open round has accepted.
     Restore(Restore),
     /// Delete blobs that audits of the chosen depth do not need, and free their disk. Says before what is deleted and what nobody can audit
     /// afterwards. Kept is whatever the open round, the next one, an open vote or a dispute needs.
@@ -76,10 +84,13 @@ pub enum LedgerCommand {
     #[cfg(feature = "full")]
     Serve(serve::LedgerServeOptions),
     /// Check that a ledger's folder is not damaged: its entries, tree and checkpoints, and all files of weights and proofs that are there.
-    /// This checks no proofs; `zk0 audit replay` does. The exit code is 0 if the folder is whole, and 1 if it is not.
+    /// This checks no proofs; `zk0 audit replay` does. The exit code is 0 if the folder is whole, 1 if it is not, and 5 if it is whole and an
+    /// update or a proof is missing that the open round has accepted.
     Fsck {
         /// The ledger's folder. A mirror or a backup is one, too. An export is not a ledger's folder.
         dir: PathBuf,
+        #[command(flatten)]
+        kept: KeptBlobsOptions,
     },
 }
 
@@ -95,6 +106,8 @@ pub struct Import {
     check: bool,
     #[command(flatten)]
     trust: TrustOptions,
+    #[command(flatten)]
+    kept: KeptBlobsOptions,
 }
 
 /// `zk0 ledger restore`.
@@ -102,14 +115,18 @@ pub struct Import {
 pub struct Restore {
     /// The folder of the backup.
     backup: PathBuf,
-    /// The ledger's folder to make. It must not exist, or be empty.
+    /// The ledger's folder to make. It must not exist, or be empty, except with --in-place.
     dir: PathBuf,
+    /// The ledger's folder is there: copy only the weights and proofs that it lacks, and change nothing else. Its aggregator may be running.
+    /// Copied is also what was pruned.
+    #[arg(long)]
+    in_place: bool,
     /// A checkpoint of the log that somebody has: a file; a folder with a file `checkpoint`, such as an export or a mirror; the address
     /// of a served log; or the address of a witness's last checkpoint. Repeat the option for more checkpoints.
     #[arg(
         long,
         value_name = "FILE|DIR|ADDRESS",
-        required_unless_present = "no_newer_checkpoint_exists"
+        required_unless_present_any = ["no_newer_checkpoint_exists", "in_place"]
     )]
     checkpoint: Vec<String>,
     /// Where a checkpoint is read over HTTPS, accept only certificates that an authority in this PEM file has signed.
@@ -121,10 +138,12 @@ pub struct Restore {
     /// Accept only the ledger of the network with this id.
     #[arg(long, value_name = "ID")]
     network: Option<Digest>,
+    #[command(flatten)]
+    kept: KeptBlobsOptions,
 }
 
-/// Runs the command. Returns `false` if the ledger is damaged.
-pub fn run(command: &LedgerCommand) -> Result<bool> {
+/// Runs the command.
+pub fn run(command: &LedgerCommand) -> Result<ExitCode> {
     match command {
         LedgerCommand::Vkey { from, ca } => {
             println!("{}", genesis_at(from, ca.as_deref())?.verifier_key()?);
@@ -154,18 +173,17 @@ pub fn run(command: &LedgerCommand) -> Result<bool> {
             }
             name_damaged(&done.damaged)?;
         }
-        LedgerCommand::Import(options) => import(options)?,
+        LedgerCommand::Import(options) => {
+            import(options)?;
+            return name_missing(&options.dir, &options.kept);
+        }
         LedgerCommand::Backup {
             dir,
             out,
             check,
-            #[cfg(feature = "full")]
-            store,
+            kept,
         } => {
-            #[cfg(feature = "full")]
-            let blobs = store.blobs_beside_writer(dir)?;
-            #[cfg(not(feature = "full"))]
-            let blobs = zk0_ledger::Blobs::at(dir);
+            let blobs = kept.blobs(dir)?;
             let old = if *check { OldBlobs::Checked } else { OldBlobs::Trusted };
             let done = backup::backup_with(dir, &blobs, out, old)?;
             copied(&done);
@@ -180,37 +198,54 @@ pub fn run(command: &LedgerCommand) -> Result<bool> {
             name_damaged(&done.damaged)?;
         }
         LedgerCommand::Restore(options) => {
-            let known = options
-                .checkpoint
-                .iter()
-                .map(|from| known_checkpoint(from, options.ca.as_deref()))
-                .collect::<Result<Vec<_>>>()?;
-            let network = options.network.as_ref();
-            let done = backup::restore(&options.backup, &options.dir, network, &known)?;
-            copied(&done);
-            println!("restored to {}", options.dir.display());
-            if known.is_empty() {
-                println!(
-                    "WARNING      if the log has signed a checkpoint of more than {}, do not start its aggregator: it would \
-                     sign a second history",
-                    counted(done.entries, "entry", "entries")
-                );
-            }
+            restore(options)?;
+            return name_missing(&options.dir, &options.kept);
         }
         #[cfg(feature = "full")]
         LedgerCommand::Prune(options) => prune::prune(options)?,
         #[cfg(feature = "full")]
         LedgerCommand::Serve(options) => serve::serve(options)?,
-        LedgerCommand::Fsck { dir } if is_export(dir) => bail!(
+        LedgerCommand::Fsck { dir, .. } if is_export(dir) => bail!(
             "{0} is an export: `zk0 ledger import {0} FOLDER` makes a ledger's folder of it, which can be checked",
             dir.display()
         ),
-        LedgerCommand::Fsck { dir } if !folder::database(dir).exists() => {
+        LedgerCommand::Fsck { dir, .. } if !folder::database(dir).exists() => {
             return Err(LedgerError::NoLedger(dir.clone()).into())
         }
-        LedgerCommand::Fsck { dir } => return Ok(check(dir)),
+        LedgerCommand::Fsck { dir, kept } => {
+            return if check(dir) {
+                name_missing(dir, kept)
+            } else {
+                Ok(ExitCode::FAILURE)
+            }
+        }
     }
-    Ok(true)
+    Ok(ExitCode::SUCCESS)
+}
+
+fn restore(options: &Restore) -> Result<()> {
+    let (backup, dir, network) = (&options.backup, &options.dir, options.network.as_ref());
+    if options.in_place {
+        let done = backup::restore_blobs(backup, dir, network)?;
+        copied(&done);
+        return name_damaged(&done.damaged);
+    }
+    let known = options
+        .checkpoint
+        .iter()
+        .map(|from| known_checkpoint(from, options.ca.as_deref()))
+        .collect::<Result<Vec<_>>>()?;
+    let done = backup::restore(backup, dir, network, &known)?;
+    copied(&done);
+    println!("restored to {}", dir.display());
+    if known.is_empty() {
+        println!(
+            "WARNING      if the log has signed a checkpoint of more than {}, do not start its aggregator: it would \
+             sign a second history",
+            counted(done.entries, "entry", "entries")
+        );
+    }
+    Ok(())
 }
 
 fn import(options: &Import) -> Result<()> {
@@ -292,6 +327,24 @@ fn copied(done: &Mirrored) {
             println!("{count} blobs are missing: they are not public yet, or are no longer kept")
         }
     }
+}
+
+/// Names the files that the open round of the ledger in `dir` cannot close without, and that are missing.
+fn name_missing(dir: &Path, kept: &KeptBlobsOptions) -> Result<ExitCode> {
+    let missing = missing_files(dir, &kept.blobs(dir)?)?;
+    let Some(first) = missing.first() else {
+        return Ok(ExitCode::SUCCESS);
+    };
+    for file in &missing {
+        println!("MISSING      {file}");
+    }
+    println!(
+        "             round {} cannot close with this folder until they are back: take them from another copy with \
+         `zk0 ledger restore COPY {} --in-place`. A mirror gets them when the round has closed",
+        first.round,
+        dir.display()
+    );
+    Ok(ExitCode::from(FILES_MISSING))
 }
 
 /// Prints whether the ledger in `dir` is whole.

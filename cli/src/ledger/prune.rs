@@ -3,10 +3,10 @@
 use crate::blob_store::BlobStoreOptions;
 use crate::keys;
 use crate::output::println;
-use anyhow::{Context, Result};
+use anyhow::{bail, Context, Result};
 use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};
-use zk0_ledger::prune::{Doomed, Longer, PrunePlan, Reason, Retention};
+use zk0_ledger::prune::{Doomed, Longer, PrunePlan, Reason, Retention, MOST_UNNAMED};
 use zk0_ledger::Ledger;
 use zk0_protocol::counted::counted;
 use zk0_protocol::pruning::rounds_before;
@@ -35,6 +35,9 @@ pub struct Prune {
     /// Only say what would be deleted.
     #[arg(long)]
     dry_run: bool,
+    /// Delete more than 10 files that no entry names. Perhaps they are another network's.
+    #[arg(long)]
+    yes: bool,
     #[command(flatten)]
     store: BlobStoreOptions,
 }
@@ -73,16 +76,24 @@ pub fn prune(options: &Prune) -> Result<()> {
         now.context("the clock shows a time before 1970")?
             .as_millis(),
     )?;
-    let kept = options.store.blobs(&options.dir)?;
     let Some(key) = options.key.as_ref().filter(|_| !options.dry_run) else {
+        let kept = options.store.blobs_beside_writer(&options.dir)?;
         say(&PrunePlan::look(&options.dir, &kept, &keep, now_ms)?);
         println!("dry run      nothing was deleted");
         return Ok(());
     };
+    let kept = options.store.blobs(&options.dir)?;
     // While the ledger is open here, no aggregator can open it.
     let ledger = Ledger::open_with(&options.dir, None, keys::read(key)?, kept, &mut ())?;
     let plan = PrunePlan::of(&ledger, &keep, now_ms)?;
     say(&plan);
+    let (unnamed, size) = plan.unnamed();
+    if unnamed > MOST_UNNAMED && !options.yes {
+        bail!(
+            "no entry of this ledger names {}, which would be deleted: look where they come from. If they are no other network's, give --yes. Nothing was deleted",
+            files(unnamed, size)
+        );
+    }
     plan.carry_out(&ledger)?;
     println!("deleted      {}", blobs(plan.doomed.len(), plan.bytes()));
     Ok(())
@@ -140,6 +151,14 @@ fn say(plan: &PrunePlan) {
 fn blobs(count: usize, size: u64) -> String {
     let count = counted(count as u64, "blob", "blobs");
     format!("{count}, {}", bytes(size))
+}
+
+fn files(count: usize, size: u64) -> String {
+    format!(
+        "{}, {}",
+        counted(count as u64, "file", "files"),
+        bytes(size)
+    )
 }
 
 fn bytes(size: u64) -> String {

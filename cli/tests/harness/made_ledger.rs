@@ -133,10 +133,27 @@ impl Made {
 
     /// Appends a whole round.
     pub fn round(&mut self) {
+        self.decided_round();
+        let contributors = self.ledger.state().contributors();
+        let open = self.ledger.state().round().unwrap();
+        let (round, base) = (open.number(), open.opened.base);
+        self.append(Body::RoundClosed(RoundClosed {
+            round,
+            global: match contributors.is_empty() {
+                true => base,
+                false => weights(round as u8, 0x33),
+            },
+            contributors,
+            unanswered: Vec::new(),
+            evaluated: None,
+        }));
+    }
+
+    /// Appends a round that decides about all its nodes, and stays open.
+    pub fn decided_round(&mut self) {
         let state = self.ledger.state();
         let (network, round) = (*state.network(), state.next_round());
         let opened = state.next_opening(self.time_ms + 1).unwrap();
-        let base = opened.base;
         self.append(Body::RoundOpened(opened));
         for node in 0..NAMES.len() as u8 {
             let commitment = UpdateCommitment {
@@ -182,17 +199,6 @@ impl Made {
                 },
             });
         }
-        let contributors = self.ledger.state().contributors();
-        self.append(Body::RoundClosed(RoundClosed {
-            round,
-            global: match contributors.is_empty() {
-                true => base,
-                false => weights(round as u8, 0x33),
-            },
-            contributors,
-            unanswered: Vec::new(),
-            evaluated: None,
-        }));
     }
 }
 

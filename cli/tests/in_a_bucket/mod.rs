@@ -7,6 +7,7 @@ mod observed;
 mod presigned;
 mod published;
 mod seen;
+mod shared;
 
 use crate::harness::network::LocalNetwork;
 use crate::harness::serving::Serving;

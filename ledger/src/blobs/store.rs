@@ -16,6 +16,12 @@ pub trait BlobStore: Debug + Send + Sync {
     /// Its address, without credentials.
     fn address(&self) -> &str;
 
+    /// The network that it belongs to; `None` if it names none.
+    fn network(&self) -> Result<Option<Digest>, StoreError>;
+
+    /// Names the network that it belongs to, unless it names one. That is durable when this returns. Returns the network that it names now.
+    fn name_network(&self, network: &Digest) -> Result<Digest, StoreError>;
+
     /// Stores the `size` bytes of a file under the name of a blob. They are durable when this returns.
     fn put(&self, blob: &Digest, file: &Path, size: u64) -> Result<(), StoreError>;
 
@@ -41,12 +47,12 @@ pub trait BlobStore: Debug + Send + Sync {
 /// A store, and what is in it.
 #[derive(Debug)]
 pub(super) struct IndexedStore {
-    store: Box<dyn BlobStore>,
+    pub(super) store: Box<dyn BlobStore>,
     known: Mutex<BTreeMap<Digest, u64>>,
     /// The blobs that are being read. Whoever needs one of them waits, and need not read it too.
     reading: Mutex<BTreeMap<Digest, Arc<Mutex<()>>>>,
     /// Whether another process may add to the store and remove from it.
-    shared: bool,
+    pub(super) shared: bool,
     /// What others have put into the store, and is verified.
     pub(super) copies: VerifiedCopies,
     counting: UsageCounter,

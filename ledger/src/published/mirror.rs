@@ -342,7 +342,7 @@ fn check_checkpoint(text: &[u8], genesis: &Genesis, found: &Checkpoint) -> Resul
 }
 
 /// Copies the blobs that the entries of the copy name, and adds to `done` what became of them.
-fn copy_blobs(
+pub(crate) fn copy_blobs(
     source: &BlobSource<'_>,
     store: &Store,
     blobs: &Blobs,

@@ -37,7 +37,9 @@ pub(super) const WITHIN: Duration = Duration::from_secs(600);
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FailedRequest {
     /// It may pass, perhaps at the server's time `again`.
-    Passing { again: Option<Duration> },
+    Passing {
+        again: Option<Duration>,
+    },
     /// The server is unavailable and names no time.
     Unavailable,
     ForGood,

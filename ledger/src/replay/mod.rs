@@ -5,7 +5,7 @@
 //! number of threads.
 //!
 //! - [`relay`]: the threads; [`database`]: how an auditor opens the database, and its keys; [`stopped`]: why a replay stops;
-//! - [`continuing`]: a writer's replay;
+//! - [`continuing`]: a writer's replay; [`missing_files`]: what the open round lacks;
 //! - [`auditing`]: an auditor's replay; [`recheck`]: what an auditor checks besides; [`report`]: the report at the end;
 //! - [`options`]: how to replay; [`saved`]: a replay on disk, to go on from.
 
@@ -13,6 +13,7 @@ mod auditing;
 mod chunk;
 pub(crate) mod continuing;
 mod database;
+pub mod missing_files;
 mod options;
 mod recheck;
 mod relay;

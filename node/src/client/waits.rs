@@ -34,11 +34,7 @@ pub(crate) struct Waits {
 impl Waits {
     /// Waits before the next attempt after this failure. Returns the failure if it does not pass, or if the waits would take longer than `limit`
     /// together.
-    pub async fn again(
-        &mut self,
-        failure: Status,
-        limit: Option<Duration>,
-    ) -> Result<(), Status> {
+    pub async fn again(&mut self, failure: Status, limit: Option<Duration>) -> Result<(), Status> {
         let waited = self.since.get_or_insert_with(Instant::now).elapsed();
         let Some(pause) = self.next(&failure, waited, limit) else {
             return Err(failure);
@@ -145,9 +141,8 @@ mod tests {
 
     #[test]
     fn waits_grow_to_a_minute_and_are_drawn_between_half_and_whole() {
-        let bounds = |attempt| {
-            [0, u32::MAX].map(|random| wait(attempt, random, NOTHING).as_millis() as u64)
-        };
+        let bounds =
+            |attempt| [0, u32::MAX].map(|random| wait(attempt, random, NOTHING).as_millis() as u64);
         assert_eq!(bounds(0), [500, 1000]);
         assert_eq!(bounds(1), [750, 1500]);
         assert_eq!(bounds(2), [1125, 2250]);

@@ -14,9 +14,11 @@ fn request(head: &str) -> String {
     let first = without_signature(lines.next().unwrap_or_default());
     // The server checks no identity.
     let lines = lines.filter(|line| !line.starts_with("authorization:"));
-    let renamed = lines.map(|line| match line.strip_prefix("x-goog-copy-source:") {
-        Some(source) => format!("x-amz-copy-source:{source}"),
-        None => line.to_owned(),
+    let renamed = lines.map(|line| match line.split_once(':') {
+        Some(("x-goog-copy-source", source)) => format!("x-amz-copy-source:{source}"),
+        // There is no object of the generation 0.
+        Some(("x-goog-if-generation-match", _)) => "if-none-match: *".to_owned(),
+        _ => line.to_owned(),
     });
     let lines: Vec<_> = [first].into_iter().chain(renamed).collect();
     lines.join("\r\n")
