@@ -1,6 +1,6 @@
 //! The one binary. Its exit codes are 0 for success, 1 for a failure (an audit that fails, a refusal, an error), and 2 for a wrong command
-//! line. `zk0 audit replay` also has 3 for an incomplete audit. It, `zk0 audit watch`, `zk0 audit recording` and `zk0 audit verify-proof`
-//! have 4 for an error, which is no verdict.
+//! line. `zk0 audit replay` also has 3 for an incomplete audit, and `zk0 status` has 3 for an aggregator that has trouble. `zk0 audit replay`,
+//! `watch`, `recording` and `verify-proof` have 4 for an error, which is no verdict.
 
 #[cfg(all(target_os = "linux", target_arch = "x86_64", target_feature = "avx2"))]
 mod processor;
@@ -139,17 +139,21 @@ fn traced(cli: &Cli) -> anyhow::Result<ExitCode> {
 
 /// Runs the command. If something is wrong, the command has printed what.
 fn run(command: &Command) -> anyhow::Result<ExitCode> {
-    let holds = match command {
+    match command {
         #[cfg(feature = "full")]
-        Command::Full(command) => command.run()?,
-        Command::Audit(command) => return audit::run(command),
-        Command::Ledger(command) => ledger::run(command)?,
-    };
-    Ok(if holds {
+        Command::Full(command) => command.run(),
+        Command::Audit(command) => audit::run(command),
+        Command::Ledger(command) => ledger::run(command).map(code),
+    }
+}
+
+/// The exit code of a command whose check holds, or does not.
+fn code(holds: bool) -> ExitCode {
+    if holds {
         ExitCode::SUCCESS
     } else {
         ExitCode::FAILURE
-    })
+    }
 }
 
 #[cfg(feature = "full")]
@@ -164,25 +168,25 @@ impl Full {
         }
     }
 
-    fn run(&self) -> anyhow::Result<bool> {
+    fn run(&self) -> anyhow::Result<ExitCode> {
         match self {
             Self::Demo(options) => online(zk0::demo::run(options))?,
             Self::DemoLazyNode(options) => online(zk0::demo::lazy_node::run(options))?,
             Self::Node(command) => zk0::node::run(command)?,
             Self::Aggregator(command) => zk0::aggregator::run(command)?,
             Self::Governance(command) => zk0::governance::run(command)?,
-            Self::Status(options) => online(zk0::status::run(options))?,
+            Self::Status(options) => return online(zk0::status::run(options)),
             Self::Publish(command) => zk0::publish::run(command)?,
             Self::Prover(command) => zk0::prover::run(command)?,
             Self::Train(options) => zk0::train::run(options)?,
             Self::Simulate(options) => zk0::simulate::run(options)?,
             Self::Compare(options) => zk0::compare::run(options)?,
             Self::Eval(options) => zk0::eval::run(options)?,
-            Self::Dataset(command) => return zk0::dataset::run(command),
+            Self::Dataset(command) => return zk0::dataset::run(command).map(code),
             Self::Fidelity(options) => zk0::fidelity::run(options)?,
-            Self::Export(command) => return zk0::export::run(command),
+            Self::Export(command) => return zk0::export::run(command).map(code),
             Self::Witness(command) => zk0::witness::run(command)?,
         }
-        Ok(true)
+        Ok(ExitCode::SUCCESS)
     }
 }
