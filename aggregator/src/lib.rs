@@ -9,7 +9,7 @@
 //!   ([`publish::witness_server`]), the client that asks witnesses for cosignatures ([`publish::cosigning`]), and the
 //!   one that asks servers for beacons ([`publish::beacon`]).
 //! - [`connections`]: a bounded number of connections for both servers, and who gets them; the crate `zk0-tls` has the certificate that they
-//!   show; [`observe`]: metrics and status; `file_parts`: files sent in parts; `line`: a bounded line of those who wait; `turns`: one turn at
+//!   show; [`observe`]: metrics, status and trouble; `file_parts`: files sent in parts; `line`: a bounded line of those who wait; `turns`: one turn at
 //!   a time for each of them.
 //!
 //! The decision on a submission and the end of a round are pure functions of [`zk0_verifier`].

@@ -2,6 +2,7 @@
 
 mod blob_store;
 mod connections;
+mod observed;
 mod phases;
 mod senders;
 mod served;

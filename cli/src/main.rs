@@ -1,7 +1,8 @@
 //! The one binary. Its exit codes are 0 for success, 1 for a failure (an audit that fails, a refusal, an error), and 2 for a wrong command
 //! line, or for a ledger that `zk0 aggregator serve` must not serve, because the log has signed another history. `zk0 audit replay` also has 3
-//! for an incomplete audit. It, `zk0 audit watch`, `zk0 audit recording` and `zk0 audit verify-proof` have 4 for an error, which is no verdict.
-//! `zk0 ledger fsck`, `zk0 ledger import` and `zk0 ledger restore` have 5 if a file of a contribution is missing that the open round has accepted.
+//! for an incomplete audit, and `zk0 status` for an aggregator that has trouble. `zk0 audit replay`, `watch`, `recording` and `verify-proof` have
+//! 4 for an error, which is no verdict. `zk0 ledger fsck`, `import` and `restore` have 5 if a file of a contribution is missing that the open
+//! round has accepted.
 
 #[cfg(all(target_os = "linux", target_arch = "x86_64", target_feature = "avx2"))]
 mod processor;
@@ -146,13 +147,19 @@ fn traced(cli: &Cli) -> anyhow::Result<ExitCode> {
 fn run(command: &Command) -> anyhow::Result<ExitCode> {
     match command {
         #[cfg(feature = "full")]
-        Command::Full(command) => Ok(if command.run()? {
-            ExitCode::SUCCESS
-        } else {
-            ExitCode::FAILURE
-        }),
+        Command::Full(command) => command.run(),
         Command::Audit(command) => audit::run(command),
         Command::Ledger(command) => ledger::run(command),
+    }
+}
+
+/// The exit code of a command whose check holds, or does not.
+#[cfg(feature = "full")]
+fn code(holds: bool) -> ExitCode {
+    if holds {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
     }
 }
 
@@ -168,25 +175,25 @@ impl Full {
         }
     }
 
-    fn run(&self) -> anyhow::Result<bool> {
+    fn run(&self) -> anyhow::Result<ExitCode> {
         match self {
             Self::Demo(options) => online(zk0::demo::run(options))?,
             Self::DemoLazyNode(options) => online(zk0::demo::lazy_node::run(options))?,
             Self::Node(command) => zk0::node::run(command)?,
             Self::Aggregator(command) => zk0::aggregator::run(command)?,
             Self::Governance(command) => zk0::governance::run(command)?,
-            Self::Status(options) => online(zk0::status::run(options))?,
+            Self::Status(options) => return online(zk0::status::run(options)),
             Self::Publish(command) => zk0::publish::run(command)?,
             Self::Prover(command) => zk0::prover::run(command)?,
             Self::Train(options) => zk0::train::run(options)?,
             Self::Simulate(options) => zk0::simulate::run(options)?,
             Self::Compare(options) => zk0::compare::run(options)?,
             Self::Eval(options) => zk0::eval::run(options)?,
-            Self::Dataset(command) => return zk0::dataset::run(command),
+            Self::Dataset(command) => return zk0::dataset::run(command).map(code),
             Self::Fidelity(options) => zk0::fidelity::run(options)?,
-            Self::Export(command) => return zk0::export::run(command),
+            Self::Export(command) => return zk0::export::run(command).map(code),
             Self::Witness(command) => zk0::witness::run(command)?,
         }
-        Ok(true)
+        Ok(ExitCode::SUCCESS)
     }
 }

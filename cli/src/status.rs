@@ -1,4 +1,4 @@
-//! `zk0 status`: how an aggregator is doing.
+//! `zk0 status`: how an aggregator is doing. It ends with the exit code 3 if the aggregator has trouble.
 
 use crate::keys;
 use crate::network::NetworkChoice;
@@ -6,13 +6,14 @@ use anyhow::{Context, Result};
 use ed25519_dalek::SigningKey;
 use serde::Serialize;
 use std::io::{self, ErrorKind, IsTerminal, Write};
+use std::process::ExitCode;
 use std::time::Duration;
 use tokio::time::sleep;
 use zk0_circuits::Digest;
 use zk0_node::client::status::RoundWatch;
 use zk0_node::client::NodeClient;
 use zk0_protocol::rpc::federation::status_info::Phase;
-use zk0_protocol::rpc::federation::StatusInfo;
+use zk0_protocol::rpc::federation::{StatusInfo, Trouble};
 
 /// `zk0 status`.
 #[derive(Debug, clap::Args)]
@@ -30,14 +31,17 @@ pub struct StatusOptions {
 /// How often the status is asked for while it is watched.
 const REFRESH: Duration = Duration::from_secs(2);
 
-/// Runs the command.
-pub async fn run(options: &StatusOptions) -> Result<()> {
+/// The exit code if the aggregator has trouble.
+const TROUBLE: u8 = 3;
+
+/// Runs the command. Its exit code is that of the last status.
+pub async fn run(options: &StatusOptions) -> Result<ExitCode> {
     // Nothing is signed, so any key will do.
     let key = SigningKey::from_bytes(&keys::random()?);
     let mut node = options.network.connect(key.clone()).await?;
     let status = StatusView::ask(&mut node).await?;
     if !options.write(&status)? || !options.watch {
-        return Ok(());
+        return Ok(status.code());
     }
     // It has a connection of its own, so that it can wait.
     let mut follower = options.network.connect(key).await?;
@@ -51,7 +55,7 @@ pub async fn run(options: &StatusOptions) -> Result<()> {
             Ok(status) => {
                 silent = false;
                 if !options.write(&status)? {
-                    return Ok(());
+                    return Ok(status.code());
                 }
             }
             // It may be starting again.
@@ -123,6 +127,25 @@ struct Facts {
     verification_ms: u64,
     disk_free_percent: Option<u32>,
     blob_store_failing_ms: Option<u64>,
+    trouble: Vec<TroubleFacts>,
+}
+
+/// A trouble as JSON.
+#[derive(Serialize)]
+struct TroubleFacts {
+    kind: &'static str,
+    sentence: String,
+    for_ms: u64,
+}
+
+impl From<&Trouble> for TroubleFacts {
+    fn from(trouble: &Trouble) -> Self {
+        Self {
+            kind: trouble.kind().name(),
+            sentence: trouble.sentence.clone(),
+            for_ms: trouble.for_ms,
+        }
+    }
 }
 
 impl StatusView {
@@ -133,6 +156,14 @@ impl StatusView {
             checkpoint: node.checkpoint().await?.size,
             now: node.status().await?,
         })
+    }
+
+    fn code(&self) -> ExitCode {
+        if self.now.trouble.is_empty() {
+            ExitCode::SUCCESS
+        } else {
+            ExitCode::from(TROUBLE)
+        }
     }
 
     fn facts(&self) -> Facts {
@@ -165,6 +196,7 @@ impl StatusView {
             verification_ms: now.verification_ms,
             disk_free_percent: now.disk_free_percent,
             blob_store_failing_ms: now.blob_store_failing_ms,
+            trouble: now.trouble.iter().map(TroubleFacts::from).collect(),
         }
     }
 
@@ -186,6 +218,16 @@ impl StatusView {
                 phase_text(now)
             ),
         ];
+        // The aggregator chose the sentences, too.
+        let troubles = now.trouble.iter().map(|trouble| {
+            format!(
+                "trouble      {}, for {}: {}",
+                trouble.kind().name(),
+                duration(trouble.for_ms),
+                trouble.sentence.escape_debug()
+            )
+        });
+        lines.splice(1..1, troubles);
         if now.phase() != Phase::Waiting {
             lines.push(format!(
                 "             {} committed, {} accepted, {} refused",

@@ -3,8 +3,10 @@
 use crate::observe::answers::RequestMetrics;
 use crate::observe::blob_store::BlobMetrics;
 use crate::observe::connections::ConnectionMetrics;
+use crate::observe::outcomes::OutcomeMetrics;
 use crate::observe::sample::Sampled;
 use prometheus_client::encoding::text::encode;
+use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::{exponential_buckets, Histogram};
 use prometheus_client::registry::Registry;
@@ -21,6 +23,7 @@ pub struct Metrics {
     /// Bytes of large messages that are being received or answered.
     pub(crate) message_bytes: Gauge,
     pub(crate) verification: Verification,
+    pub(crate) outcomes: OutcomeMetrics,
     appending: Histogram,
     turn_waiting: Histogram,
     turn_held: Histogram,
@@ -33,6 +36,11 @@ pub struct Metrics {
 impl Default for Metrics {
     fn default() -> Self {
         let mut registry = Registry::with_prefix("zk0");
+        let build = Family::<[(&str, &str); 1], Gauge>::default();
+        registry.register("build_info", "1, with the release of zk0", build.clone());
+        build
+            .get_or_create(&[("version", env!("CARGO_PKG_VERSION"))])
+            .set(1);
         let requests = RequestMetrics::registered(&mut registry);
         let connections = ConnectionMetrics::registered(&mut registry);
         let message_bytes = Gauge::default();
@@ -42,6 +50,7 @@ impl Default for Metrics {
             message_bytes.clone(),
         );
         let verification = Verification::registered(&mut registry);
+        let outcomes = OutcomeMetrics::registered(&mut registry);
         let appending = Histogram::new(exponential_buckets(0.0005, 4.0, 9));
         registry.register(
             "append_seconds",
@@ -77,6 +86,7 @@ impl Default for Metrics {
             connections,
             message_bytes,
             verification,
+            outcomes,
             appending,
             turn_waiting,
             turn_held,
@@ -98,6 +108,11 @@ impl Metrics {
     /// An update came to its end: in messages of its node, or from the blob store.
     pub(crate) fn uploaded(&self, from: &'static str) {
         self.blobs.uploaded(from);
+    }
+
+    /// The store of the published log holds so many entries.
+    pub fn log_store_holds(&self, entries: u64) {
+        self.sampled.log_store_holds(entries);
     }
 
     /// A step waited for the aggregator.

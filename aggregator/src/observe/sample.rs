@@ -5,7 +5,10 @@ use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::registry::Registry;
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::Arc;
 use zk0_protocol::rpc::federation::status_info::Phase;
+use zk0_protocol::rpc::federation::trouble::Kind;
 use zk0_protocol::rpc::federation::StatusInfo;
 
 type By = Family<[(&'static str, &'static str); 1], Gauge>;
@@ -18,6 +21,10 @@ pub(super) struct Sampled {
     round: Gauge,
     phase_seconds_left: Gauge,
     entries: By,
+    trouble: By,
+    /// Entries in the store of the published log; `u64::MAX` without such a store.
+    log_store: Arc<AtomicU64>,
+    log_store_lag: Gauge,
     disk: By,
     memory: Gauge,
     open_files: Gauge,
@@ -26,6 +33,7 @@ pub(super) struct Sampled {
 impl Sampled {
     pub fn registered(registry: &mut Registry) -> Self {
         let new = Self::default();
+        new.log_store_holds(u64::MAX);
         let mut by = |name, help, metric: &By| registry.register(name, help, metric.clone());
         by(
             "nodes",
@@ -48,6 +56,11 @@ impl Sampled {
             &new.entries,
         );
         by(
+            "trouble",
+            "1 for each kind of trouble that the aggregator has",
+            &new.trouble,
+        );
+        by(
             "disk_bytes",
             "The disk of the ledger: free and in all",
             &new.disk,
@@ -59,6 +72,11 @@ impl Sampled {
             "Seconds to the deadline of the phase, or 0",
             &new.phase_seconds_left,
         );
+        one(
+            "log_store_lag_entries",
+            "Published entries that the store of the published log does not hold yet; 0 without such a store",
+            &new.log_store_lag,
+        );
         one("memory_bytes", "Memory that the process holds", &new.memory);
         one(
             "open_files",
@@ -66,6 +84,11 @@ impl Sampled {
             &new.open_files,
         );
         new
+    }
+
+    /// The store of the published log holds so many entries.
+    pub fn log_store_holds(&self, entries: u64) {
+        self.log_store.store(entries, Ordering::Relaxed);
     }
 
     /// Takes what is so now.
@@ -83,6 +106,10 @@ impl Sampled {
             let is_now = u64::from(status.phase() == phase);
             set(&self.phase, ("phase", phase.name()), is_now);
         }
+        for kind in Kind::ALL {
+            let in_force = status.trouble.iter().any(|one| one.kind() == kind);
+            set(&self.trouble, ("kind", kind.name()), in_force.into());
+        }
         set(&self.entries, ("are", "recorded"), status.entries);
         set(&self.entries, ("are", "published"), status.published);
         if let Ok(disk) = Disk::of(ledger) {
@@ -95,6 +122,8 @@ impl Sampled {
         whole(&self.round, status.round);
         let left = status.deadline_ms.saturating_sub(status.now_ms) / 1000;
         whole(&self.phase_seconds_left, left);
+        let held = self.log_store.load(Ordering::Relaxed);
+        whole(&self.log_store_lag, status.published.saturating_sub(held));
         whole(&self.memory, machine::memory());
         whole(&self.open_files, machine::open_files());
     }

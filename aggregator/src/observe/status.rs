@@ -1,5 +1,6 @@
 //! The answer to `GetStatus`. Everybody may ask, so it holds nothing that is not on the ledger or would follow from it, but for how busy the
-//! aggregator is: counts of verifications, how full the disk is, in per cent, and for how long the store of the blobs has failed.
+//! aggregator is, and what is wrong with it: counts of verifications, how full the disk is, in per cent, for how long the store of the blobs
+//! has failed, and its troubles.
 
 use crate::observe::machine::Disk;
 use crate::round::aggregator::Aggregator;
@@ -28,6 +29,7 @@ impl Service {
             waiting_to_verify: waiting,
             verification_ms: millis(self.metrics().verification.mean()),
             uptime_ms: millis(self.started().elapsed()),
+            trouble: self.troubles().all(),
             ..status.await?
         })
     }

@@ -9,14 +9,16 @@ use futures_core::future::BoxFuture;
 use std::time::Duration;
 use tokio::time::{sleep, timeout};
 use tracing::Instrument;
+use zk0_ledger::clock::ClockError;
 use zk0_ledger::error::LedgerError;
+use zk0_protocol::rpc::federation::trouble::Kind;
 
 /// How often something is tried again that the disk does not allow now. Each time large files are read, or the whole ledger.
 const BLOCKED_RETRY: Duration = Duration::from_secs(5);
 
 impl Service {
-    /// Opens and closes rounds in time, and does whatever else is due. Returns only when that fails, or when the rules come to ask
-    /// for another witness policy than `witnesses`.
+    /// Opens and closes rounds in time, and does whatever else is due. Returns only when that fails, when the clock has been behind for too
+    /// long, or when the rules come to ask for another witness policy than `witnesses`.
     pub(super) async fn rounds(&self, witnesses: &str) -> RequestError {
         // Something is tried again and again, so the log says the same reason once.
         let mut said = String::new();
@@ -25,6 +27,7 @@ impl Service {
                 Err(error) if !matches!(error, RequestError::Clock(_)) => return error,
                 polled => polled,
             };
+            self.note_polled(&polled);
             if let Err(error) = self.go_on(witnesses).await {
                 return error;
             }
@@ -59,10 +62,21 @@ impl Service {
                         tracing::error!("{error}; this is tried again every {BLOCKED_RETRY:?}");
                         said = kind.into();
                     }
+                    if self.gives_up(&error) {
+                        return error;
+                    }
                     sleep(BLOCKED_RETRY).await;
                 }
             }
         }
+    }
+
+    /// Whether the clock has been wrong for so long that the service ends. It ends only if the clock is behind: a service that is started
+    /// again believes its clock, and an entry with a time in the future could not be undone.
+    fn gives_up(&self, error: &RequestError) -> bool {
+        let lasting = self.troubles().lasting(Kind::Clock);
+        matches!(error, RequestError::Clock(ClockError::LeaptBack { .. }))
+            && lasting.is_some_and(|lasting| lasting >= self.limits.clock_behind)
     }
 
     /// Tells those who follow a round what has come of a step, and checks that the rounds can go on.
@@ -111,6 +125,7 @@ impl Service {
             .with(move |aggregator| aggregator.finish(result))
             .await?;
         if let Polled::Did(RoundStep::Close(round)) = polled {
+            self.count_round(round).await?;
             self.clear_uploads(round).await?;
         }
         Ok(polled)

@@ -6,6 +6,7 @@ use crate::connections::request_limits::{Identify, Requests};
 use crate::connections::serving::Serving;
 use crate::connections::windows::Windows;
 use crate::observe::metrics::Metrics;
+use crate::observe::troubles::Troubles;
 use crate::serve::health::HealthyService;
 use crate::serve::limits::{Limits, CONCURRENT};
 use axum::middleware::from_fn;
@@ -38,6 +39,7 @@ pub(super) struct Grpc {
     /// If there is one, connections are encrypted.
     pub certificate: Option<Arc<ServerCertificate>>,
     pub metrics: Metrics,
+    pub troubles: Troubles,
     /// Whether the service ends.
     pub ending: watch::Receiver<bool>,
 }
@@ -69,6 +71,7 @@ impl Grpc {
         let memory = MessageMemory::new(message_memory, self.largest_message, in_flight);
         let requests = Requests::new(&connections, CONCURRENT, self.identify, memory, message);
         let in_order = HealthyService {
+            troubles: self.troubles,
             ending: self.ending,
             longest: watch,
         };

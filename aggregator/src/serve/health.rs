@@ -1,31 +1,39 @@
-//! Whether the aggregator answers, for load balancers and monitors: `proto/health.proto`. An aggregator that cannot go on ends, so that one
-//! which answers is in order.
+//! Whether the aggregator is in order, for load balancers and monitors: `proto/health.proto`. An aggregator that cannot go on ends. One that
+//! goes on may have trouble ([`crate::observe::troubles`]). A monitor asks about the server as a whole, and a load balancer about its service
+//! by name.
 
-use std::pin::Pin;
+use crate::observe::troubles::{stops_network, stops_requests, Trouble, Troubles};
+use std::collections::BTreeMap;
 use std::time::Duration;
-use tokio::sync::watch;
+use tokio::sync::{mpsc, watch};
 use tokio::time::timeout;
-use tokio_stream::{once, Stream, StreamExt};
+use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Status};
 use zk0_protocol::rpc::federation::federation_server::SERVICE_NAME;
+use zk0_protocol::rpc::federation::trouble::Kind;
 use zk0_protocol::rpc::health::health_check_response::ServingStatus;
 use zk0_protocol::rpc::health::health_server::Health;
 use zk0_protocol::rpc::health::{HealthCheckRequest, HealthCheckResponse};
 
-/// Answers that the server and its one service are in order.
+/// Answers whether the server and its one service are in order.
 pub(super) struct HealthyService {
+    pub troubles: Troubles,
     /// Whether the service ends.
     pub ending: watch::Receiver<bool>,
     /// How long a monitor watches before it has to ask again.
     pub longest: Duration,
 }
 
-impl HealthyService {
-    fn status(service: &str) -> ServingStatus {
-        match service {
-            "" | SERVICE_NAME => ServingStatus::Serving,
-            _ => ServingStatus::ServiceUnknown,
-        }
+fn status(service: &str, in_force: &BTreeMap<Kind, Trouble>) -> ServingStatus {
+    let stops = match service {
+        "" => stops_network,
+        SERVICE_NAME => stops_requests,
+        _ => return ServingStatus::ServiceUnknown,
+    };
+    if in_force.keys().any(|kind| stops(*kind)) {
+        ServingStatus::NotServing
+    } else {
+        ServingStatus::Serving
     }
 }
 
@@ -36,26 +44,48 @@ impl Health for HealthyService {
         request: Request<HealthCheckRequest>,
     ) -> Result<Response<HealthCheckResponse>, Status> {
         let service = request.into_inner().service;
-        match Self::status(&service) {
-            ServingStatus::Serving => Ok(Response::new(answer(ServingStatus::Serving))),
-            _ => Err(Status::not_found("there is no such service")),
+        match status(&service, &self.troubles.follow().borrow()) {
+            ServingStatus::ServiceUnknown => Err(Status::not_found("there is no such service")),
+            status => Ok(Response::new(answer(status))),
         }
     }
 
-    type WatchStream =
-        Pin<Box<dyn Stream<Item = Result<HealthCheckResponse, Status>> + Send + 'static>>;
+    type WatchStream = ReceiverStream<Result<HealthCheckResponse, Status>>;
 
     async fn watch(
         &self,
         request: Request<HealthCheckRequest>,
     ) -> Result<Response<Self::WatchStream>, Status> {
-        let status = Self::status(&request.into_inner().service);
-        // It changes only when the service ends, and so does the stream.
-        let first = once(Ok::<_, Status>(answer(status)));
-        let (ending, longest) = (self.ending.clone(), self.longest);
-        let end = once(()).then(move |()| ended(ending.clone(), longest));
-        let nothing = end.filter_map(|()| None);
-        Ok(Response::new(Box::pin(first.chain(nothing))))
+        let service = request.into_inner().service;
+        let (sender, told) = mpsc::channel(1);
+        let (troubles, longest) = (self.troubles.follow(), self.longest);
+        let ending = self.ending.clone();
+        tokio::spawn(async move {
+            tokio::select! {
+                () = tell(&service, troubles, &sender) => {}
+                () = ended(ending, longest) => {}
+                () = sender.closed() => {}
+            }
+        });
+        Ok(Response::new(ReceiverStream::new(told)))
+    }
+}
+
+/// Tells a monitor how the service is, and whenever that changes.
+async fn tell(
+    service: &str,
+    mut troubles: watch::Receiver<BTreeMap<Kind, Trouble>>,
+    sender: &mpsc::Sender<Result<HealthCheckResponse, Status>>,
+) {
+    let mut told = None;
+    loop {
+        let now = status(service, &troubles.borrow_and_update());
+        if told.replace(now) != Some(now) && sender.send(Ok(answer(now))).await.is_err() {
+            return;
+        }
+        if troubles.changed().await.is_err() {
+            return;
+        }
     }
 }
 

@@ -26,6 +26,8 @@ pub struct Limits {
     pub message_memory: u64,
     /// How much the clock of a request's sender may differ from the aggregator's.
     pub skew: Duration,
+    /// How long the aggregator's clock may be behind before the service ends.
+    pub clock_behind: Duration,
 }
 
 impl Default for Limits {
@@ -40,6 +42,7 @@ impl Default for Limits {
             watch: Duration::from_secs(300),
             message_memory: 512 << 20,
             skew: Duration::from_secs(120),
+            clock_behind: Duration::from_secs(600),
         }
     }
 }

@@ -17,18 +17,17 @@
 //! | heads of requests that are remembered | 1,024 of a sender (`senders`) |
 //!
 //! `grpc` puts the limits of connections and messages into force. [`crate::serve::federation_service`] answers the requests. This file serves them,
-//! runs the loops that go on beside them until the end, and has checkpoints cosigned and published.
+//! and runs the loops that go on beside them until the end.
 
 use crate::connections::caller::Sender;
 use crate::connections::transfers::Transfers;
 use crate::observe::metrics::Metrics;
+use crate::observe::troubles::Troubles;
 use crate::publish::beacon::BeaconServers;
-use crate::publish::cosigning::{ConsistencyProver, Cosigned, Witnesses};
+use crate::publish::cosigning::Witnesses;
 use crate::round::aggregator::Aggregator;
 use crate::round::intake::arrivals::Arrivals;
-use crate::round::job::JobResult;
 use crate::round::ledger_index::RoundEntries;
-use crate::round::polling::ToCosign;
 use crate::round::presence::Presence;
 use crate::round::request_error::RequestError;
 use crate::serve::blob_store::places::BlobPlaces;
@@ -49,15 +48,13 @@ use std::time::{Duration, Instant};
 use tokio::net::TcpListener;
 use tokio::sync::{watch, Mutex, Notify, Semaphore};
 use tokio::task::{spawn_blocking, JoinError, JoinSet};
-use tokio::time::{sleep, timeout};
 use tonic::service::Routes;
 use tonic::Status;
-use tracing::{info_span, Instrument, Span};
+use tracing::Span;
 use zk0_circuits::NodeId;
 use zk0_ledger::error::LedgerError;
 use zk0_ledger::folder;
 use zk0_ledger::store::reader::LedgerReader;
-use zk0_protocol::challenge::drawing::Drawing;
 use zk0_protocol::rpc::federation::federation_server::FederationServer;
 use zk0_tls::server_certificate::ServerCertificate;
 
@@ -102,7 +99,7 @@ pub struct Service {
     pub(super) changed: Arc<Notify>,
     /// Whether the service ends.
     ending: watch::Sender<bool>,
-    publishing: Option<Publishing>,
+    pub(super) publishing: Option<Publishing>,
     /// Where beacons are fetched.
     pub(super) beacons: Arc<BeaconServers>,
     pub(super) uploads: Uploads,
@@ -111,6 +108,7 @@ pub struct Service {
     pub(crate) certificate: Option<Arc<ServerCertificate>>,
     pub(super) limits: Limits,
     metrics: Metrics,
+    troubles: Troubles,
     started: Instant,
 }
 
@@ -147,6 +145,7 @@ impl Service {
             transfers: Transfers::new(limits.connections.most),
             certificate: None,
             metrics: Metrics::default(),
+            troubles: Troubles::default(),
             started: Instant::now(),
         }
     }
@@ -154,6 +153,11 @@ impl Service {
     /// What the service counts.
     pub fn metrics(&self) -> &Metrics {
         &self.metrics
+    }
+
+    /// What is wrong with the service.
+    pub fn troubles(&self) -> &Troubles {
+        &self.troubles
     }
 
     /// When the service started.
@@ -257,6 +261,7 @@ impl Service {
             identify: Arc::new(identify),
             certificate: self.certificate.clone(),
             metrics: self.metrics.clone(),
+            troubles: self.troubles.clone(),
             ending: self.ending.subscribe(),
         };
         grpc.serve(listener, Routes::new(federation), stop).await;
@@ -279,10 +284,25 @@ impl Service {
         let mut loops = JoinSet::new();
         let (rounds, publish) = (self.clone(), self.clone());
         let (shrink, remove) = (self.clone(), self.clone());
-        loops.spawn(async move { rounds.rounds(&witnesses).await });
-        loops.spawn(async move { publish.publish().await });
-        loops.spawn(async move { shrink.shrink_cache().await });
-        loops.spawn(async move { remove.remove_stored().await });
+        let mut spawn = |task: &'static str, work: BoxFuture<'static, RequestError>| {
+            loops.spawn(self.troubles.clone().supervised(task, work));
+        };
+        spawn(
+            "the driver of the rounds",
+            Box::pin(async move { rounds.rounds(&witnesses).await }),
+        );
+        spawn(
+            "the cosigning of checkpoints",
+            Box::pin(async move { publish.publish().await }),
+        );
+        spawn(
+            "the removal of blobs from the folder",
+            Box::pin(async move { shrink.shrink_cache().await }),
+        );
+        spawn(
+            "the removal of uploads from the blob store",
+            Box::pin(async move { remove.remove_stored().await }),
+        );
         loops
     }
 
@@ -306,112 +326,10 @@ impl Service {
         }
     }
 
-    /// Has each new checkpoint cosigned, and publishes it. Returns only when the disk fails.
-    async fn publish(&self) -> RequestError {
-        let Some(publishing) = &self.publishing else {
-            return std::future::pending().await;
-        };
-        loop {
-            match self.publish_next(publishing).await {
-                Ok(true) => {}
-                Ok(false) => {
-                    let _ = timeout(TICK, publishing.wanted.notified()).await;
-                }
-                // The rounds wait until the clock is right, and so does this.
-                Err(RequestError::Clock(_)) => sleep(TICK).await,
-                Err(error) => return error,
-            }
-        }
-    }
-
-    /// Has the next checkpoint cosigned, and publishes it. Returns `false` if there is none.
-    async fn publish_next(&self, publishing: &Publishing) -> Result<bool, RequestError> {
-        let next = self.with(|aggregator| aggregator.to_cosign());
-        let ToCosign {
-            size,
-            checkpoint,
-            draws,
-        } = next.await?;
-        let published = *publishing.published.borrow();
-        if size <= published && draws.is_none() {
-            return Ok(false);
-        }
-        let (witnesses, ledger) = (publishing.witnesses.clone(), self.ledger.clone());
-        let prove: ConsistencyProver = Arc::new(move |old, new| {
-            let proof = ledger.consistency_between(old, new);
-            proof.map_err(|error| error.to_string())
-        });
-        let cosigned = blocking(move || {
-            Ok(match draws {
-                Some(_) => witnesses.cosign_all(&checkpoint, &prove),
-                None => witnesses.cosign(&checkpoint, &prove),
-            })
-        });
-        let Cosigned { note, cosignatures } = match cosigned.await? {
-            Ok(cosigned) => cosigned,
-            Err(error) => {
-                tracing::warn!(size, "the checkpoint is not published: {error}");
-                sleep(TICK).await;
-                return Ok(true);
-            }
-        };
-        let written = self.with(move |aggregator| {
-            if size > published {
-                folder::write_cosigned(aggregator.ledger().dir(), &note)?;
-            }
-            if let Some(round) = draws {
-                let drawing = Drawing::Witnesses(cosignatures);
-                aggregator.finish(JobResult::Randomness(round, drawing))?;
-            }
-            Ok(())
-        });
-        written.await?;
-        tracing::info!(size, "checkpoint cosigned and published");
-        publishing.published.send_replace(size.max(published));
-        self.note_stage().await?;
-        Ok(true)
-    }
-
-    /// Tells that entries were recorded, and waits until the first `size` entries are published. If that takes too long, whoever asks again later gets the receipt then:
-    /// what is recorded stays recorded.
-    pub(super) async fn published(&self, size: u64) -> Result<(), RequestError> {
-        self.changed.notify_one();
-        let Some(publishing) = &self.publishing else {
-            return Ok(());
-        };
-        publishing.wanted.notify_one();
-        let mut published = publishing.published.subscribe();
-        let patience = publishing.witnesses.patience();
-        let covered = timeout(patience, published.wait_for(|held| *held >= size));
-        let covered = covered.instrument(info_span!("wait for witnesses")).await;
-        if covered.is_ok_and(|covered| covered.is_ok()) {
-            Ok(())
-        } else {
-            Err(RequestError::NotPublished(format!(
-                "this is recorded as entry {}, but too few witnesses have cosigned it yet: ask again",
-                size - 1
-            )))
-        }
-    }
-
     /// The deadline that a request missed that arrived at `arrived_ms`, if nothing on the ledger reflects the deadline yet.
     pub(super) fn missed(&self, arrived_ms: u64) -> Option<u64> {
         let deadline_ms = self.deadline_ms.load(Ordering::Acquire);
         (arrived_ms > deadline_ms).then_some(deadline_ms)
-    }
-
-    /// How many entries of the ledger are published.
-    pub(crate) fn visible(&self, aggregator: &Aggregator) -> Result<u64, RequestError> {
-        let size = match &self.publishing {
-            None => aggregator.ledger().size(),
-            Some(publishing) => *publishing.published.borrow(),
-        };
-        match size {
-            0 => Err(RequestError::NotPublished(
-                "nothing is published yet: too few witnesses have cosigned a checkpoint".into(),
-            )),
-            size => Ok(size),
-        }
     }
 
     /// Runs `work` on the aggregator, away from the threads that serve the network, because it may read and write the disk.
@@ -468,12 +386,12 @@ pub(super) async fn blocking<T: Send + 'static>(
 
 /// Who has to cosign checkpoints before they are published, and what is published.
 #[derive(Clone)]
-struct Publishing {
-    witnesses: Arc<Witnesses>,
+pub(super) struct Publishing {
+    pub witnesses: Arc<Witnesses>,
     /// Notified when somebody waits for a receipt.
-    wanted: Arc<Notify>,
+    pub wanted: Arc<Notify>,
     /// How many entries are published.
-    published: watch::Sender<u64>,
+    pub published: watch::Sender<u64>,
 }
 
 /// Why a service has ended.

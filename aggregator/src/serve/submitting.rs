@@ -58,6 +58,9 @@ impl Service {
         let rejected = decided.rejected().cloned();
         let decision = ToRecord::Decision(Box::new(decided));
         let receipt = self.record_in_turn(arrival, decision).await?;
+        if let Some(refusal) = &rejected {
+            self.metrics().outcomes.refused(refusal.code);
+        }
         Ok(SubmissionAnswer { rejected, receipt })
     }
 

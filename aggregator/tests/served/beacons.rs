@@ -19,6 +19,7 @@ use zk0_ledger::replay::{replay, Verdict};
 use zk0_protocol::challenge::drand::{BeaconSignature, DrandChain};
 use zk0_protocol::challenge::source::RandomnessSource;
 use zk0_protocol::entries::entry::Body;
+use zk0_protocol::rpc::federation::trouble::Kind;
 use zk0_testkit::aggregator::*;
 use zk0_testkit::network::beacon::Beacon;
 use zk0_testkit::until_async;
@@ -252,6 +253,7 @@ async fn a_round_waits_for_its_beacon_and_goes_on_with_it() -> Test {
     for does in [Does::Late, Does::WrongSignature, Does::OtherChain] {
         doing.set(does);
         doing.asked_twice().await;
+        assert!(network.service().troubles().lasting(Kind::Beacon).is_some());
         // The ledger takes what others send meanwhile.
         let enrol = move |aggregator: &mut Aggregator| {
             let node = SigningNode::new(20 + does as u8);
@@ -263,6 +265,8 @@ async fn a_round_waits_for_its_beacon_and_goes_on_with_it() -> Test {
     doing.set(Does::Right);
     let drawn = async || network.round(Some(0)).await.randomness;
     until_async("the randomness is drawn", drawn).await;
+    let over = async || network.service().troubles().all().is_empty();
+    until_async("the beacon is no trouble any more", over).await;
     let claim = first.claim(&network).await;
     first.submit(&network, claim, b"no proof").await?;
     let report = replay(network.dir.path(), None, &mut Auditor::default());

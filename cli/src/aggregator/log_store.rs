@@ -1,23 +1,27 @@
 //! `zk0 aggregator serve --log-store ADDRESS`: the published log as files in a bucket that anybody may read.
 //!
-//! The files are written beside the rounds, which do not wait for them. If that fails, the log says so, and it is tried again.
+//! The files are written beside the rounds, which do not wait for them. If that fails, the log and the status say so, and it is tried again.
 
 use crate::blob_store::BlobStoreOptions;
 use anyhow::{bail, Context, Result};
 use std::collections::BTreeSet;
 use std::fmt;
+use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use tokio::sync::oneshot;
 use tokio::task::spawn_blocking;
 use tokio::time::sleep;
+use zk0_aggregator::Service;
 use zk0_bucket::public_log::PublicLog;
 use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
-use zk0_ledger::published::export::export_to;
+use zk0_ledger::error::LedgerError;
+use zk0_ledger::published::export::{export_to, ExportError};
 use zk0_ledger::published::export_place::ExportTarget;
 use zk0_ledger::published::publication::{Publication, PublicationError};
 use zk0_ledger::Ledger;
+use zk0_protocol::rpc::federation::trouble::Kind;
 use zk0_protocol::tlog::checkpoint::MAX_NOTE_BYTES;
 use zk0_protocol::WitnessPolicy;
 
@@ -26,6 +30,9 @@ const TICK: Duration = Duration::from_secs(1);
 
 /// How long to wait after the log could not be written.
 const RETRY: Duration = Duration::from_secs(10);
+
+/// The kinds of trouble with the store.
+const OF_STORE: [Kind; 2] = [Kind::LogStore, Kind::Fork];
 
 /// Where the published log is written.
 #[derive(Debug, clap::Args)]
@@ -118,8 +125,10 @@ impl LogStore {
             })
     }
 
-    /// Writes what is published, until `stopped` is ready, and then what is left. How long that takes depends on the store.
-    pub async fn follow(mut self, mut stopped: oneshot::Receiver<()>) -> Result<()> {
+    /// Writes what is published, until `stopped` is ready, and then what is left. How long that takes depends on the store. `service` shows
+    /// trouble.
+    pub async fn follow(mut self, service: Service, mut stopped: oneshot::Receiver<()>) {
+        service.metrics().log_store_holds(0);
         let (mut wait, mut said) = (TICK, None);
         loop {
             let ended = tokio::select! {
@@ -130,11 +139,21 @@ impl LogStore {
                 let written = self.write();
                 (self, written)
             });
-            let (this, written) = writing.await?;
+            let (this, written) = match writing.await {
+                Ok(done) => done,
+                // The supervisor of this task sees it.
+                Err(ended) => match ended.try_into_panic() {
+                    Ok(panic) => resume_unwind(panic),
+                    Err(_) => return,
+                },
+            };
             self = this;
+            let trouble = written.as_ref().err().map(trouble);
+            service.troubles().only(&OF_STORE, trouble);
             wait = match written {
                 Ok(()) => {
                     said = None;
+                    service.metrics().log_store_holds(self.published());
                     TICK
                 }
                 Err(error) => {
@@ -148,9 +167,15 @@ impl LogStore {
                 }
             };
             if ended {
-                return Ok(());
+                return;
             }
         }
+    }
+
+    /// How many entries the store holds, as far as this has written them.
+    fn published(&self) -> u64 {
+        let written = self.before.as_ref();
+        written.map_or(0, |view| view.checkpoint().size)
     }
 
     /// Writes what is new.
@@ -181,5 +206,22 @@ impl LogStore {
         );
         self.before = Some(view);
         Ok(())
+    }
+}
+
+/// What the status says of an error. It names no address: the log does.
+fn trouble(error: &anyhow::Error) -> (Kind, &'static str) {
+    match error.downcast_ref() {
+        Some(
+            ExportError::Other { .. }
+            | ExportError::Ledger(LedgerError::RolledBack { .. } | LedgerError::Forked { .. }),
+        ) => (
+            Kind::Fork,
+            "the store of the log holds another history than the ledger, or a newer one; the log of the aggregator says which",
+        ),
+        _ => (
+            Kind::LogStore,
+            "the newest entries cannot be written to the store of the log; the log of the aggregator says why",
+        ),
     }
 }

@@ -27,10 +27,7 @@ pub fn serve_metrics(
         tracing::warn!("whoever reaches {address} can read the metrics, which say how busy and how full this machine is");
     }
     let router = endpoint::router(service.clone());
-    tokio::spawn(http::serve(
-        listener,
-        router,
-        HttpLimits::default(),
-        future::pending(),
-    ))
+    let serving = http::serve(listener, router, HttpLimits::default(), future::pending());
+    let troubles = service.troubles().clone();
+    tokio::spawn(troubles.supervised("the server of the metrics", serving))
 }

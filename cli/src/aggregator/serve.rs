@@ -20,6 +20,7 @@ use tokio::net::TcpListener;
 use tokio::sync::oneshot;
 use tokio::task::{spawn_blocking, JoinHandle};
 use tokio::time::{sleep, timeout};
+use zk0_aggregator::observe::troubles::Troubles;
 use zk0_aggregator::publish::beacon::BeaconServers;
 use zk0_aggregator::publish::chosen_witnesses::chosen_witnesses;
 use zk0_aggregator::publish::cosigning::{ConsistencyProver, Witnesses};
@@ -108,6 +109,11 @@ const LAST_FILES: Duration = Duration::from_secs(10);
 /// How often witnesses are asked at the start, if none answers.
 const WITNESSES_APART: Duration = Duration::from_secs(5);
 
+/// Tasks that go on beside the service, as the status and the log name them.
+const LOG_STORE: &str = "the writing of the log to its store";
+const FOLDERS: &str = "the writing of policy folders";
+const UPLOADS: &str = "the publication of policy folders on the Hub";
+
 /// Runs the command.
 pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
     let config = Config {
@@ -179,16 +185,26 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
             service = service.witnessed(witnesses).await?;
         }
         tracing::info!(listening = %address, "the aggregator of network {network} listens on {address}");
+        let troubles = service.troubles().clone();
         let log = log_listener.map(|listener| {
             let server = LogServer::new(&options.dir).with_blobs(blobs);
-            serve_log(listener, server, certificate, log_limits)
+            serve_log(listener, server, certificate, log_limits, &troubles)
         });
         let metrics = metrics_listener.map(|listener| serve_metrics(listener, &service));
         let (log_ended, log_stopped) = oneshot::channel();
-        let log_store = log_store.map(|store| tokio::spawn(store.follow(log_stopped)));
+        let log_store = log_store.map(|store| {
+            let writing = store.follow(service.clone(), log_stopped);
+            tokio::spawn(troubles.clone().supervised(LOG_STORE, writing))
+        });
         let (ended, stopped) = oneshot::channel();
-        let folders = folders.map(|folders| tokio::spawn(folders.follow(service.clone(), stopped)));
-        let uploads = uploads.map(|uploads| tokio::spawn(uploads.follow(service.clone())));
+        let folders = folders.map(|folders| {
+            let writing = folders.follow(service.clone(), stopped);
+            tokio::spawn(troubles.clone().supervised(FOLDERS, writing))
+        });
+        let uploads = uploads.map(|uploads| {
+            let publishing = uploads.follow(service.clone());
+            tokio::spawn(troubles.clone().supervised(UPLOADS, publishing))
+        });
         let served = service.serve(listener, stop).await;
         drop((ended, log_ended));
         let last_files = async {
@@ -196,7 +212,7 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
                 folders.await?;
             }
             if let Some(log_store) = log_store {
-                log_store.await??;
+                log_store.await?;
             }
             anyhow::Ok(())
         };
@@ -244,12 +260,18 @@ fn serve_log(
     server: LogServer,
     certificate: Option<Arc<ServerCertificate>>,
     limits: http::HttpLimits,
+    troubles: &Troubles,
 ) -> JoinHandle<()> {
     let router = server.router(limits);
     let scheme = scheme(certificate.as_ref());
     tracing::info!("the log is served on {scheme}://{address}");
-    tokio::spawn(async move {
+    let serving = async move {
         let forever = future::pending();
         http::serve_with(listener, router, limits, certificate.as_ref(), forever).await;
-    })
+    };
+    tokio::spawn(
+        troubles
+            .clone()
+            .supervised("the server of the log", serving),
+    )
 }

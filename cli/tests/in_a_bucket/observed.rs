@@ -9,6 +9,7 @@ use std::net::TcpStream;
 use std::time::Duration;
 use zk0_testkit::s3::failing_network::Fault;
 use zk0_testkit::s3::S3;
+use zk0_testkit::until;
 
 /// What a server answers to `GET`, with its head.
 fn get(address: &str, path: &str) -> String {
@@ -106,4 +107,29 @@ fn metrics_and_status_say_whether_the_store_answers() {
     assert_eq!([gets("done"), gets("failed")], [1.0, 1.0]);
     assert_eq!(failing_ms(), Some(0));
     assert_eq!(metric(&metrics, "zk0_blob_store_failing_seconds"), 0.0);
+}
+
+#[test]
+fn a_store_of_the_log_that_does_not_answer_is_trouble_until_it_does() {
+    let Some(s3) = S3::start() else { return };
+    let network = founded();
+    let address = s3.address("public");
+    let more = [
+        ["--log-store", &address],
+        ["--blob-store-seconds", "1"],
+        ["--metrics", "127.0.0.1:0"],
+    ];
+    let arguments = serving(&network, &more.concat());
+    let aggregator = Serving::start_with(&words(&arguments), &s3.variables());
+    aggregator.logs("the log is published in its store");
+    let metrics = address_after(&aggregator.log(), "the metrics are at http://");
+    let trouble = || metric(&metrics, r#"zk0_trouble{kind="log_store"}"#);
+    assert_eq!(trouble(), 0.0);
+    // Its rounds go on, so that there is something to write.
+    s3.network.fail_always(Fault::Unavailable);
+    until("the store of the log is trouble", || trouble() == 1.0);
+    assert!(metric(&metrics, "zk0_log_store_lag_entries") > 0.0);
+    assert_eq!(metric(&metrics, r#"zk0_trouble{kind="fork"}"#), 0.0);
+    s3.network.mend();
+    until("the store of the log is none any more", || trouble() == 0.0);
 }

@@ -1,14 +1,25 @@
 //! What an operator sees of a running aggregator: its metrics and its status.
 
 use crate::harness::network::LocalNetwork;
-use crate::harness::{ends, json, logged, prints, root, zk0};
+use crate::harness::{ends, json, logged, printed, prints, root, zk0};
 use serde_json::Value;
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
+use std::path::Path;
 use std::process::{Child, Stdio};
 use std::thread;
+use zk0_protocol::rpc::federation::trouble::Kind;
 use zk0_testkit::until;
+
+/// The exit code of `zk0 status` if the aggregator has trouble.
+const TROUBLE: i32 = 3;
+
+fn founded() -> LocalNetwork {
+    let network = LocalNetwork::new();
+    network.found(&[]);
+    network
+}
 
 /// A running aggregator with metrics.
 struct Observed {
@@ -28,8 +39,10 @@ impl Drop for Observed {
 impl Observed {
     /// Founds a network of one node, and serves it.
     fn serve(more: &[&str]) -> Self {
-        let network = LocalNetwork::new();
-        network.found(&[]);
+        Self::serve_network(founded(), more)
+    }
+
+    fn serve_network(network: LocalNetwork, more: &[&str]) -> Self {
         let (ledger, key) = (network.path("ledger"), network.path("log.key"));
         let mut command = zk0(&[
             "--log",
@@ -191,6 +204,69 @@ fn metrics_move_with_what_the_aggregator_does() {
         assert!(observed.metric(some) > 1.0, "{some}");
     }
     assert_eq!(observed.metric(r#"zk0_round_phase{phase="waiting"}"#), 1.0);
+    let build = format!(
+        "zk0_build_info{{version=\"{}\"}}",
+        env!("CARGO_PKG_VERSION")
+    );
+    assert_eq!(observed.metric(&build), 1.0);
+    for kind in Kind::ALL {
+        let none = format!("zk0_trouble{{kind=\"{}\"}} 0\n", kind.name());
+        assert!(shown.contains(&none), "{none:?} is not in {shown}");
+    }
+}
+
+#[test]
+fn a_lost_file_is_trouble_with_an_exit_code_of_its_own() {
+    let network = founded();
+    let lost = network.genesis().initial.blob.to_string();
+    let lost = Path::new(&network.path("ledger/blobs/sha256")).join(lost);
+    let kept = network.path("kept");
+    fs::rename(&lost, &kept).unwrap();
+    let observed = Observed::serve_network(network, &["--min-nodes", "0"]);
+    let of = observed.of_network();
+    let blocked = r#"zk0_trouble{kind="blocked"}"#;
+    observed.becomes(blocked, 1.0);
+    let status = observed.asking(&["status"], &of);
+    let said = printed(&ends(TROUBLE, zk0(&status)));
+    let line = said.lines().find(|line| line.starts_with("trouble "));
+    let line = line.unwrap_or_else(|| panic!("no trouble in {said}"));
+    assert!(
+        line.contains("blocked, for ") && line.contains("cannot open"),
+        "{line}"
+    );
+    let status_json = observed.asking(&["status", "--json"], &of);
+    let status_json = printed(&ends(TROUBLE, zk0(&status_json)));
+    let status_json: Value = serde_json::from_str(&status_json).unwrap();
+    assert_eq!(status_json["trouble"][0]["kind"], "blocked");
+    assert!(status_json["trouble"][0]["for_ms"].is_u64());
+
+    fs::rename(&kept, &lost).unwrap();
+    observed.becomes(blocked, 0.0);
+    assert!(!prints(&status).contains("trouble"));
+}
+
+#[test]
+fn a_log_store_with_another_log_is_a_fork() {
+    let folder = tempfile::tempdir().unwrap();
+    let address = format!("file://{}", folder.path().display());
+    let more = ["--log-store", &address];
+    let fork = r#"zk0_trouble{kind="fork"}"#;
+    let lag = "zk0_log_store_lag_entries";
+    let first = Observed::serve(&more);
+    until("the log is published", || {
+        folder.path().join("checkpoint").exists()
+    });
+    first.becomes(lag, 0.0);
+    assert_eq!(first.metric(fork), 0.0);
+    drop(first);
+    let other = Observed::serve(&more);
+    other.becomes(fork, 1.0);
+    let published = other.metric(r#"zk0_ledger_entries{are="published"}"#);
+    assert_eq!(other.metric(lag), published);
+    ends(
+        TROUBLE,
+        zk0(&other.asking(&["status"], &other.of_network())),
+    );
 }
 
 #[test]

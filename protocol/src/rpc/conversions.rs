@@ -66,6 +66,33 @@ impl wire::status_info::Phase {
     }
 }
 
+impl wire::trouble::Kind {
+    /// All kinds of trouble.
+    pub const ALL: [Self; 7] = [
+        Self::Blocked,
+        Self::Clock,
+        Self::LogStore,
+        Self::Fork,
+        Self::Task,
+        Self::Witnesses,
+        Self::Beacon,
+    ];
+
+    /// How `zk0 status` and the metrics name it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Unspecified => "unknown",
+            Self::Blocked => "blocked",
+            Self::Clock => "clock",
+            Self::LogStore => "log_store",
+            Self::Fork => "fork",
+            Self::Task => "task",
+            Self::Witnesses => "witnesses",
+            Self::Beacon => "beacon",
+        }
+    }
+}
+
 impl wire::OpenProposal {
     /// An open proposal with its votes so far, without the receipt of its entry.
     pub fn of(open: &OpenProposal) -> Self {

@@ -7,12 +7,13 @@ use zk0_protocol::rules::network_rules::Strategy;
 use zk0_protocol::{Body, RuleViolation};
 use zk0_testkit::network::*;
 
-/// A network whose open round has accepted the contribution of node 0, and has a commitment of node 1. A node pauses after one strike.
+/// A network whose open round has accepted the contribution of node 0, and has a commitment of node 1. A node pauses after one
+/// commitment without a claim.
 fn accepted_one(strategy: Strategy) -> Chain {
     let mut genesis = genesis();
     genesis.rules.strategy = strategy;
     genesis.rules.unanswered = UnansweredRule {
-        max: 1,
+        max: 0,
         of_last: 3,
         pause_rounds: 2,
     };

@@ -1,0 +1,46 @@
+//! What the driver of the rounds tells those who observe the service: what the rounds wait for, and how a round has ended.
+
+use crate::round::job::Polled;
+use crate::round::request_error::RequestError;
+use crate::serve::service::Service;
+use zk0_protocol::entries::entry::Body;
+use zk0_protocol::rpc::federation::trouble::Kind;
+
+/// The kinds of trouble that the driver meets.
+const OF_ROUNDS: [Kind; 3] = [Kind::Blocked, Kind::Clock, Kind::Beacon];
+
+impl Service {
+    /// Notes what the rounds wait for, if that is trouble.
+    pub(crate) fn note_polled(&self, polled: &Result<Polled, RequestError>) {
+        let trouble = match polled {
+            Ok(Polled::Did(_) | Polled::Run(_) | Polled::Idle(_)) => None,
+            Ok(Polled::Unanswered(..)) => Some((
+                Kind::Beacon,
+                "no server has given the beacon that the open round waits for; the log of the aggregator says why",
+            )),
+            Ok(Polled::Blocked(_)) => Some((
+                Kind::Blocked,
+                "a round cannot open or close, or a dispute cannot be decided; the log of the aggregator says why",
+            )),
+            Err(_) => Some((
+                Kind::Clock,
+                "the clock of the aggregator is wrong, so it records nothing until its operator has set it",
+            )),
+        };
+        self.troubles().only(&OF_ROUNDS, trouble);
+    }
+
+    /// Counts a round that has closed.
+    pub(crate) async fn count_round(&self, round: u64) -> Result<(), RequestError> {
+        let entry = self.with(move |aggregator| {
+            let ledger = aggregator.ledger();
+            let entries = aggregator.round(Some(round), ledger.size());
+            let closed = entries.and_then(|entries| entries.closed);
+            Ok(closed.map(|index| ledger.entry(index)).transpose()?)
+        });
+        if let Some(Body::RoundClosed(closed)) = entry.await?.map(|entry| entry.body) {
+            self.metrics().outcomes.closed(&closed);
+        }
+        Ok(())
+    }
+}
