@@ -2,8 +2,8 @@
 //! aggregator then records the end, if the round is still the same.
 
 use crate::round::accepted::{verify_all, Accepted};
+use crate::round::intake::lost_files::ContributedFiles;
 use crate::round::ledger_index::still_valid;
-use crate::round::lost_files::ContributedFiles;
 use crate::round::request_error::RequestError;
 use std::fmt::Display;
 use std::io::{sink, Write};

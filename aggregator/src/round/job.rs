@@ -3,7 +3,7 @@
 use crate::publish::beacon::BeaconServers;
 use crate::round::closing::{ComputedClosing, ToClose};
 use crate::round::dispute::Disputed;
-use crate::round::lost_files::ContributedFiles;
+use crate::round::intake::lost_files::ContributedFiles;
 use crate::round::phase::RoundStep;
 use crate::round::public_samples::UncheckedSamples;
 use crate::round::request_error::RequestError;

@@ -9,7 +9,6 @@ pub mod founding;
 pub mod intake;
 pub mod job;
 pub mod ledger_index;
-pub mod lost_files;
 mod needed_blobs;
 pub mod phase;
 pub mod polling;

@@ -266,11 +266,8 @@ impl History {
                     round.global = Some(closed.global.blob.to_string());
                 }
             }
-            Body::CommitmentsClosed(_)
-            | Body::NodeLeft(_)
-            | Body::MomentsComputed(_)
-            | Body::FilesLost(_)
-            | Body::ContributionLeftOut(_) => {}
+            Body::CommitmentsClosed(_) | Body::NodeLeft(_) | Body::MomentsComputed(_) => {}
+            Body::FilesLost(_) | Body::ContributionLeftOut(_) => {}
             Body::RandomnessDrawn(drawn) => {
                 if let Some(round) = self.rounds.last_mut() {
                     let value = describe::randomness(&drawn.drawing);

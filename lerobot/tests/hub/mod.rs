@@ -303,29 +303,6 @@ fn a_recording_is_downloaded_once() {
 }
 
 #[test]
-fn a_commit_that_was_fetched_whole_is_not_asked_for_again() {
-    let manners = Manners {
-        cuts: usize::MAX,
-        ..Manners::default()
-    };
-    let (hub, cache) = (Hub::start("so101_pickplace", manners), cache());
-    let options = hub.options(cache.path());
-    let commit: HubRecording = format!("{NAME}@{COMMIT}").parse().unwrap();
-    // What has come in part does not count.
-    get(&options).unwrap_err();
-    hub.asked();
-    fetch(&commit, &options, &mut |_| ()).unwrap_err();
-    assert_ne!(hub.asked(), [""; 0]);
-
-    hub.manners.lock().unwrap().cuts = 0;
-    let folder = get(&options).unwrap();
-    hub.asked();
-    let fetched = fetch(&commit, &options, &mut |_| ()).unwrap();
-    assert_eq!((fetched.folder, &fetched.commit[..]), (folder, COMMIT));
-    assert_eq!(hub.asked(), [""; 0]);
-}
-
-#[test]
 fn connections_that_are_cut_are_taken_up_again() {
     let manners = Manners {
         cuts: 2,

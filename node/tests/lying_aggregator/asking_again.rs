@@ -1,6 +1,6 @@
 //! A node asks an aggregator again that cannot answer now, as long as the aggregator does not advise against it.
 
-use super::{Failures, Told};
+use super::{Failures, Lying, Told};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::time::timeout;
@@ -13,6 +13,12 @@ use zk0_protocol::rpc::federation::TurnedDown;
 
 /// Longer than this, no test waits for a node that asks again.
 const PATIENCE: Duration = Duration::from_secs(30);
+
+impl Lying {
+    pub(super) fn fail(&self) -> Result<(), Status> {
+        self.failures.lock().unwrap().pop().map_or(Ok(()), Err)
+    }
+}
 
 fn failures(all: &[Status]) -> Failures {
     Arc::new(Mutex::new(all.to_vec()))

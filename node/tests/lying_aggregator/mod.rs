@@ -173,12 +173,6 @@ struct Lying {
     failures: Failures,
 }
 
-impl Lying {
-    fn fail(&self) -> Result<(), Status> {
-        self.failures.lock().unwrap().pop().map_or(Ok(()), Err)
-    }
-}
-
 type Answer<T> = Result<Response<T>, Status>;
 
 /// What the tests never ask for.

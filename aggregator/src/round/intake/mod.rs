@@ -3,6 +3,7 @@
 pub mod admission;
 pub mod arrivals;
 pub mod group;
+pub mod lost_files;
 pub mod registrations;
 pub mod staging;
 pub mod statements;
