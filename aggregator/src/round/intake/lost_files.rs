@@ -64,7 +64,7 @@ impl Aggregator {
     }
 
     /// The files of the contributions that the open round has accepted.
-    pub(super) fn all_contributed(&self) -> Vec<ContributedFiles> {
+    pub(in crate::round) fn all_contributed(&self) -> Vec<ContributedFiles> {
         let Some(open) = self.state().round() else {
             return Vec::new();
         };
@@ -95,7 +95,7 @@ impl Aggregator {
 
     /// Records that these files are lost, and leaves out the contributions whose nodes were asked for them as long as the rules ask for. Returns
     /// why the round cannot close yet, if it cannot.
-    pub(super) fn lose(
+    pub(in crate::round) fn lose(
         &mut self,
         all: &[ContributedFiles],
     ) -> Result<Option<String>, RequestError> {
