@@ -32,13 +32,7 @@ impl Service {
         let answer = move |receipt, body| SubmissionAnswer::of(&asked, receipt, body);
         let pending = match self.admission(begin, answer).await? {
             Admission::Recorded(answer) => {
-                let asked = signed.clone();
-                let lost =
-                    move |aggregator: &mut Aggregator| Ok(aggregator.lost_proof(&asked.statement));
-                if let Some(lost) = self.with(lost).await? {
-                    let put = move || lost.put(&proof);
-                    self.storing(info_span!("keep blobs"), put).await?;
-                }
+                self.take_lost_proof(&signed.statement, proof).await?;
                 return Ok(answer);
             }
             Admission::New(pending) => pending,

@@ -14,7 +14,7 @@ use tokio::time::{timeout_at, Instant};
 use tonic::{Status, Streaming};
 use tracing::info_span;
 use zk0_ledger::blobs::partial::PartialBlob;
-use zk0_protocol::entries::signed::UploadRequest;
+use zk0_protocol::entries::signed::{Submission, UploadRequest};
 use zk0_protocol::request_head::{Method, RequestContent};
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rpc::federation::{UploadChunk, UploadInfo};
@@ -82,6 +82,21 @@ impl Service {
         if let Some(lost) = lost.await? {
             let take = move || lost.take(&uploads);
             self.storing(info_span!("keep blobs"), take).await?;
+        }
+        Ok(())
+    }
+
+    /// Takes the proof of a recorded submission again, if it is lost.
+    pub(super) async fn take_lost_proof(
+        &self,
+        submission: &Submission,
+        proof: Vec<u8>,
+    ) -> Result<(), RequestError> {
+        let submission = submission.clone();
+        let lost = self.with(move |aggregator| Ok(aggregator.lost_proof(&submission)));
+        if let Some(lost) = lost.await? {
+            let put = move || lost.put(&proof);
+            self.storing(info_span!("keep blobs"), put).await?;
         }
         Ok(())
     }
