@@ -29,14 +29,21 @@ fn a_node_sends_the_files_again_that_the_aggregator_has_lost() {
     for restarted in [false, true] {
         let mut served = Served::start();
         let members = served.members.clone();
-        let [loser, last] = &members[..] else {
-            panic!("the recorded round has two members");
-        };
-        let mut waiting = served.runtime.block_on(served.client(last));
+        let (losers, others): (Vec<_>, Vec<_>) =
+            (0..members.len()).partition(|number| members[*number].accepted);
+        let others: Vec<_> = losers[1..].iter().chain(&others).copied().collect();
+        let loser = &members[losers[0]];
+        let mut waiting = Vec::new();
+        for number in others {
+            let mut node = served.runtime.block_on(served.client(&members[number]));
+            let members = members.clone();
+            waiting.push(served.runtime.spawn(async move {
+                until_submission(&members[number], &mut node).await;
+                (number, node)
+            }));
+        }
         let mut node = served.runtime.block_on(served.client(loser));
-        served.runtime.block_on(async {
-            tokio::join!(until_submission(last, &mut waiting), part(loser, &mut node))
-        });
+        served.runtime.block_on(part(loser, &mut node));
         let files = [&loser.update, &loser.proof].map(|file| blob_digest(file).to_string());
         // Otherwise a file comes back from what was uploaded.
         fs::remove_dir_all(served.dir.path().join("uploads")).unwrap();
@@ -47,9 +54,13 @@ fn a_node_sends_the_files_again_that_the_aggregator_has_lost() {
         if restarted {
             served.restart();
         }
-        let (claim, proof) = (last.submission.claim.clone(), last.proof.clone());
-        let ends = async { tokio::join!(closes(loser, &mut node), waiting.submit(claim, proof)) };
-        let ((closed, lost), _) = served.runtime.block_on(ends);
+        for waiting in waiting {
+            let (number, mut node) = served.runtime.block_on(waiting).unwrap();
+            let (claim, proof) = (&members[number].submission.claim, &members[number].proof);
+            let submitted = node.submit(claim.clone(), proof.clone());
+            served.runtime.block_on(submitted).unwrap();
+        }
+        let (closed, lost) = served.runtime.block_on(closes(loser, &mut node));
         assert!(lost > 0);
         assert_eq!(closed.global, served.recorded.closed().global);
         for file in &files {
