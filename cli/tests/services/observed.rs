@@ -245,28 +245,39 @@ fn a_lost_file_is_trouble_with_an_exit_code_of_its_own() {
     assert!(!prints(&status).contains("trouble"));
 }
 
+/// An aggregator that publishes its log in this folder, as far as it has come.
+fn publishing(folder: &Path) -> Observed {
+    let address = format!("file://{}", folder.display());
+    let observed = Observed::serve(&["--log-store", &address]);
+    until("the log is published", || {
+        folder.join("checkpoint").exists()
+    });
+    observed.becomes("zk0_log_store_lag_entries", 0.0);
+    observed
+}
+
 #[test]
 fn a_log_store_with_another_log_is_a_fork() {
-    let folder = tempfile::tempdir().unwrap();
-    let address = format!("file://{}", folder.path().display());
-    let more = ["--log-store", &address];
+    let folders = [(); 2].map(|()| tempfile::tempdir().unwrap());
     let fork = r#"zk0_trouble{kind="fork"}"#;
-    let lag = "zk0_log_store_lag_entries";
-    let first = Observed::serve(&more);
-    until("the log is published", || {
-        folder.path().join("checkpoint").exists()
-    });
-    first.becomes(lag, 0.0);
-    assert_eq!(first.metric(fork), 0.0);
-    drop(first);
-    let other = Observed::serve(&more);
-    other.becomes(fork, 1.0);
-    let published = other.metric(r#"zk0_ledger_entries{are="published"}"#);
-    assert_eq!(other.metric(lag), published);
-    ends(
-        TROUBLE,
-        zk0(&other.asking(&["status"], &other.of_network())),
+    drop(publishing(folders[0].path()));
+    let observed = publishing(folders[1].path());
+    assert_eq!(observed.metric(fork), 0.0);
+    let [other, own] = folders.each_ref().map(|one| one.path().join("checkpoint"));
+    fs::copy(other, own).unwrap();
+    // With the next entry, the log is published again.
+    let (key, new) = ["log.key", "new.key"]
+        .map(|name| observed.network.path(name))
+        .into();
+    let node = format!("new={}", prints(&["node", "keygen", &new]).trim());
+    let (enrol, of) = (
+        ["aggregator", "enrol", "--key", &key, "--node", &node],
+        observed.of_network(),
     );
+    prints(&observed.asking(&enrol, &of));
+    observed.becomes(fork, 1.0);
+    assert_eq!(observed.metric("zk0_log_store_lag_entries"), 1.0);
+    ends(TROUBLE, zk0(&observed.asking(&["status"], &of)));
 }
 
 #[test]
