@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{mpsc, Arc};
 use std::thread::{self, ScopedJoinHandle};
 use std::time::{Duration, Instant};
-use tracing::{info_span, instrument};
+use tracing::{info_span, instrument, Span};
 use zk0_circuits::Digest;
 use zk0_ledger::published::http_client::{HttpClient, HttpError};
 use zk0_protocol::challenge::drawing::Cosignature;
@@ -186,9 +186,15 @@ impl Witnesses {
     ) -> Result<usize, CosigningError> {
         let size = Parsed::read(checkpoint)?.checkpoint.size;
         let answers: Vec<_> = thread::scope(|scope| {
-            let ask =
-                |client| scope.spawn(move || CosigningClient::ask(client, checkpoint, size, prove));
-            let asked: Vec<_> = self.clients.iter().map(|client| ask(&**client)).collect();
+            let ask = |client: &Arc<CosigningClient>| {
+                let (client, here) = (client.clone(), Span::current());
+                scope.spawn(move || {
+                    let _here = here.enter();
+                    let span = info_span!("ask a witness", zk0.witness = client.witness.name);
+                    span.in_scope(|| client.ask(checkpoint, size, prove))
+                })
+            };
+            let asked: Vec<_> = self.clients.iter().map(ask).collect();
             asked.into_iter().map(ScopedJoinHandle::join).collect()
         });
         let mut known = 0;
