@@ -13,7 +13,7 @@ RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 SUDO := $(if $(filter-out 0,$(shell id -u)),sudo)
 
-.PHONY: look demo test hiding deletions attacks mutants quick lint coverage setup build image guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-decode bench-fedavg bench-load bench-simulate cuda network flower rollout units buckets
+.PHONY: look demo test hiding deletions attacks mutants quick lint coverage setup build image guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-decode bench-fedavg bench-load bench-simulate cuda network flower rollout units buckets wheel deb
 
 # Audits the committed ledger, which holds real proofs, and shows the report. It builds an auditor's program, without a prover, in the place of the
 # whole one: `make build` builds that again.
@@ -50,6 +50,11 @@ network: setup
 image:
 	podman build --file packaging/Containerfile --tag zk0 .
 	scripts/try-image
+
+# Packs `zk0` as a wheel, tries it in a fresh environment from an empty home, and prints its sizes as a JSON line. The first run installs the tools of
+# packaging/wheel/requirements.txt from PyPI into ~/.cache/zk0. The wheel is in ~/.cache/zk0/target/wheel.
+wheel: build
+	scripts/wheel $(ZK0) $(CARGO_TARGET_DIR)/wheel
 
 # Tests the Python package for Flower federations: rounds of a SuperLink and three SuperNodes on this machine, up to the proof. The first run
 # installs Flower from PyPI into ~/.cache/zk0.
