@@ -56,6 +56,14 @@ image:
 wheel: build
 	scripts/wheel $(ZK0) $(CARGO_TARGET_DIR)/wheel
 
+# Packs `zk0` as a Debian package with the units of its services, and prints its sizes as a JSON line. Then it installs the package in a container, as
+# `make units` does, upgrades it over a running aggregator, and removes it. This needs root, and Debian's packages: 300 MB are fetched. SUITE chooses
+# another release of Debian. The package is in ~/.cache/zk0/target/deb. Two minutes.
+deb: build
+	@scripts/setup.sh deb units
+	scripts/deb $(CARGO_TARGET_DIR)/deb
+	$(SUDO) env SUITE=$(SUITE) scripts/try-units/run.sh $(CARGO_TARGET_DIR)/deb/zk0_*.deb
+
 # Tests the Python package for Flower federations: rounds of a SuperLink and three SuperNodes on this machine, up to the proof. The first run
 # installs Flower from PyPI into ~/.cache/zk0.
 flower: build

@@ -4,6 +4,7 @@
 mod accused;
 mod examples;
 mod observed;
+mod packages;
 mod packaging;
 mod runbook;
 mod settings;
