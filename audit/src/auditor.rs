@@ -418,6 +418,7 @@ impl Recheck for Auditor {
             | Body::UpdateCommitted(_)
             | Body::KeyRotated { .. }
             | Body::NodeLeft(_)
+            | Body::OperatorDecided(_)
             | Body::Proposed(_)
             | Body::Voted(_)
             | Body::Disputed(_) => {}

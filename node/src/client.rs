@@ -87,6 +87,8 @@ pub struct GovernanceInfo {
     pub rules: Rules,
     /// The number of the next proposal.
     pub next_proposal: u64,
+    /// The number of the operator's next decision about a node.
+    pub next_decision: u64,
     /// The open proposals, with their votes so far.
     pub proposals: Vec<(Proposal, rpc::OpenProposal)>,
     /// The time on the aggregator's clock, in milliseconds.
@@ -372,6 +374,7 @@ impl NodeClient {
         Ok(GovernanceInfo {
             rules,
             next_proposal: info.next_proposal,
+            next_decision: info.next_decision,
             proposals,
             now_ms: info.now_ms,
             program: program(&info.program)?,

@@ -9,7 +9,8 @@ use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::{
-    Dispute, Enrolment, Evidence, KeyRotation, KeyTakeover, Leaving, Proposal, Signed, Vote,
+    Dispute, Enrolment, Evidence, KeyRotation, KeyTakeover, Leaving, OperatorDecision, Proposal,
+    Signed, Vote,
 };
 use zk0_protocol::rpc::federation::record_request::Statement;
 
@@ -36,6 +37,23 @@ impl NodeClient {
         let body = Body::NodeEnrolled(NodeEnrolled { node, name });
         let receipt = self.stated(Statement::Enrolment(statement), Vec::new(), body);
         Ok(receipt.await?.index)
+    }
+
+    /// Suspends a node, or ends the suspension. This connection's key has to be the log's key. Returns the index of the entry.
+    pub async fn decide_standing(
+        &mut self,
+        node: NodeId,
+        suspended: bool,
+    ) -> Result<u64, NodeError> {
+        let decision = OperatorDecision {
+            network: *self.network(),
+            operator: self.id(),
+            node,
+            suspended,
+            number: self.governance().await?.next_decision,
+        };
+        let body = Body::OperatorDecided(Signed::new(decision, self.key()));
+        self.record(body).await
     }
 
     /// Proposes a change, with a title and a text for people.

@@ -7,7 +7,7 @@ use zk0_protocol::entries::entry::{LostContribution, MomentsComputed};
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::{
-    Enrolment, Leaving, Proposal, SignableStatement, UploadRequest, Vote,
+    Enrolment, Leaving, OperatorDecision, Proposal, SignableStatement, UploadRequest, Vote,
 };
 use zk0_protocol::pruning::Pruning;
 use zk0_protocol::request_head::{Method, RequestHead};
@@ -91,6 +91,17 @@ fn entries() {
         "entries/contribution-left-out",
         Body::ContributionLeftOut(lost),
     );
+    let decision = OperatorDecision {
+        network: *state.network(),
+        operator: id(0),
+        node: id(1),
+        suspended: true,
+        number: 258,
+    };
+    check_entry(
+        "entries/operator-decided",
+        Body::OperatorDecided(Signed::new(decision, &key(0))),
+    );
     check_entry(
         "entries/randomness-drawn",
         Body::RandomnessDrawn(drawn(&state)),
@@ -147,6 +158,16 @@ fn statements() {
             network: *state.network(),
             node: id(0),
             round: 1,
+        },
+    );
+    check_signed(
+        "signed/operator-decision",
+        OperatorDecision {
+            network: *state.network(),
+            operator: id(0),
+            node: id(1),
+            suspended: true,
+            number: 258,
         },
     );
     check_signed(

@@ -113,7 +113,8 @@ impl LedgerIndex {
             | Body::Voted(_)
             | Body::Disputed(_)
             | Body::KeyRotated { .. }
-            | Body::NodeLeft(_) => {
+            | Body::NodeLeft(_)
+            | Body::OperatorDecided(_) => {
                 self.said.insert(key(body), index);
             }
             _ => {}

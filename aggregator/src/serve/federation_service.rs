@@ -115,6 +115,7 @@ impl Federation for Service {
                 rules: encode(state.rules())?,
                 program: encode(state.program())?,
                 next_proposal: state.next_proposal(),
+                next_decision: state.next_decision(),
                 proposals: Vec::new(),
                 now_ms: aggregator.now_ms(),
             };

@@ -267,7 +267,7 @@ impl History {
                 }
             }
             Body::CommitmentsClosed(_) | Body::NodeLeft(_) | Body::MomentsComputed(_) => {}
-            Body::FilesLost(_) | Body::ContributionLeftOut(_) => {}
+            Body::FilesLost(_) | Body::ContributionLeftOut(_) | Body::OperatorDecided(_) => {}
             Body::RandomnessDrawn(drawn) => {
                 if let Some(round) = self.rounds.last_mut() {
                     let value = describe::randomness(&drawn.drawing);

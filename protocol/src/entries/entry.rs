@@ -7,8 +7,8 @@ use crate::entries::proposal::Outcome;
 use crate::entries::refusal::code::{self, RefusalCode};
 use crate::entries::round_result::{EvaluatedResult, ResultOutcome};
 use crate::entries::signed::{
-    DatasetRegistration, Dispute, KeyRotation, KeyTakeover, Leaving, Proposal, Signed, Submission,
-    UpdateCommitment, Vote,
+    DatasetRegistration, Dispute, KeyRotation, KeyTakeover, Leaving, OperatorDecision, Proposal,
+    Signed, Submission, UpdateCommitment, Vote,
 };
 use crate::rules::network_rules::{Participation, Rules};
 use borsh::{BorshDeserialize, BorshSerialize};
@@ -86,6 +86,8 @@ pub enum Body {
     FilesLost(LostContribution),
     /// The file has not come back in the rules' time. The round closes without the contribution.
     ContributionLeftOut(LostContribution),
+    /// The operator suspended a node, or ended that.
+    OperatorDecided(Signed<OperatorDecision>),
 }
 
 /// An accepted contribution with a lost update or proof.

@@ -69,6 +69,7 @@ fn used_after(entry: &Entry) -> Option<NodeId> {
         Body::Voted(signed) => Some(signed.statement.voter),
         Body::Disputed(signed) => Some(signed.statement.disputer),
         Body::NodeLeft(signed) => Some(signed.statement.node),
+        Body::OperatorDecided(signed) => Some(signed.statement.operator),
         Body::Genesis(_)
         | Body::RoundOpened(_)
         | Body::RoundClosed(_)

@@ -169,6 +169,10 @@ fn happened(body: &Body, before: &State, after: &State) -> Vec<&'static str> {
             what
         }
         Body::NodeLeft(_) => vec!["left"],
+        Body::OperatorDecided(signed) => match signed.statement.suspended {
+            true => vec!["suspended by the operator"],
+            false => vec!["reinstated by the operator"],
+        },
         Body::MomentsComputed(_) => vec!["moments"],
         Body::FilesLost(_) => vec!["files lost"],
         Body::ContributionLeftOut(_) => vec!["left out"],

@@ -10,6 +10,7 @@ mod founding;
 mod full_rounds;
 mod lost_files;
 mod members;
+mod operator;
 mod presence;
 mod required_witnesses;
 mod rounds;

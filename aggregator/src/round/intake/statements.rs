@@ -154,9 +154,10 @@ fn read_body(bytes: &[u8]) -> Result<(AuthenticBody, NodeId), RequestError> {
         Body::Disputed(signed) => signed.statement.signer(),
         Body::KeyRotated { rotation, .. } => rotation.statement.signer(),
         Body::NodeLeft(signed) => signed.statement.signer(),
+        Body::OperatorDecided(signed) => signed.statement.signer(),
         _ => {
             return Err(RequestError::Malformed(
-                "the entry to record is neither a proposal nor a vote, a dispute, a change of key, the leaving of a node, a dataset registration, or a commitment to an update".into(),
+                "the entry to record is neither a proposal nor a vote, a dispute, a change of key, the leaving of a node, a decision of the operator, a dataset registration, or a commitment to an update".into(),
             ))
         }
     };

@@ -71,6 +71,7 @@ impl State {
             results: RoundResults::default(),
             earlier_base: None,
             moments: None,
+            next_decision: 0,
             genesis: genesis.clone(),
         })
     }
@@ -138,6 +139,7 @@ impl State {
             Body::MomentsComputed(computed) => self.check_moments(computed, now),
             Body::FilesLost(lost) => self.check_files_lost(lost),
             Body::ContributionLeftOut(lost) => self.check_left_out(lost, now),
+            Body::OperatorDecided(signed) => self.check_decision(&signed.statement),
         }
     }
 
@@ -156,7 +158,7 @@ impl State {
             }
             Body::RoundClosed(closed) => self.close(closed, now),
             Body::KeyRotated { rotation, .. } => {
-                self.replace_key(&rotation.statement.node, &rotation.statement.with);
+                self.rotate(&rotation.statement.node, &rotation.statement.with);
             }
             Body::Proposed(signed) => self.propose(&signed.statement, now),
             Body::Voted(signed) => self.vote(&signed.statement),
@@ -178,6 +180,7 @@ impl State {
             Body::MomentsComputed(computed) => self.compute_moments(computed),
             Body::FilesLost(lost) => self.lose_files(lost, now),
             Body::ContributionLeftOut(lost) => self.leave_out(lost),
+            Body::OperatorDecided(signed) => self.decide(&signed.statement),
         }
         self.entries = index.saturating_add(1);
         self.time_ms = now;
