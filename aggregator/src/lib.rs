@@ -14,6 +14,7 @@
 //!
 //! The decision on a submission and the end of a round are pure functions of [`zk0_verifier`].
 
+pub mod clock;
 pub mod connections;
 mod file_parts;
 mod line;
@@ -25,7 +26,7 @@ mod turns;
 
 pub use crate::connections::limits::ConnectionLimits;
 pub use crate::round::aggregator::{Aggregator, Config};
-pub use crate::round::clock::{Clock, SystemClock};
+pub use crate::clock::{Clock, SystemClock};
 pub use crate::round::job::{JobResult, Polled, RoundJob};
 pub use crate::round::phase::RoundStep;
 pub use crate::serve::limits::Limits;

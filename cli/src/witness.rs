@@ -10,7 +10,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use zk0_aggregator::publish::witness_server::WitnessServer;
-use zk0_aggregator::round::clock::SystemClock;
+use zk0_aggregator::clock::SystemClock;
 use zk0_ledger::witness_store::WitnessStore;
 use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::tlog::verifier_key::{KeyError, Role, VerifierKey};

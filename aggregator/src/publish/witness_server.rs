@@ -1,7 +1,7 @@
 //! A witness on the network: C2SP tlog-witness' `add-checkpoint`, and the last checkpoint of each log that it cosigned.
 
 use crate::publish::http::{answer, text, HttpLimits, Router, NO_CACHE, TEXT};
-use crate::round::clock::Clock;
+use crate::clock::Clock;
 use axum::body::Bytes;
 use axum::extract::{Path, State};
 use axum::http::header::RETRY_AFTER;
@@ -180,7 +180,7 @@ async fn answered(work: impl FnOnce() -> Response + Send + 'static) -> Response 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::round::clock::SystemClock;
+    use crate::clock::SystemClock;
     use ed25519_dalek::SigningKey;
     use zk0_protocol::tlog::cosigner::Cosigner;
 

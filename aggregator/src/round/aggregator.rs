@@ -6,7 +6,7 @@
 //! an aggregator that was killed goes on where it was.
 
 use crate::round::accepted::Accepted;
-use crate::round::clock::Clock;
+use crate::clock::Clock;
 use crate::round::intake::arrivals::Arrivals;
 use crate::round::intake::staging::Staging;
 use crate::round::ledger_index::{FromLedger, IndexFold, LedgerIndex, RoundEntries};
@@ -58,6 +58,8 @@ pub struct Aggregator {
     pub(super) lost: Vec<Accepted>,
     /// The public samples that were checked for the next round.
     pub(super) checked_samples: Option<PublicSamples>,
+    /// How many entries are published; `None` without witnesses.
+    pub(super) published: Option<u64>,
 }
 
 impl Aggregator {
@@ -110,6 +112,7 @@ impl Aggregator {
             contributions,
             lost,
             checked_samples: None,
+            published: None,
         })
     }
 

@@ -1,6 +1,6 @@
 //! Founds a network: stores its policy and its first weights, writes the genesis, and enrols the first nodes.
 
-use super::clock::Clock;
+use crate::clock::Clock;
 use ed25519_dalek::SigningKey;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};

@@ -41,6 +41,7 @@ impl Aggregator {
         }
         let step = match due(self.state(), &self.config, now) {
             Due::Later(until_ms) => return Ok(Polled::Idle(until_ms)),
+            Due::Now(step) if self.waits_for_witnesses(step) => return Ok(Polled::Idle(None)),
             Due::Now(step) => step,
         };
         match step {

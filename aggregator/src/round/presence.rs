@@ -5,7 +5,7 @@
 //! checks only that there were as many nodes. An aggregator that breaks the rule opens a round to which fewer nodes contribute, as everybody
 //! then sees.
 
-use crate::round::clock::Clock;
+use crate::clock::Clock;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;

@@ -75,6 +75,7 @@ impl Service {
         let written = self.with(move |aggregator| {
             if size > published {
                 folder::write_cosigned(aggregator.ledger().dir(), &note)?;
+                aggregator.note_published(size)?;
             }
             if let Some(round) = draws {
                 let drawing = Drawing::Witnesses(cosignatures);
@@ -85,6 +86,7 @@ impl Service {
         written.await?;
         tracing::info!(size, "checkpoint cosigned and published");
         publishing.published.send_replace(size.max(published));
+        self.changed.notify_one();
         self.note_stage().await?;
         Ok(true)
     }

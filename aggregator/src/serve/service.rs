@@ -48,6 +48,7 @@ use std::time::{Duration, Instant};
 use tokio::net::TcpListener;
 use tokio::sync::{watch, Mutex, Notify, Semaphore};
 use tokio::task::{spawn_blocking, JoinError, JoinSet};
+use tokio::time::sleep;
 use tonic::service::Routes;
 use tonic::Status;
 use tracing::Span;
@@ -66,6 +67,9 @@ const MESSAGE_ROOM_BYTES: u64 = 64 << 10;
 
 /// How often the service looks whether a round is due when nothing happens.
 pub(super) const TICK: Duration = Duration::from_millis(250);
+
+/// How often the time is noted until which the aggregator ran.
+const ALIVE: Duration = Duration::from_secs(10);
 
 /// How long a public server of beacons may take to answer.
 const BEACON_PATIENCE: Duration = Duration::from_secs(10);
@@ -191,10 +195,12 @@ impl Service {
                 // A checkpoint cosigned under another policy does not count under this one.
                 let opened = text.and_then(|text| policy.open(&text, &key).ok());
                 let signed = opened.map_or(0, |opened| opened.checkpoint.size);
-                match ledger.size() {
-                    held if signed > held => Err(LedgerError::RolledBack { held, signed }.into()),
-                    _ => Ok(signed),
+                let held = ledger.size();
+                if signed > held {
+                    return Err(LedgerError::RolledBack { held, signed }.into());
                 }
+                aggregator.note_published(signed)?;
+                Ok(signed)
             })
             .await?;
         self.publishing = Some(Publishing {
@@ -236,6 +242,8 @@ impl Service {
             .await
             .map_err(ServeError::Round)?;
         self.check_witnesses(&asked_for)?;
+        let moved = self.with(Aggregator::after_start);
+        moved.await.map_err(ServeError::Round)?;
         let limit = max_proof_bytes
             .max(MIN_MESSAGE_BYTES)
             .saturating_add(MESSAGE_ROOM_BYTES);
@@ -283,13 +291,17 @@ impl Service {
     fn loops(&self, witnesses: String) -> JoinSet<RequestError> {
         let mut loops = JoinSet::new();
         let (rounds, publish) = (self.clone(), self.clone());
-        let (shrink, remove) = (self.clone(), self.clone());
+        let (shrink, remove, alive) = (self.clone(), self.clone(), self.clone());
         let mut spawn = |task: &'static str, work: BoxFuture<'static, RequestError>| {
             loops.spawn(self.troubles.clone().supervised(task, work));
         };
         spawn(
             "the driver of the rounds",
             Box::pin(async move { rounds.rounds(&witnesses).await }),
+        );
+        spawn(
+            "the note of the time until which it ran",
+            Box::pin(async move { alive.note_alive().await }),
         );
         spawn(
             "the cosigning of checkpoints",
@@ -304,6 +316,20 @@ impl Service {
             Box::pin(async move { remove.remove_stored().await }),
         );
         loops
+    }
+
+    /// Notes the time now and then, so that the next start knows how long no aggregator ran.
+    async fn note_alive(&self) -> RequestError {
+        loop {
+            let noted = self.with(|aggregator| {
+                let (dir, now_ms) = (aggregator.ledger().dir(), aggregator.now_ms());
+                Ok(folder::write_alive(dir, now_ms))
+            });
+            if let Ok(Err(error)) = noted.await {
+                tracing::debug!("the time until which the aggregator ran is not noted: {error}");
+            }
+            sleep(ALIVE).await;
+        }
     }
 
     /// Ready when the service ends. Streams that would go on for long end then, so that the end does not wait for them.

@@ -10,6 +10,7 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::Status;
 use zk0_circuits::NodeId;
 use zk0_protocol::rpc::federation::RoundInfo;
+use zk0_protocol::rules::state::Round;
 
 impl Service {
     /// Tells those who follow a round if it has come further.
@@ -40,12 +41,14 @@ impl Service {
             let contribution = round
                 .zip(node)
                 .and_then(|(round, node)| aggregator.contribution(round, &node, published));
+            let asked = |open: &&Round| round.is_none_or(|round| round == open.number());
             let open = state
                 .round()
-                .filter(|open| round.is_none_or(|round| round == open.number()))
+                .filter(asked)
                 .zip(node);
             let contributed = open.map(|(open, node)| aggregator.contributed(open, node));
             let info = RoundInfo {
+                moved_ms: state.round().filter(asked).map_or(0, |open| open.moved_ms),
                 invited: open.is_some_and(|(open, node)| state.may_contribute(open, &node)),
                 now_ms: aggregator.now_ms(),
                 program: encode(state.program())?,

@@ -72,6 +72,10 @@ pub fn describe(entry: &Entry) -> String {
             };
             format!("the operator {done} node {}", signed.statement.node)
         }
+        Body::DeadlinesMoved(moved) => format!(
+            "the deadlines of round {} moved by {} ms, after an outage",
+            moved.round, moved.by_ms
+        ),
         Body::MomentsComputed(computed) => {
             format!("the moments of round {} were computed", computed.round)
         }
@@ -186,6 +190,7 @@ pub fn kind(body: &Body) -> &'static str {
         Body::KeyRotated { .. } => "key changed",
         Body::NodeLeft(_) => "left",
         Body::OperatorDecided(_) => "operator's decision",
+        Body::DeadlinesMoved(_) => "deadlines moved",
         Body::MomentsComputed(_) => "moments",
         Body::FilesLost(_) => "files lost",
         Body::ContributionLeftOut(_) => "left out",
@@ -218,6 +223,7 @@ fn about(body: &Body) -> (Option<u64>, Vec<NodeId>) {
         Body::Voted(signed) => (None, vec![signed.statement.voter]),
         Body::NodeLeft(signed) => (None, vec![signed.statement.node]),
         Body::OperatorDecided(signed) => (None, vec![signed.statement.node]),
+        Body::DeadlinesMoved(moved) => (Some(moved.round), vec![]),
         Body::Disputed(signed) => (None, vec![signed.statement.disputer]),
         Body::KeyRotated { rotation, .. } => {
             let rotation = &rotation.statement;
@@ -363,6 +369,7 @@ pub fn details(body: &Body) -> Vec<(&'static str, String)> {
         Body::KeyRotated { .. }
         | Body::NodeLeft(_)
         | Body::OperatorDecided(_)
+        | Body::DeadlinesMoved(_)
         | Body::ProposalSettled(_)
         | Body::DisputeResolved(_)
         | Body::FilesLost(_)

@@ -144,7 +144,8 @@ fn check_body(body: &Body, keys: &KnownKeys) -> Result<(), RuleViolation> {
         | Body::RandomnessDrawn(_)
         | Body::MomentsComputed(_)
         | Body::FilesLost(_)
-        | Body::ContributionLeftOut(_) => {}
+        | Body::ContributionLeftOut(_)
+        | Body::DeadlinesMoved(_) => {}
     }
     Ok(())
 }

@@ -88,6 +88,17 @@ pub enum Body {
     ContributionLeftOut(LostContribution),
     /// The operator suspended a node, or ended that.
     OperatorDecided(Signed<OperatorDecision>),
+    /// The open round's deadlines moved by an outage.
+    DeadlinesMoved(DeadlinesMoved),
+}
+
+/// The aggregator or its witnesses were away while a round was open.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct DeadlinesMoved {
+    /// The open round.
+    pub round: u64,
+    /// By how many milliseconds: at most the time since the last entry.
+    pub by_ms: u64,
 }
 
 /// An accepted contribution with a lost update or proof.

@@ -79,7 +79,8 @@ fn used_after(entry: &Entry) -> Option<NodeId> {
         | Body::RandomnessDrawn(_)
         | Body::MomentsComputed(_)
         | Body::FilesLost(_)
-        | Body::ContributionLeftOut(_) => None,
+        | Body::ContributionLeftOut(_)
+        | Body::DeadlinesMoved(_) => None,
     }
 }
 

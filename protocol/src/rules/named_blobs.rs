@@ -111,6 +111,7 @@ pub fn named_blobs(body: &Body) -> Vec<NamedBlob> {
         | Body::FilesLost(_)
         | Body::ContributionLeftOut(_)
         | Body::NodeLeft(_)
-        | Body::OperatorDecided(_) => Vec::new(),
+        | Body::OperatorDecided(_)
+        | Body::DeadlinesMoved(_) => Vec::new(),
     }
 }

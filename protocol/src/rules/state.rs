@@ -106,7 +106,7 @@ pub struct RegisteredDataset {
 /// The open round.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Round {
-    /// Its opening.
+    /// Its opening, with the deadline that its commitments have by now.
     pub opened: RoundOpened,
     /// Index of the opening entry.
     pub entry: u64,
@@ -122,6 +122,8 @@ pub struct Round {
     pub moments: Option<Digest>,
     /// When the aggregator first requested a lost file, in Unix milliseconds, by the node of the contribution.
     pub lost: BTreeMap<NodeId, u64>,
+    /// By how much its deadlines have moved in all, in milliseconds.
+    pub moved_ms: u64,
 }
 
 /// The randomness of the open round.

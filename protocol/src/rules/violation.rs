@@ -186,6 +186,16 @@ pub enum RuleViolation {
     /// A dispute prevents the round's opening.
     #[error("the dispute of entry {0} has to be decided before a round opens")]
     DisputeUndecided(u64),
+    /// The open round waits for no deadline.
+    #[error("round {0} has no deadline that could move: all that it waits for is decided")]
+    NoDeadline(u64),
+    /// The deadlines move by more than the outage, or than all outages of a round may.
+    #[error("the deadlines of round {round} cannot move by {by_ms} ms: {most_ms} ms have passed since the last entry, or are left of 30 days for all outages of a round")]
+    MovedTooFar {
+        round: u64,
+        by_ms: u64,
+        most_ms: u64,
+    },
     /// The deadlines do not fit in 64 bits.
     #[error("round {0}'s deadlines do not fit in 64 bits")]
     EndOfTime(u64),

@@ -4,7 +4,7 @@
 //! recorded, and no round closes, until everything that arrived before it is done. That wait is bounded: nothing more can arrive before a
 //! deadline that has passed, and a request is stamped only when it is here as a whole.
 
-use crate::round::clock::Clock;
+use crate::clock::Clock;
 use crate::round::request_error::RequestError;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -193,7 +193,7 @@ impl State {
         }
     }
 
-    pub(super) fn decide(&mut self, decision: &OperatorDecision) {
+    pub(super) fn decide_standing(&mut self, decision: &OperatorDecision) {
         let standing = if decision.suspended {
             Standing::SuspendedByOperator
         } else {

@@ -7,6 +7,7 @@
 //! - [`moments`]: the final moments of a round by FedAdam;
 //! - [`randomness`]: the closing of commitments, and the challenges' randomness;
 //! - [`results`]: whether a round's result was rightly taken;
+//! - [`outages`]: deadlines that move by an outage;
 //! - [`votes`]: proposals and what they change;
 //! - [`disputes`]: disputes about accepted contributions.
 
@@ -14,6 +15,7 @@ mod disputes;
 mod lost_files;
 mod members;
 mod moments;
+mod outages;
 mod randomness;
 mod results;
 mod rounds;
@@ -140,6 +142,7 @@ impl State {
             Body::FilesLost(lost) => self.check_files_lost(lost),
             Body::ContributionLeftOut(lost) => self.check_left_out(lost, now),
             Body::OperatorDecided(signed) => self.check_decision(&signed.statement),
+            Body::DeadlinesMoved(moved) => self.check_moved(moved, now),
         }
     }
 
@@ -180,7 +183,8 @@ impl State {
             Body::MomentsComputed(computed) => self.compute_moments(computed),
             Body::FilesLost(lost) => self.lose_files(lost, now),
             Body::ContributionLeftOut(lost) => self.leave_out(lost),
-            Body::OperatorDecided(signed) => self.decide(&signed.statement),
+            Body::OperatorDecided(signed) => self.decide_standing(&signed.statement),
+            Body::DeadlinesMoved(moved) => self.move_deadlines(moved),
         }
         self.entries = index.saturating_add(1);
         self.time_ms = now;
