@@ -3,7 +3,7 @@
 
 use std::fs;
 use std::path::PathBuf;
-use zk0_protocol::entries::entry::{LostContribution, MomentsComputed};
+use zk0_protocol::entries::entry::{DeadlinesMoved, LostContribution, MomentsComputed};
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::{
@@ -90,6 +90,13 @@ fn entries() {
     check_entry(
         "entries/contribution-left-out",
         Body::ContributionLeftOut(lost),
+    );
+    check_entry(
+        "entries/deadlines-moved",
+        Body::DeadlinesMoved(DeadlinesMoved {
+            round: 3,
+            by_ms: 3_600_000,
+        }),
     );
     let decision = OperatorDecision {
         network: *state.network(),

@@ -11,6 +11,7 @@ mod full_rounds;
 mod lost_files;
 mod members;
 mod operator;
+mod outages;
 mod presence;
 mod required_witnesses;
 mod rounds;

@@ -7,6 +7,7 @@ const ROUNDS: &str = "protocol/src/rules/apply/rounds.rs";
 const RANDOMNESS: &str = "protocol/src/rules/apply/randomness.rs";
 const RESULTS: &str = "protocol/src/rules/apply/results.rs";
 const MEMBERS: &str = "protocol/src/rules/apply/members.rs";
+const OUTAGES: &str = "protocol/src/rules/apply/outages.rs";
 const LOST: &str = "protocol/src/rules/apply/lost_files.rs";
 const VOTES: &str = "protocol/src/rules/apply/votes.rs";
 const BINDINGS: &str = "protocol/src/rules/bindings.rs";
@@ -168,6 +169,22 @@ pub const REMOVALS: &[Removal] = &[
         "the_operator_ends_its_own_suspensions_and_no_other"),
     protocol("a removal that does more is a vote as any other", VOTES, always!("other_rules == **rules"),
         "only_the_removal_of_one_governor_goes_without_its_vote"),
+    // Outages.
+    protocol("a deadline moves by no more than the silence", OUTAGES, instead!("time_ms.saturating_sub(self.time_ms)", "u64::MAX"),
+        "a_deadline_moves_by_no_more_than_the_silence"),
+    protocol("all outages of a round have a bound", OUTAGES, instead!("MAX_ROUND_WINDOW_MS.saturating_sub(round.moved_ms)", "u64::MAX"),
+        "all_outages_of_a_round_move_it_by_thirty_days_at_most"),
+    protocol("a decided round does not wait", OUTAGES, never!("round.closing.is_some() && !undecided"),
+        "closed_commitments_stay_closed_and_a_decided_round_does_not_wait"),
+    protocol("closed commitments stay closed after an outage", OUTAGES, 
+        &[("(Some(_), None) => return", "(Some(_), None) if OUT => &mut round.opened.commit_deadline_ms, (Some(_), None) => return")],
+        "closed_commitments_stay_closed_and_a_decided_round_does_not_wait"),
+    protocol("the randomness may come later by an outage", RANDOMNESS, instead!("round.moved_ms", "0"),
+        "the_randomness_may_come_later_by_the_outage"),
+    protocol("a round with an outage gives no strike", ROUNDS, never!("round.moved_ms > 0 && commit.decision.is_none()"),
+        "a_round_with_an_outage_costs_no_node_its_standing"),
+    protocol("a node is not idle in a round with an outage", ROUNDS, never!("round.moved_ms > 0 && !committed"),
+        "a_round_with_an_outage_costs_no_node_its_standing"),
     // Lost files.
     protocol("files are lost of accepted contributions", LOST, always!("matches!(commit.decision, Some(Decision::Accepted { .. }))"),
         "only_files_of_accepted_contributions_to_the_open_round_are_lost_and_once"),
