@@ -5,11 +5,16 @@ use std::fs::{self, File};
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
-/// Has `write` fill a new folder, which then replaces `name` in `out`. After a failure or a kill, `name` is what it was before.
+/// Has `write` fill a new folder, which then replaces `name` in `out`. After a failure or a kill, `name` is what it was before. A kill between
+/// the two renames leaves it as `name.replaced`, which the next call puts back first.
 pub fn write(out: &Path, name: &str, write: impl FnOnce(&Path) -> Result<()>) -> Result<PathBuf> {
     let folder = out.join(name);
     let aside = |suffix: &str| out.join(format!("{name}.{suffix}"));
     let (unfinished, replaced) = (aside("unfinished"), aside("replaced"));
+    if replaced.exists() && !folder.exists() {
+        let back = fs::rename(&replaced, &folder);
+        back.with_context(|| format!("putting {} back", folder.display()))?;
+    }
     // A killed process may leave these.
     remove(&unfinished)?;
     remove(&replaced)?;
@@ -60,6 +65,11 @@ mod tests {
             content("second")(to)?;
             bail!("the disk is full")
         });
+        assert!(failed.is_err());
+        assert_eq!(read(), "first");
+        // A process was killed between the two renames.
+        fs::rename(out.join("folder"), out.join("folder.replaced")).unwrap();
+        let failed = write(out, "folder", |_| bail!("the disk is full"));
         assert!(failed.is_err());
         assert_eq!(read(), "first");
         write(out, "folder", content("third")).unwrap();
