@@ -98,7 +98,7 @@ async fn through(network: &NetworkChoice, key: SigningKey, nodes: &[NodeToEnrol]
 pub struct NodeToEnrol {
     /// A name for people.
     pub name: String,
-    /// Its identity: the public half of its key.
+    /// The public half of its key.
     pub node: NodeId,
 }
 
