@@ -6,7 +6,7 @@
 //! - Test subjects: [`claims`] and [`cheats`], the history of a [`network`], its [`ledgers`] on disk, a serving [`aggregator`] and
 //!   [`sockets`] that pester it, [`members`] of a network, an [`s3`] server, a [`local_hub`], [`recordings`] and [`made_recording`]s, their
 //!   [`micro_network`], [`weight_claims`], a reader of [`event_files`], and a test's [`own_port`].
-//! - [`changed_copy`]: a copy of the sources, whose code a test changes.
+//! - [`changed_copy`]: a copy of the sources, whose code a test changes; [`pages`]: the commands of our pages.
 //!
 //! Modules that need another crate of ours are behind a feature of their name.
 
@@ -35,6 +35,7 @@ pub mod micro_network;
 pub mod network;
 pub mod own_port;
 pub mod own_process;
+pub mod pages;
 #[cfg(feature = "recordings")]
 pub mod recordings;
 #[cfg(feature = "s3")]

@@ -2,6 +2,7 @@
 
 mod book;
 mod circles;
+mod commands;
 mod files;
 mod links;
 mod map;
