@@ -1,5 +1,4 @@
-//! What governors, nodes and the operator sign besides contributions: enrolments, proposals, votes, disputes, the change of a key, and that a
-//! node leaves.
+//! What governors, nodes and the operator sign besides contributions.
 
 use crate::client::NodeClient;
 use crate::client_error::NodeError;
@@ -13,7 +12,7 @@ use zk0_protocol::entries::signed::{
 };
 use zk0_protocol::rpc::federation::record_request::Statement;
 
-/// A proposal that is on the ledger.
+/// A proposal on the ledger.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Proposed {
     /// The proposal's number.
@@ -23,7 +22,7 @@ pub struct Proposed {
 }
 
 impl NodeClient {
-    /// Enrols a node. This connection's key has to be the log's key, which the network's operator has. Returns the index of the entry.
+    /// Enrols a node. This connection's key has to be the log's. Returns the entry's index.
     pub async fn enrol(&mut self, node: NodeId, name: String) -> Result<u64, NodeError> {
         let enrolment = Enrolment {
             network: *self.network(),
@@ -59,8 +58,7 @@ impl NodeClient {
         Ok(Proposed { number, entry })
     }
 
-    /// Votes on a proposal of [`NodeClient::governance`]. The vote counts for just this one, whatever the ledger has under its number. Returns
-    /// the index of the vote's entry.
+    /// Votes on a proposal of [`NodeClient::governance`], and on no other one under its number. Returns the entry's index.
     pub async fn vote(&mut self, proposal: &Proposal, ballot: Ballot) -> Result<u64, NodeError> {
         let vote = Vote {
             network: *self.network(),
@@ -73,7 +71,7 @@ impl NodeClient {
         self.record(body).await
     }
 
-    /// Disputes the contribution that the entry `contribution` accepted. Returns the index of the dispute's entry.
+    /// Disputes the contribution that the entry `contribution` accepted. Returns the dispute's index.
     pub async fn dispute(
         &mut self,
         contribution: u64,
@@ -89,7 +87,7 @@ impl NodeClient {
         self.record(body).await
     }
 
-    /// Leaves the network. The next round is the first one without this node. Returns the index of the entry.
+    /// Leaves the network before the next round. Returns the entry's index.
     pub async fn leave(&mut self) -> Result<u64, NodeError> {
         let leaving = Leaving {
             network: *self.network(),
@@ -100,7 +98,7 @@ impl NodeClient {
         self.record(body).await
     }
 
-    /// Hands this node's place over to the key `new`. Returns the index of the entry, and the node's new identity.
+    /// Hands this node's place over to the key `new`. Returns the entry's index and the new identity.
     ///
     /// # Errors
     /// `new` is the present key, or the aggregator refuses.

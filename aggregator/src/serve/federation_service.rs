@@ -65,7 +65,7 @@ impl Federation for Service {
     ) -> Result<Response<Self::WatchRoundStream>, Status> {
         let (sender, GetRoundRequest { round, node }) = taken(request);
         let node = node_id(&node);
-        // Anybody may follow a round. A node that signs the request shows that it is present.
+        // Strangers may follow a round. A node that signs the request is present.
         let present = match (node, sender.member()) {
             (Some(signer), Some(member)) => {
                 sender.sends(&RequestContent {
@@ -150,7 +150,7 @@ impl Federation for Service {
         let awaited = awaited.ok_or_else(|| Status::internal("a request has no caller"))?;
         let (sender, DownloadRequest { blob, begins }) = taken(request);
         let blob = digest(&blob)?;
-        // Anybody may download. Nodes have places of their own for it.
+        // Strangers may download. Nodes have places of their own for it.
         let member = sender.member();
         if let Some(signer) = member {
             sender.sends(&RequestContent {
@@ -238,9 +238,8 @@ impl Federation for Service {
 }
 
 impl Service {
-    /// Ends a request that is recorded as this entry, and waits until that is published.
     async fn published_after(&self, arrival: Arrival, entry: u64) -> Result<(), RequestError> {
-        // Others may wait for what arrived before them. They need not wait for witnesses.
+        // Requests that wait for earlier arrivals need not wait for witnesses.
         drop(arrival);
         self.published(entry + 1).await
     }

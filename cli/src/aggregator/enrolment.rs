@@ -1,4 +1,4 @@
-//! `zk0 aggregator enrol`: nodes that the operator lets into the network.
+//! `zk0 aggregator enrol`: lets nodes into the network.
 
 use crate::keys;
 use crate::network::NetworkChoice;
@@ -73,7 +73,7 @@ async fn through(network: &NetworkChoice, key: SigningKey, nodes: &[NodeToEnrol]
 pub struct NodeToEnrol {
     /// A name for people.
     pub name: String,
-    /// Its identity: the public half of its key.
+    /// The public half of its key.
     pub node: NodeId,
 }
 

@@ -61,7 +61,7 @@ pub enum AggregatorCommand {
 }
 
 impl AggregatorCommand {
-    /// The traces of the command, if it has any.
+    /// The command's traces.
     pub fn traces(&self) -> Result<Option<Traces>> {
         match self {
             Self::Serve(options) => options.otlp.traces("zk0-aggregator"),
