@@ -6,7 +6,7 @@
 //! - Test subjects: [`claims`] and [`cheats`], a [`network`]'s history, its [`ledgers`] on disk, an [`aggregator`] and [`sockets`] that
 //!   pester it, [`members`], an [`s3`] server, a [`local_hub`], [`recordings`] and [`made_recording`]s, their [`micro_network`],
 //!   [`weight_claims`], [`event_files`], and a test's [`own_port`].
-//! - [`changed_copy`]: the sources with changed code.
+//! - [`changed_copy`]: the sources with changed code. [`pages`]: the commands of our pages.
 //!
 //! Modules that need our other crates are behind features of their names.
 
@@ -35,6 +35,7 @@ pub mod micro_network;
 pub mod network;
 pub mod own_port;
 pub mod own_process;
+pub mod pages;
 #[cfg(feature = "recordings")]
 pub mod recordings;
 #[cfg(feature = "s3")]
