@@ -31,6 +31,7 @@ use zk0_protocol::rpc::federation as rpc;
 use zk0_protocol::rpc::federation::federation_client::FederationClient;
 use zk0_protocol::rpc::federation::record_request::Statement;
 use zk0_protocol::rpc::head_metadata::with_head;
+use zk0_protocol::rpc::PROTOCOL;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::{Refusal, Rules};
@@ -39,6 +40,9 @@ use zk0_traces::carried::Carrier;
 
 /// A receipt or a chunk is far smaller.
 const MAX_MESSAGE_BYTES: usize = 4 << 20;
+
+/// Most characters of an aggregator's sentence about its release.
+const MAX_RELEASE_CHARS: usize = 200;
 
 /// Makes a request, and repeats it while the aggregator does not answer or cannot grant it. The same request gets the same receipt. Each
 /// attempt makes `$request` again, because the head of a request counts once.
@@ -119,6 +123,12 @@ impl NodeClient {
                 None => NodeError::from(status),
             })?
             .into_inner();
+        if info.protocol != PROTOCOL {
+            return Err(NodeError::OtherProtocol {
+                theirs: info.protocol,
+                release: info.release.chars().take(MAX_RELEASE_CHARS).collect(),
+            });
+        }
         let entry = Entry::decode(&info.genesis)?;
         let Body::Genesis(genesis) = entry.body else {
             return Err(unexpected("a genesis", "another entry"));

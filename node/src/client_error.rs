@@ -4,6 +4,7 @@ use tonic::Status;
 use zk0_circuits::Digest;
 use zk0_protocol::challenge::drawing::RandomnessError;
 use zk0_protocol::entries::codec::EntryError;
+use zk0_protocol::rpc::PROTOCOL;
 use zk0_protocol::tlog::checkpoint::CheckpointError;
 use zk0_protocol::tlog::receipt::ReceiptError;
 use zk0_tls::service_address::ConnectError;
@@ -17,6 +18,17 @@ pub enum NodeError {
     /// The aggregator refuses.
     #[error("{}", .0.message())]
     Refused(Box<Status>),
+    /// The aggregator speaks another protocol. The text is its own, shortened.
+    #[error(
+        "the aggregator speaks protocol {theirs}, and this program speaks protocol {ours}. The aggregator states: {release:?}. Install that release of zk0",
+        ours = PROTOCOL
+    )]
+    OtherProtocol {
+        /// The aggregator's protocol.
+        theirs: u32,
+        /// Its sentence for people.
+        release: String,
+    },
     /// The aggregator serves another network.
     #[error("the aggregator serves network {theirs}, not network {ours}")]
     OtherNetwork {

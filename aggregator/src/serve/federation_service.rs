@@ -25,6 +25,7 @@ use zk0_protocol::rpc::federation::{
     RecordRequest, RoundInfo, StatusInfo, SubmitReply, SubmitRequest, UploadChunk, UploadInfo,
     UploadReply,
 };
+use zk0_protocol::rpc::PROTOCOL;
 use zk0_protocol::Refusal;
 use zk0_traces::request;
 
@@ -43,6 +44,11 @@ impl Federation for Service {
                 genesis: ledger.receipt_at(published, 0)?.entry,
                 checkpoint: String::from_utf8_lossy(&checkpoint).into_owned(),
                 run,
+                protocol: PROTOCOL,
+                release: format!(
+                    "it is zk0 {}, which speaks protocol {PROTOCOL}",
+                    env!("CARGO_PKG_VERSION")
+                ),
             })
         });
         Ok(Response::new(info.await?))
