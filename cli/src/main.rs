@@ -1,5 +1,5 @@
 //! The one binary. Its exit codes are 0 for success, 1 for a failure (an audit that fails, a refusal, an error), and 2 for a wrong command
-//! line, or for a ledger that `zk0 aggregator serve` must not serve, because the log has signed another history. `zk0 audit replay` also has 3
+//! line, or for a ledger that `zk0 aggregator serve` must not serve, because the log has signed another history, or may have. `zk0 audit replay` also has 3
 //! for an incomplete audit, and `zk0 status` for an aggregator that has trouble. `zk0 audit replay`, `watch`, `recording` and `verify-proof` have
 //! 4 for an error, which is no verdict. `zk0 ledger fsck`, `import` and `restore` have 5 if a file of a contribution is missing that the open
 //! round has accepted.

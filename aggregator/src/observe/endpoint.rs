@@ -18,14 +18,11 @@ pub fn router(service: Service) -> Router {
 }
 
 async fn metrics(State(service): State<Service>) -> Response {
-    let ledger = service.with(|aggregator| {
-        let ledger = aggregator.ledger();
-        Ok((ledger.dir().to_owned(), ledger.blobs().clone()))
-    });
-    let (status, (dir, blobs)) = match (service.status().await, ledger.await) {
-        (Ok(status), Ok(ledger)) => (status, ledger),
-        (Err(error), _) | (_, Err(error)) => return text(503, format!("{error}\n")),
+    let status = match service.status().await {
+        Ok(status) => status,
+        Err(error) => return text(503, format!("{error}\n")),
     };
+    let (dir, blobs) = service.folder().clone();
     let metrics = service.metrics();
     metrics.sampled.take(&status, &dir);
     let ends_s = service

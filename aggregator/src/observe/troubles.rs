@@ -98,7 +98,9 @@ pub fn stops_network(kind: Kind) -> bool {
     match kind {
         Kind::Blocked | Kind::Clock | Kind::Fork | Kind::Task => true,
         // It ends when others answer again.
-        Kind::LogStore | Kind::Witnesses | Kind::Beacon | Kind::Unspecified => false,
+        Kind::LogStore | Kind::Witnesses | Kind::Beacon | Kind::BlobStore | Kind::Unspecified => {
+            false
+        }
     }
 }
 
@@ -107,7 +109,7 @@ pub fn stops_network(kind: Kind) -> bool {
 pub fn stops_requests(kind: Kind) -> bool {
     match kind {
         // It records nothing, or it may be a copy that signs a second history.
-        Kind::Clock | Kind::Fork => true,
+        Kind::Clock | Kind::Fork | Kind::BlobStore => true,
         Kind::Blocked
         | Kind::Task
         | Kind::LogStore
@@ -205,6 +207,7 @@ mod tests {
             |stops: fn(Kind) -> bool| Kind::ALL.into_iter().filter(move |kind| stops(*kind));
         let network = [Kind::Blocked, Kind::Clock, Kind::Fork, Kind::Task];
         assert!(chosen(stops_network).eq(network));
-        assert!(chosen(stops_requests).eq([Kind::Clock, Kind::Fork]));
+        let requests = [Kind::Clock, Kind::Fork, Kind::BlobStore];
+        assert!(chosen(stops_requests).eq(requests));
     }
 }

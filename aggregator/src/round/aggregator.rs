@@ -17,6 +17,7 @@ use std::collections::HashSet;
 use std::path::Path;
 use std::sync::Arc;
 use zk0_circuits::{Digest, NodeId};
+use zk0_ledger::blobs::error::StoreError;
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::log::Ledger;
 use zk0_ledger::pruned;
@@ -126,6 +127,11 @@ impl Aggregator {
     /// The ledger.
     pub fn ledger(&self) -> &Ledger {
         &self.ledger
+    }
+
+    /// From now on, `watch` is told why the store of the blobs does not take the newest entries, and `None` when it has taken them.
+    pub fn watch_store(&mut self, watch: impl Fn(Option<&StoreError>) + Send + Sync + 'static) {
+        self.ledger.watch_store(watch);
     }
 
     /// The requests that are in progress.

@@ -21,7 +21,9 @@
 
 use crate::connections::caller::Sender;
 use crate::connections::transfers::Transfers;
+use crate::observe::entry_store;
 use crate::observe::metrics::Metrics;
+use crate::observe::snapshot::snapshot;
 use crate::observe::troubles::Troubles;
 use crate::publish::beacon::BeaconServers;
 use crate::publish::cosigning::Witnesses;
@@ -41,6 +43,7 @@ use futures_core::future::BoxFuture;
 use std::collections::HashSet;
 use std::future::Future;
 use std::num::NonZero;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, PoisonError, RwLock};
 use std::thread::available_parallelism;
@@ -52,10 +55,12 @@ use tonic::service::Routes;
 use tonic::Status;
 use tracing::Span;
 use zk0_circuits::NodeId;
+use zk0_ledger::blobs::Blobs;
 use zk0_ledger::error::LedgerError;
 use zk0_ledger::folder;
 use zk0_ledger::store::reader::LedgerReader;
 use zk0_protocol::rpc::federation::federation_server::FederationServer;
+use zk0_protocol::rpc::federation::StatusInfo;
 use zk0_tls::server_certificate::ServerCertificate;
 
 /// The limit of one message is never smaller. The largest list of drawn frames takes 164 kB.
@@ -109,6 +114,10 @@ pub struct Service {
     pub(super) limits: Limits,
     metrics: Metrics,
     troubles: Troubles,
+    /// The status when somebody last asked.
+    last_status: Arc<RwLock<StatusInfo>>,
+    /// The ledger's folder, and its blobs.
+    folder: (PathBuf, Blobs),
     started: Instant,
 }
 
@@ -119,9 +128,19 @@ impl Service {
     }
 
     /// Puts `aggregator` behind a service.
-    pub fn with_limits(aggregator: Aggregator, limits: Limits) -> Self {
+    pub fn with_limits(mut aggregator: Aggregator, limits: Limits) -> Self {
         let (network, cores) = (*aggregator.state().network(), available_parallelism());
+        let troubles = Troubles::default();
+        let shown = troubles.clone();
+        aggregator.watch_store(move |failed| entry_store::show(&shown, failed));
+        let ledger = aggregator.ledger();
+        let status = StatusInfo {
+            published: ledger.size(),
+            ..snapshot(&aggregator)
+        };
         Self {
+            folder: (ledger.dir().to_owned(), ledger.blobs().clone()),
+            last_status: Arc::new(RwLock::new(status)),
             limits,
             heads: Arc::new(ReplayWindow::new(network, limits.skew)),
             members: Arc::new(RwLock::new(aggregator.members())),
@@ -145,7 +164,7 @@ impl Service {
             transfers: Transfers::new(limits.connections.most),
             certificate: None,
             metrics: Metrics::default(),
-            troubles: Troubles::default(),
+            troubles,
             started: Instant::now(),
         }
     }
@@ -158,6 +177,25 @@ impl Service {
     /// What is wrong with the service.
     pub fn troubles(&self) -> &Troubles {
         &self.troubles
+    }
+
+    /// The status when somebody last asked.
+    pub(crate) fn last_status(&self) -> StatusInfo {
+        let last = self.last_status.read();
+        last.unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Remembers this status, and returns it.
+    pub(crate) fn note_status(&self, status: StatusInfo) -> StatusInfo {
+        let last = self.last_status.write();
+        last.unwrap_or_else(PoisonError::into_inner)
+            .clone_from(&status);
+        status
+    }
+
+    /// The ledger's folder, and its blobs.
+    pub(crate) fn folder(&self) -> &(PathBuf, Blobs) {
+        &self.folder
     }
 
     /// When the service started.
@@ -197,6 +235,11 @@ impl Service {
                 }
             })
             .await?;
+        let status = StatusInfo {
+            published,
+            ..self.last_status()
+        };
+        self.note_status(status);
         self.publishing = Some(Publishing {
             witnesses,
             wanted: Arc::new(Notify::new()),
