@@ -1,6 +1,6 @@
 //! The log's entries in a store: what is acknowledged is there, an empty folder is filled from it, and of two writers one is fenced off.
 
-use crate::network::rounds::copy;
+use crate::network::rounds::{copy, ledger_with_a_round};
 use crate::network::*;
 use std::collections::BTreeMap;
 use std::fs;
@@ -17,7 +17,8 @@ use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_ledger::replay::{replay, Verdict};
 use zk0_ledger::stored_entries::{decode, encode, StoredEntry};
 use zk0_ledger::{folder, Ledger, LedgerError};
-use zk0_protocol::Body;
+use zk0_protocol::entries::entry::needs_checkpoint;
+use zk0_protocol::{Body, Entry};
 
 /// A store in memory, without blobs.
 #[derive(Clone, Debug, Default)]
@@ -473,4 +474,46 @@ fn an_object_of_something_else_is_refused() {
         .change(|kept| kept.groups.insert(0, encode(&[])));
     grown.refuses("does not begin with a genesis and its checkpoint");
     assert!(!grown.other().exists());
+}
+
+#[test]
+fn a_genesis_that_the_log_has_not_signed_fills_no_folder() {
+    let grown = Grown::new();
+    grown.memory.change(|kept| {
+        let mut entries = decode(&kept.groups[&0]).unwrap();
+        entries[0].checkpoint.as_mut().unwrap()[60] ^= 1;
+        kept.groups.insert(0, encode(&entries));
+    });
+    grown.refuses("`entries/00000000000000000000` in the blob store memory does not continue");
+    assert!(!grown.other().exists());
+}
+
+#[test]
+fn a_checkpoint_from_which_something_follows_has_to_be_there() {
+    let grown = Grown::new();
+    let memory = Memory::default();
+    let dir = tempfile::tempdir().unwrap();
+    drop(ledger_with_a_round(dir.path()));
+    drop(memory.open(dir.path()).unwrap());
+    let object = memory.groups()[&0].clone();
+    let mut entries = decode(&object).unwrap();
+    let needed = entries.iter_mut().find(|stored| {
+        let entry = Entry::decode(&stored.bytes).unwrap();
+        needs_checkpoint(&entry.body)
+    });
+    needed.unwrap().checkpoint = None;
+    memory.change(|kept| kept.groups.insert(0, encode(&entries)));
+    let refused = memory.open(&grown.other()).map(drop).unwrap_err();
+    assert!(refused.is_of_stored_entries(), "{refused}");
+    assert!(refused.to_string().contains(" is missing"), "{refused}");
+}
+
+/// Its checkpoint shows what it had, and the store may have less.
+#[test]
+fn a_folder_that_has_lost_its_database_is_not_filled() {
+    let grown = Grown::new();
+    copy(grown.dir(), &grown.other());
+    fs::remove_dir_all(folder::database(&grown.other())).unwrap();
+    let refused = grown.refuses("there is no ledger in");
+    assert!(matches!(refused, LedgerError::NoLedger(_)));
 }
