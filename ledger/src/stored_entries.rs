@@ -167,7 +167,7 @@ pub(crate) fn reconcile(
         Some(first) if *first > held => return Err(missing(store, 0)),
         Some(first) => {
             let tree = tree_of(database, *first)?;
-            take(dir, database, genesis, (store, &groups), tree)?
+            take(dir, database, genesis, (store, &groups[..]), tree)?
         }
     };
     if stored < held {

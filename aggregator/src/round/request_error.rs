@@ -84,7 +84,7 @@ pub enum RequestError {
     /// The store of the blobs does not have the entries of this ledger, so nothing more is recorded. Whoever asked is not told more: the log
     /// says it.
     #[error("{0}")]
-    StoredEntries(LedgerError),
+    StoredEntries(Box<LedgerError>),
     /// The aggregator's clock is wrong.
     #[error(transparent)]
     Clock(#[from] ClockError),
@@ -119,7 +119,7 @@ impl From<LedgerError> for RequestError {
         match error {
             LedgerError::Rule(violation) => violation.into(),
             LedgerError::Clock(error) => error.into(),
-            other if other.is_of_stored_entries() => Self::StoredEntries(other),
+            other if other.is_of_stored_entries() => Self::StoredEntries(Box::new(other)),
             other => Self::Internal(other.to_string()),
         }
     }

@@ -240,7 +240,7 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
 fn with_exit_code(error: RequestError) -> anyhow::Error {
     match error {
         RequestError::StoredEntries(why) => {
-            anyhow::Error::new(why).context(OtherHistory::in_store())
+            anyhow::Error::new(*why).context(OtherHistory::in_store())
         }
         other => other.into(),
     }

@@ -1,144 +1,20 @@
 //! The log's entries in a store: what is acknowledged is there, an empty folder is filled from it, and of two writers one is fenced off.
 
+mod memory;
+
 use crate::network::rounds::{copy, ledger_with_a_round};
 use crate::network::*;
-use std::collections::BTreeMap;
+use memory::Memory;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use tempfile::TempDir;
-use zk0_circuits::Digest;
-use zk0_ledger::blobs::entry_objects::{group_name, group_of, EntryStore};
-use zk0_ledger::blobs::error::StoreError;
-use zk0_ledger::blobs::store::BlobStore;
-use zk0_ledger::blobs::take::Take;
-use zk0_ledger::blobs::unverified::SentStore;
-use zk0_ledger::blobs::{BlobError, Blobs};
+use zk0_ledger::blobs::entry_objects::{group_name, group_of};
 use zk0_ledger::replay::{replay, Verdict};
 use zk0_ledger::stored_entries::{decode, encode, StoredEntry};
 use zk0_ledger::{folder, Ledger, LedgerError};
 use zk0_protocol::entries::entry::needs_checkpoint;
 use zk0_protocol::{Body, Entry};
-
-/// A store in memory, without blobs.
-#[derive(Clone, Debug, Default)]
-struct Memory(Arc<Mutex<Kept>>);
-
-#[derive(Debug, Default)]
-struct Kept {
-    groups: BTreeMap<u64, Vec<u8>>,
-    /// So many requests to store a group fail.
-    failures: usize,
-    /// After which the group is there nevertheless.
-    late: bool,
-}
-
-impl Memory {
-    /// Opens the ledger in `dir` for writing, with its entries in this store.
-    fn open(&self, dir: &Path) -> Result<Ledger, LedgerError> {
-        self.open_as(dir, log_key())
-    }
-
-    fn open_as(&self, dir: &Path, key: ed25519_dalek::SigningKey) -> Result<Ledger, LedgerError> {
-        let blobs = Blobs::in_store(dir, Box::new(self.clone()))?;
-        Ledger::open_with(dir, None, key, blobs, &mut ())
-    }
-
-    fn change<T>(&self, change: impl FnOnce(&mut Kept) -> T) -> T {
-        change(&mut self.0.lock().unwrap())
-    }
-
-    fn groups(&self) -> BTreeMap<u64, Vec<u8>> {
-        self.change(|kept| kept.groups.clone())
-    }
-
-    /// All entries of the groups, which have to follow each other.
-    fn entries(&self) -> Vec<Vec<u8>> {
-        let mut all = Vec::new();
-        for (first, group) in self.groups() {
-            assert_eq!(first, all.len() as u64);
-            let entries = decode(&group).unwrap();
-            assert!(entries.last().unwrap().checkpoint.is_some());
-            all.extend(entries.into_iter().map(|entry| entry.bytes));
-        }
-        all
-    }
-}
-
-impl BlobStore for Memory {
-    fn address(&self) -> &str {
-        "memory"
-    }
-
-    fn network(&self) -> Result<Option<Digest>, StoreError> {
-        Ok(None)
-    }
-
-    fn name_network(&self, network: &Digest) -> Result<Digest, StoreError> {
-        Ok(*network)
-    }
-
-    fn put(&self, _: &Digest, _: &Path, _: u64) -> Result<(), StoreError> {
-        Ok(())
-    }
-
-    fn get(&self, blob: &Digest, _: u64, _: Take) -> Result<(), BlobError> {
-        Err(BlobError::Missing(*blob))
-    }
-
-    fn size(&self, _: &Digest) -> Result<Option<u64>, StoreError> {
-        Ok(None)
-    }
-
-    fn remove(&self, _: &Digest) -> Result<(), StoreError> {
-        Ok(())
-    }
-
-    fn all(&self) -> Result<Vec<(Digest, u64)>, StoreError> {
-        Ok(Vec::new())
-    }
-
-    fn entries(&self) -> &dyn EntryStore {
-        self
-    }
-
-    fn sent(&self) -> Option<&dyn SentStore> {
-        None
-    }
-}
-
-impl EntryStore for Memory {
-    fn place(&self) -> &str {
-        "memory"
-    }
-
-    fn create_group(&self, first: u64, group: &[u8]) -> Result<bool, StoreError> {
-        self.change(|kept| {
-            if kept.failures > 0 {
-                kept.failures -= 1;
-                if kept.late {
-                    kept.groups.insert(first, group.to_vec());
-                }
-                return Err(StoreError {
-                    address: "memory".into(),
-                    what: "storing".into(),
-                    why: "away".into(),
-                });
-            }
-            let is_new = !kept.groups.contains_key(&first);
-            kept.groups.entry(first).or_insert_with(|| group.to_vec());
-            Ok(is_new)
-        })
-    }
-
-    fn group(&self, first: u64) -> Result<Option<Vec<u8>>, StoreError> {
-        Ok(self.change(|kept| kept.groups.get(&first).cloned()))
-    }
-
-    fn groups_from(&self, from: u64) -> Result<Vec<u64>, StoreError> {
-        Ok(self.change(|kept| kept.groups.range(from..).map(|(first, _)| *first).collect()))
-    }
-}
 
 fn founded(dir: &Path) {
     Ledger::create(dir, genesis(), log_key(), T0).unwrap();
