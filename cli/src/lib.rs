@@ -11,7 +11,7 @@
 //! - `demo`: a whole network as processes on this machine.
 //! - [`settings`]: how services are configured, by flags, variables and files.
 //! - [`output`]: what commands print.
-//! - [`logging`], `blob_store`, `certificate`, `chart`, `keys`, `network`, `otlp`, `serve`: what the commands share.
+//! - [`logging`], `blob_store`, `certificate`, `chart`, `keys`, `metrics`, `network`, `otlp`, `serve`: what the commands share.
 
 // Commands print with the macros of `output`, which do not panic.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
@@ -46,6 +46,8 @@ pub mod fidelity;
 pub mod governance;
 #[cfg(feature = "full")]
 pub mod keys;
+#[cfg(feature = "full")]
+mod metrics;
 #[cfg(feature = "full")]
 mod network;
 #[cfg(feature = "full")]

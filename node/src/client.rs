@@ -10,8 +10,9 @@ pub mod watching;
 
 use crate::client::heads::{run, system_clock, About, For};
 use crate::client::stored_update::StoreClient;
-use crate::client::waits::{may_pass, Waits};
+use crate::client::waits::{may_pass, why, Waits};
 use crate::client_error::NodeError;
+use crate::observe::{AskedService, NodeMetrics};
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
 use std::time::Duration;
@@ -54,6 +55,7 @@ macro_rules! patiently {
             }
         };
         waits.end();
+        $self.metrics.answered(AskedService::Aggregator);
         answer
     }};
 }
@@ -69,6 +71,7 @@ pub struct NodeClient {
     store: StoreClient,
     /// How long the node waits for an aggregator that does not answer; `None` for as long as it takes.
     patience: Option<Duration>,
+    metrics: NodeMetrics,
 }
 
 /// What the aggregator decided on a submission.
@@ -142,6 +145,7 @@ impl NodeClient {
             genesis,
             store: StoreClient::beside(&address),
             patience: None,
+            metrics: NodeMetrics::default(),
             heads: For {
                 network,
                 run: run(&info.run)?,
@@ -160,6 +164,11 @@ impl NodeClient {
     pub fn giving_up_after(mut self, limit: Duration) -> Self {
         self.patience = Some(limit);
         self
+    }
+
+    /// What the node counts.
+    pub fn metrics(&self) -> &NodeMetrics {
+        &self.metrics
     }
 
     /// The network's founding document.
@@ -395,6 +404,10 @@ impl NodeClient {
         mut failure: Status,
     ) -> Result<(), NodeError> {
         loop {
+            if may_pass(&failure) {
+                self.metrics
+                    .asks_again(AskedService::Aggregator, why(&failure));
+            }
             waits.again(failure, self.patience).await?;
             match self.learn_run().await {
                 Err(away) if may_pass(&away) => failure = away,

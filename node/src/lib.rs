@@ -9,6 +9,7 @@
 //! - [`client`]: the connection to the aggregator; `client::watching`: the node is told when a round has come further; [`challenge`]: waits for the randomness and derives the challenge;
 //!   [`client_error`]: why it fails; [`governance`]: proposals, votes, disputes and new
 //!   keys.
+//! - [`observe`]: its metrics, and what is wrong with it.
 //! - [`state_files`]: the files that a node keeps, and the lock of their folder; among them [`turn::unfinished`] (what an interrupted node goes on with), [`base_losses`] (the losses that its learning rate follows),
 //!   [`training_history`] and [`receipts`].
 
@@ -19,6 +20,7 @@ pub mod client_error;
 pub mod error;
 pub mod exchanged_weights;
 pub mod governance;
+pub mod observe;
 pub mod participant;
 pub mod progress;
 pub mod receipts;

@@ -1,9 +1,9 @@
-//! What operators see of a running aggregator: metrics for Prometheus ([`metrics`], [`endpoint`]), its status, and what is wrong with it ([`troubles`]).
+//! What operators see of a running aggregator: metrics for Prometheus ([`metrics`]), its status, and what is wrong with it ([`troubles`]).
 
 pub(crate) mod answers;
 mod blob_store;
 pub(crate) mod connections;
-pub mod endpoint;
+mod endpoint;
 pub mod machine;
 pub mod metrics;
 pub(crate) mod outcomes;
@@ -11,3 +11,4 @@ mod rounds;
 mod sample;
 pub(crate) mod status;
 pub mod troubles;
+pub mod witness;

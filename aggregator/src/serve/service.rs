@@ -284,12 +284,17 @@ impl Service {
         let mut loops = JoinSet::new();
         let (rounds, publish) = (self.clone(), self.clone());
         let (shrink, remove) = (self.clone(), self.clone());
+        let watch = self.clone();
         let mut spawn = |task: &'static str, work: BoxFuture<'static, RequestError>| {
             loops.spawn(self.troubles.clone().supervised(task, work));
         };
         spawn(
             "the driver of the rounds",
             Box::pin(async move { rounds.rounds(&witnesses).await }),
+        );
+        spawn(
+            "the watch over the rounds",
+            Box::pin(async move { watch.watch_rounds().await }),
         );
         spawn(
             "the cosigning of checkpoints",

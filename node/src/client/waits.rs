@@ -124,7 +124,7 @@ fn told(failure: &Status) -> Duration {
 }
 
 /// Why the node waits.
-fn why(failure: &Status) -> String {
+pub(crate) fn why(failure: &Status) -> String {
     let message = failure.message();
     match failure.source() {
         None if !message.is_empty() => format!("the aggregator cannot do it now: {message}"),
