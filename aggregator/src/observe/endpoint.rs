@@ -1,4 +1,4 @@
-//! What the operator gets from `/metrics` and `/health`.
+//! `/metrics` and `/health`, for the operator.
 
 use crate::observe::troubles::stops_network;
 use crate::serve::service::Service;

@@ -6,7 +6,7 @@ use std::path::Path;
 /// A disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Disk {
-    /// Bytes that this process may still write.
+    /// Bytes that this process may write.
     pub free: u64,
     /// Bytes in all.
     pub size: u64,
@@ -22,7 +22,7 @@ impl Disk {
         })
     }
 
-    /// How much of it is free, in whole per cent, rounded down.
+    /// Free, in whole per cent, rounded down.
     pub fn free_percent(self) -> u32 {
         let percent = u128::from(self.free) * 100 / u128::from(self.size.max(1));
         percent.min(100) as u32

@@ -1,4 +1,4 @@
-//! What operators see of a running aggregator: metrics for Prometheus ([`metrics`]), its status, and what is wrong with it ([`troubles`]).
+//! What operators see: metrics for Prometheus ([`metrics`]), the status, and [`troubles`].
 
 pub(crate) mod answers;
 mod blob_store;

@@ -1,4 +1,4 @@
-//! What those who observe the service learn of the rounds: what they wait for, whether the open one is overdue, and how one has ended.
+//! What the rounds wait for, whether the open one is overdue, and how one ended.
 
 use crate::round::job::Polled;
 use crate::round::phase::is_overdue;
@@ -9,7 +9,6 @@ use tokio::time::sleep;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::rpc::federation::trouble::Kind;
 
-/// The kinds of trouble that the driver meets.
 const OF_ROUNDS: [Kind; 3] = [Kind::Blocked, Kind::Clock, Kind::Beacon];
 
 /// How often this looks whether a round is overdue.
@@ -36,7 +35,6 @@ impl Service {
         }
     }
 
-    /// Notes what the rounds wait for, if that is trouble.
     pub(crate) fn note_polled(&self, polled: &Result<Polled, RequestError>) {
         let trouble = match polled {
             Ok(Polled::Did(_) | Polled::Run(_) | Polled::Idle(_)) => None,
@@ -56,7 +54,6 @@ impl Service {
         self.troubles().only(&OF_ROUNDS, trouble);
     }
 
-    /// Counts a round that has closed.
     pub(crate) async fn count_round(&self, round: u64) -> Result<(), RequestError> {
         let entry = self.with(move |aggregator| {
             let ledger = aggregator.ledger();

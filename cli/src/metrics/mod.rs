@@ -1,4 +1,4 @@
-//! Options of services that say where their metrics are, and the server of the metrics.
+//! Options of services for their metrics, and the metrics' server.
 
 use crate::serve::listening_if;
 use anyhow::{Context, Result};
@@ -19,7 +19,7 @@ pub struct MetricsOptions {
 }
 
 impl MetricsOptions {
-    /// Starts to serve what this service shows, if the operator wants that.
+    /// Serves this service's metrics, if wanted.
     pub fn serve(&self, service: impl Observed) -> Result<()> {
         if let Some(listener) = listening_if(self.metrics)? {
             tokio::spawn(serve_metrics(listener, service));
@@ -27,7 +27,7 @@ impl MetricsOptions {
         Ok(())
     }
 
-    /// [`Self::serve`] for a command that has no runtime. The server ends when what this returns is dropped.
+    /// [`Self::serve`] for a command without a runtime. The server ends with the returned one.
     pub fn serve_beside(&self, service: impl Observed) -> Result<Option<Runtime>> {
         if self.metrics.is_none() {
             return Ok(None);
@@ -42,7 +42,7 @@ impl MetricsOptions {
     }
 }
 
-/// Serves what a service shows. It is logged at once where that is.
+/// Serves a service's metrics.
 pub fn serve_metrics(
     (listener, address): (TcpListener, SocketAddr),
     service: impl Observed,
