@@ -48,7 +48,7 @@ pub enum WitnessCommand {
         #[command(flatten)]
         certificate: CertificateOptions,
         #[command(flatten)]
-        metrics: MetricsOptions,
+        metrics: Box<MetricsOptions>,
         #[command(flatten)]
         otlp: OtlpOptions,
     },

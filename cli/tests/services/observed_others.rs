@@ -146,7 +146,7 @@ fn a_node_shows_what_it_does_and_whether_the_aggregator_answers() {
     let trouble = "zk0_trouble{kind=\"aggregator\"}";
     aggregator.kill();
     shown.becomes(trouble, 1.0);
-    shown.is_healthy(Some("the aggregator does not answer"));
+    shown.is_healthy(Some("the aggregator"));
     let repeated = "zk0_node_repeated_requests_total{asked=\"aggregator\"}";
     assert!(shown.metric(repeated) > 0.0);
     let _aggregator = Process::start(&serve);
