@@ -1,6 +1,7 @@
-//! `zk0 prover`: the proving service that the nodes of one machine share, and what proving costs.
+//! `zk0 prover`: a machine's proving service, and the cost of proofs.
 
 use crate::certificate::{keep_current, CertificateOptions};
+use crate::metrics::MetricsOptions;
 use crate::otlp::OtlpOptions;
 use crate::output::println;
 use crate::serve::{interrupted, listening, online, online_until};
@@ -16,12 +17,12 @@ use zk0_prover::program::Executor;
 use zk0_prover::service::{ProvingService, Sp1Backend};
 use zk0_traces::export::Traces;
 
-/// How long what SP1 does may take at the end. It cannot be interrupted, and a proof takes minutes.
+/// Time for SP1, which cannot be interrupted. A proof takes minutes.
 const ENDING: Duration = Duration::from_secs(1);
 
-/// Connections at once, if the queue is not longer. They have to leave SP1 enough files to open.
+/// Connections at once, unless the queue is longer. They leave SP1 enough files to open.
 const CONNECTIONS: usize = 256;
-/// Connections beyond those whose claims wait: the one whose claim is proven, and clients that ask whether there is room.
+/// Besides the waiting claims': the claim being proven, and clients that ask for room.
 const BEYOND_QUEUE: usize = 64;
 
 /// What to do.
@@ -48,6 +49,8 @@ pub enum ProverCommand {
         #[command(flatten)]
         network: NetworkArguments,
         #[command(flatten)]
+        metrics: MetricsOptions,
+        #[command(flatten)]
         otlp: OtlpOptions,
     },
     /// Print what claims cost, one JSON line for each profile and mode. The programs are executed, and no proof is made.
@@ -67,7 +70,7 @@ pub struct NetworkArguments {
 }
 
 impl ProverCommand {
-    /// The traces of the command, if it has any.
+    /// The command's traces.
     pub fn traces(&self) -> Result<Option<Traces>> {
         match self {
             Self::Serve { otlp, .. } => otlp.traces("zk0-prover"),
@@ -85,9 +88,11 @@ pub fn run(command: &ProverCommand) -> Result<()> {
             queue,
             device,
             network,
+            metrics,
             otlp: _,
         } => {
-            let serving = serve(*listen, certificate, *queue as usize, *device, network);
+            let queue = *queue as usize;
+            let serving = serve(*listen, certificate, queue, *device, network, metrics);
             online_until(ENDING, serving)
         }
         ProverCommand::Cycles => online(cycles()),
@@ -109,6 +114,7 @@ async fn serve(
     queue: usize,
     device: DeviceKind,
     network: &NetworkArguments,
+    metrics: &MetricsOptions,
 ) -> Result<()> {
     let certificate = certificate.load()?;
     let (listener, address) = listening(listen)?;
@@ -125,6 +131,7 @@ async fn serve(
     };
     open_files::fit(&mut limits, 0);
     let service = ProvingService::start(backend, queue, pace).with_connections(limits.most);
+    metrics.serve(service.metrics().observed().clone())?;
     tracing::info!(listening = %address, "the proving service listens on {address}, and SP1 is starting on the device {device}");
     let stop = interrupted();
     let served = match &certificate {
@@ -134,7 +141,6 @@ async fn serve(
     served.context("the proving service")
 }
 
-/// How many connections the service has at once, so that all whose claims wait can be connected.
 fn connections(queue: usize) -> usize {
     CONNECTIONS.max(queue.saturating_add(BEYOND_QUEUE))
 }

@@ -1,7 +1,8 @@
-//! `zk0 witness`: cosign the logs of others, so that none of them can show two histories (C2SP tlog-witness).
+//! `zk0 witness`: cosigns others' logs, so that none can show two histories (C2SP tlog-witness).
 
 use crate::certificate::CertificateOptions;
 use crate::keys;
+use crate::metrics::MetricsOptions;
 use crate::otlp::OtlpOptions;
 use crate::output::println;
 use crate::serve::serve_http;
@@ -10,7 +11,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use zk0_aggregator::publish::witness_server::WitnessServer;
-use zk0_aggregator::round::clock::SystemClock;
+use zk0_aggregator::clock::SystemClock;
 use zk0_ledger::witness_store::WitnessStore;
 use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::tlog::verifier_key::{KeyError, Role, VerifierKey};
@@ -47,12 +48,14 @@ pub enum WitnessCommand {
         #[command(flatten)]
         certificate: CertificateOptions,
         #[command(flatten)]
+        metrics: Box<MetricsOptions>,
+        #[command(flatten)]
         otlp: OtlpOptions,
     },
 }
 
 impl WitnessCommand {
-    /// The traces of the command, if it has any.
+    /// The command's traces.
     pub fn traces(&self) -> Result<Option<Traces>> {
         match self {
             Self::Serve { otlp, .. } => otlp.traces("zk0-witness"),
@@ -76,6 +79,7 @@ pub fn run(command: &WitnessCommand) -> Result<()> {
             logs,
             listen,
             certificate,
+            metrics,
             otlp: _,
         } => {
             let cosigner = Cosigner::new(name, keys::read(key)?)?;
@@ -83,23 +87,24 @@ pub fn run(command: &WitnessCommand) -> Result<()> {
             tracing::info!("the verifier key of this witness is {}", witness.key());
             let server = WitnessServer::new(witness, Arc::new(SystemClock));
             let limits = WitnessServer::limits();
-            serve_http("witness", *listen, certificate, server.router(), limits)
+            let observed = server.metrics().observed().clone();
+            let beside = || metrics.serve(observed);
+            let router = server.router();
+            serve_http("witness", *listen, certificate, router, limits, beside)
         }
     }
 }
 
-/// Reads the name of a witness.
 fn witness_name(text: &str) -> Result<String, KeyError> {
     VerifierKey::new(Role::Witness, text, &BASE_POINT)?;
     Ok(text.to_owned())
 }
 
-/// Reads the verifier key of a log.
 fn log_key(text: &str) -> Result<VerifierKey, KeyError> {
     VerifierKey::of_role(Role::Log, text)
 }
 
-/// A public key that serves to check a name: ed25519's base point.
+/// A public key for checks of names: ed25519's base point.
 const BASE_POINT: [u8; 32] = {
     let mut bytes = [0x66; 32];
     bytes[0] = 0x58;

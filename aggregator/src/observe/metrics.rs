@@ -1,26 +1,24 @@
-//! What the service counts, in Prometheus' format. `docs/services.md` lists all of it.
+//! The service's metrics, in Prometheus' format. `docs/services.md` lists all of them.
 
 use crate::observe::answers::RequestMetrics;
 use crate::observe::blob_store::BlobMetrics;
 use crate::observe::connections::ConnectionMetrics;
 use crate::observe::outcomes::OutcomeMetrics;
 use crate::observe::sample::Sampled;
-use prometheus_client::encoding::text::encode;
-use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::{exponential_buckets, Histogram};
-use prometheus_client::registry::Registry;
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
+use zk0_metrics::registry::MetricRegistry;
 
-/// All metrics of one service. Clones count together.
+/// Metrics of one service. Clones count together.
 #[derive(Clone)]
 pub struct Metrics {
-    registry: Arc<Registry>,
+    registry: Arc<MetricRegistry>,
     pub(crate) requests: RequestMetrics,
     pub(crate) connections: ConnectionMetrics,
-    /// Bytes of large messages that are being received or answered.
+    /// Bytes of large messages in progress.
     pub(crate) message_bytes: Gauge,
     pub(crate) verification: Verification,
     pub(crate) outcomes: OutcomeMetrics,
@@ -35,12 +33,7 @@ pub struct Metrics {
 
 impl Default for Metrics {
     fn default() -> Self {
-        let mut registry = Registry::with_prefix("zk0");
-        let build = Family::<[(&str, &str); 1], Gauge>::default();
-        registry.register("build_info", "1, with the release of zk0", build.clone());
-        build
-            .get_or_create(&[("version", env!("CARGO_PKG_VERSION"))])
-            .set(1);
+        let mut registry = MetricRegistry::default();
         let requests = RequestMetrics::registered(&mut registry);
         let connections = ConnectionMetrics::registered(&mut registry);
         let message_bytes = Gauge::default();
@@ -57,7 +50,7 @@ impl Default for Metrics {
             "Time to append what waits to the ledger, to the end of its write to disk",
             appending.clone(),
         );
-        let turn = |registry: &mut Registry, name: &str, help: &str| {
+        let turn = |registry: &mut MetricRegistry, name: &str, help: &str| {
             let seconds = Histogram::new(exponential_buckets(0.00001, 4.0, 11));
             registry.register(name, help, seconds.clone());
             seconds
@@ -100,12 +93,14 @@ impl Default for Metrics {
 impl Metrics {
     /// All metrics as text.
     pub fn text(&self) -> Result<String, fmt::Error> {
-        let mut text = String::new();
-        encode(&mut text, &self.registry)?;
-        Ok(text)
+        self.registry.text()
     }
 
-    /// An update came to its end: in messages of its node, or from the blob store.
+    /// The names of all metrics.
+    pub fn names(&self) -> &[String] {
+        self.registry.names()
+    }
+
     pub(crate) fn uploaded(&self, from: &'static str) {
         self.blobs.uploaded(from);
     }
@@ -115,40 +110,36 @@ impl Metrics {
         self.sampled.log_store_holds(entries);
     }
 
-    /// A step waited for the aggregator.
     pub(crate) fn turn_waited(&self, waited: Duration) {
         self.turn_waiting.observe(waited.as_secs_f64());
     }
 
-    /// A step had the aggregator.
     pub(crate) fn turn_held(&self, held: Duration) {
         self.turn_held.observe(held.as_secs_f64());
     }
 
-    /// Something was appended to the ledger since `begun`.
     pub(crate) fn appended(&self, begun: Instant) {
         self.appending.observe(begun.elapsed().as_secs_f64());
     }
 }
 
-/// Proofs and weights that are verified.
 #[derive(Clone)]
 pub(crate) struct Verification {
     waiting: Gauge,
     running: Gauge,
     seconds: Histogram,
-    /// How many are done, and the time that they took together: the histogram tells that to Prometheus alone.
+    /// Their number and total time, which the histogram gives to Prometheus alone.
     done: Arc<Mutex<(u32, Duration)>>,
 }
 
-/// Something waits for its verification, until this is dropped.
+/// Waits until this is dropped.
 pub(crate) struct WaitingVerification(Verification);
 
-/// Something is being verified, until this is dropped.
+/// Runs until this is dropped.
 pub(crate) struct RunningVerification(Verification, Instant);
 
 impl Verification {
-    fn registered(registry: &mut Registry) -> Self {
+    fn registered(registry: &mut MetricRegistry) -> Self {
         let metrics = Self {
             waiting: Gauge::default(),
             running: Gauge::default(),
@@ -178,13 +169,12 @@ impl Verification {
         WaitingVerification(self.clone())
     }
 
-    /// How many wait, and how many run.
     pub fn now(&self) -> (u64, u64) {
         let count = |gauge: &Gauge| u64::try_from(gauge.get()).unwrap_or(0);
         (count(&self.waiting), count(&self.running))
     }
 
-    /// How long one has taken on average; zero before the first.
+    /// Mean time of one; zero before the first.
     pub fn mean(&self) -> Duration {
         let (count, time) = *self.done.lock().unwrap_or_else(PoisonError::into_inner);
         time.checked_div(count).unwrap_or_default()

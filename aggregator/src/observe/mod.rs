@@ -1,9 +1,9 @@
-//! What operators see of a running aggregator: metrics for Prometheus ([`metrics`], [`endpoint`]), its status, and what is wrong with it ([`troubles`]).
+//! What operators see: metrics for Prometheus ([`metrics`]), the status, and [`troubles`].
 
 pub(crate) mod answers;
 mod blob_store;
 pub(crate) mod connections;
-pub mod endpoint;
+mod endpoint;
 pub(crate) mod entry_store;
 pub mod machine;
 pub mod metrics;
@@ -13,3 +13,4 @@ mod sample;
 pub(crate) mod snapshot;
 pub(crate) mod status;
 pub mod troubles;
+pub mod witness;

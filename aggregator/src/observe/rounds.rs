@@ -1,16 +1,40 @@
-//! What the driver of the rounds tells those who observe the service: what the rounds wait for, and how a round has ended.
+//! What the rounds wait for, whether the open one is overdue, and how one ended.
 
 use crate::round::job::Polled;
+use crate::round::phase::is_overdue;
 use crate::round::request_error::RequestError;
 use crate::serve::service::Service;
+use std::time::Duration;
+use tokio::time::sleep;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::rpc::federation::trouble::Kind;
 
-/// The kinds of trouble that the driver meets.
 const OF_ROUNDS: [Kind; 3] = [Kind::Blocked, Kind::Clock, Kind::Beacon];
 
+/// How often this looks whether a round is overdue.
+const LOOKS_APART: Duration = Duration::from_secs(1);
+
 impl Service {
-    /// Notes what the rounds wait for, if that is trouble.
+    /// Raises trouble while the open round is overdue, whatever its driver does. Returns only when the aggregator cannot go on.
+    pub(crate) async fn watch_rounds(&self) -> RequestError {
+        loop {
+            let overdue = self.with(|aggregator| {
+                // By a wrong clock, any round might be overdue.
+                let now_ms = aggregator.arrivals().now_ms();
+                Ok(now_ms.is_ok_and(|now_ms| is_overdue(aggregator.state(), now_ms)))
+            });
+            match overdue.await {
+                Ok(true) => self.troubles().raise(
+                    Kind::Overdue,
+                    "the open round has not closed for longer than a round may last; the log of the aggregator says what it waits for",
+                ),
+                Ok(false) => self.troubles().clear(Kind::Overdue),
+                Err(error) => return error,
+            }
+            sleep(LOOKS_APART).await;
+        }
+    }
+
     pub(crate) fn note_polled(&self, polled: &Result<Polled, RequestError>) {
         let trouble = match polled {
             Ok(Polled::Did(_) | Polled::Run(_) | Polled::Idle(_)) => None,
@@ -30,7 +54,6 @@ impl Service {
         self.troubles().only(&OF_ROUNDS, trouble);
     }
 
-    /// Counts a round that has closed.
     pub(crate) async fn count_round(&self, round: u64) -> Result<(), RequestError> {
         let entry = self.with(move |aggregator| {
             let ledger = aggregator.ledger();

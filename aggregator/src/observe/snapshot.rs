@@ -50,7 +50,7 @@ pub fn snapshot(aggregator: &Aggregator) -> StatusInfo {
     }
 }
 
-/// When the round ends if every phase takes as long as it may, and the randomness comes at once; 0 if nobody knows.
+/// When the round ends if every phase takes its longest, and the randomness comes at once; 0 if unknown.
 fn ends_by_ms(state: &State) -> u64 {
     let more_ms = match state.round() {
         Some(round) if round.closing.is_none() => state.rules().submit_window_ms,

@@ -1,6 +1,5 @@
-//! The answer to `GetStatus`. Everybody may ask, so it holds nothing that is not on the ledger or would follow from it, but for how busy the
-//! aggregator is, and what is wrong with it: counts of verifications, how full the disk is, in per cent, for how long the store of the blobs
-//! has failed, and its troubles.
+//! The answer to `GetStatus`. Strangers may ask, so it holds only what follows from the ledger, how busy the aggregator is, and what is
+//! wrong: counts of verifications, how full the disk is, in per cent, for how long the store of the blobs has failed, and troubles.
 
 use crate::observe::entry_store::is_away;
 use crate::observe::snapshot::{millis, snapshot};
@@ -14,7 +13,6 @@ impl Service {
         let service = self.clone();
         let asked = self.with(move |aggregator| {
             Ok(StatusInfo {
-                // Before the first cosignatures nothing is published, and that is worth showing.
                 published: service.visible(aggregator).unwrap_or(0),
                 ..snapshot(aggregator)
             })

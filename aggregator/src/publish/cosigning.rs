@@ -1,5 +1,4 @@
-//! Asking witnesses for cosignatures (C2SP tlog-witness, `add-checkpoint`). All witnesses are asked at once, until the quorum of the
-//! policy is met or the time is over.
+//! Asks witnesses for cosignatures (C2SP tlog-witness, `add-checkpoint`), all at once, until the policy's quorum is met or time is over.
 
 use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -18,10 +17,10 @@ use zk0_protocol::tlog::witness_policy::{PolicyWitness, WitnessPolicy};
 use zk0_tls::authorities::{Authorities, AuthoritiesError};
 use zk0_traces::carried::{self, TRACEPARENT};
 
-/// Largest answer of a witness that is read, in bytes.
+/// Largest answer that is read, in bytes.
 const MAX_ANSWER_BYTES: u64 = 16 << 10;
 
-/// How often a witness is asked because it knows another size of the log than we thought.
+/// Tries while a witness knows another size of the log.
 const ATTEMPTS: usize = 3;
 
 /// Makes the consistency proof from one size to another.
@@ -40,20 +39,20 @@ pub enum CosigningError {
     /// The text is not a checkpoint.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
-    /// A witness cannot be asked.
+    /// A witness has no address.
     #[error("the witness policy has no address for witness {0}: add the address to the line of the witness")]
     NoAddress(String),
-    /// The address of a witness is not encrypted, and there is a file that says whose certificates count.
+    /// A witness's address is not encrypted, but a file names trusted certificates.
     #[error("{file} says whose certificates count for witnesses, but witness {name} at {url} has none: use https:// in the witness policy")]
     NotEncrypted {
         name: String,
         url: String,
         file: String,
     },
-    /// The file that says whose certificates count cannot be used.
+    /// The file of trusted certificates cannot be used.
     #[error(transparent)]
     Authorities(#[from] AuthoritiesError),
-    /// A witness has cosigned more of the log, or another history of it.
+    /// A witness has cosigned more of the log, or another history.
     #[error("witness {name} {why}")]
     OtherHistory { name: String, why: NotCosigned },
     /// Too few witnesses have cosigned in time.
@@ -70,10 +69,10 @@ pub enum NotCosigned {
     /// It has cosigned a later checkpoint.
     #[error("has cosigned {last} entries of this log, but it has {size} now: the log was rolled back, or an old checkpoint was submitted")]
     Behind { last: u64, size: u64 },
-    /// It answers with this status and this text. 409 and 422 stand for a tree that does not continue the one that it has cosigned.
+    /// Its status and text. 409 and 422 mean that the tree does not continue the one that it has cosigned.
     #[error("refuses (status {0}): {1}")]
     Status(u16, String),
-    /// It cannot be asked, or gives another answer than the specification has.
+    /// It cannot be asked, or its answer breaks the specification.
     #[error("{0}")]
     Failed(String),
 }
@@ -83,7 +82,7 @@ pub enum NotCosigned {
 pub struct Cosigned {
     /// The checkpoint with its cosignatures, as a note.
     pub note: Vec<u8>,
-    /// The cosignatures, in the order in which the policy names the witnesses.
+    /// The cosignatures, in the policy's order.
     pub cosignatures: Vec<Cosignature>,
 }
 
@@ -91,19 +90,19 @@ struct CosigningClient {
     witness: PolicyWitness,
     url: String,
     client: HttpClient,
-    /// The size of the last checkpoint that the witness has cosigned, as far as we know.
+    /// The size that the witness last cosigned, as far as known.
     known: AtomicU64,
-    /// The witness has not answered a request yet, which may be about an earlier checkpoint.
+    /// An earlier request is not answered yet.
     busy: AtomicBool,
 }
 
 impl Witnesses {
-    /// The witnesses of `policy`. Each has `deadline` to answer. Certificates count that the system trusts.
+    /// The witnesses of `policy`, each with `deadline` to answer. The system's trusted certificates count.
     pub fn new(policy: WitnessPolicy, deadline: Duration) -> Result<Self, CosigningError> {
         Self::believing(policy, deadline, &Authorities::of_system("--witness-ca"))
     }
 
-    /// Like [`Self::new`], but certificates have to be signed by one of `authorities`.
+    /// Like [`Self::new`], but with certificates signed by one of `authorities`.
     ///
     /// # Errors
     /// A witness has no address, the authorities cannot be read, or they come from a file and a witness has no certificate.
@@ -147,12 +146,12 @@ impl Witnesses {
         &self.policy
     }
 
-    /// How long it may take until a checkpoint is cosigned, if the one before it is being cosigned.
+    /// The longest time until a checkpoint is cosigned, after the one before it.
     pub fn patience(&self) -> Duration {
         2 * self.deadline + Duration::from_secs(1)
     }
 
-    /// Asks for cosignatures of a checkpoint that the log has signed, until the quorum is met.
+    /// Has a signed checkpoint cosigned by a quorum.
     pub fn cosign(
         &self,
         checkpoint: &[u8],
@@ -162,7 +161,7 @@ impl Witnesses {
         self.collect(checkpoint, prove, quorum, self.policy.to_string())
     }
 
-    /// Asks for the cosignatures of all witnesses.
+    /// Has a checkpoint cosigned by all witnesses.
     pub fn cosign_all(
         &self,
         checkpoint: &[u8],
@@ -175,7 +174,7 @@ impl Witnesses {
         self.collect(checkpoint, prove, all, wanted)
     }
 
-    /// Asks all witnesses whether the log goes on from what they have cosigned. `checkpoint` is its newest one. Returns how many know.
+    /// Asks all witnesses whether the log with this newest `checkpoint` continues what they cosigned. Returns how many know.
     ///
     /// # Errors
     /// A witness has cosigned more entries, or others.
@@ -269,7 +268,7 @@ impl Witnesses {
 }
 
 impl CosigningClient {
-    /// Asks for a cosignature. Returns its line in the note and the cosignature itself, or what went wrong.
+    /// Returns the cosignature, after its line in the note.
     fn ask(
         &self,
         checkpoint: &[u8],
@@ -311,8 +310,7 @@ impl CosigningClient {
                     self.known.store(size, Ordering::Release);
                     return Ok((signature.to_bytes(), cosignature));
                 }
-                // 409 with a number names the size that the witness knows. With a text it says that the witness has cosigned
-                // another tree of this size.
+                // 409 with a number gives the size that the witness knows. With a text, it has cosigned another tree of this size.
                 status => match (status, text().parse()) {
                     (409, Ok(last)) => self.known.store(last, Ordering::Release),
                     _ => return Err(NotCosigned::Status(status, short(&text()))),
@@ -322,7 +320,7 @@ impl CosigningClient {
         Err(failed("names another size each time it is asked"))
     }
 
-    /// Sends a body. Returns the status and the body of the answer.
+    /// Returns the answer's status and body.
     fn post(&self, body: &[u8]) -> Result<(u16, Vec<u8>), HttpError> {
         let parent = carried::traceparent();
         let headers = parent.iter().map(|parent| (TRACEPARENT, &**parent));

@@ -1,7 +1,8 @@
-//! A witness on the network: C2SP tlog-witness' `add-checkpoint`, and the last checkpoint of each log that it cosigned.
+//! A witness on the network: C2SP tlog-witness' `add-checkpoint`, and the last cosigned checkpoint of each log.
 
+use crate::observe::witness::WitnessMetrics;
 use crate::publish::http::{answer, text, HttpLimits, Router, NO_CACHE, TEXT};
-use crate::round::clock::Clock;
+use crate::clock::Clock;
 use axum::body::Bytes;
 use axum::extract::{Path, State};
 use axum::http::header::RETRY_AFTER;
@@ -18,32 +19,40 @@ use zk0_ledger::witness_store::{AddError, WitnessStore};
 use zk0_protocol::tlog::witness::{WitnessRefusal, MAX_REQUEST_BYTES};
 use zk0_traces::carried;
 
-/// Requests that wait for their turn at once. Each takes about as long as its write to the disk.
+/// Requests that wait. Each takes about as long as its write to disk.
 const QUEUE: usize = 64;
 
-/// How often the log says that a request has no valid consistency proof.
+/// How often the log states an invalid consistency proof.
 const SAY_AGAIN: Duration = Duration::from_secs(60);
 
 /// Serves one witness.
 pub struct WitnessServer {
-    /// Locked for a whole request: nobody else may look at the last checkpoint of a log before this request has replaced it.
+    /// Locked for a whole request, which reads and replaces a log's last checkpoint.
     witness: Mutex<WitnessStore>,
-    /// A place for each request that waits or is answered.
     queue: Semaphore,
     clock: Arc<dyn Clock>,
-    /// When the log said last that a request has no valid consistency proof.
+    /// When the log last stated an invalid consistency proof.
     said: Mutex<Option<Duration>>,
+    metrics: WitnessMetrics,
 }
 
 impl WitnessServer {
     /// Serves `witness` by this clock.
     pub fn new(witness: WitnessStore, clock: Arc<dyn Clock>) -> Self {
+        let metrics = WitnessMetrics::default();
+        metrics.keeps(witness.sizes());
         Self {
             witness: Mutex::new(witness),
             queue: Semaphore::new(QUEUE),
             clock,
             said: Mutex::new(None),
+            metrics,
         }
+    }
+
+    /// What the server counts.
+    pub fn metrics(&self) -> &WitnessMetrics {
+        &self.metrics
     }
 
     /// The limits of such a server.
@@ -70,7 +79,10 @@ impl WitnessServer {
             return text(500, "an earlier request failed\n");
         };
         match witness.add(body, self.clock.now_ms() / 1000) {
-            Ok(line) => answer(200, TEXT, NO_CACHE, line),
+            Ok(line) => {
+                self.metrics.keeps(witness.sizes());
+                answer(200, TEXT, NO_CACHE, line)
+            }
             Err(AddError::Refused(refusal @ WitnessRefusal::Conflict { last, .. })) => answer(
                 refusal.status(),
                 "text/x.tlog.size",
@@ -82,21 +94,20 @@ impl WitnessServer {
                 text(refusal.status(), format!("{refusal}\n"))
             }
             Err(AddError::Failed(error)) => {
+                self.metrics.keeps_none(error.to_string());
                 tracing::error!("{error}");
                 text(500, "the witness failed; its log says why\n")
             }
         }
     }
 
-    /// Logs a refusal that the witness' operator has to know of.
     fn log_refusal(&self, refusal: &WitnessRefusal) {
         match refusal {
-            // The log has signed two roots of one size. That is evidence.
+            // Two signed roots of one size are evidence.
             WitnessRefusal::OtherTree { .. } => {
                 tracing::error!("a log shows two histories: {refusal}");
             }
-            // Anybody can send a genuine checkpoint with a wrong proof or with none. So this shows nothing about the log, and strangers
-            // must not fill the witness' disk with it.
+            // Strangers can send genuine checkpoints with wrong proofs. This shows nothing about the log, and must not fill the disk.
             WitnessRefusal::Inconsistent { .. } if self.says_again() => {
                 tracing::warn!("a request has no valid consistency proof: {refusal}");
             }
@@ -104,7 +115,7 @@ impl WitnessServer {
         }
     }
 
-    /// Whether the log may say once more that a request has no valid consistency proof. It then counts as said.
+    /// Whether the log may state an invalid consistency proof once more. It then counts as stated.
     fn says_again(&self) -> bool {
         let Ok(mut said) = self.said.lock() else {
             return false;
@@ -153,6 +164,7 @@ async fn add(
         );
         busy.headers_mut()
             .insert(RETRY_AFTER, HeaderValue::from_static("1"));
+        server.metrics.answered(429);
         return busy;
     };
     let server = server.clone();
@@ -161,6 +173,7 @@ async fn add(
             let response = server.add(&body);
             let status = response.status().as_u16();
             Span::current().record("http.response.status_code", status);
+            server.metrics.answered(status);
             response
         })
     })
@@ -171,7 +184,7 @@ async fn last(State(server): State<Arc<WitnessServer>>, Path(log): Path<String>)
     answered(move || server.last(&log)).await
 }
 
-/// Runs `work` away from the threads that serve the network: it reads and writes files.
+/// Runs `work`, which uses files, away from the network's threads.
 async fn answered(work: impl FnOnce() -> Response + Send + 'static) -> Response {
     let done = spawn_blocking(work).await;
     done.unwrap_or_else(|_| text(500, "the witness failed\n"))
@@ -180,7 +193,7 @@ async fn answered(work: impl FnOnce() -> Response + Send + 'static) -> Response 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::round::clock::SystemClock;
+    use crate::clock::SystemClock;
     use ed25519_dalek::SigningKey;
     use zk0_protocol::tlog::cosigner::Cosigner;
 

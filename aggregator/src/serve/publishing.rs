@@ -1,5 +1,4 @@
-//! What is recorded is published once enough witnesses have cosigned it. This file has checkpoints cosigned, and tells how many entries are
-//! published.
+//! Has checkpoints cosigned. What is recorded is published once enough witnesses have cosigned it.
 
 use crate::publish::cosigning::{ConsistencyProver, Cosigned};
 use crate::round::aggregator::Aggregator;
@@ -14,12 +13,12 @@ use zk0_ledger::folder;
 use zk0_protocol::challenge::drawing::Drawing;
 use zk0_protocol::rpc::federation::trouble::Kind;
 
-/// What the status says while the quorum is not met. The log names the witnesses.
+/// The status while the quorum is not met. The log names the witnesses.
 const TOO_FEW: &str =
     "too few witnesses have cosigned the newest checkpoint, so it is not published; the log of the aggregator names them";
 
 impl Service {
-    /// Has each new checkpoint cosigned, and publishes it. Returns only when the disk fails.
+    /// Has each new checkpoint cosigned, and publishes it, until the disk fails.
     pub(super) async fn publish(&self) -> RequestError {
         let Some(publishing) = &self.publishing else {
             return std::future::pending().await;
@@ -37,7 +36,7 @@ impl Service {
         }
     }
 
-    /// Has the next checkpoint cosigned, and publishes it. Returns `false` if there is none.
+    /// Returns `false` if there is no next checkpoint.
     async fn publish_next(&self, publishing: &Publishing) -> Result<bool, RequestError> {
         let next = self.with(|aggregator| aggregator.to_cosign());
         let ToCosign {
@@ -75,6 +74,7 @@ impl Service {
         let written = self.with(move |aggregator| {
             if size > published {
                 folder::write_cosigned(aggregator.ledger().dir(), &note)?;
+                aggregator.note_published(size)?;
             }
             if let Some(round) = draws {
                 let drawing = Drawing::Witnesses(cosignatures);
@@ -85,12 +85,13 @@ impl Service {
         written.await?;
         tracing::info!(size, "checkpoint cosigned and published");
         publishing.published.send_replace(size.max(published));
+        self.changed.notify_one();
         self.note_stage().await?;
         Ok(true)
     }
 
-    /// Tells that entries were recorded, and waits until the first `size` entries are published. If that takes too long, who asks again later
-    /// gets the receipt then: what is recorded stays recorded.
+    /// Reports new entries, and waits until the first `size` entries are published. If that takes too long, a later request gets the
+    /// receipt.
     pub(super) async fn published(&self, size: u64) -> Result<(), RequestError> {
         self.changed.notify_one();
         let Some(publishing) = &self.publishing else {
@@ -111,7 +112,7 @@ impl Service {
         }
     }
 
-    /// How many entries of the ledger are published.
+    /// Published entries of the ledger.
     pub(crate) fn visible(&self, aggregator: &Aggregator) -> Result<u64, RequestError> {
         let size = match &self.publishing {
             None => aggregator.ledger().size(),

@@ -1,13 +1,13 @@
-//! `zk0 aggregator serve`: run the rounds of a network.
+//! `zk0 aggregator serve`: runs the rounds of a network.
 
 use super::hub_uploads::HubUploadOptions;
 use super::log_store::{LogStoreOptions, OtherHistory};
-use super::metrics::{serve_metrics, MetricsOptions};
 use super::network_edge::NetworkEdge;
 use super::policy_folders::PolicyFolderOptions;
 use crate::blob_store::BlobStoreOptions;
 use crate::certificate::{keep_current, scheme};
 use crate::keys;
+use crate::metrics::{serve_metrics, MetricsOptions};
 use crate::otlp::OtlpOptions;
 use crate::serve::{interrupted, listening, listening_if, online_until, ENDING};
 use anyhow::{bail, Context, Result};
@@ -104,14 +104,14 @@ pub struct AggregatorServeOptions {
     edge: NetworkEdge,
 }
 
-/// How long it may take at the end to write the last files of the log's store and the last policy folder. What the store lacks then it gets
-/// after the next start.
+/// Time at the end for the last policy folder and the log's store. The next start completes the store.
 const LAST_FILES: Duration = Duration::from_secs(10);
 
-/// How often witnesses are asked at the start, if none answers.
+/// Pause between requests to witnesses at the start.
 const WITNESSES_APART: Duration = Duration::from_secs(5);
 
-/// Tasks that go on beside the service, as the status and the log name them.
+/// Names of background tasks.
+const METRICS: &str = "the server of the metrics";
 const LOG_STORE: &str = "the writing of the log to its store";
 const FOLDERS: &str = "the writing of policy folders";
 const UPLOADS: &str = "the publication of policy folders on the Hub";
@@ -147,7 +147,7 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
     let (limits, log_limits) = options.edge.limits(options.log_listen.is_some());
     online_until(ENDING, async {
         let mut stop = Box::pin(interrupted());
-        // Nothing says that the aggregator listens before it has all of its addresses.
+        // All addresses are bound before the log names one.
         let (listener, address) = listening(options.listen)?;
         let log_listener = listening_if(options.log_listen)?;
         let metrics_listener = listening_if(options.metrics.metrics)?;
@@ -193,7 +193,10 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
             let server = LogServer::new(&options.dir).with_blobs(blobs);
             serve_log(listener, server, certificate, log_limits, &troubles)
         });
-        let metrics = metrics_listener.map(|listener| serve_metrics(listener, &service));
+        let metrics = metrics_listener.map(|listener| {
+            let serving = serve_metrics(listener, service.clone());
+            tokio::spawn(troubles.clone().supervised(METRICS, serving))
+        });
         let (log_ended, log_stopped) = oneshot::channel();
         let log_store = log_store.map(|store| {
             let writing = store.follow(service.clone(), log_stopped);
@@ -246,7 +249,7 @@ fn with_exit_code(error: RequestError) -> anyhow::Error {
     }
 }
 
-/// Waits until a witness has answered that the log goes on from what it has cosigned. Nothing is signed before.
+/// Waits until a witness confirms that the log continues what it has cosigned, before anything is signed.
 ///
 /// # Errors
 /// A witness has cosigned more entries, or others.
@@ -271,7 +274,6 @@ async fn not_behind(
     }
 }
 
-/// Starts to serve the log's files.
 fn serve_log(
     (listener, address): (TcpListener, SocketAddr),
     server: LogServer,

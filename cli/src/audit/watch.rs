@@ -1,10 +1,13 @@
-//! `zk0 audit watch`: an audit that does not end. What was seen once has to stay. When a log shows two histories, stays behind or breaks a
-//! rule, the watch raises an alarm and ends.
+//! `zk0 audit watch`: an audit without end. It raises an alarm and ends if a log shows two histories, stays behind or breaks a rule.
 
 use super::named_options::NamedOptions;
 use super::progress_bar::Bar;
 use super::show;
+#[cfg(feature = "full")]
+use super::watch_metrics::WatchMetrics;
 use crate::ledger::TrustOptions;
+#[cfg(feature = "full")]
+use crate::metrics::MetricsOptions;
 use anyhow::{Context, Result};
 use serde_json::json;
 use std::io::{self, Write};
@@ -49,12 +52,14 @@ pub struct AuditWatchOptions {
     trust: TrustOptions,
     #[command(flatten)]
     named: NamedOptions,
+    #[cfg(feature = "full")]
+    #[command(flatten)]
+    metrics: MetricsOptions,
 }
 
-/// How many checks in a row may give no verdict, because nobody answers, or a file is missing or cannot be written.
+/// Checks in a row without a verdict: no answer, or a file is missing or cannot be written.
 const PATIENCE: u32 = 5;
 
-/// Why a watch ends whose standard output fails.
 const UNHEARD: &str = "what the watch finds cannot be written to standard output";
 
 /// Runs the command. Returns `false` if something is wrong with the log.
@@ -68,6 +73,10 @@ pub fn run(options: &AuditWatchOptions) -> Result<bool> {
         mirror: options.mirror.clone(),
         behind_for: Duration::from_secs(options.behind_for),
     })?;
+    #[cfg(feature = "full")]
+    let metrics = WatchMetrics::default();
+    #[cfg(feature = "full")]
+    let _serving = options.metrics.serve_beside(metrics.observed().clone())?;
     let (mut failed, mut behind) = (0, None);
     let mut look = 0;
     let log = &options.ledger;
@@ -81,8 +90,9 @@ pub fn run(options: &AuditWatchOptions) -> Result<bool> {
                 told = options.tell(seen);
             }
         });
-        // A watch that nobody hears is none.
         told.context(UNHEARD)?;
+        #[cfg(feature = "full")]
+        metrics.looked(&looked, watch.entries());
         match looked {
             Ok(Look::Continues) => (failed, behind) = (0, None),
             Ok(Look::Behind(found)) => {

@@ -1,5 +1,5 @@
-//! How long a node waits before it asks again: longer with each attempt, and at least as long as the aggregator tells. The waits of many nodes
-//! differ, so they do not all ask an aggregator that comes back at the same moment.
+//! How long a node waits before it asks again: longer with each attempt, and at least as long as the aggregator tells. The waits are
+//! random, so that nodes do not all ask at once.
 
 use crate::progress;
 use std::error::Error as _;
@@ -9,31 +9,27 @@ use tonic::{Code, Status};
 use zk0_protocol::rpc::federation::turned_down::Remedy;
 use zk0_protocol::rpc::federation::TurnedDown;
 
-/// The first wait is at most this long.
 const FIRST: Duration = Duration::from_secs(1);
-/// Each further wait may be longer by this factor, ...
+/// Each further wait may be longer by this factor, up to the longest.
 const GROWTH: f64 = 1.5;
-/// ... up to this.
 const LONGEST: Duration = Duration::from_secs(60);
 
 /// The longest wait that an aggregator can ask for.
 const MOST_TOLD: Duration = Duration::from_secs(60);
 
-/// What a wait is called on a terminal.
 const PHASE: &str = "waiting for the aggregator";
 
-/// The waits until a request is answered, or until a connection brings something again.
+/// The waits until an answer, or until a connection transfers bytes again.
 #[derive(Default)]
 pub(crate) struct Waits {
     attempt: u32,
     since: Option<Instant>,
-    /// The code of the failure that the log knows.
+    /// The last failure in the log.
     logged: Option<Code>,
 }
 
 impl Waits {
-    /// Waits before the next attempt after this failure. Returns the failure if it does not pass, or if the waits would take longer than `limit`
-    /// together.
+    /// Waits after this failure. Returns it if it does not pass, or if all waits would take longer than `limit`.
     pub async fn again(&mut self, failure: Status, limit: Option<Duration>) -> Result<(), Status> {
         let waited = self.since.get_or_insert_with(Instant::now).elapsed();
         let Some(pause) = self.next(&failure, waited, limit) else {
@@ -51,14 +47,14 @@ impl Waits {
         Ok(())
     }
 
-    /// Waits a moment before the node asks for what has ended as it should.
+    /// Waits a moment after something has ended as it should.
     pub async fn shortly(&mut self) {
         let pause = wait(self.attempt, random(), Duration::ZERO);
         self.attempt = self.attempt.saturating_add(1);
         sleep(pause).await;
     }
 
-    /// The aggregator has answered. The next failure begins with a short wait.
+    /// Makes the next wait short, after an answer.
     pub fn end(&mut self) {
         if let Some(since) = self.since {
             progress::report(PHASE, 1, 1, 0);
@@ -68,7 +64,7 @@ impl Waits {
         *self = Self::default();
     }
 
-    /// The wait after this failure, when the node has waited for `waited`; `None` if it gives up.
+    /// The next wait, after `waited` so far; `None` if the node gives up.
     fn next(
         &mut self,
         failure: &Status,
@@ -85,13 +81,13 @@ impl Waits {
     }
 }
 
-/// Draws a wait. Without a random number, the wait is the longest.
+/// Without a random number, the wait is the longest.
 fn random() -> u32 {
     getrandom::u32().unwrap_or(u32::MAX)
 }
 
-/// The wait before an attempt, counted from 0. `random` draws it between half and the whole of a time that grows with the attempts. The half
-/// is at least what the aggregator has `told`.
+/// The wait before an attempt, counted from 0. `random` draws it between half and the whole of a time that grows with the attempts. The
+/// half is at least `told`.
 fn wait(attempt: u32, random: u32, told: Duration) -> Duration {
     let grown = FIRST.as_secs_f64() * GROWTH.powf(f64::from(attempt));
     let grown = Duration::from_secs_f64(grown.min(LONGEST.as_secs_f64()));
@@ -99,8 +95,8 @@ fn wait(attempt: u32, random: u32, told: Duration) -> Duration {
     half + half.mul_f64(f64::from(random) / f64::from(u32::MAX))
 }
 
-/// Whether the same request may be granted later. The aggregator tells that with what it turns down. All else comes from the connection, or from
-/// what is between.
+/// Whether the same request may be granted later. The aggregator tells that when it turns a request down. Other failures come from the
+/// network.
 pub(crate) fn may_pass(failure: &Status) -> bool {
     match TurnedDown::of(failure).remedy() {
         Remedy::AskAgain => true,
@@ -111,20 +107,18 @@ pub(crate) fn may_pass(failure: &Status) -> bool {
             | Code::Internal
             | Code::DeadlineExceeded
             | Code::Aborted => true,
-            // What somebody answers has no source.
+            // An answer has no source.
             Code::Unknown | Code::Cancelled => failure.source().is_some(),
             _ => false,
         },
     }
 }
 
-/// How long the aggregator wants the node to wait.
 fn told(failure: &Status) -> Duration {
     Duration::from_millis(TurnedDown::of(failure).after_ms).min(MOST_TOLD)
 }
 
-/// Why the node waits.
-fn why(failure: &Status) -> String {
+pub(crate) fn why(failure: &Status) -> String {
     let message = failure.message();
     match failure.source() {
         None if !message.is_empty() => format!("the aggregator cannot do it now: {message}"),
@@ -158,7 +152,7 @@ mod tests {
         let told = Duration::from_secs(2);
         assert_eq!(wait(0, 0, told), told);
         assert_eq!(wait(0, u32::MAX, told), 2 * told);
-        // Later, the node waits longer than that by itself.
+        // Later waits are longer than that.
         assert_eq!(wait(20, 0, told), Duration::from_secs(30));
         let details = |after_ms| TurnedDown {
             after_ms,
