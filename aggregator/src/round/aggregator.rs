@@ -4,8 +4,8 @@
 //! Everything here is synchronous, and on disk before a function returns; [`crate::serve::service`] puts a network in front. The disk
 //! holds only the ledger, its blobs and the waiting uploads, from which memory is computed. So a killed aggregator goes on where it was.
 
-use crate::round::accepted::Accepted;
 use crate::clock::Clock;
+use crate::round::accepted::Accepted;
 use crate::round::intake::arrivals::Arrivals;
 use crate::round::intake::staging::Staging;
 use crate::round::ledger_index::{FromLedger, IndexFold, LedgerIndex, RoundEntries};

@@ -12,7 +12,6 @@ use zk0::keys;
 use zk0_audit::verified_entries::verified_entries;
 use zk0_ledger::blobs::entry_objects::group_name;
 use zk0_protocol::entries::entry::{Body, Entry};
-use zk0_testkit::s3::S3;
 use zk0_testkit::until;
 
 /// How soon an aggregator ends that is fenced off.
@@ -90,34 +89,25 @@ fn an_empty_folder_goes_on_from_the_store() {
 
 #[test]
 fn of_two_aggregators_on_copies_of_a_folder_one_ends() {
-    let Some(s3) = S3::start() else { return };
-    let network = founded();
-    let (ledger, other) = (network.path("ledger"), network.path("other"));
-    let address = s3.address("net");
-    let serve = |ledger: &str| {
-        let mut arguments = serving(&network, &["--blob-store", &address]);
-        arguments[2] = ledger.to_owned();
-        Serving::start_with(&words(&arguments), &s3.variables())
-    };
-    let mut first = serve(&ledger);
-    network.closes(1);
-    assert!(first.terminate().success());
+    let kept = Kept::start();
+    let [ledger, other] = ["ledger", "other"].map(|name| kept.network.path(name));
     copy(Path::new(&ledger), Path::new(&other));
     // Their rounds open and close by themselves.
-    let mut both = [serve(&ledger), serve(&other)];
+    let serve = |name| Serving::start(&words(&kept.serving(name, &[])));
+    let mut both = ["ledger", "other"].map(serve);
     let fenced = until("one of them ends", || {
         let mut ended = both.iter_mut().map(|one| one.ended_within(SOON));
         ended.position(|ended| ended.is_some_and(|ended| ended.code() == Some(2)))
     });
     let said = both[fenced].log();
     as_in_the_runbook(&said, "so another aggregator writes the same log");
-    let [one, another] = &mut both;
-    let goes_on = if fenced == 0 { another } else { one };
+    let goes_on = &mut both[1 - fenced];
     assert!(goes_on.ended_within(SOON).is_none());
     assert!(goes_on.terminate().success());
     // What the fenced one has is the beginning of what the other one has.
-    let all = [&ledger, &other].map(|dir| verified_entries(Path::new(dir)).unwrap().0);
+    let all = ["ledger", "other"].map(|name| kept.entries(name));
     let (short, long) = (&all[fenced], &all[1 - fenced]);
+    assert!(short.len() < long.len());
     assert_eq!(long[..short.len()], short[..]);
 }
 
