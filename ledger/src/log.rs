@@ -171,6 +171,15 @@ impl Ledger {
         if history.genesis().log_key != log_key {
             return Err(LedgerError::OtherKey(*history.state().network()));
         }
+        blobs.remove_unfinished()?;
+        let stored = blobs.store_all()?;
+        if let (Some(address), true) = (blobs.store_address(), stored > 0) {
+            tracing::info!(
+                "{stored} blobs of {} were put into the blob store {address}",
+                dir.display()
+            );
+        }
+        // After the blobs that they name.
         if let Some(entries) = blobs.entry_store() {
             if stored_entries::reconcile(dir, &store, history.genesis(), entries)? {
                 published = folder::read_checkpoint(dir)?;
@@ -181,14 +190,6 @@ impl Ledger {
         // The writer was killed between committing an entry and publishing the checkpoint.
         if published.as_deref() != Some(&checkpoint) {
             folder::write_checkpoint(dir, &checkpoint)?;
-        }
-        blobs.remove_unfinished()?;
-        let stored = blobs.store_all()?;
-        if let (Some(address), true) = (blobs.store_address(), stored > 0) {
-            tracing::info!(
-                "{stored} blobs of {} were put into the blob store {address}",
-                dir.display()
-            );
         }
         Ok(Self {
             dir: dir.into(),
