@@ -308,8 +308,7 @@ impl Ledger {
         Ok(())
     }
 
-    /// Puts a group into the store of the entries, if there is one. Waits while the store does not answer, because nobody knows whether it
-    /// has the group.
+    /// Puts a group into the store of the entries, if there is one. Waits while the store does not answer, because it may have the group.
     fn store_group(&mut self, first: u64, batch: &StoreBatch) -> Result<(), LedgerError> {
         let Some(entries) = self.blobs.entry_store() else {
             return Ok(());
@@ -340,7 +339,7 @@ impl Ledger {
         }
     }
 
-    /// From now on, `watch` is told why the store does not take a group of entries, and `None` when it has taken it.
+    /// Tells `watch` why the store does not take a group of entries, and `None` when it has taken it.
     pub fn watch_store(&mut self, watch: impl Fn(Option<&StoreError>) + Send + Sync + 'static) {
         self.store_watch = Some(Box::new(watch));
     }

@@ -6,7 +6,7 @@
 //! 3. It is written to disk.
 //! 4. What depends on it leaves: receipts, checkpoints, answers.
 //!
-//! A writer that is killed after step 2 leaves a group in the store alone. Nobody has heard of it, and the next start takes it from there
+//! A writer that is killed after step 2 leaves a group in the store alone. It was never acknowledged, and the next start takes it
 //! ([`reconcile`]).
 
 use crate::blobs::entry_objects::{group_name, EntryStore, FOLDER};

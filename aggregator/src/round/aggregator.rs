@@ -131,7 +131,7 @@ impl Aggregator {
         &self.ledger
     }
 
-    /// From now on, `watch` is told why the store of the blobs does not take the newest entries, and `None` when it has taken them.
+    /// Tells `watch` why the store of the blobs does not take the newest entries, and `None` when it has taken them.
     pub fn watch_store(&mut self, watch: impl Fn(Option<&StoreError>) + Send + Sync + 'static) {
         self.ledger.watch_store(watch);
     }

@@ -81,8 +81,7 @@ pub enum RequestError {
     /// The store of the blobs failed, so nothing is recorded. Only the log tells more.
     #[error("{0}")]
     BlobStore(BlobError),
-    /// The store of the blobs does not have the entries of this ledger, so nothing more is recorded. Whoever asked is not told more: the log
-    /// says it.
+    /// The store of the blobs does not continue this ledger, so nothing more is recorded. Only the log tells why.
     #[error("{0}")]
     StoredEntries(Box<LedgerError>),
     /// The aggregator's clock is wrong.

@@ -26,7 +26,7 @@ async fn status(network: &Network) -> proto::StatusInfo {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn an_entry_waits_for_the_bucket_and_the_status_says_so() {
+async fn an_entry_waits_for_the_bucket_and_the_status_shows_it() {
     let Some(s3) = S3::start() else { return };
     let node = SigningNode::new(1);
     let network = started(&s3, &node, 1).await;

@@ -116,7 +116,7 @@ fn a_folder_with_another_history_is_not_served() {
     let kept = Kept::start();
     let [ledger, other, key] = ["ledger", "other", "log.key"].map(|name| kept.network.path(name));
     copy(Path::new(&ledger), Path::new(&other));
-    // Without the store, nobody notices.
+    // Without the store, both go on.
     for (dir, byte) in [(&ledger, "11"), (&other, "22")] {
         let node = format!("bob={}", byte.repeat(32));
         logs(&["aggregator", "enrol", dir, "--key", &key, "--node", &node]);
