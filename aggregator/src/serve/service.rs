@@ -269,7 +269,7 @@ impl Service {
     async fn served(
         self,
         listener: TcpListener,
-        stop: BoxFuture<'_, ()>,
+        mut stop: BoxFuture<'_, ()>,
     ) -> Result<(), ServeError> {
         let (max_proof_bytes, asked_for) = self
             .with(|aggregator| {
@@ -279,8 +279,11 @@ impl Service {
             .await
             .map_err(ServeError::Round)?;
         self.check_witnesses(&asked_for)?;
-        let moved = self.with(Aggregator::after_start);
-        moved.await.map_err(ServeError::Round)?;
+        tokio::select! {
+            moved = self.with(Aggregator::after_start) => moved.map_err(ServeError::Round)?,
+            // An entry may wait for the store.
+            () = &mut stop => return Ok(()),
+        }
         let limit = max_proof_bytes
             .max(MIN_MESSAGE_BYTES)
             .saturating_add(MESSAGE_ROOM_BYTES);
