@@ -22,9 +22,9 @@ pub mod round;
 pub mod serve;
 mod turns;
 
+pub use crate::clock::{Clock, SystemClock};
 pub use crate::connections::limits::ConnectionLimits;
 pub use crate::round::aggregator::{Aggregator, Config};
-pub use crate::clock::{Clock, SystemClock};
 pub use crate::round::job::{JobResult, Polled, RoundJob};
 pub use crate::round::phase::RoundStep;
 pub use crate::serve::limits::Limits;

@@ -11,8 +11,10 @@ pub mod unfinished;
 
 use crate::base_losses::BaseLosses;
 use crate::client::NodeClient;
+use crate::client_error::NodeError;
 use crate::error::ParticipantError;
 use crate::exchanged_weights::Base;
+use crate::observe::NodePhase;
 use crate::progress::Progress;
 use crate::recording::evaluation_set::EvaluationSet;
 use crate::recording::registering::Registering;
@@ -139,6 +141,7 @@ impl Turn<'_> {
                 (format.read(&kept.file)?, kept.eval_samples)
             }
             None => {
+                node.metrics().enters(NodePhase::Training);
                 let update = self.update(training, node, &base).await?;
                 let kept = UnfinishedUpdate {
                     of: part,
@@ -160,6 +163,7 @@ impl Turn<'_> {
             eval_samples,
             ..*self
         };
+        node.metrics().enters(NodePhase::Committing);
         let expected = turn.commit(node, &update).await?;
         let (registering, evaluation) = (self.entered.registering, &self.entered.evaluation);
         if let Err(error) = registering.again(node, evaluation).await {
@@ -171,6 +175,7 @@ impl Turn<'_> {
                 kept
             }
             None => {
+                node.metrics().enters(NodePhase::Proving);
                 let proven = self.prove(prover, node, &expected, base.quantised, update);
                 let proven = proven.await?;
                 // The aggregator answers the same proof again, but no other proof of the same claim.
@@ -184,6 +189,7 @@ impl Turn<'_> {
             tracing::info!("round {round}: the node submits the claim that the loss fell from {before:.4} to {after:.4}");
             Curves::after(training.curves.as_deref(), self.state, round).proven(before, after);
         }
+        node.metrics().enters(NodePhase::Submitting);
         let refusal = self.submit(node, claim, proof).await?;
         let outcome = refusal.as_ref().map(ToString::to_string);
         Span::current().record("zk0.outcome", outcome.as_deref().unwrap_or("accepted"));
@@ -334,9 +340,18 @@ impl Turn<'_> {
             quantised: update.digest(node.genesis().mode),
         };
         node.upload(round, file).await?;
-        let (commitment, receipt) = node
-            .commit(round, &dataset.root, &update_digest, self.eval_samples)
-            .await?;
+        let (root, samples) = (&dataset.root, self.eval_samples);
+        let mut committed = node.commit(round, root, &update_digest, samples).await;
+        // A machine that was lost had what was uploaded and not committed to.
+        if committed.as_ref().is_err_and(NodeError::lacks_update) {
+            tracing::warn!(
+                "round {round}: the aggregator has lost the upload, and the node sends it again"
+            );
+            let file = self.entered.format.write(update);
+            node.upload(round, file).await?;
+            committed = node.commit(round, root, &update_digest, samples).await;
+        }
+        let (commitment, receipt) = committed?;
         receipts::keep(self.state, node.genesis(), receipt)?;
         let blob = update_digest.blob;
         tracing::info!("round {round}: committed to update {blob}; waiting for the randomness");

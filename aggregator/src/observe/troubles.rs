@@ -96,9 +96,11 @@ impl Troubles {
 /// Whether the rounds or the log need the operator. Monitors ask that.
 pub fn stops_network(kind: Kind) -> bool {
     match kind {
-        Kind::Blocked | Kind::Clock | Kind::Fork | Kind::Task => true,
+        Kind::Blocked | Kind::Clock | Kind::Fork | Kind::Task | Kind::Overdue => true,
         // It ends when others answer again.
-        Kind::LogStore | Kind::Witnesses | Kind::Beacon | Kind::Unspecified => false,
+        Kind::LogStore | Kind::Witnesses | Kind::Beacon | Kind::BlobStore | Kind::Unspecified => {
+            false
+        }
     }
 }
 
@@ -107,12 +109,13 @@ pub fn stops_network(kind: Kind) -> bool {
 pub fn stops_requests(kind: Kind) -> bool {
     match kind {
         // It records nothing, or it may be a copy that signs a second history.
-        Kind::Clock | Kind::Fork => true,
+        Kind::Clock | Kind::Fork | Kind::BlobStore => true,
         Kind::Blocked
         | Kind::Task
         | Kind::LogStore
         | Kind::Witnesses
         | Kind::Beacon
+        | Kind::Overdue
         | Kind::Unspecified => false,
     }
 }
@@ -203,8 +206,15 @@ mod tests {
     fn what_others_may_mend_takes_no_service_away() {
         let chosen =
             |stops: fn(Kind) -> bool| Kind::ALL.into_iter().filter(move |kind| stops(*kind));
-        let network = [Kind::Blocked, Kind::Clock, Kind::Fork, Kind::Task];
+        let network = [
+            Kind::Blocked,
+            Kind::Clock,
+            Kind::Fork,
+            Kind::Task,
+            Kind::Overdue,
+        ];
         assert!(chosen(stops_network).eq(network));
-        assert!(chosen(stops_requests).eq([Kind::Clock, Kind::Fork]));
+        let requests = [Kind::Clock, Kind::Fork, Kind::BlobStore];
+        assert!(chosen(stops_requests).eq(requests));
     }
 }

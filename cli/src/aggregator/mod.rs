@@ -5,7 +5,6 @@ mod enrolment;
 mod hub_uploads;
 mod init;
 pub mod log_store;
-mod metrics;
 mod network_edge;
 mod policy_folders;
 mod public_samples;
@@ -14,8 +13,8 @@ mod rules;
 mod serve;
 
 use crate::output::println;
-use enrolment::{Enrol, OperatorDecides};
 pub use enrolment::NodeToEnrol;
+use enrolment::{Enrol, OperatorDecides};
 pub use rules::read_rules;
 
 use crate::keys;

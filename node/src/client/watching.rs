@@ -4,6 +4,7 @@ use crate::client::heads::About;
 use crate::client::waits::Waits;
 use crate::client::{program, unexpected, NodeClient};
 use crate::client_error::NodeError;
+use crate::observe::AskedService;
 use std::time::Duration;
 use tonic::Streaming;
 use zk0_protocol::entries::entry::{Body, RoundClosed, RoundOpened};
@@ -124,7 +125,9 @@ impl NodeClient {
             (Some(_), _) => 0,
             (None, Some(drawn)) => {
                 let drawn_ms = self.entry(drawn)?.1.time_ms;
-                let ends_ms = drawn_ms.saturating_add(window_ms).saturating_add(info.moved_ms);
+                let ends_ms = drawn_ms
+                    .saturating_add(window_ms)
+                    .saturating_add(info.moved_ms);
                 ends_ms.saturating_sub(info.now_ms)
             }
             (None, None) => window_ms,
@@ -188,6 +191,7 @@ impl NodeClient {
             let failure = match told {
                 Ok(Some(info)) => {
                     watch.waits.end();
+                    self.metrics.answered(AskedService::Aggregator);
                     return Ok(info);
                 }
                 // The aggregator ends the stream after some minutes.
