@@ -102,7 +102,11 @@ fn the_debian_package_has_the_program_its_units_and_its_settings() {
             "644",
         ],
         ["../packaging/config/*.toml", "etc/zk0/", "644"],
-        ["../packaging/debian/copyright", "usr/share/doc/zk0/", "644"],
+        [
+            "../packaging/debian/copyright",
+            "usr/share/doc/zk0/copyright",
+            "644",
+        ],
     ] {
         let wanted = Value::from(asset.to_vec());
         assert!(assets.contains(&wanted), "{wanted:?} is not in {assets:?}");
