@@ -6,11 +6,15 @@ use std::future::pending;
 use std::sync::Arc;
 use std::time::Duration;
 use tempfile::TempDir;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
 use tonic::transport::{Channel, Endpoint};
 use tonic::Streaming;
 use zk0_aggregator::connections::listening::listen;
+use zk0_aggregator::observe::endpoint;
+use zk0_aggregator::publish::http::{self, HttpLimits};
 use zk0_aggregator::round::request_error::RequestError;
 use zk0_aggregator::serve::service::ServeError;
 use zk0_aggregator::{Aggregator, Config, Limits, Service};
@@ -139,10 +143,67 @@ async fn too_few_witnesses_are_trouble_that_takes_no_service_away() {
     let (node, name) = (SigningNode::new(1).id(), "late".to_owned());
     let enrol = move |aggregator: &mut Aggregator| aggregator.enrol(node, name);
     network.service().with(enrol).await.unwrap();
-    has(&network, &[Kind::Witnesses]).await;
+    has(&network, &[Kind::Witnesses, Kind::WitnessAway]).await;
     assert_eq!(serving(&network).await, [ServingStatus::Serving; 2]);
     witnesses[1].on().await;
+    has(&network, &[Kind::WitnessAway]).await;
+}
+
+/// What the operator's monitor reads.
+async fn metrics(service: &Service) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = listener.local_addr().unwrap();
+    let router = endpoint::router(service.clone());
+    let limits = HttpLimits::default();
+    let serving = tokio::spawn(http::serve(listener, router, limits, pending()));
+    let mut stream = TcpStream::connect(address).await.unwrap();
+    let request = b"GET /metrics HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n";
+    stream.write_all(request).await.unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).await.unwrap();
+    serving.abort();
+    answer
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_witness_that_is_away_is_named_while_the_others_are_enough() {
+    let (mut witnesses, policy) = three().await;
+    let limits = Limits::default();
+    let network = Network::start_as(&[], CONFIG, limits, genesis(), Some(policy), None).await;
+    witnesses[1].off().await;
+    let (node, name) = (SigningNode::new(1).id(), "late".to_owned());
+    let enrol = move |aggregator: &mut Aggregator| aggregator.enrol(node, name);
+    network.service().with(enrol).await.unwrap();
+    let size = network.entries().await.len() as u64;
+    has(&network, &[Kind::WitnessAway]).await;
+    let trouble = told(&network).await;
+    let sentence = &trouble[0].sentence;
+    assert!(sentence.contains(" W1;") && !sentence.contains("W0"));
+    assert_eq!(serving(&network).await, [ServingStatus::Serving; 2]);
+    let published = async || {
+        let mut client = network.client().await;
+        let status = client.get_status(GetStatusRequest {}).await.unwrap();
+        status.into_inner().published == size
+    };
+    until_async("all is published", published).await;
+
+    let shown = metrics(network.service()).await;
+    let of = |metric: &str, witness: &str| {
+        let begin = format!("zk0_witness_{metric}{{witness=\"{witness}\"}} ");
+        let value = shown.lines().find_map(|line| line.strip_prefix(&begin));
+        value
+            .unwrap_or_else(|| panic!("no {begin} in {shown}"))
+            .parse::<u64>()
+            .unwrap()
+    };
+    assert_eq!(of("failures_total", "W0"), 0);
+    assert!(of("failures_total", "W1") > 0);
+    assert!(of("signature_age_seconds", "W0") <= of("signature_age_seconds", "W1"));
+
+    // It is asked again although nothing new is recorded.
+    witnesses[1].on().await;
     has(&network, &[]).await;
+    assert_eq!(network.entries().await.len() as u64, size);
 }
 
 /// A service on loopback, and how it ends.

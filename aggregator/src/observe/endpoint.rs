@@ -33,6 +33,9 @@ async fn metrics(State(service): State<Service>) -> Response {
         .as_ref()
         .map_or(0, |shown| shown.ends_s());
     metrics.certificate_ends.set(ends_s);
+    if let Some(witnesses) = service.witnesses() {
+        metrics.witnesses.take(&witnesses.states());
+    }
     let sampled = metrics.blobs.clone();
     if let Err(error) = spawn_blocking(move || sampled.take(&blobs)).await {
         return text(500, format!("{error}\n"));

@@ -5,6 +5,7 @@ use crate::observe::blob_store::BlobMetrics;
 use crate::observe::connections::ConnectionMetrics;
 use crate::observe::outcomes::OutcomeMetrics;
 use crate::observe::sample::Sampled;
+use crate::observe::witnesses::WitnessMetrics;
 use prometheus_client::encoding::text::encode;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
@@ -31,6 +32,7 @@ pub struct Metrics {
     pub(super) certificate_ends: Gauge,
     pub(super) sampled: Sampled,
     pub(super) blobs: BlobMetrics,
+    pub(super) witnesses: WitnessMetrics,
 }
 
 impl Default for Metrics {
@@ -80,6 +82,7 @@ impl Default for Metrics {
         );
         let sampled = Sampled::registered(&mut registry);
         let blobs = BlobMetrics::registered(&mut registry);
+        let witnesses = WitnessMetrics::registered(&mut registry);
         Self {
             registry: Arc::new(registry),
             requests,
@@ -93,6 +96,7 @@ impl Default for Metrics {
             certificate_ends,
             sampled,
             blobs,
+            witnesses,
         }
     }
 }

@@ -11,3 +11,4 @@ mod rounds;
 mod sample;
 pub(crate) mod status;
 pub mod troubles;
+mod witnesses;

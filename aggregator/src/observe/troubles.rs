@@ -98,7 +98,11 @@ pub fn stops_network(kind: Kind) -> bool {
     match kind {
         Kind::Blocked | Kind::Clock | Kind::Fork | Kind::Task => true,
         // It ends when others answer again.
-        Kind::LogStore | Kind::Witnesses | Kind::Beacon | Kind::Unspecified => false,
+        Kind::LogStore
+        | Kind::Witnesses
+        | Kind::Beacon
+        | Kind::WitnessAway
+        | Kind::Unspecified => false,
     }
 }
 
@@ -113,6 +117,7 @@ pub fn stops_requests(kind: Kind) -> bool {
         | Kind::LogStore
         | Kind::Witnesses
         | Kind::Beacon
+        | Kind::WitnessAway
         | Kind::Unspecified => false,
     }
 }

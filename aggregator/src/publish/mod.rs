@@ -7,4 +7,5 @@ pub mod cosigning;
 mod file_answer;
 pub mod http;
 pub mod log_server;
+pub mod witness_client;
 pub mod witness_server;

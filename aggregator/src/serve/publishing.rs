@@ -1,7 +1,7 @@
 //! What is recorded is published once enough witnesses have cosigned it. This file has checkpoints cosigned, and tells how many entries are
 //! published.
 
-use crate::publish::cosigning::{ConsistencyProver, Cosigned};
+use crate::publish::cosigning::{ConsistencyProver, Cosigned, CosigningError, Witnesses};
 use crate::round::aggregator::Aggregator;
 use crate::round::job::JobResult;
 use crate::round::polling::ToCosign;
@@ -18,75 +18,127 @@ use zk0_protocol::rpc::federation::trouble::Kind;
 const TOO_FEW: &str =
     "too few witnesses have cosigned the newest checkpoint, so it is not published; the log of the aggregator names them";
 
+/// What the status says while a witness has not cosigned the closing of a round's commitments.
+const NOT_ALL: &str =
+    "not all witnesses have cosigned the closing of the commitments, so the randomness of the round is not drawn; the log of the aggregator names them";
+
+/// What has come of a look for a checkpoint to publish.
+enum PublishingStep {
+    /// Something was published, or drawn.
+    Done,
+    /// All is published.
+    UpToDate,
+    /// Too few witnesses have cosigned.
+    Refused,
+}
+
 impl Service {
     /// Has each new checkpoint cosigned, and publishes it. Returns only when the disk fails.
     pub(super) async fn publish(&self) -> RequestError {
         let Some(publishing) = &self.publishing else {
             return std::future::pending().await;
         };
+        let mut refused = None;
         loop {
-            match self.publish_next(publishing).await {
-                Ok(true) => {}
-                Ok(false) => {
+            let step = self.publish_next(publishing, &mut refused).await;
+            self.note_absent(&publishing.witnesses);
+            match step {
+                Ok(PublishingStep::Done) => {}
+                Ok(PublishingStep::UpToDate) => {
                     let _ = timeout(TICK, publishing.wanted.notified()).await;
                 }
                 // The rounds wait until the clock is right, and so does this.
-                Err(RequestError::Clock(_)) => sleep(TICK).await,
+                Ok(PublishingStep::Refused) | Err(RequestError::Clock(_)) => sleep(TICK).await,
                 Err(error) => return error,
             }
         }
     }
 
-    /// Has the next checkpoint cosigned, and publishes it. Returns `false` if there is none.
-    async fn publish_next(&self, publishing: &Publishing) -> Result<bool, RequestError> {
+    /// Has the next checkpoint cosigned, and publishes it. `refused` is what witnesses were last asked for in vain: its size, and the round that
+    /// it draws the randomness of.
+    async fn publish_next(
+        &self,
+        publishing: &Publishing,
+        refused: &mut Option<(u64, Option<u64>)>,
+    ) -> Result<PublishingStep, RequestError> {
         let next = self.with(|aggregator| aggregator.to_cosign());
         let ToCosign {
             size,
             checkpoint,
             draws,
         } = next.await?;
+        let witnesses = &publishing.witnesses;
         let published = *publishing.published.borrow();
-        if size <= published && draws.is_none() {
-            return Ok(false);
-        }
-        let (witnesses, ledger) = (publishing.witnesses.clone(), self.ledger.clone());
+        let ledger = self.ledger.clone();
         let prove: ConsistencyProver = Arc::new(move |old, new| {
             let proof = ledger.consistency_between(old, new);
             proof.map_err(|error| error.to_string())
         });
-        let cosigned = blocking(move || {
-            Ok(match draws {
-                Some(_) => witnesses.cosign_all(&checkpoint, &prove),
-                None => witnesses.cosign(&checkpoint, &prove),
-            })
-        });
-        let Cosigned { note, cosignatures } = match cosigned.await? {
-            Ok(cosigned) => {
-                self.troubles().clear(Kind::Witnesses);
-                cosigned
-            }
-            Err(error) => {
+        if size <= published && draws.is_none() {
+            *refused = None;
+            self.troubles().clear(Kind::Witnesses);
+            let asked = witnesses.ask_absent(&checkpoint, &prove);
+            asked.map_err(|error| RequestError::Internal(error.to_string()))?;
+            return Ok(PublishingStep::UpToDate);
+        }
+        // Nothing new can come of it.
+        if *refused == Some((size, draws)) && !witnesses.may_answer(&checkpoint) {
+            return Ok(PublishingStep::Refused);
+        }
+        let mut refuse = |error: CosigningError, sentence: &str| {
+            if refused.replace((size, draws)) != Some((size, draws)) {
                 tracing::warn!(size, "the checkpoint is not published: {error}");
-                self.troubles().raise(Kind::Witnesses, TOO_FEW);
-                sleep(TICK).await;
-                return Ok(true);
             }
+            self.troubles().raise(Kind::Witnesses, sentence);
+            Ok(PublishingStep::Refused)
         };
-        let written = self.with(move |aggregator| {
-            if size > published {
+        if size > published {
+            let (asking, text, prove) = (witnesses.clone(), checkpoint.clone(), prove.clone());
+            let cosigned = blocking(move || Ok(asking.cosign(&text, &prove)));
+            let note = match cosigned.await? {
+                Ok(cosigned) => cosigned.note,
+                Err(error) => return refuse(error, TOO_FEW),
+            };
+            let write = self.with(move |aggregator| {
                 folder::write_cosigned(aggregator.ledger().dir(), &note)?;
-            }
-            if let Some(round) = draws {
-                let drawing = Drawing::Witnesses(cosignatures);
-                aggregator.finish(JobResult::Randomness(round, drawing))?;
-            }
-            Ok(())
-        });
-        written.await?;
-        tracing::info!(size, "checkpoint cosigned and published");
-        publishing.published.send_replace(size.max(published));
-        self.note_stage().await?;
-        Ok(true)
+                Ok(())
+            });
+            write.await?;
+            tracing::info!(size, "checkpoint cosigned and published");
+            publishing.published.send_replace(size);
+            self.note_stage().await?;
+        }
+        if let Some(round) = draws {
+            let asking = witnesses.clone();
+            let cosigned = blocking(move || Ok(asking.cosign_all(&checkpoint, &prove)));
+            let Cosigned { cosignatures, .. } = match cosigned.await? {
+                Ok(cosigned) => cosigned,
+                Err(error) => return refuse(error, NOT_ALL),
+            };
+            let drawing = Drawing::Witnesses(cosignatures);
+            let drawn = move |aggregator: &mut Aggregator| {
+                aggregator.finish(JobResult::Randomness(round, drawing))
+            };
+            self.with(drawn).await?;
+        }
+        *refused = None;
+        self.troubles().clear(Kind::Witnesses);
+        Ok(PublishingStep::Done)
+    }
+
+    /// Tells whether witnesses are away, also while the others are enough.
+    fn note_absent(&self, witnesses: &Witnesses) {
+        let states = witnesses.states().into_iter();
+        let absent = states.filter(|state| state.outage.is_some());
+        let absent: Vec<_> = absent.map(|state| state.name).collect();
+        if absent.is_empty() {
+            self.troubles().clear(Kind::WitnessAway);
+            return;
+        }
+        let names = absent.join(", ");
+        let sentence =
+            format!("these witnesses do not cosign: {names}; the log of the aggregator says why");
+        self.troubles().raise(Kind::WitnessAway, sentence);
     }
 
     /// Tells that entries were recorded, and waits until the first `size` entries are published. If that takes too long, who asks again later

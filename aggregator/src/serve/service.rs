@@ -160,6 +160,12 @@ impl Service {
         &self.troubles
     }
 
+    /// Who cosigns checkpoints; `None` if nobody has to.
+    pub(crate) fn witnesses(&self) -> Option<&Witnesses> {
+        let publishing = self.publishing.as_ref();
+        publishing.map(|publishing| &*publishing.witnesses)
+    }
+
     /// When the service started.
     pub(crate) fn started(&self) -> Instant {
         self.started

@@ -68,7 +68,7 @@ impl wire::status_info::Phase {
 
 impl wire::trouble::Kind {
     /// All kinds of trouble.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Blocked,
         Self::Clock,
         Self::LogStore,
@@ -76,6 +76,7 @@ impl wire::trouble::Kind {
         Self::Task,
         Self::Witnesses,
         Self::Beacon,
+        Self::WitnessAway,
     ];
 
     /// How `zk0 status` and the metrics name it.
@@ -89,6 +90,7 @@ impl wire::trouble::Kind {
             Self::Task => "task",
             Self::Witnesses => "witnesses",
             Self::Beacon => "beacon",
+            Self::WitnessAway => "witness_away",
         }
     }
 }
