@@ -9,18 +9,20 @@
 //!   ([`publish::witness_server`]), the client that asks witnesses for cosignatures ([`publish::cosigning`]), and the
 //!   one that asks servers for beacons ([`publish::beacon`]).
 //! - [`connections`]: a bounded number of connections for both servers, and who gets them; the crate `zk0-tls` has the certificate that they
-//!   show; [`observe`]: metrics, status and trouble; `file_parts`: files sent in parts; `line`: a bounded line of those who wait; `turns`: one turn at
+//!   show; [`observe`]: metrics, status and trouble; `file_parts`: files sent in parts; `store_reads`: downloads of what is only in the blob store, as `growing_file`s; `line`: a bounded line of those who wait; `turns`: one turn at
 //!   a time for each of them.
 //!
 //! The decision on a submission and the end of a round are pure functions of [`zk0_verifier`].
 
 pub mod connections;
 mod file_parts;
+mod growing_file;
 mod line;
 pub mod observe;
 pub mod publish;
 pub mod round;
 pub mod serve;
+mod store_reads;
 mod turns;
 
 pub use crate::connections::limits::ConnectionLimits;

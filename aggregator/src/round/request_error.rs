@@ -77,10 +77,10 @@ pub enum RequestError {
     NotPublished(String),
     /// The disk has no room for what was sent. Whoever asked is not told more: the log says it.
     #[error("what was sent cannot be kept: {0}")]
-    NoRoom(BlobError),
+    NoRoom(String),
     /// The store of the blobs failed, so nothing is recorded. Whoever asked is not told more: the log says it.
     #[error("{0}")]
-    BlobStore(BlobError),
+    BlobStore(String),
     /// The aggregator's clock is wrong.
     #[error(transparent)]
     Clock(#[from] ClockError),
@@ -122,10 +122,17 @@ impl From<LedgerError> for RequestError {
 
 impl From<BlobError> for RequestError {
     fn from(error: BlobError) -> Self {
+        (&error).into()
+    }
+}
+
+impl From<&BlobError> for RequestError {
+    fn from(error: &BlobError) -> Self {
+        let told = error.to_string();
         match error {
-            failed @ BlobError::Store(_) => Self::BlobStore(failed),
-            full if full.is_full() => Self::NoRoom(full),
-            other => Self::Internal(other.to_string()),
+            BlobError::Store(_) => Self::BlobStore(told),
+            full if full.is_full() => Self::NoRoom(told),
+            _ => Self::Internal(told),
         }
     }
 }

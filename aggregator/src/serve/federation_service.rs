@@ -15,6 +15,7 @@ use tokio_stream::wrappers::ReceiverStream;
 use tokio_stream::{Stream, StreamExt};
 use tonic::{Request, Response, Status, Streaming};
 use zk0_circuits::{Digest, NodeId};
+use zk0_ledger::blobs::BlobError;
 use zk0_protocol::blob::blob_digest;
 use zk0_protocol::entries::signed::{Signed, Submission};
 use zk0_protocol::request_head::{Method, RequestContent};
@@ -165,13 +166,20 @@ impl Federation for Service {
             return Err(RequestError::NotKept(blob).into());
         }
         let name = blobs.path(&blob).display().to_string();
-        let failed = move |error: std::io::Error| match error.kind() {
-            ErrorKind::TimedOut => Status::from(RequestError::TimedOut(error.to_string())),
-            _ => RequestError::Internal(format!("{name}: {error}")).into(),
+        let failed = move |error: std::io::Error| {
+            let inner = error.get_ref();
+            let of_store = inner.and_then(|inner| inner.downcast_ref::<Arc<BlobError>>());
+            let error = match (of_store, error.kind()) {
+                (Some(of_store), _) => RequestError::from(&**of_store),
+                (None, ErrorKind::TimedOut) => RequestError::TimedOut(error.to_string()),
+                (None, _) => RequestError::Internal(format!("{name}: {error}")),
+            };
+            Status::from(error)
         };
-        let mut file = tokio::fs::File::from_std(self.file(blobs, blob, awaited).await?);
+        let file = self.file((blobs, blob), member.is_some(), awaited);
+        let mut file = file.await?;
         let place = self.transfer(member.is_some())?;
-        let size = file.metadata().await.map_err(&failed)?.len();
+        let size = file.size();
         if begins > size {
             return Err(malformed(&format!(
                 "the blob has {size} bytes, and no byte {begins}"

@@ -22,7 +22,7 @@ use zk0_testkit::s3::S3;
 use zk0_testkit::until_async;
 
 /// Begins four downloads on one connection.
-fn four(
+pub(super) fn four(
     client: &FederationClient<Channel>,
     blob: Digest,
     downloads: &mut JoinSet<Result<(), Status>>,
@@ -102,7 +102,7 @@ async fn few_downloads_wait_for_the_store_and_the_others_are_told_to_come_again(
 }
 
 /// Serves the log of a network.
-async fn log_of(network: &Network) -> SocketAddr {
+pub(super) async fn log_of(network: &Network) -> SocketAddr {
     let blobs = network
         .service()
         .with(|aggregator| Ok(aggregator.ledger().blobs().clone()));
@@ -120,7 +120,7 @@ async fn log_of(network: &Network) -> SocketAddr {
 }
 
 /// Asks for a file of the log.
-async fn asking(log: SocketAddr, path: &str) -> TcpStream {
+pub(super) async fn asking(log: SocketAddr, path: &str) -> TcpStream {
     asking_by(log, "GET", path).await
 }
 

@@ -2,6 +2,7 @@
 
 mod crowds;
 mod presigned;
+mod streaming;
 
 use std::fs;
 use std::time::{Duration, Instant};

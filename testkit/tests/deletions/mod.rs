@@ -17,6 +17,7 @@ mod bounds;
 mod copy;
 mod ledger_rules;
 mod moments;
+mod outages;
 mod secrets;
 
 use copy::{Copy, Program};
@@ -66,7 +67,11 @@ rows! {
 
 const RULES: &[&[Removal]] = &[ledger_rules::REMOVALS, bounds::REMOVALS, moments::REMOVALS];
 const ARGUMENT: &[&[Removal]] = &[argument::REMOVALS];
-const ATTESTATION: &[&[Removal]] = &[attestation::REMOVALS, secrets::REMOVALS];
+const ATTESTATION: &[&[Removal]] = &[
+    attestation::REMOVALS,
+    outages::REMOVALS,
+    secrets::REMOVALS,
+];
 
 /// All rows.
 fn all() -> impl Iterator<Item = &'static Removal> {
