@@ -13,7 +13,7 @@ RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 SUDO := $(if $(filter-out 0,$(shell id -u)),sudo)
 
-.PHONY: look demo test hiding deletions attacks mutants quick lint coverage setup build image guest fixtures cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-decode bench-fedavg bench-load bench-simulate cuda network flower rollout units buckets
+.PHONY: look demo test hiding deletions attacks mutants quick lint coverage setup build image guest fixtures book cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-decode bench-fedavg bench-load bench-simulate cuda network flower rollout units buckets
 
 # Audits the committed ledger, which holds real proofs, and shows the report. It builds an auditor's program, without a prover, in the place of the
 # whole one: `make build` builds that again.
@@ -50,6 +50,12 @@ network: setup
 image:
 	podman build --file packaging/Containerfile --tag zk0 .
 	scripts/try-image
+
+# Builds the pages of docs/ as a book for browsers, and prints where it is. Links to other files lead into this clone, or to SOURCE, such as
+# https://HOST/OWNER/zk0/blob/main. The first time, mdBook is built, which takes minutes.
+book:
+	@scripts/setup.sh book
+	scripts/book
 
 # Tests the Python package for Flower federations: rounds of a SuperLink and three SuperNodes on this machine, up to the proof. The first run
 # installs Flower from PyPI into ~/.cache/zk0.

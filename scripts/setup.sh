@@ -7,6 +7,7 @@
 #   video      what the tests of videos need: FFmpeg
 #   lint       what scripts/lint runs: rustfmt, clippy and cargo-deny
 #   coverage   what scripts/coverage runs: cargo-llvm-cov and LLVM's tools
+#   book       what scripts/book runs: mdBook
 #   mutants    what `make mutants` runs: cargo-mutants
 #   cuda       what scripts/with-cuda needs
 #   python     what scripts/python-env needs
@@ -136,6 +137,10 @@ if wanted coverage; then
     llvm=$("$here/with-rust" rustc -vV | sed -n 's/^LLVM version: \([0-9]*\).*/\1/p')
     install_component llvm-tools "llvm-$llvm" || install "llvm-$llvm"
     install_cargo cargo-llvm-cov --version 0.9.1
+fi
+
+if wanted book; then
+    install_cargo mdbook --version 0.5.4 --no-default-features --features search
 fi
 
 if wanted mutants; then

@@ -1,5 +1,5 @@
-//! A file in parts, for sending it over a network. Memory stays small whatever the size of the file, and a reader that takes no
-//! part for too long, or too long for all, is given up.
+//! A file in parts, for sending it over a network. Memory stays small for every size, and a reader too slow for one part, or for all, is
+//! given up.
 
 use std::io::{self, ErrorKind};
 use std::time::Duration;
@@ -8,10 +8,8 @@ use tokio::sync::mpsc;
 use tokio::time::{timeout_at, Instant};
 use tokio_stream::wrappers::ReceiverStream;
 
-/// Bytes in a part.
 const PART_BYTES: usize = 64 << 10;
 
-/// How many parts wait for the reader.
 const AHEAD: usize = 2;
 
 /// How long a reader may take.
@@ -23,11 +21,11 @@ pub(crate) struct ReadingPace {
     pub all: Duration,
 }
 
-/// A reader of a long file who takes fewer bytes in a second is given up in the end: 8 Mbit/s.
+/// A slower reader, in bytes per second, is given up in the end: 8 Mbit/s.
 const SLOWEST: u64 = 1_000_000;
 
 impl ReadingPace {
-    /// For an answer of `bytes`. They have `least`, and as long as a slow line needs for them besides.
+    /// For an answer of `bytes`: `least`, and what a slow line needs besides.
     pub fn of_bytes(bytes: u64, silence: Duration, least: Duration) -> Self {
         Self {
             silence,
@@ -36,8 +34,8 @@ impl ReadingPace {
     }
 }
 
-/// The parts of `file`, in order. If the reader takes too long, the last one is an error of the kind `TimedOut`. `kept` is dropped when the
-/// file is closed.
+/// The parts of `file`, in order. If the reader takes too long, the last is an error of the kind `TimedOut`. `kept` is dropped with the
+/// file.
 pub(crate) fn file_parts(
     mut file: impl AsyncRead + Unpin + Send + 'static,
     pace: ReadingPace,
@@ -47,7 +45,7 @@ pub(crate) fn file_parts(
     let ends = Instant::now() + pace.all;
     tokio::spawn(async move {
         let _kept = kept;
-        // A reader that takes nothing leaves no other room for the reason why it is given up.
+        // The reason needs a free place, which this reader does not leave.
         let Ok(reason) = sender.clone().reserve_owned().await else {
             return;
         };
@@ -66,7 +64,6 @@ pub(crate) fn file_parts(
             let next = ends.min(Instant::now() + pace.silence);
             let taken = timeout_at(next, sender.send(Ok(part))).await;
             if matches!(taken, Ok(Err(_))) {
-                // The reader is gone.
                 return;
             }
             if Instant::now() >= ends {
@@ -95,7 +92,7 @@ mod tests {
         let [silence, least] = [20, 600].map(Duration::from_secs);
         let pace = |bytes| ReadingPace::of_bytes(bytes, silence, least).all;
         assert_eq!(pace(1000), least);
-        // 1 GB takes 800 seconds at 10 Mbit/s. The time is bounded for every size.
+        // 1 GB takes 800 seconds at 10 Mbit/s. Every size has a bound.
         assert_eq!(pace(1_000_000_000), Duration::from_secs(1600));
     }
 }

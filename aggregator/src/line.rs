@@ -1,23 +1,21 @@
-//! A line in front of work of which little runs at once. It is as long as it may be: who comes when it is full is sent away, and has to
-//! come again. Otherwise those who come faster than the work is done would wait for hours, and hold what they have meanwhile.
+//! A bounded queue in front of work of which little runs at once. When it is full, newcomers have to come again. Without a bound, they
+//! would wait for hours, and hold memory.
 
 use std::sync::Arc;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-/// Places for work, and for those who wait for one.
 #[derive(Clone)]
 pub(crate) struct WorkQueue {
     places: Arc<Semaphore>,
     waiting: Arc<Semaphore>,
 }
 
-/// A place, until it is dropped. Give it to the work itself: whoever asked for the work may leave before its end.
+/// A place, until it is dropped. Give it to the work itself: the caller may leave earlier.
 pub(crate) struct WorkPermit {
     _permit: OwnedSemaphorePermit,
 }
 
 impl WorkQueue {
-    /// So many may be at work, and so many may wait for that.
     pub fn new(places: usize, waiting: usize) -> Self {
         Self {
             places: Arc::new(Semaphore::new(places)),
@@ -25,7 +23,7 @@ impl WorkQueue {
         }
     }
 
-    /// Waits for a place. `None`, at once, if too many wait already.
+    /// Waits for a place. `None` at once if too many wait already.
     pub async fn place(&self) -> Option<WorkPermit> {
         let places = || self.places.clone();
         let permit = match places().try_acquire_owned() {

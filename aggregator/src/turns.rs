@@ -1,14 +1,13 @@
-//! One turn at a time for each of those who ask. Nobody waits for another one's.
+//! One turn at a time for each key, independent of other keys.
 
 use std::collections::HashMap;
 use std::hash::Hash;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 use tokio::sync::{Mutex as Turn, OwnedMutexGuard};
 
-/// How many are remembered before those that have no turn are forgotten.
+/// How many are remembered before those without a turn are forgotten.
 const REMEMBERED: usize = 4096;
 
-/// The turns of all who have one, or wait for it.
 #[derive(Clone)]
 pub(crate) struct KeyedTurns<K>(Arc<Mutex<HashMap<K, Weak<Turn<()>>>>>);
 
@@ -25,7 +24,7 @@ impl<K: Eq + Hash> KeyedTurns<K> {
     }
 
     fn of(&self, key: K) -> Arc<Turn<()>> {
-        // A panic elsewhere does not spoil the map: it is never half changed.
+        // A panic elsewhere leaves the map whole.
         let mut turns = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if turns.len() >= REMEMBERED {
             turns.retain(|_, turn| turn.strong_count() > 0);

@@ -409,6 +409,14 @@ impl Recheck for Auditor {
                 });
             }
             Body::ContributionLeftOut(lost) => self.leave_out(index, lost),
+            Body::DeadlinesMoved(moved) => self.found.push(Finding::note(
+                index,
+                format!(
+                    "the deadlines of round {} moved by {} s: the operator states that the aggregator or its witnesses were away",
+                    moved.round,
+                    moved.by_ms.div_ceil(1000)
+                ),
+            )),
             // The state machine's rules verify closings and randomness.
             Body::CommitmentsClosed(_)
             | Body::RandomnessDrawn(_)
@@ -418,6 +426,7 @@ impl Recheck for Auditor {
             | Body::UpdateCommitted(_)
             | Body::KeyRotated { .. }
             | Body::NodeLeft(_)
+            | Body::OperatorDecided(_)
             | Body::Proposed(_)
             | Body::Voted(_)
             | Body::Disputed(_) => {}

@@ -1,4 +1,4 @@
-//! Options of commands that read or write the blobs of a ledger, which may be kept in a store.
+//! Options for a ledger's blobs, which may be in a store.
 
 use anyhow::Result;
 use std::env;
@@ -32,7 +32,7 @@ impl BlobStoreOptions {
     /// The blobs of the ledger in `dir`.
     ///
     /// # Errors
-    /// The address or the credentials are wrong, or the store does not answer, or belongs to another network.
+    /// The address or the credentials are wrong, the store does not answer, or it belongs to another network.
     pub fn blobs(&self, dir: &Path) -> Result<Blobs> {
         let blobs = match self.bucket()? {
             None => Blobs::at(dir),
@@ -42,7 +42,7 @@ impl BlobStoreOptions {
         Ok(blobs)
     }
 
-    /// The same for a reader. The ledger's aggregator may be running.
+    /// As [`Self::blobs`], for a reader beside a running aggregator.
     ///
     /// # Errors
     /// Those of [`Self::blobs`].
@@ -75,7 +75,7 @@ impl BlobStoreOptions {
     }
 }
 
-/// The environment. Names and values that are not text are not settings of a store.
+/// Without names and values that are not text.
 fn variables() -> Vec<(String, String)> {
     env::vars_os()
         .filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)))

@@ -1,4 +1,4 @@
-//! The options that say which certificate a service shows.
+//! The options for a service's certificate.
 
 use anyhow::Result;
 use std::net::SocketAddr;
@@ -7,7 +7,6 @@ use std::sync::Arc;
 use std::time::Duration;
 use zk0_tls::server_certificate::ServerCertificate;
 
-/// How often the files of the certificate are looked at.
 const LOOK_AGAIN: Duration = Duration::from_secs(5);
 
 /// The certificate of a service.
@@ -23,7 +22,7 @@ pub struct CertificateOptions {
 }
 
 impl CertificateOptions {
-    /// The certificate, if connections are to be encrypted.
+    /// The certificate, if connections are encrypted.
     pub fn load(&self) -> Result<Option<Arc<ServerCertificate>>> {
         match (&self.tls_certificate, &self.tls_key) {
             (Some(certificate), Some(key)) => Ok(Some(ServerCertificate::load(certificate, key)?)),
@@ -32,7 +31,7 @@ impl CertificateOptions {
     }
 }
 
-/// Reads the files of the certificate again and again, if there is one. Otherwise this warns if others than this machine reach `address`.
+/// Reads the certificate's files again and again. Without them, warns if other machines reach `address`.
 pub fn keep_current(
     certificate: Option<&Arc<ServerCertificate>>,
     service: &str,
@@ -47,7 +46,7 @@ pub fn keep_current(
     }
 }
 
-/// The scheme of the addresses of a service.
+/// The scheme of a service's addresses.
 pub fn scheme(certificate: Option<&Arc<ServerCertificate>>) -> &'static str {
     match certificate {
         Some(_) => "https",

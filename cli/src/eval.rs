@@ -80,24 +80,21 @@ enum StatisticsChoice {
     Recording,
 }
 
-/// Samples that go through the policy at once.
 const BATCH: usize = 8;
 
-/// One policy on one recording.
 #[derive(Debug, Serialize)]
 struct EvaluationRow {
     policy: String,
     dataset: String,
     frames: usize,
-    /// The statistics that states and actions were normalised with.
     statistics: StatisticsChoice,
-    /// The number of Euler steps in which actions were sampled.
+    /// Euler steps.
     num_steps: usize,
     /// LeRobot 0.6's mean: real dimensions of frames that are not padding.
     loss_valid_only: f64,
     /// LeRobot 0.4's mean: everything.
     loss: f64,
-    /// Mean absolute error of sampled actions.
+    /// Mean absolute errors of sampled actions.
     action_error: Vec<JointErrors>,
 }
 
@@ -146,7 +143,6 @@ pub fn run(options: &EvalOptions) -> Result<()> {
     Ok(())
 }
 
-/// The frames of a recording that are used.
 fn chosen(options: &EvalOptions, dataset: &Dataset) -> Result<Vec<usize>> {
     let episodes = dataset.episodes();
     let mut all = Vec::new();
@@ -172,7 +168,6 @@ fn chosen(options: &EvalOptions, dataset: &Dataset) -> Result<Vec<usize>> {
     Ok((0..count).map(|i| all[i * all.len() / count]).collect())
 }
 
-/// Measures one policy on all recordings.
 fn measure(
     options: &EvalOptions,
     source: &PolicySource,
@@ -247,7 +242,6 @@ fn measure(
     Ok(rows)
 }
 
-/// The results, for people.
 fn table(rows: &[EvaluationRow]) -> String {
     let mut text = String::new();
     for row in rows {
@@ -282,7 +276,7 @@ fn table(rows: &[EvaluationRow]) -> String {
     text
 }
 
-/// The charts of each recording: its losses, and the errors of its joints, with a bar for each policy.
+/// Each recording's losses and joint errors, with a bar for each policy.
 fn panels(rows: &[EvaluationRow], datasets: usize) -> Vec<[Panel; 2]> {
     let of_dataset = |number: usize| rows.iter().skip(number).step_by(datasets);
     let name = |path: &str| {

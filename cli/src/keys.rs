@@ -1,4 +1,4 @@
-//! Key files: an ed25519 secret key as one line of hexadecimal digits, readable by its owner alone.
+//! Key files: an ed25519 secret key as a line of hexadecimal digits, readable by its owner alone.
 
 use anyhow::{bail, Context, Result};
 use ed25519_dalek::SigningKey;
@@ -9,10 +9,9 @@ use std::path::Path;
 use zk0_circuits::{Digest, NodeId};
 use zk0_files::{atomic_file, bounded_file};
 
-/// Largest key file that is read.
 const MAX_KEY_BYTES: u64 = 200;
 
-/// Makes a key, writes it to `path`, and returns its identity. An existing file is never overwritten.
+/// Makes a key, writes it to `path`, and returns its identity. Never overwrites a file.
 pub fn generate(path: &Path) -> Result<NodeId> {
     let folder = atomic_file::folder_of(path);
     if !folder.exists() {
@@ -34,10 +33,10 @@ pub fn generate(path: &Path) -> Result<NodeId> {
     }
 }
 
-/// Writes a key file whole or not at all.
+/// Whole or not at all.
 fn write(path: &Path, key: &SigningKey) -> io::Result<()> {
     let folder = atomic_file::folder_of(path);
-    // A temporary file can be read by its owner alone, and so can the key.
+    // Temporary files are readable by their owner alone.
     let mut file = tempfile::NamedTempFile::new_in(folder)?;
     writeln!(file, "{}", Digest(key.to_bytes()))?;
     file.as_file().sync_all()?;
@@ -45,18 +44,18 @@ fn write(path: &Path, key: &SigningKey) -> io::Result<()> {
     atomic_file::sync_folder(folder)
 }
 
-/// 32 bytes of the system's randomness.
+/// 32 random bytes from the system.
 pub fn random() -> Result<[u8; 32]> {
     let mut bytes = [0; 32];
     getrandom::fill(&mut bytes).context("the system gives no random bytes")?;
     Ok(bytes)
 }
 
-/// Reads the key in `path`. This warns if others than its owner can read the file.
+/// Reads the key in `path`. Warns if others can read the file.
 pub fn read(path: &Path) -> Result<SigningKey> {
     let text = bounded_file::read(path, MAX_KEY_BYTES)
         .with_context(|| format!("reading the key file {}", path.display()))?;
-    // A key that can be read is used, even if nobody can say who else reads it.
+    // A key is used even if its readers are unknown.
     if let Ok(about) = fs::metadata(path) {
         if let Some(warning) = readable_by_others(path, about.permissions().mode()) {
             tracing::warn!("{warning}");
@@ -67,7 +66,7 @@ pub fn read(path: &Path) -> Result<SigningKey> {
         .and_then(|text| text.trim().parse().ok());
     match secret {
         Some(secret) => Ok(SigningKey::from_bytes(&secret.0)),
-        // The text may be most of a secret, so it is not repeated.
+        // The text may be most of a secret: never repeat it.
         None => bail!(
             "{} is not a key file; a key file is one line of 64 hexadecimal digits",
             path.display()
@@ -75,8 +74,7 @@ pub fn read(path: &Path) -> Result<SigningKey> {
     }
 }
 
-/// What to do if others than the owner can read the key file with this mode. A service may be allowed to read its key by its group alone, as
-/// in Kubernetes.
+/// Advice if others can read the key file. A service may read its key by its group alone, as in Kubernetes.
 fn readable_by_others(path: &Path, mode: u32) -> Option<String> {
     let (mode, path) = (mode & 0o777, path.display());
     match (mode & 0o004, mode & 0o040) {
@@ -90,7 +88,7 @@ fn readable_by_others(path: &Path, mode: u32) -> Option<String> {
     }
 }
 
-/// The public identity of a key.
+/// A key's public identity.
 pub fn identity(key: &SigningKey) -> NodeId {
     NodeId(key.verifying_key().to_bytes())
 }

@@ -1,19 +1,19 @@
-//! The `zk0` command: one module for each command, with its arguments and what it prints. The work is done in the crates below.
+//! The `zk0` command: a module for each command, with its arguments and output. The crates below do the work.
 //!
-//! - [`audit`] and [`ledger`]: all that an auditor's light build has.
-//! - `aggregator`, `node`, `prover`, `witness`: the services (feature `full`).
-//! - `status`: how an aggregator is doing.
+//! - [`audit`] and [`ledger`]: all of an auditor's light build.
+//! - `aggregator`, `node`, `prover`, `witness`: services (feature `full`).
+//! - `status`: an aggregator's state.
 //! - `governance`: proposals, votes, disputes.
-//! - `train`, `eval`, `fidelity`, `dataset`: policies and recordings, without a network; `policy`: the options that they share.
+//! - `train`, `eval`, `fidelity`, `dataset`: policies and recordings without a network; `policy`: their options.
 //! - `simulate`: a federation without proofs; `compare`: the same against centralised training and nodes alone.
-//! - `publish`: the policy of a round on the Hugging Face Hub.
-//! - `export`: a round's policy out of a ledger, for LeRobot.
-//! - `demo`: a whole network as processes on this machine.
-//! - [`settings`]: how services are configured, by flags, variables and files.
+//! - `publish`: a round's policy on the Hugging Face Hub.
+//! - `export`: a round's policy, for LeRobot.
+//! - `demo`: a network on this machine.
+//! - [`settings`]: flags, variables and files of services.
 //! - [`output`]: what commands print.
-//! - [`logging`], `blob_store`, `certificate`, `chart`, `keys`, `network`, `otlp`, `serve`: what the commands share.
+//! - [`logging`], `blob_store`, `certificate`, `chart`, `keys`, `network`, `otlp`, `serve`: shared parts.
 
-// Commands print with the macros of `output`, which do not panic.
+// The macros of `output` do not panic.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod audit;

@@ -1,5 +1,5 @@
-//! Logs and progress. Libraries report progress as tracing events of the target [`PROGRESS`], with the fields `phase`, `done`, `total` and
-//! `eta_ms`. Here they become a bar on a terminal, and JSON lines for a process that reads them.
+//! Logs and progress. Libraries report progress as tracing events of the target [`PROGRESS`] with `phase`, `done`, `total` and `eta_ms`. A
+//! terminal shows a bar; other processes get JSON lines.
 
 use crate::output::eprintln;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
@@ -28,7 +28,7 @@ pub enum LogFormat {
     Json,
 }
 
-/// Starts to log to standard error. The environment variable `RUST_LOG` sets the level. `traces` gets our spans, which do not stand in the log.
+/// Logs to standard error, at the level of `RUST_LOG`. `traces` gets our spans, which the log leaves out.
 pub fn init(format: LogFormat, traces: Option<impl Layer<Registry> + Send + Sync>) {
     let filter = || {
         let levels = EnvFilter::try_from_default_env();
@@ -38,7 +38,7 @@ pub fn init(format: LogFormat, traces: Option<impl Layer<Registry> + Send + Sync
         }))
     };
     let registry = tracing_subscriber::registry().with(traces);
-    // Files and journals keep the codes of colours as they are.
+    // Files and journals keep colour codes.
     let terminal = std::io::stderr().is_terminal();
     let coloured = terminal && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
     match format {
@@ -65,7 +65,7 @@ pub fn init(format: LogFormat, traces: Option<impl Layer<Registry> + Send + Sync
     }
 }
 
-/// An error and its causes, as `{:#}` has them. A cause whose words are there already is left out: many errors say their cause themselves.
+/// An error and its causes, as `{:#}`, without repetitions: many errors contain their cause.
 pub fn with_causes(error: &anyhow::Error) -> String {
     let mut said = String::new();
     for cause in error.chain().map(ToString::to_string) {
@@ -111,7 +111,7 @@ impl Visit for ProgressEvent {
     fn record_debug(&mut self, _: &Field, _: &dyn std::fmt::Debug) {}
 }
 
-/// Progress bars, one per key, drawn together.
+/// Progress bars by key, drawn together.
 #[derive(Debug, Default)]
 pub struct ProgressBars {
     all: MultiProgress,
@@ -119,7 +119,7 @@ pub struct ProgressBars {
 }
 
 impl ProgressBars {
-    /// Draws the bar of `key` again. A finished bar disappears.
+    /// Draws the bar of `key`. A finished bar disappears.
     pub fn show(&self, key: &str, progress: &ProgressEvent) {
         let mut bars = self.by_key.lock().unwrap_or_else(PoisonError::into_inner);
         if progress.done >= progress.total {

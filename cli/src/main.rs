@@ -1,8 +1,11 @@
-//! The one binary. Its exit codes are 0 for success, 1 for a failure (an audit that fails, a refusal, an error), and 2 for a wrong command
-//! line, or for a ledger that `zk0 aggregator serve` must not serve, because the log has signed another history. `zk0 audit replay` also has 3
-//! for an incomplete audit, and `zk0 status` for an aggregator that has trouble. `zk0 audit replay`, `watch`, `recording` and `verify-proof` have
-//! 4 for an error, which is no verdict. `zk0 ledger fsck`, `import` and `restore` have 5 if a file of a contribution is missing that the open
-//! round has accepted.
+//! The one binary. Its exit codes:
+//!
+//! - 0: success
+//! - 1: a failure (a failed audit, a refusal, an error)
+//! - 2: a wrong command line, or a ledger not to be served, because the log has signed another history (`zk0 aggregator serve`)
+//! - 3: an incomplete audit (`zk0 audit replay`), or trouble (`zk0 status`)
+//! - 4: an error, so no verdict (`zk0 audit replay`, `watch`, `recording`, `verify-proof`)
+//! - 5: a missing file of a contribution that the open round has accepted (`zk0 ledger fsck`, `import`, `restore`)
 
 #[cfg(all(target_os = "linux", target_arch = "x86_64", target_feature = "avx2"))]
 mod processor;
@@ -106,7 +109,7 @@ fn main() -> ExitCode {
         Err(error) => {
             let said = logging::with_causes(&error);
             match cli.log {
-                // A program that reads the JSON lines must learn the reason, too.
+                // JSON readers need the reason, too.
                 logging::LogFormat::Json => tracing::error!("{said}"),
                 logging::LogFormat::Text => output::tell(format_args!("error: {said}\n")),
             }
@@ -120,7 +123,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Starts to log, and runs the command. Its traces are sent until it ends.
+/// Traces are sent until the command ends.
 #[cfg(feature = "full")]
 fn traced(cli: &Cli) -> anyhow::Result<ExitCode> {
     let traces = match &cli.command {
@@ -136,14 +139,12 @@ fn traced(cli: &Cli) -> anyhow::Result<ExitCode> {
     run(&cli.command)
 }
 
-/// Starts to log, and runs the command.
 #[cfg(not(feature = "full"))]
 fn traced(cli: &Cli) -> anyhow::Result<ExitCode> {
     logging::init(cli.log, None::<tracing_subscriber::layer::Identity>);
     run(&cli.command)
 }
 
-/// Runs the command. If something is wrong, the command has printed what.
 fn run(command: &Command) -> anyhow::Result<ExitCode> {
     match command {
         #[cfg(feature = "full")]
@@ -153,7 +154,6 @@ fn run(command: &Command) -> anyhow::Result<ExitCode> {
     }
 }
 
-/// The exit code of a command whose check holds, or does not.
 #[cfg(feature = "full")]
 fn code(holds: bool) -> ExitCode {
     if holds {

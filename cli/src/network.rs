@@ -1,4 +1,4 @@
-//! The options that say which network is meant, and who connects to it.
+//! The options that name a network, and who connects to it.
 
 use crate::dataset::{refuse_left_out, CameraNames, RecordingName};
 use crate::keys;
@@ -17,7 +17,7 @@ use zk0_node::participant::Participant;
 use zk0_node::state_files::lock::StateLock;
 use zk0_tls::service_address::ServiceAddress;
 
-/// How long a command waits that a person has typed. Then that person decides.
+/// How long a typed command waits. Then its user decides.
 const COMMAND_PATIENCE: Duration = Duration::from_secs(10);
 
 /// The network that is meant.
@@ -79,14 +79,14 @@ impl NetworkChoice {
         Ok(NodeClient::connect(address, self.network, key).await?)
     }
 
-    /// Connects to the network for a command, which asks again for a moment only.
+    /// Connects for a command, which retries briefly.
     pub async fn connect_for_command(&self, key: SigningKey) -> Result<NodeClient> {
         Ok(self.connect(key).await?.giving_up_after(COMMAND_PATIENCE))
     }
 }
 
 impl Signer {
-    /// Connects to the network with the signer's key, for a command.
+    /// Connects with the signer's key, for a command.
     pub async fn connect(&self) -> Result<NodeClient> {
         let key = keys::read(&self.key)?;
         self.network.connect_for_command(key).await
@@ -94,13 +94,13 @@ impl Signer {
 }
 
 impl Membership {
-    /// Who takes part, and the connection to the network. Another node on the same state folder is an error.
+    /// The participant and its connection. Another node on the state folder is an error.
     pub async fn begin(&self) -> Result<(Participant, NodeClient)> {
         let state = &self.state;
         make_state(state).with_context(|| format!("creating {}", state.display()))?;
-        // Everything that follows reads and removes files there.
+        // What follows reads and removes files there.
         let lock = StateLock::take(state)?;
-        // A node that is started again and again while its aggregator is away does not ask the Hub each time.
+        // A node that restarts while its aggregator is away does not ask the Hub each time.
         let node = self.signer.network.connect(keys::read(&self.signer.key)?);
         let node = node.await?;
         let dataset = self.dataset.locate_for_node(state)?;
@@ -120,8 +120,7 @@ impl Membership {
     }
 }
 
-/// Makes the folder of a node, whose secret and samples are for its owner alone. This warns if others can look into a folder that is there
-/// already.
+/// Makes a node's folder, whose secret and samples are for its owner alone. Warns if others can look into an existing one.
 pub fn make_state(folder: &Path) -> io::Result<()> {
     let mut builder = DirBuilder::new();
     builder.recursive(true).mode(0o700).create(folder)?;
@@ -146,7 +145,7 @@ mod tests {
         make_state(&state).unwrap();
         let mode = fs::metadata(&state).unwrap().permissions().mode();
         assert_eq!(mode & 0o777, 0o700);
-        // What the operator has chosen for a folder of their own stays.
+        // An operator's own choice stays.
         fs::set_permissions(&state, fs::Permissions::from_mode(0o750)).unwrap();
         make_state(&state).unwrap();
         let mode = fs::metadata(&state).unwrap().permissions().mode();

@@ -1,4 +1,4 @@
-//! Options of services that say where their traces go.
+//! The options for a service's traces.
 
 use anyhow::Result;
 use std::path::PathBuf;
@@ -17,7 +17,7 @@ pub struct OtlpOptions {
 }
 
 impl OtlpOptions {
-    /// The traces of the service `service`, if the operator wants them.
+    /// The traces of `service`, if wanted.
     pub fn traces(&self, service: &'static str) -> Result<Option<Traces>> {
         let Some(address) = &self.otlp else {
             return Ok(None);

@@ -1,5 +1,5 @@
-//! What commands print. The macros of the standard library panic when the disk is full, or when the reader, such as `head`, has left. With
-//! these, a command does its work to the end. If its output is not all written, [`finish`] says why; that a reader has left is no error.
+//! What commands print. The standard library's macros panic when the disk is full, or the reader, such as `head`, has left. These do not.
+//! [`finish`] reports lost output, unless the reader has left.
 
 use anyhow::{bail, Result};
 use std::fmt::Arguments;
@@ -14,7 +14,7 @@ pub fn say(text: Arguments<'_>) {
     keep(anstream::stdout().write_fmt(text));
 }
 
-/// Writes to standard error. If that fails, nobody can be told.
+/// Writes to standard error. Failures go unreported.
 pub fn tell(text: Arguments<'_>) {
     let _ = anstream::stderr().write_fmt(text);
 }
@@ -22,7 +22,7 @@ pub fn tell(text: Arguments<'_>) {
 /// Ends the output of a command.
 ///
 /// # Errors
-/// Something that [`say`] got is not written.
+/// Output of [`say`] is not written.
 pub fn finish() -> Result<()> {
     keep(io::stdout().flush());
     match LOST.get() {
@@ -34,7 +34,6 @@ pub fn finish() -> Result<()> {
 fn keep(written: io::Result<()>) {
     match written {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => {
-            // The first error is the cause of the others.
             let _ = LOST.set(error);
         }
         _ => {}

@@ -1,7 +1,7 @@
-//! Says that the processor is too old for this program, which the system would end with "Illegal instruction" otherwise.
+//! Refuses a processor that is too old, for which the system would only print "Illegal instruction".
 //!
-//! The check runs before anything else of the program, because all of it may use AVX2: also what runs before `main`, such as the constructors of
-//! RocksDB's C++. The linker puts the functions of `.preinit_array` first.
+//! The check runs first, because other code may use AVX2 even before `main`, as RocksDB's constructors do. The linker puts `.preinit_array`
+//! first.
 
 use std::arch::x86_64::{__cpuid, __cpuid_count};
 
@@ -20,11 +20,11 @@ extern "C" {
     fn _exit(code: i32) -> !;
 }
 
-/// Nothing here is worth a vector instruction to the compiler. A test runs it on a processor that has none of AVX.
+/// Needs no vector instruction. A test runs this without AVX.
 extern "C" fn check() {
     let has_avx2 = __cpuid(0).eax >= 7 && __cpuid_count(7, 0).ebx & 1 << 5 != 0;
     if !has_avx2 {
-        // Rust's own standard library is not ready yet.
+        // Rust's standard library is not ready yet.
         unsafe {
             write(2, TOO_OLD.as_ptr(), TOO_OLD.len());
             _exit(EXIT_CODE);

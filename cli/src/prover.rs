@@ -1,4 +1,4 @@
-//! `zk0 prover`: the proving service that the nodes of one machine share, and what proving costs.
+//! `zk0 prover`: a machine's proving service, and the cost of proofs.
 
 use crate::certificate::{keep_current, CertificateOptions};
 use crate::otlp::OtlpOptions;
@@ -16,12 +16,12 @@ use zk0_prover::program::Executor;
 use zk0_prover::service::{ProvingService, Sp1Backend};
 use zk0_traces::export::Traces;
 
-/// How long what SP1 does may take at the end. It cannot be interrupted, and a proof takes minutes.
+/// Time for SP1, which cannot be interrupted. A proof takes minutes.
 const ENDING: Duration = Duration::from_secs(1);
 
-/// Connections at once, if the queue is not longer. They have to leave SP1 enough files to open.
+/// Connections at once, unless the queue is longer. They leave SP1 enough files to open.
 const CONNECTIONS: usize = 256;
-/// Connections beyond those whose claims wait: the one whose claim is proven, and clients that ask whether there is room.
+/// Besides the waiting claims': the claim being proven, and clients that ask for room.
 const BEYOND_QUEUE: usize = 64;
 
 /// What to do.
@@ -67,7 +67,7 @@ pub struct NetworkArguments {
 }
 
 impl ProverCommand {
-    /// The traces of the command, if it has any.
+    /// The command's traces.
     pub fn traces(&self) -> Result<Option<Traces>> {
         match self {
             Self::Serve { otlp, .. } => otlp.traces("zk0-prover"),
@@ -134,7 +134,6 @@ async fn serve(
     served.context("the proving service")
 }
 
-/// How many connections the service has at once, so that all whose claims wait can be connected.
 fn connections(queue: usize) -> usize {
     CONNECTIONS.max(queue.saturating_add(BEYOND_QUEUE))
 }

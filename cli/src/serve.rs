@@ -1,4 +1,4 @@
-//! What the commands on the network share: a runtime, listening, serving over HTTP, and ending when they are told to.
+//! What networked commands share: a runtime, listening, HTTP, and the end.
 
 use crate::certificate::{keep_current, scheme, CertificateOptions};
 use anyhow::{bail, Context, Result};
@@ -11,16 +11,16 @@ use tokio::runtime::Runtime;
 use zk0_aggregator::connections::listening;
 use zk0_aggregator::publish::http::{self, HttpLimits, Router};
 
-/// How long work that cannot be told to end may take after the connections of a server have ended. Whatever was acknowledged is on disk.
+/// Time at the end for work that cannot be stopped. What was acknowledged is on disk.
 pub const ENDING: Duration = Duration::from_secs(2);
 
-/// Runs a command that uses the network.
+/// Runs a command on the network.
 pub fn online<T>(work: impl Future<Output = Result<T>>) -> Result<T> {
     let runtime = Runtime::new().context("starting the runtime")?;
     runtime.block_on(work)
 }
 
-/// Runs a server until it ends. What it began and cannot be told to end has as long as `patience` to end; then the process ends without it.
+/// Runs a server. At the end, work that cannot be stopped has `patience`.
 pub fn online_until<T>(patience: Duration, work: impl Future<Output = Result<T>>) -> Result<T> {
     let runtime = Runtime::new().context("starting the runtime")?;
     let done = runtime.block_on(work);
@@ -28,7 +28,7 @@ pub fn online_until<T>(patience: Duration, work: impl Future<Output = Result<T>>
     done
 }
 
-/// Listens on this address, or on a free port of it. Returns the listener with its address.
+/// Listens on this address, or on a free port. Returns the listener and its address.
 pub fn listening(listen: SocketAddr) -> Result<(TcpListener, SocketAddr)> {
     let listener = match listening::listen(listen) {
         Err(error) if error.kind() == ErrorKind::AddrInUse => {
@@ -48,7 +48,7 @@ pub fn listening_if(listen: Option<SocketAddr>) -> Result<Option<(TcpListener, S
     })
 }
 
-/// Serves a log's files or a witness until the process is told to end.
+/// Serves until the process is told to end.
 pub fn serve_http(
     what: &str,
     listen: SocketAddr,
@@ -69,7 +69,7 @@ pub fn serve_http(
     })
 }
 
-/// Ready when the process is told to end, by Ctrl-C or by SIGTERM. From the call on, neither ends the process by itself.
+/// Ready on Ctrl-C or SIGTERM, which no longer end the process by themselves.
 pub fn interrupted() -> impl Future<Output = ()> {
     use tokio::signal::unix::{signal, SignalKind};
     let told = [SignalKind::interrupt(), SignalKind::terminate()].map(signal);
@@ -77,7 +77,7 @@ pub fn interrupted() -> impl Future<Output = ()> {
         let told = told.map(|signal| async move {
             match signal {
                 Ok(mut signal) => drop(signal.recv().await),
-                // This signal ends the process without more ado.
+                // This signal ends the process directly.
                 Err(_) => std::future::pending().await,
             }
         });

@@ -1,4 +1,4 @@
-//! `zk0 status`: how an aggregator is doing. It ends with the exit code 3 if the aggregator has trouble.
+//! `zk0 status`: an aggregator's state. Trouble gives exit code 3.
 
 use crate::keys;
 use crate::network::NetworkChoice;
@@ -28,13 +28,12 @@ pub struct StatusOptions {
     json: bool,
 }
 
-/// How often the status is asked for while it is watched.
+/// Between requests with `--watch`.
 const REFRESH: Duration = Duration::from_secs(2);
 
-/// The exit code if the aggregator has trouble.
 const TROUBLE: u8 = 3;
 
-/// Runs the command. Its exit code is that of the last status.
+/// Runs the command. Its exit code is the last status's.
 pub async fn run(options: &StatusOptions) -> Result<ExitCode> {
     // Nothing is signed, so any key will do.
     let key = SigningKey::from_bytes(&keys::random()?);
@@ -43,7 +42,7 @@ pub async fn run(options: &StatusOptions) -> Result<ExitCode> {
     if !options.write(&status)? || !options.watch {
         return Ok(status.code());
     }
-    // It has a connection of its own, so that it can wait.
+    // Its own connection can wait.
     let mut follower = options.network.connect(key).await?;
     let (mut watch, mut silent) = (RoundWatch::default(), false);
     loop {
@@ -69,7 +68,7 @@ pub async fn run(options: &StatusOptions) -> Result<ExitCode> {
 }
 
 impl StatusOptions {
-    /// Prints a status. Returns `false` if its reader, such as `head`, has left.
+    /// Returns `false` if the reader, such as `head`, has left.
     fn write(&self, status: &StatusView) -> Result<bool> {
         let mut text = if self.json {
             serde_json::to_string(&status.facts())? + "\n"
@@ -77,7 +76,7 @@ impl StatusOptions {
             status.text()
         };
         let mut out = io::stdout().lock();
-        // On a terminal, the new status takes the place of the old one.
+        // A terminal shows only the newest.
         if !self.json && self.watch && out.is_terminal() {
             text.insert_str(0, "\x1b[H\x1b[2J");
         }
@@ -89,16 +88,15 @@ impl StatusOptions {
     }
 }
 
-/// What is shown.
 struct StatusView {
     network: Digest,
     name: String,
-    /// Entries that the newest checkpoint covers.
+    /// Its number of entries.
     checkpoint: u64,
     now: StatusInfo,
 }
 
-/// The status as JSON. Times are milliseconds; moments are Unix times on the aggregator's clock.
+/// Times are milliseconds; moments are Unix times on the aggregator's clock.
 #[derive(Serialize)]
 struct Facts {
     network: String,
@@ -130,7 +128,6 @@ struct Facts {
     trouble: Vec<TroubleFacts>,
 }
 
-/// A trouble as JSON.
 #[derive(Serialize)]
 struct TroubleFacts {
     kind: &'static str,
@@ -200,7 +197,6 @@ impl StatusView {
         }
     }
 
-    /// The status for people.
     fn text(&self) -> String {
         let now = &self.now;
         let mut lines = vec![
@@ -299,7 +295,7 @@ fn phase_text(now: &StatusInfo) -> String {
     }
 }
 
-/// How long the rounds that are left take, if each takes as long as the last one; `None` where that is not known.
+/// Assumes that rounds take as long as the last one; `None` if unknown.
 fn left_ms(now: &StatusInfo) -> Option<u64> {
     let left = now.rounds?.saturating_sub(now.round);
     Some(left.saturating_mul(now.last_round_ms?))

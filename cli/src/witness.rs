@@ -1,4 +1,4 @@
-//! `zk0 witness`: cosign the logs of others, so that none of them can show two histories (C2SP tlog-witness).
+//! `zk0 witness`: cosigns others' logs, so that none can show two histories (C2SP tlog-witness).
 
 use crate::certificate::CertificateOptions;
 use crate::keys;
@@ -10,7 +10,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use zk0_aggregator::publish::witness_server::WitnessServer;
-use zk0_aggregator::round::clock::SystemClock;
+use zk0_aggregator::clock::SystemClock;
 use zk0_ledger::witness_store::WitnessStore;
 use zk0_protocol::tlog::cosigner::Cosigner;
 use zk0_protocol::tlog::verifier_key::{KeyError, Role, VerifierKey};
@@ -52,7 +52,7 @@ pub enum WitnessCommand {
 }
 
 impl WitnessCommand {
-    /// The traces of the command, if it has any.
+    /// The command's traces.
     pub fn traces(&self) -> Result<Option<Traces>> {
         match self {
             Self::Serve { otlp, .. } => otlp.traces("zk0-witness"),
@@ -88,18 +88,16 @@ pub fn run(command: &WitnessCommand) -> Result<()> {
     }
 }
 
-/// Reads the name of a witness.
 fn witness_name(text: &str) -> Result<String, KeyError> {
     VerifierKey::new(Role::Witness, text, &BASE_POINT)?;
     Ok(text.to_owned())
 }
 
-/// Reads the verifier key of a log.
 fn log_key(text: &str) -> Result<VerifierKey, KeyError> {
     VerifierKey::of_role(Role::Log, text)
 }
 
-/// A public key that serves to check a name: ed25519's base point.
+/// A public key for checks of names: ed25519's base point.
 const BASE_POINT: [u8; 32] = {
     let mut bytes = [0x66; 32];
     bytes[0] = 0x58;

@@ -19,6 +19,7 @@ mod lerobot;
 mod nodes;
 mod other_program;
 mod own_policy;
+mod pages;
 mod policy_folders;
 mod public_samples;
 mod publish;

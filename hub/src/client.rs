@@ -1,4 +1,4 @@
-//! Requests to the Hub, and what answers mean.
+//! Requests to the Hub, and their answers.
 
 use crate::error::{Failure, PublishError};
 use crate::target::PublishTarget;
@@ -9,7 +9,6 @@ use std::time::Duration;
 use ureq::http::{Response, StatusCode};
 use ureq::Body;
 
-/// Time limit for connecting.
 const CONNECTING: Duration = Duration::from_secs(20);
 /// Longest silence.
 const SILENCE: Duration = Duration::from_secs(120);
@@ -70,14 +69,14 @@ impl<'t> Client<'t> {
         Ok(answer.status())
     }
 
-    /// Posts to the Hub, with the token.
+    /// Posts to the Hub.
     pub fn post(&self, sent: &Sent) -> Result<Response<Body>, Failure> {
         let asked = self
             .agent
             .post(sent.url)
             .header("authorization", self.bearer())
             .header("content-type", sent.content_type);
-        // Git LFS wants its own type back.
+        // As Git LFS wants it.
         let asked = if sent.content_type.ends_with("lfs+json") {
             asked.header("accept", sent.content_type)
         } else {
@@ -103,7 +102,7 @@ impl<'t> Client<'t> {
         })
     }
 
-    /// Puts a file into the large files' storage. The address is signed; the token goes only to the Hub.
+    /// Puts a file into the large files' storage, without the token: the address is signed.
     pub fn put(
         &self,
         what: &str,
@@ -118,7 +117,7 @@ impl<'t> Client<'t> {
         asked.send(file).map_err(|error| failed(what, &error))
     }
 
-    /// The answer, if the request succeeded.
+    /// A successful answer.
     pub fn succeeded(&self, what: &str, answer: Response<Body>) -> Result<Response<Body>, Failure> {
         if answer.status().is_success() {
             Ok(answer)
@@ -127,7 +126,7 @@ impl<'t> Client<'t> {
         }
     }
 
-    /// A successful answer's content.
+    /// Its content.
     pub fn json<T: DeserializeOwned>(
         &self,
         what: &str,
@@ -162,7 +161,7 @@ impl<'t> Client<'t> {
                 repository,
                 said,
             },
-            // The Hub is slow, limits requests or fails; or someone else committed since its state was read (412).
+            // Too slow, too many requests, a fault, or a changed state (412).
             408 | 412 | 429 | 500..=599 => {
                 return Failure::Temporary {
                     what: what.into(),
@@ -183,7 +182,6 @@ impl<'t> Client<'t> {
     }
 }
 
-/// No answer, or not all of it.
 fn failed(what: &str, error: &ureq::Error) -> Failure {
     Failure::Temporary {
         what: what.into(),
@@ -196,7 +194,6 @@ fn read(answer: Response<Body>) -> Result<Vec<u8>, ureq::Error> {
     body.into_with_config().limit(MAX_ANSWER).read_to_vec()
 }
 
-/// An error's text, in one line.
 fn said(answer: Response<Body>) -> String {
     let reason = answer.status().canonical_reason().unwrap_or("no reason");
     let bytes = read(answer).unwrap_or_default();

@@ -1,4 +1,4 @@
-//! Why a folder is not published, and the remedy.
+//! Why a folder is not published.
 
 use crate::repository::Repository;
 use std::io;
@@ -76,7 +76,6 @@ pub enum PublishError {
 }
 
 impl PublishError {
-    /// Of an unreadable file.
     pub(crate) fn at(path: &std::path::Path) -> impl Fn(io::Error) -> Self + '_ {
         |error| Self::File {
             path: path.into(),

@@ -1,5 +1,5 @@
-//! Large files: [Git LFS' batch API](https://github.com/git-lfs/git-lfs/blob/main/docs/api/batch.md) tells which the Hub lacks, and where
-//! they go. Each goes there by one PUT (LFS' transfer "basic"), at most 5 GB on the Hub.
+//! Large files: [Git LFS' batch API](https://github.com/git-lfs/git-lfs/blob/main/docs/api/batch.md) names those that the Hub lacks. Each
+//! goes to its address by one PUT (LFS' transfer "basic"), at most 5 GB on the Hub.
 
 use crate::client::{Client, Sent};
 use crate::error::{Failure, PublishError};
@@ -87,7 +87,7 @@ pub fn upload(client: &Client, files: &[&LocalFile]) -> Result<usize, Failure> {
                 said: error.message.clone(),
             }));
         }
-        // Without actions, the Hub has the file.
+        // Without actions, the Hub has it.
         if let Some(actions) = &object.actions {
             uploaded += usize::from(upload_one(client, file, actions)?);
         }
@@ -113,7 +113,7 @@ fn upload_one(client: &Client, file: &LocalFile, actions: &Actions) -> Result<bo
     tracing::info!("{what}");
     let answer = client.put(&what, &upload.href, &headers, &content)?;
     if answer.status().as_u16() == 403 {
-        // The signed address has expired; the next try gets another.
+        // The address has expired.
         let why = "the storage does not take it (HTTP 403)".into();
         return Err(Failure::Temporary { what, why });
     }

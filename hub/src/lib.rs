@@ -1,10 +1,9 @@
 //! Publishes folders as models on the Hugging Face Hub, by the HTTP API that Python's `huggingface_hub` uses without Xet.
 //!
-//! - [`repository`]: a repository's name. [`target`]: its Hub, and who writes.
+//! - [`repository`]: its name. [`target`]: its Hub, and who writes.
 //! - [`local_file`]: the files to publish, with digests.
-//! - [`publish`]: creates the repository, uploads what is missing, and commits. An interruption loses nothing: the commit is the last
-//!   request, and a second run continues.
-//! - [`lfs`]: large files. [`client`]: requests and answers. [`error`]: faults and remedies.
+//! - [`publish`]: creates the repository, uploads what is missing, and commits last: a second run continues.
+//! - [`lfs`]: large files. [`client`]: requests. [`error`]: faults and remedies.
 
 pub mod client;
 pub mod error;

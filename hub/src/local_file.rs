@@ -7,10 +7,10 @@ use std::fs::{self, File};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// First bytes of a file, which tell the Hub whether it is large or binary.
+/// Tells the Hub whether a file is large or binary.
 const SAMPLE: usize = 512;
 
-/// Most files in a folder. A policy folder has about ten.
+/// A policy folder has about ten.
 const MAX_FILES: usize = 250;
 
 /// A file to publish.
@@ -24,9 +24,9 @@ pub struct LocalFile {
     pub size: u64,
     /// Its first bytes.
     pub sample: Vec<u8>,
-    /// SHA-256 of its content in hexadecimal, the Hub's key of a large file.
+    /// SHA-256 in hexadecimal, for large files.
     pub sha256: String,
-    /// SHA-1 as a git blob in hexadecimal, the Hub's key of any other file.
+    /// SHA-1 as a git blob in hexadecimal, for other files.
     pub git_sha1: String,
 }
 
@@ -69,7 +69,7 @@ impl LocalFile {
 /// The files of `folder` by name, without subfolders.
 ///
 /// # Errors
-/// A file is unreadable, there is none, or there are too many.
+/// A file is unreadable; there is none, or too many.
 pub fn files_of(folder: &Path) -> Result<Vec<LocalFile>, PublishError> {
     let failed = PublishError::at(folder);
     let wrong = |why: String| PublishError::File {

@@ -12,7 +12,7 @@ use std::fs;
 use std::path::Path;
 use std::thread::sleep;
 
-/// Most bytes of files within a commit. The Hub wants files from 10 MB apart from it.
+/// Most bytes of files within a commit. Files from 10 MB are large.
 const MAX_INLINE: u64 = 64 << 20;
 
 /// What was published.
@@ -26,7 +26,6 @@ pub struct PublishedCommit {
     pub uploaded: usize,
 }
 
-/// The Hub's answer about a file before the upload.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 struct PreuploadFile {
@@ -34,7 +33,7 @@ struct PreuploadFile {
     upload_mode: UploadMode,
     #[serde(default)]
     should_ignore: bool,
-    /// The repository's content under this name.
+    /// The repository's content.
     oid: Option<String>,
 }
 
@@ -56,10 +55,10 @@ struct CommitResponse {
     commit_oid: String,
 }
 
-/// Publishes the files of `folder` as the repository's newest commit. Temporary failures are retried as often as the target allows.
+/// Publishes the files of `folder` as the repository's newest commit. Temporary failures are retried.
 ///
 /// # Errors
-/// See [`PublishError`]. The repository is then unchanged, or has the whole commit.
+/// See [`PublishError`]. The repository is unchanged, or has the whole commit.
 pub fn publish(
     target: &PublishTarget,
     folder: &Path,
@@ -79,7 +78,7 @@ pub fn publish(
     })
 }
 
-/// Calls `attempt` until it succeeds, fails for good, or has no tries left.
+/// Until `attempt` succeeds or fails for good.
 fn patiently<T>(
     patience: RetryPolicy,
     mut attempt: impl FnMut() -> Result<T, Failure>,
@@ -102,10 +101,9 @@ fn patiently<T>(
     }
 }
 
-/// A file that differs in the repository.
 struct FileChange<'f> {
     file: &'f LocalFile,
-    /// Whether it goes to the large files' storage, or within the commit.
+    /// For the large files' storage.
     large: bool,
 }
 
@@ -128,7 +126,6 @@ fn once(
     Ok(Some((commit, changes.len())))
 }
 
-/// Creates the repository, unless it exists.
 fn create(client: &Client) -> Result<(), Failure> {
     let what = "creating the repository";
     let target = client.target;
@@ -152,7 +149,6 @@ fn create(client: &Client) -> Result<(), Failure> {
     }
 }
 
-/// The files that the repository lacks or has in another version.
 fn changes<'f>(client: &Client, files: &'f [LocalFile]) -> Result<Vec<FileChange<'f>>, Failure> {
     let what = "asking how files are to be uploaded";
     let asked = files.iter().map(|file| {

@@ -1,9 +1,9 @@
-//! The name of a repository on the Hub.
+//! A repository's name on the Hub.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// Longest name of an owner or model. The Hub allows 96 characters.
+/// The Hub's limit.
 const MAX_NAME: usize = 96;
 
 /// A model's repository: `owner/name`.

@@ -1,4 +1,4 @@
-//! Which repository on which Hub, who writes, how many tries.
+//! Where to publish, who writes, how many tries.
 
 use crate::error::PublishError;
 use crate::repository::Repository;

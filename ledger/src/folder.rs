@@ -35,6 +35,22 @@ pub fn pruned(dir: &Path) -> PathBuf {
     dir.join("pruned")
 }
 
+/// The path of the file in which a running aggregator notes the time.
+pub fn alive(dir: &Path) -> PathBuf {
+    dir.join("alive")
+}
+
+/// Until when an aggregator ran, in Unix milliseconds, if that is known.
+pub fn read_alive(dir: &Path) -> Option<u64> {
+    let text = read(&alive(dir), 20).ok()??;
+    std::str::from_utf8(&text).ok()?.parse().ok()
+}
+
+/// Notes that an aggregator runs at `now_ms`, in Unix milliseconds. A file that is lost or torn costs nothing but this.
+pub fn write_alive(dir: &Path, now_ms: u64) -> io::Result<()> {
+    fs::write(alive(dir), now_ms.to_string())
+}
+
 /// The checkpoint file's content; `None` without a file.
 pub fn read_checkpoint(dir: &Path) -> Result<Option<Vec<u8>>, LedgerError> {
     read(&checkpoint(dir), MAX_CHECKPOINT_BYTES)

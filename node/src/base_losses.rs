@@ -1,5 +1,4 @@
-//! The losses that a node's learning rate follows: those of each round's base weights on the node's own samples. They stay on disk when
-//! the node ends.
+//! The losses of each round's base weights on the node's own samples. The node's learning rate follows them.
 
 use crate::error::ParticipantError;
 use crate::state_files::{self, broken};
@@ -7,16 +6,14 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use zk0_circuits::Digest;
 
-/// Largest file that is read. It has room for more rounds than a network will have.
+/// Room for more rounds than a network will have.
 const MAX_BYTES: u64 = 64 << 20;
 
-/// What the file holds.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SavedLosses {
-    /// The network's id.
     network: String,
-    /// Digest of the samples on which the losses were measured.
+    /// Of the samples measured on.
     dataset: String,
     /// Oldest first.
     rounds: Vec<Measured>,
@@ -26,9 +23,8 @@ struct SavedLosses {
 #[serde(deny_unknown_fields)]
 struct Measured {
     round: u64,
-    /// Digest of the base weights' file.
     base: String,
-    /// An `f32`, because JSON gives it back exactly.
+    /// An `f32`, which JSON gives back exactly.
     loss: f32,
 }
 
@@ -40,7 +36,7 @@ pub struct BaseLosses {
 }
 
 impl BaseLosses {
-    /// The losses of the node with the state folder `state`, in `network`, on the samples whose digest is `dataset`.
+    /// The losses in the state folder `state`, on the samples with the digest `dataset`.
     pub fn at(state: &Path, network: Digest, dataset: Digest) -> Self {
         Self {
             path: state.join("base-losses.json"),
@@ -49,12 +45,11 @@ impl BaseLosses {
         }
     }
 
-    /// The losses up to `round`, the oldest first. `base` is the digest of the base weights of `round`; `measure` measures their loss
-    /// unless it is in the file already. The file is on disk when this returns.
+    /// The losses up to `round`, the oldest first, which are on disk when this returns. `base` is the digest of `round`'s base weights,
+    /// whose loss `measure` measures unless the file has it already.
     ///
     /// # Errors
-    /// Those of `measure`. The file cannot be read or written. The file belongs to another network, another dataset, or another history of
-    /// the network.
+    /// Those of `measure`. The file cannot be read or written, or belongs to another network, dataset or history.
     pub fn up_to(
         &self,
         round: u64,
@@ -146,7 +141,7 @@ mod tests {
     #[test]
     fn losses_are_measured_once_and_come_back_exactly() {
         let dir = tempfile::tempdir().unwrap();
-        // These numbers have no short decimal form.
+        // No short decimal form.
         let first = losses(&dir).up_to(3, &BASE, || Ok(1.0 / 3.0)).unwrap();
         assert_eq!(first, [f64::from(1.0f32 / 3.0)]);
         assert_eq!(losses(&dir).up_to(3, &BASE, not_again).unwrap(), first);

@@ -1,6 +1,5 @@
-//! Waits for the randomness of a round, verifies it, and derives the node's challenge. The node believes nothing that the aggregator
-//! says: it has receipts for the closing of the commitments and for the randomness, and verifies that the randomness comes from the
-//! source that the rules name.
+//! Waits for a round's randomness, verifies it, and derives the node's challenge. The node does not trust the aggregator: it demands
+//! receipts, and verifies that the randomness is of the source that the rules name.
 
 use crate::client::watching::FollowedRound;
 use crate::client::{unexpected, NodeClient};
@@ -17,11 +16,11 @@ use zk0_protocol::rpc::federation as rpc;
 use zk0_protocol::tlog::receipt::Receipt;
 
 impl NodeClient {
-    /// Waits for the randomness of a round in which the node has committed with this commitment, and returns the node's challenge, with
-    /// the receipt of the randomness.
+    /// Waits for the randomness of a round in which the node has made this commitment. Returns the challenge, and the receipt of the
+    /// randomness.
     ///
     /// # Errors
-    /// The round closes without randomness, or what the aggregator shows is not what the rules determine.
+    /// The round closes without randomness, or the aggregator does not follow the rules.
     #[instrument(name = "wait for the challenge", skip_all)]
     pub async fn wait_for_challenge(
         &mut self,
@@ -66,7 +65,7 @@ impl NodeClient {
                 ))
             }
         };
-        // The cosignatures that the randomness may follow from are of the checkpoint that ends with this entry.
+        // The randomness may follow from the cosignatures of the checkpoint that ends with this entry.
         if checkpoint.size != receipt.index + 1 {
             let found = format!("one of size {}", checkpoint.size);
             return Err(unexpected(
@@ -113,8 +112,8 @@ impl NodeClient {
     }
 }
 
-/// Warns if the aggregator has shown the closing only after the beacon that it determines was known. An aggregator that records a
-/// closing later than the closing's time says can choose among beacons.
+/// Warns if the beacon was known before the aggregator showed the closing that determines it: then the aggregator could choose among
+/// beacons.
 fn warn_if_beacon_is_known(opened: &RoundOpened, closing: &CommitmentsClosing) {
     let RandomnessSource::Drand(chain) = &opened.rules.randomness else {
         return;

@@ -1,5 +1,4 @@
-//! A node's connection to an aggregator. The node believes nothing that the aggregator says: it knows the network by its id, and it demands
-//! a receipt for whatever is recorded.
+//! A node's connection to an aggregator. The node does not trust it: it knows the network's id, and demands a receipt for each entry.
 
 mod heads;
 pub mod status;
@@ -32,17 +31,21 @@ use zk0_protocol::rpc::federation as rpc;
 use zk0_protocol::rpc::federation::federation_client::FederationClient;
 use zk0_protocol::rpc::federation::record_request::Statement;
 use zk0_protocol::rpc::head_metadata::with_head;
+use zk0_protocol::rpc::PROTOCOL;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::{Refusal, Rules};
 use zk0_tls::service_address::ServiceAddress;
 use zk0_traces::carried::Carrier;
 
-/// Largest message that is read. A receipt or a chunk is far smaller.
+/// A receipt or a chunk is far smaller.
 const MAX_MESSAGE_BYTES: usize = 4 << 20;
 
-/// Makes a request, and repeats it while the aggregator does not answer or cannot grant it. That is safe, because a node that asks for the same
-/// thing twice gets the same receipt. `$request` makes the request for each attempt, because the head of a request counts once.
+/// Most characters of an aggregator's sentence about its release.
+const MAX_RELEASE_CHARS: usize = 200;
+
+/// Makes a request, and repeats it while the aggregator does not answer or cannot grant it. The same request gets the same receipt. Each
+/// attempt makes `$request` again, because the head of a request counts once.
 macro_rules! patiently {
     ($self:ident.client.$method:ident($request:expr)) => {{
         let mut waits = Waits::default();
@@ -63,15 +66,13 @@ pub struct NodeClient {
     pub(crate) client: FederationClient<InterceptedService<transport::Channel, Carrier>>,
     key: SigningKey,
     genesis: Genesis,
-    /// What the heads of requests are for.
     heads: For,
-    /// Puts updates into the aggregator's store.
     store: StoreClient,
-    /// How long the node waits for an aggregator that does not answer; `None` for as long as it takes.
+    /// How long the node waits for an answer; `None` for no limit.
     patience: Option<Duration>,
 }
 
-/// What the aggregator decided on a submission.
+/// The aggregator's decision on a submission.
 #[derive(Clone, Debug)]
 pub struct SubmissionDecision {
     /// Why the submission is refused; `None` if it is accepted.
@@ -80,16 +81,18 @@ pub struct SubmissionDecision {
     pub receipt: Receipt,
 }
 
-/// The governance of a network at the moment.
+/// The present governance of a network.
 #[derive(Clone, Debug)]
 pub struct GovernanceInfo {
     /// The rules in force.
     pub rules: Rules,
-    /// The number of the next proposal.
+    /// Number of the next proposal.
     pub next_proposal: u64,
-    /// The open proposals, with their votes so far.
+    /// Number of the operator's next decision about a node.
+    pub next_decision: u64,
+    /// Open proposals and their votes so far.
     pub proposals: Vec<(Proposal, rpc::OpenProposal)>,
-    /// The time on the aggregator's clock, in milliseconds.
+    /// The aggregator's time in milliseconds.
     pub now_ms: u64,
     /// The guest program in force.
     pub program: Program,
@@ -103,7 +106,7 @@ pub(crate) fn unexpected(expected: &str, found: impl Into<String>) -> NodeError 
 }
 
 impl NodeClient {
-    /// Connects to the aggregator at `address`, which has to serve `network`.
+    /// Connects to the aggregator of `network` at `address`.
     pub async fn connect(
         address: impl Into<ServiceAddress>,
         network: Digest,
@@ -120,6 +123,12 @@ impl NodeClient {
                 None => NodeError::from(status),
             })?
             .into_inner();
+        if info.protocol != PROTOCOL {
+            return Err(NodeError::OtherProtocol {
+                theirs: info.protocol,
+                release: info.release.chars().take(MAX_RELEASE_CHARS).collect(),
+            });
+        }
         let entry = Entry::decode(&info.genesis)?;
         let Body::Genesis(genesis) = entry.body else {
             return Err(unexpected("a genesis", "another entry"));
@@ -150,19 +159,19 @@ impl NodeClient {
         })
     }
 
-    /// From now on, the node signs the times of this clock, in Unix milliseconds, instead of the machine's.
+    /// Signs the times of this clock, in Unix milliseconds, instead of the machine's.
     pub fn by_clock(mut self, clock: impl Fn() -> u64 + Send + Sync + 'static) -> Self {
         self.heads.clock = Box::new(clock);
         self
     }
 
-    /// From now on, a request fails for which the node would wait longer than this. Without a limit, a node waits for as long as it takes.
+    /// Makes requests fail that would wait longer than `limit`. Otherwise they wait without limit.
     pub fn giving_up_after(mut self, limit: Duration) -> Self {
         self.patience = Some(limit);
         self
     }
 
-    /// The network's founding document.
+    /// The network's genesis.
     pub fn genesis(&self) -> &Genesis {
         &self.genesis
     }
@@ -172,7 +181,6 @@ impl NodeClient {
         &self.heads.network
     }
 
-    /// The node's key.
     pub(crate) fn key(&self) -> &SigningKey {
         &self.key
     }
@@ -182,7 +190,7 @@ impl NodeClient {
         NodeId(self.key.verifying_key().to_bytes())
     }
 
-    /// Puts a dataset on the ledger. `leaves` is the list of drawn frames that the registration names. A node that was restarted gets the same receipt again.
+    /// Puts a dataset on the ledger. `leaves` is the list of drawn frames. A node that was restarted gets the same receipt again.
     pub async fn register(
         &mut self,
         registration: DatasetRegistration,
@@ -193,7 +201,7 @@ impl NodeClient {
         self.stated(statement, leaves, body).await
     }
 
-    /// The guest program in force, as the aggregator says.
+    /// The guest program in force, as the aggregator states it.
     pub async fn program(&mut self) -> Result<Program, NodeError> {
         let request = rpc::GetRoundRequest {
             round: None,
@@ -203,7 +211,7 @@ impl NodeClient {
         program(&info.program)
     }
 
-    /// The update that the ledger accepted of this node in a round by SCAFFOLD, of whose control variates it is a part.
+    /// The accepted update of this node in a SCAFFOLD round, for its control variates.
     pub async fn accepted_update(&mut self, round: u64) -> Result<WeightsDigest, NodeError> {
         let request = rpc::GetRoundRequest {
             round: Some(round),
@@ -225,7 +233,6 @@ impl NodeClient {
         }
     }
 
-    /// The number of the next round to open.
     pub(crate) async fn next_round(&mut self) -> Result<u64, NodeError> {
         let request = rpc::GetRoundRequest {
             round: None,
@@ -241,8 +248,8 @@ impl NodeClient {
         }
     }
 
-    /// Commits to an uploaded update that is to be evaluated on `eval_samples` samples. Returns the digest of the commitment, from which
-    /// the challenge will follow, and the receipt.
+    /// Commits to an uploaded update, to be evaluated on `eval_samples` samples. Returns the commitment's digest, from which the challenge
+    /// will follow, and the receipt.
     #[instrument(name = "commit", skip_all)]
     pub async fn commit(
         &mut self,
@@ -311,13 +318,13 @@ impl NodeClient {
         Ok(SubmissionDecision { refusal, receipt })
     }
 
-    /// Puts a signed statement on the ledger: a proposal, a vote, a dispute, or a change of key. Returns the entry's index.
+    /// Puts a proposal, a vote, a dispute, or a change of key on the ledger. Returns the entry's index.
     pub async fn record(&mut self, body: Body) -> Result<u64, NodeError> {
         let statement = Statement::Body(encode(&body));
         Ok(self.stated(statement, Vec::new(), body).await?.index)
     }
 
-    /// Has the aggregator record what this key has signed. Returns the receipt of its entry, which has this body.
+    /// Has the aggregator record a signed statement. Returns the receipt of its entry, and checks that it has this body.
     pub(crate) async fn stated(
         &mut self,
         statement: Statement,
@@ -346,8 +353,8 @@ impl NodeClient {
         }
     }
 
-    /// The rules in force and the open proposals. The proposals come with receipts and with their proposers' signatures. The rest is only
-    /// what the aggregator says; to be sure of it, replay the ledger.
+    /// The rules in force and the open proposals. Only the proposals are proven, by receipts and signatures. For the rest, replay the
+    /// ledger.
     pub async fn governance(&mut self) -> Result<GovernanceInfo, NodeError> {
         let request = rpc::GetGovernanceRequest {};
         let info = patiently!(self.client.get_governance(request)).into_inner();
@@ -372,20 +379,19 @@ impl NodeClient {
         Ok(GovernanceInfo {
             rules,
             next_proposal: info.next_proposal,
+            next_decision: info.next_decision,
             proposals,
             now_ms: info.now_ms,
             program: program(&info.program)?,
         })
     }
 
-    /// A request for `message` with a new head.
     fn headed<T>(&self, about: &About, message: T) -> Result<tonic::Request<T>, NodeError> {
         let head = self.heads.head(about, &self.key)?;
         Ok(with_head(message, &head))
     }
 
-    /// Waits before a request is repeated after this failure. The aggregator may have been started again meanwhile, so this asks for its run, until it
-    /// answers.
+    /// Waits before a request is repeated, and asks for the run of an aggregator that may have restarted.
     ///
     /// # Errors
     /// The failure does not pass, or the node gives up.
@@ -403,7 +409,7 @@ impl NodeClient {
         }
     }
 
-    /// Asks the aggregator for its run. If the answer is none, the next request shows that.
+    /// Asks the aggregator for its run. A bad answer shows at the next request.
     pub(crate) async fn learn_run(&mut self) -> Result<(), Status> {
         let info = self.client.get_network(rpc::GetNetworkRequest {}).await?;
         if let Ok(run) = run(&info.into_inner().run) {
@@ -417,7 +423,6 @@ impl NodeClient {
         Ok((checkpoint, entry))
     }
 
-    /// Verifies a receipt, and returns it with its checkpoint and its entry.
     pub(crate) fn opened(
         &self,
         receipt: rpc::Receipt,

@@ -4,28 +4,40 @@ use tonic::Status;
 use zk0_circuits::Digest;
 use zk0_protocol::challenge::drawing::RandomnessError;
 use zk0_protocol::entries::codec::EntryError;
+use zk0_protocol::rpc::PROTOCOL;
 use zk0_protocol::tlog::checkpoint::CheckpointError;
 use zk0_protocol::tlog::receipt::ReceiptError;
 use zk0_tls::service_address::ConnectError;
 
-/// What goes wrong between a node and its aggregator.
+/// Why a request to the aggregator fails.
 #[derive(Debug, thiserror::Error)]
 pub enum NodeError {
     /// There is no connection.
     #[error(transparent)]
     Connect(#[from] ConnectError),
-    /// The aggregator refuses, and gives the reason.
+    /// The aggregator refuses.
     #[error("{}", .0.message())]
     Refused(Box<Status>),
+    /// The aggregator speaks another protocol. The text is its own, shortened.
+    #[error(
+        "the aggregator speaks protocol {theirs}, and this program speaks protocol {ours}. The aggregator states: {release:?}. Install that release of zk0",
+        ours = PROTOCOL
+    )]
+    OtherProtocol {
+        /// The aggregator's protocol.
+        theirs: u32,
+        /// Its sentence for people.
+        release: String,
+    },
     /// The aggregator serves another network.
     #[error("the aggregator serves network {theirs}, not network {ours}")]
     OtherNetwork {
-        /// The network that the node was told.
+        /// The network that the node joined.
         ours: Digest,
-        /// The network whose genesis the aggregator sent.
+        /// The network of the aggregator's genesis.
         theirs: Digest,
     },
-    /// It sent bytes that are not an entry of a ledger.
+    /// It sent bytes that are no entry.
     #[error("the aggregator sent a broken entry: {0}")]
     Entry(#[from] EntryError),
     /// It sent a checkpoint that the log did not sign.
@@ -34,34 +46,34 @@ pub enum NodeError {
     /// It sent a receipt that does not prove the entry.
     #[error("{0}")]
     Receipt(#[from] ReceiptError),
-    /// It answered with something other than what the node asked for.
+    /// The answer does not fit the request.
     #[error("the aggregator answered with {found}; the node asked for {expected}")]
     Unexpected {
-        /// What the node asked for.
+        /// What was asked for.
         expected: String,
         /// What came.
         found: String,
     },
-    /// The round closed without randomness, so there was no challenge.
+    /// The round closed without randomness.
     #[error("round {round} closed without randomness, so nobody could make a claim in it")]
     NoRandomness {
         /// The round.
         round: u64,
     },
-    /// The randomness of the round does not come from the source that the rules name.
+    /// The randomness is wrong.
     #[error("the randomness of round {round} is wrong, so the node makes no claim: {error}")]
     Randomness {
         /// The round.
         round: u64,
-        /// What is wrong with it.
+        /// What is wrong.
         error: RandomnessError,
     },
-    /// It sent another blob than the node asked for.
+    /// It sent another blob.
     #[error("blob {asked} has SHA-256 {actual} as the aggregator sent it")]
     OtherBlob {
-        /// The blob that the node asked for.
+        /// The blob asked for.
         asked: Digest,
-        /// The SHA-256 of what it received.
+        /// SHA-256 of the other.
         actual: Digest,
     },
     /// It sent a blob over the limit.
@@ -72,16 +84,16 @@ pub enum NodeError {
         /// The limit.
         limit: u64,
     },
-    /// The update cannot be put into the aggregator's store.
+    /// The aggregator's store does not take the update.
     #[error("{0}")]
     Store(String),
-    /// What was downloaded cannot be written to disk.
+    /// A download cannot be written to disk.
     #[error("a download cannot be written to disk: {0}")]
     Write(std::io::Error),
-    /// There is no nonce for the head of a request.
+    /// There is no nonce for a request.
     #[error("the system gives no random bytes: {0}")]
     Random(getrandom::Error),
-    /// The new key of a node is its present one.
+    /// The new key is the present one.
     #[error("the new key is the present one: make another with `zk0 node keygen`")]
     SameKey,
 }

@@ -20,7 +20,7 @@ pub enum NoProof {
     /// The proving service has failed, and a further try would come too late.
     #[error("{0}")]
     Failed(Box<ClientError>),
-    /// The proving service was asked, and has sent nothing.
+    /// The proving service has sent nothing.
     #[error("the proving service needs longer than the round takes submissions, or has too many other claims to prove first")]
     Unfinished,
 }
@@ -40,7 +40,7 @@ pub enum ParticipantError {
     /// The policy, its weights, or training fails.
     #[error("the policy: {0}")]
     Policy(#[source] PolicyError),
-    /// A value lies outside the ranges that the round's evaluation can hold.
+    /// A value is outside the evaluation's ranges.
     #[error("a value does not fit into the network's fixed-point numbers: {0}")]
     Quantise(#[from] zk0_circuits::model::quantise::QuantiseError),
     /// The round's base weights cannot be read.
@@ -49,27 +49,27 @@ pub enum ParticipantError {
     /// The network's evaluation specification cannot be read.
     #[error("the network's evaluation specification: {0}")]
     Spec(#[from] zk0_circuits::model::spec::SpecError),
-    /// The recording is not what the network's rules ask for.
+    /// The recording does not fit the rules.
     #[error(
         "the recording is not like the others of this network, as its rules ask (`recordings`): {0}. One policy cannot learn from both: convert \
          the recording, or join another network"
     )]
     OtherRecording(String),
-    /// The network proves with another guest program than this release of zk0 has.
+    /// This release has another guest program than the network.
     #[error(
         "the network proves with the guest program {needed}, but this is zk0 {release}, and its program is {own}: join with the release of zk0 that has the network's program",
         release = env!("CARGO_PKG_VERSION")
     )]
     OtherProgram {
-        /// The program of the network.
+        /// The network's.
         needed: Program,
-        /// The program of this release.
+        /// This release's.
         own: Program,
     },
-    /// The policy and the evaluation specification are not of the same dimensions.
+    /// Policy and evaluation specification have different dimensions.
     #[error("the network's policy and its evaluation specification have different dimensions, so nobody can take part: tell its operator")]
     Dimensions,
-    /// The node is to be evaluated on more samples, or on fewer, than a round allows or than its evaluation set has.
+    /// The number of samples does not fit the rules or the evaluation set.
     #[error(
         "{asked} samples are too {} for round {round}: the rules ask for {least} to {allowed} samples a claim, and this node's evaluation set has {held}; start the node with --eval-samples between {least} and {}, or without --eval-samples for {least}",
         match asked < least { true => "few", false => "many" },
@@ -78,22 +78,22 @@ pub enum ParticipantError {
     EvalSamples {
         /// The round.
         round: u64,
-        /// What the node is to do.
+        /// Samples asked for.
         asked: u32,
         /// Fewest by the rules.
         least: u32,
         /// Most by the rules.
         allowed: u32,
-        /// Samples in the node's evaluation set.
+        /// Size of the evaluation set.
         held: u64,
     },
-    /// A claim about a policy of this size cannot evaluate so many samples.
+    /// A claim cannot evaluate so many samples.
     #[error(
         "a claim about a policy of this size has at most {most} samples in mode succinct, and this one would have {asked}: start the node with \
          --eval-samples {most} or less; where the rules ask for more, a vote has to change min_eval_samples"
     )]
     TooManyToProve {
-        /// How many the claim would have.
+        /// Samples asked for.
         asked: u32,
         /// Most samples of a claim.
         most: u32,
@@ -101,7 +101,7 @@ pub enum ParticipantError {
     /// The frames of the evaluation set cannot be drawn.
     #[error("the evaluation set: {0}")]
     Frames(DrawError),
-    /// A committed sample is damaged on the disk, and the recording does not give it any more.
+    /// A committed sample is damaged, and the recording gives another one now.
     #[error("{damaged}; and frame {frame} of the recording gives another sample now: put the file or the recording back from a backup")]
     OtherSample {
         /// The frame in the recording.
@@ -112,13 +112,13 @@ pub enum ParticipantError {
     /// The samples of the challenge cannot be drawn.
     #[error("the challenge: {0}")]
     Draw(#[from] DrawError),
-    /// The claim does not hold: on the samples drawn, the update is not better by as much as the rules ask. Or the network's mode cannot prove it.
+    /// The update does not improve by as much as the rules ask, or the network's mode cannot prove it.
     #[error("the update cannot be proven: {0}")]
     NotProvable(#[from] NotProvable),
-    /// This machine has no room for what the network's mode asks of it.
+    /// This machine has no room for the network's mode.
     #[error(transparent)]
     NoRoom(#[from] NoRoom),
-    /// The node's state folder has no room for an update.
+    /// The state folder has no room for an update.
     #[error(
         "the update needs {:.1} MB of disk, and {} has {:.1} MB free: free some, or move the state folder to another disk",
         *needed as f64 / MB, folder.display(), *free as f64 / MB
@@ -131,7 +131,7 @@ pub enum ParticipantError {
         /// Bytes free.
         free: u64,
     },
-    /// What hides the samples is lost, or how often they were opened.
+    /// The file with the secret and its counts is lost or damaged.
     #[error(
         "{why}. Without it the node does not know how often it has opened its samples, and proves nothing more about them. To register the recording again, under a fresh secret, move the files `secret` and `registration` out of {}, and start the node again",
         folder.display()
@@ -150,7 +150,7 @@ pub enum ParticipantError {
     WornOut {
         /// Its index.
         leaf: u64,
-        /// How many.
+        /// Arguments that opened it.
         opened: u32,
         /// The state folder.
         folder: PathBuf,
@@ -161,7 +161,7 @@ pub enum ParticipantError {
     /// A request to the proving service fails.
     #[error(transparent)]
     Prover(#[from] ClientError),
-    /// The proving service could not make a proof for as long as one would have counted.
+    /// The proving service made no proof in time.
     #[error(
         "round {round}: the node has no proof in time, and goes on with the next round: {why}"
     )]
@@ -171,7 +171,7 @@ pub enum ParticipantError {
         /// Why there is no proof.
         why: NoProof,
     },
-    /// The rules ask for SCAFFOLD, and an option of the node does not go with it.
+    /// An option does not go with SCAFFOLD.
     #[error("the rules of round {round} ask for SCAFFOLD, which does not go with {option}: start the node without it")]
     BesideScaffold {
         /// The round.
@@ -179,7 +179,7 @@ pub enum ParticipantError {
         /// The option.
         option: &'static str,
     },
-    /// The round's base weights are so bad that their loss is no number, and the training was to follow it.
+    /// The loss of the base weights is no number, and the rates follow it.
     #[error("the loss of round {round}'s base weights is {loss}, so --follow-losses and --lr-boost give no rates")]
     BaseLoss {
         /// The round.
@@ -187,44 +187,44 @@ pub enum ParticipantError {
         /// The loss.
         loss: f32,
     },
-    /// The round takes no more commitments, and the node has trained nothing for it.
+    /// The commitments closed before the node has trained.
     #[error("round {round}: the node came too late, and goes on with the next round: the commitments are closed")]
     TooLate {
         /// The round.
         round: u64,
     },
-    /// The aggregator has lost a file of the node's contribution, and the node has not kept it.
+    /// The node has not kept a file that the aggregator has lost.
     #[error("round {round}: the node has no update of this round in its state folder")]
     NotKept {
         /// The round.
         round: u64,
     },
-    /// The control variates of a round by SCAFFOLD rest on weights that cannot be downloaded.
+    /// The control variates for SCAFFOLD need weights that cannot be downloaded.
     #[error("round {round}: the node leaves the round out, because it cannot compute its control variates for SCAFFOLD: the weights {blob} cannot be downloaded: {error}. It needs them until the control variates begin again, in round {begins}")]
     NoControlVariates {
         /// The round.
         round: u64,
-        /// The file of the weights.
+        /// The weights' file.
         blob: Digest,
-        /// Why there is no download.
+        /// Why not.
         error: Box<NodeError>,
-        /// The round in which the control variates begin again at the latest.
+        /// The latest round that begins them again.
         begins: u64,
     },
-    /// The log shows different entries to different people.
+    /// The log has signed two different entries with one index.
     #[error(
         "the log has signed two different entries {index}: keep both files, {} and {}, and show them to the auditors",
         kept.display(), beside.display()
     )]
     Forked {
-        /// The number of the entries.
+        /// The index.
         index: u64,
-        /// The proof that was there.
+        /// The older proof.
         kept: PathBuf,
-        /// The proof of the other entry.
+        /// The newer proof.
         beside: PathBuf,
     },
-    /// Another node has the state folder.
+    /// Another node uses the state folder.
     #[error(
         "another zk0 node uses {}: stop it first, or choose another folder with --state",
         folder.display()
@@ -233,15 +233,15 @@ pub enum ParticipantError {
         /// The state folder.
         folder: PathBuf,
     },
-    /// A file of the node's own cannot be read or written.
+    /// A file of the node cannot be read or written.
     #[error("{path}: {error}")]
     File {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// What the system reports.
         error: io::Error,
     },
-    /// A file of the node's own holds something else than what the node wrote.
+    /// A file holds something that the node did not write.
     #[error("{path} is not what this node wrote there: {why}; to start without it, move it away")]
     BrokenFile {
         /// The file.
@@ -266,7 +266,7 @@ impl From<CacheError> for ParticipantError {
 impl From<PolicyError> for ParticipantError {
     fn from(error: PolicyError) -> Self {
         match error {
-            // It is the file that somebody has to mend, and the error names it.
+            // This error names the file to mend.
             PolicyError::Recording { error, .. } => Self::Dataset(*error),
             error => Self::Policy(error),
         }
@@ -274,7 +274,7 @@ impl From<PolicyError> for ParticipantError {
 }
 
 impl ParticipantError {
-    /// Whether training gave no update, although the recording, the files and the machine are whole. The next round may begin with better weights.
+    /// Whether only training failed: the next round may begin with better weights.
     pub fn is_of_training(&self) -> bool {
         match self {
             Self::Policy(error) => error.is_of_training(),

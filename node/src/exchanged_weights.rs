@@ -1,4 +1,4 @@
-//! Between the float32 weights that a node trains and the int16 weights that travel.
+//! Between float32 weights in training and int16 weights that travel.
 
 use crate::error::ParticipantError;
 use zk0_circuits::QuantisedWeights;
@@ -15,7 +15,7 @@ pub struct Base {
 }
 
 impl Base {
-    /// Reads the file of a round's base weights.
+    /// Reads a base's file.
     ///
     /// # Errors
     /// The file does not hold weights of this format.
@@ -31,9 +31,8 @@ impl Base {
         })
     }
 
-    /// Quantises weights that were trained from this base, and this is the only time that they are rounded. Where the evaluation does
-    /// not read, the base's numbers come back first: no gradient changes them, but the optimiser's weight decay could, and the verifier
-    /// refuses an update that has others there.
+    /// Quantises weights that were trained from this base; they are rounded only here. Weights that the evaluation does not read get the
+    /// base's numbers: weight decay could change them, and the verifier refuses that.
     ///
     /// # Errors
     /// A weight is too large for every scale.
@@ -64,8 +63,7 @@ mod tests {
     use zk0_smolvla::Profile;
     use zk0_weights::Unread;
 
-    /// A trained expert whose unread weights have moved, and whose evaluated weights have grown so much that the scale is coarser, still
-    /// gives an update that the verifier's rule accepts.
+    /// Holds also if unread weights have moved and the scale is coarser.
     #[test]
     fn an_update_keeps_the_base_where_nothing_is_evaluated() {
         let config = Profile::Micro.config();

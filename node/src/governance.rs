@@ -1,5 +1,4 @@
-//! What governors, nodes and the operator sign besides contributions: enrolments, proposals, votes, disputes, the change of a key, and that a
-//! node leaves.
+//! What governors, nodes and the operator sign besides contributions.
 
 use crate::client::NodeClient;
 use crate::client_error::NodeError;
@@ -9,11 +8,12 @@ use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::{
-    Dispute, Enrolment, Evidence, KeyRotation, KeyTakeover, Leaving, Proposal, Signed, Vote,
+    Dispute, Enrolment, Evidence, KeyRotation, KeyTakeover, Leaving, OperatorDecision, Proposal,
+    Signed, Vote,
 };
 use zk0_protocol::rpc::federation::record_request::Statement;
 
-/// A proposal that is on the ledger.
+/// A proposal on the ledger.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Proposed {
     /// The proposal's number.
@@ -23,7 +23,7 @@ pub struct Proposed {
 }
 
 impl NodeClient {
-    /// Enrols a node. This connection's key has to be the log's key, which the network's operator has. Returns the index of the entry.
+    /// Enrols a node. This connection's key has to be the log's. Returns the entry's index.
     pub async fn enrol(&mut self, node: NodeId, name: String) -> Result<u64, NodeError> {
         let enrolment = Enrolment {
             network: *self.network(),
@@ -36,6 +36,23 @@ impl NodeClient {
         let body = Body::NodeEnrolled(NodeEnrolled { node, name });
         let receipt = self.stated(Statement::Enrolment(statement), Vec::new(), body);
         Ok(receipt.await?.index)
+    }
+
+    /// Suspends a node, or ends the suspension. This connection's key has to be the log's key. Returns the index of the entry.
+    pub async fn decide_standing(
+        &mut self,
+        node: NodeId,
+        suspended: bool,
+    ) -> Result<u64, NodeError> {
+        let decision = OperatorDecision {
+            network: *self.network(),
+            operator: self.id(),
+            node,
+            suspended,
+            number: self.governance().await?.next_decision,
+        };
+        let body = Body::OperatorDecided(Signed::new(decision, self.key()));
+        self.record(body).await
     }
 
     /// Proposes a change, with a title and a text for people.
@@ -59,8 +76,7 @@ impl NodeClient {
         Ok(Proposed { number, entry })
     }
 
-    /// Votes on a proposal of [`NodeClient::governance`]. The vote counts for just this one, whatever the ledger has under its number. Returns
-    /// the index of the vote's entry.
+    /// Votes on a proposal of [`NodeClient::governance`], and on no other one under its number. Returns the entry's index.
     pub async fn vote(&mut self, proposal: &Proposal, ballot: Ballot) -> Result<u64, NodeError> {
         let vote = Vote {
             network: *self.network(),
@@ -73,7 +89,7 @@ impl NodeClient {
         self.record(body).await
     }
 
-    /// Disputes the contribution that the entry `contribution` accepted. Returns the index of the dispute's entry.
+    /// Disputes the contribution that the entry `contribution` accepted. Returns the dispute's index.
     pub async fn dispute(
         &mut self,
         contribution: u64,
@@ -89,7 +105,7 @@ impl NodeClient {
         self.record(body).await
     }
 
-    /// Leaves the network. The next round is the first one without this node. Returns the index of the entry.
+    /// Leaves the network before the next round. Returns the entry's index.
     pub async fn leave(&mut self) -> Result<u64, NodeError> {
         let leaving = Leaving {
             network: *self.network(),
@@ -100,7 +116,7 @@ impl NodeClient {
         self.record(body).await
     }
 
-    /// Hands this node's place over to the key `new`. Returns the index of the entry, and the node's new identity.
+    /// Hands this node's place over to the key `new`. Returns the entry's index and the new identity.
     ///
     /// # Errors
     /// `new` is the present key, or the aggregator refuses.

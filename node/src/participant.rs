@@ -31,22 +31,22 @@ use zk0_smolvla::measure::fixed_point::dims;
 use zk0_smolvla::PolicyConfig;
 use zk0_weights::Format;
 
-/// Largest policy file that a node downloads. The published policy takes 1.8 GB.
+/// The published policy takes 1.8 GB.
 pub const MAX_POLICY_BYTES: u64 = 4 << 30;
 
 /// Who takes part, and with what.
 pub struct Participant {
     /// The recording: a LeRobotDataset folder.
     pub dataset: PathBuf,
-    /// What the recording's cameras are called in the network.
+    /// The network's names of the recording's cameras.
     pub rename_map: RenameMap,
-    /// Where the node keeps the policy, its secrets, its evaluation set, its updates, its training histories and its receipts.
+    /// Folder of what the node keeps.
     pub state: PathBuf,
-    /// Where prepared samples are kept when the node ends.
+    /// Where prepared samples stay when the node ends.
     pub cache: Option<DiskCache>,
-    /// On how many samples each claim is evaluated; `None` for as few as the rules allow.
+    /// Samples per claim; `None` for the fewest that the rules allow.
     pub eval_samples: Option<u32>,
-    /// Transformed variants of frames to train on, if the operator wants them. Nothing else is transformed.
+    /// Transformed variants of frames for training only.
     pub variants: Option<Variants>,
     /// Keeps other nodes from the state folder.
     pub lock: StateLock,
@@ -66,7 +66,7 @@ impl Participant {
         OpenRecording::of(dataset, &policy, self.cache.as_ref())
     }
 
-    /// Takes part in `rounds` rounds. If the update of a round cannot be proven, is refused, or comes too late, the node goes on with the next
+    /// Takes part in `rounds` rounds. After an update that cannot be proven, is refused, or comes too late, the node goes on with the next
     /// round.
     pub async fn run(
         &self,
@@ -80,8 +80,8 @@ impl Participant {
         self.rounds(node, rounds, play).await
     }
 
-    /// Takes part in `rounds` rounds, as `play` does it. It ends before a round whose proofs are of another program than this release's, and before
-    /// one whose rules ask for other recordings.
+    /// Takes part in `rounds` rounds by `play`. Ends before a round with another guest program, or with rules that ask for other
+    /// recordings.
     pub async fn rounds(
         &self,
         node: &mut NodeClient,
@@ -93,7 +93,7 @@ impl Participant {
     ) -> Result<(), ParticipantError> {
         state_files::remove_unfinished(&self.state)?;
         let recording = self.open(node).await?;
-        // What is registered stays on the ledger, so this comes first.
+        // A registration stays on the ledger, so the check comes first.
         recording.check(&node.governance().await?.rules.recordings)?;
         let maker = recording.maker().with_variants(self.variants.clone());
         let samples = recording.samples(&maker);
@@ -139,7 +139,7 @@ impl Participant {
             match played {
                 Ok(None) => tracing::info!("round {round}: accepted"),
                 Ok(Some(reason)) => tracing::warn!("round {round}: refused: {reason}"),
-                // Where only a file has failed, the node ends, and goes on with its update when it is started again.
+                // If only a file has failed, the node ends. At its next start it goes on with its update.
                 Err(ParticipantError::NotProvable(error)) if !error.may_pass() => tracing::warn!(
                     "round {round}: the update cannot be proven and is not submitted: {error}"
                 ),
@@ -156,7 +156,7 @@ impl Participant {
                 ) => {
                     tracing::warn!("{error}");
                 }
-                // What the round begins with, or the rules, may be to blame. Neither may end the nodes.
+                // The base or the rules may be to blame. Neither may end the nodes.
                 Err(error) if error.is_of_training() => {
                     let rates = match opened.rules.strategy {
                         Strategy::Scaffold(_) => {
@@ -168,7 +168,7 @@ impl Participant {
                         "round {round}: the training gave no update, and the node goes on with the next round: {error}{rates}"
                     );
                 }
-                // The round is full or over for this node, or an answer was lost together with the node's files.
+                // The round is full or over for this node, or an answer and the node's files were lost.
                 Err(ParticipantError::Node(NodeError::Refused(status)))
                     if TurnedDown::of(&status).remedy() == Remedy::NextRound =>
                 {
@@ -218,7 +218,7 @@ impl Participant {
         Ok(())
     }
 
-    /// The file of the network's policy. The first start downloads it, and it stays on disk. It may have 1.8 GB.
+    /// The network's policy. The first start downloads it.
     async fn policy(&self, node: &mut NodeClient) -> Result<PathBuf, ParticipantError> {
         let blob = &node.genesis().policy.clone();
         let path = self.state.join(format!("policy-{blob}.safetensors"));
@@ -237,7 +237,7 @@ impl Participant {
     }
 }
 
-/// Checks that the network proves with the program that this release has. With another one, the node would train and prove in vain.
+/// With another program, the node would train and prove in vain.
 fn check_program(mode: Mode, needed: Program) -> Result<(), ParticipantError> {
     let own = Program {
         key: verifying_key(mode).to_vec(),
@@ -250,8 +250,8 @@ fn check_program(mode: Mode, needed: Program) -> Result<(), ParticipantError> {
     }
 }
 
-/// On how many samples a claim of this round is evaluated: as many as the operator asks for, or as few as the rules allow. The node has
-/// `held` samples, and a claim about its policy has at most `most`. A wrong number would be refused only after the training.
+/// Samples of a claim in this round: `asked`, or as few as the rules allow. The node has `held`, and a claim at most `most`. A wrong number
+/// would be refused only after the training.
 fn eval_samples(
     asked: Option<u32>,
     opened: &RoundOpened,
@@ -273,7 +273,7 @@ fn eval_samples(
     }
 }
 
-/// Checks that the node trains and proves at the same dimensions. Otherwise it would fail only after minutes of work.
+/// Otherwise the node would fail only after minutes of work.
 fn check_dimensions(config: &PolicyConfig, spec: &EvalSpec) -> Result<(), ParticipantError> {
     if dims(config)? == spec.dims {
         Ok(())

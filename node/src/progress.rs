@@ -1,11 +1,11 @@
-//! Progress of long work, as tracing events. A terminal or a parent process shows them as bars.
+//! Progress of long work, as tracing events, which a terminal or a parent process shows as bars.
 
 use std::time::{Duration, Instant};
 
-/// Target of the events; their fields are `phase`, `done`, `total` and `eta_ms`.
+/// Target of the events. Their fields are `phase`, `done`, `total` and `eta_ms`.
 pub const TARGET: &str = "zk0::progress";
 
-/// Work in many units that take about the same time each.
+/// Work in units that take about the same time each.
 #[derive(Debug)]
 pub struct Progress {
     phase: &'static str,
@@ -25,7 +25,7 @@ impl Progress {
         }
     }
 
-    /// Tells that `done` units are done. This reports at most twice a second, and always reports the end.
+    /// Reports that `done` units are done: at most twice a second, and always at the end.
     pub fn reached(&mut self, done: u64) {
         let finished = done >= self.total;
         if !finished

@@ -1,4 +1,4 @@
-//! Keeps the receipts of what a node has put on the ledger.
+//! Keeps the receipts of a node's entries on the ledger.
 
 use crate::error::ParticipantError;
 use crate::state_files;
@@ -8,11 +8,11 @@ use zk0_protocol::blob::blob_digest;
 use zk0_protocol::tlog::tlog_proof::MAX_PROOF_BYTES;
 use zk0_protocol::{Genesis, Receipt, TlogProof};
 
-/// Keeps a receipt in the state folder, as a C2SP tlog-proof. With this file the node can show anyone that the log has signed the entry,
-/// whatever the log says later.
+/// Keeps a receipt in the state folder, as a C2SP tlog-proof. This file shows anyone that the log has signed the entry, whatever the log
+/// shows later.
 ///
 /// # Errors
-/// The file system fails. [`ParticipantError::Forked`]: the log has signed another entry with this number, and both proofs are kept.
+/// The file system fails. [`ParticipantError::Forked`]: the log has signed another entry with this number; both proofs are kept.
 pub fn keep(state: &Path, genesis: &Genesis, receipt: Receipt) -> Result<(), ParticipantError> {
     let receipts = state.join("receipts");
     fs::create_dir_all(&receipts).map_err(state_files::at(&receipts))?;
@@ -33,7 +33,7 @@ pub fn keep(state: &Path, genesis: &Genesis, receipt: Receipt) -> Result<(), Par
     })
 }
 
-/// The entry that the log of this network has signed, as a kept proof shows; `None` if there is no proof, or one from another network.
+/// The entry in a kept proof of this network.
 fn signed(path: &Path, genesis: &Genesis) -> Result<Option<Vec<u8>>, ParticipantError> {
     let Some(bytes) = state_files::read(path, MAX_PROOF_BYTES as u64)? else {
         return Ok(None);

@@ -1,4 +1,4 @@
-//! Frames of recordings as samples for training and evaluation, with the progress of preparing them on the terminal.
+//! Frames as samples for training and evaluation, with progress on the terminal.
 
 use crate::progress::Progress;
 use zk0_smolvla::frames::batch::SampleSource;
@@ -9,7 +9,7 @@ use zk0_smolvla::frames::prefix_cache::{
 use zk0_smolvla::frames::sample::{FromFrame, ObservedSample, PreparedSample};
 use zk0_smolvla::train::TrainingSamples;
 
-/// A kind of samples. The kind decides what is trained on them.
+/// A kind of samples, which decides what is trained.
 pub trait SampleKind: FromFrame + CacheEntry {
     /// Samples of this kind, as training takes them.
     fn samples(source: &dyn SampleSource<Self>) -> TrainingSamples<'_>;
@@ -27,7 +27,7 @@ impl SampleKind for ObservedSample {
     }
 }
 
-/// Samples for training. Those that `cache` lacks are made while the run trains; where there is no cache, all are made now.
+/// Samples for training. Those that `cache` lacks are made during the run; without a cache, all are made now.
 pub fn while_training<'c, 'a, S: FromFrame + CacheEntry>(
     cache: Option<&'c DiskCache>,
     maker: &'c FrameMaker<'a>,
@@ -39,7 +39,7 @@ pub fn while_training<'c, 'a, S: FromFrame + CacheEntry>(
     })
 }
 
-/// Makes the samples that `cache` lacks; all of them where there is no cache.
+/// Makes the samples that `cache` lacks, or all without a cache.
 pub fn prepare<'c, 'a, S: FromFrame + CacheEntry>(
     cache: Option<&'c DiskCache>,
     maker: &'c FrameMaker<'a>,

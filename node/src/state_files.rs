@@ -1,4 +1,4 @@
-//! A node's own files in its state folder. A file is written whole or not at all. Whoever reads it gets what was written, or an error.
+//! A node's own files in its state folder. A file is written whole or not at all. A reader gets what was written, or an error.
 
 pub mod lock;
 
@@ -12,7 +12,7 @@ use std::path::Path;
 use zk0_files::atomic_file::{self, UNFINISHED};
 use zk0_files::bounded_file;
 
-/// The bytes of a file; `None` if there is no such file.
+/// The bytes of a file; `None` if it is missing.
 ///
 /// # Errors
 /// It cannot be read, or has more than `limit` bytes.
@@ -25,7 +25,7 @@ pub fn read(path: &Path, limit: u64) -> Result<Option<Vec<u8>>, ParticipantError
     }
 }
 
-/// The JSON value in a file; `None` if there is no such file.
+/// The JSON value in a file; `None` if it is missing.
 ///
 /// # Errors
 /// Those of [`read`]; and the file does not hold such a value.
@@ -41,7 +41,7 @@ pub fn read_json<T: DeserializeOwned>(
         .map_err(|error| broken(path, error.to_string()))
 }
 
-/// The SHA-256 of a file of any size; `None` if there is no such file.
+/// The SHA-256 of a file of any size; `None` if it is missing.
 pub fn sha256(path: &Path) -> Result<Option<[u8; 32]>, ParticipantError> {
     let mut file = match File::open(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
@@ -67,7 +67,7 @@ pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Participant
     write(path, &json)
 }
 
-/// Removes what killed processes have left unfinished in a folder. No other process may write there: see [`lock`].
+/// Removes unfinished files of killed processes. No other process may write there: see [`lock`].
 pub fn remove_unfinished(folder: &Path) -> Result<(), ParticipantError> {
     for file in fs::read_dir(folder).map_err(at(folder))? {
         let path = file.map_err(at(folder))?.path();
@@ -86,7 +86,7 @@ pub fn at(path: &Path) -> impl FnOnce(io::Error) -> ParticipantError + '_ {
     }
 }
 
-/// The error for a file whose content is wrong.
+/// The error for a file with wrong content.
 pub fn broken(path: &Path, why: String) -> ParticipantError {
     ParticipantError::BrokenFile {
         path: path.into(),

@@ -1,4 +1,4 @@
-//! The training losses of a round. A node keeps them beside the update.
+//! The training losses of a round, kept beside the update.
 
 use crate::error::ParticipantError;
 use crate::state_files;
@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Largest training history that is read.
 const MAX_HISTORY_BYTES: u64 = 64 << 20;
 
 /// The training losses of one round.
@@ -19,18 +18,17 @@ pub struct TrainingHistory {
 }
 
 impl TrainingHistory {
-    /// The file in which a node with this state folder keeps the history of `round`.
+    /// The file of the history of `round`.
     pub fn path(state: &Path, round: u64) -> PathBuf {
         state.join(format!("round-{round}.training.json"))
     }
 
-    /// The history that the node with this state folder wrote in `round`; `None` if it did not train.
+    /// The history of `round`; `None` if the node did not train.
     pub fn read(state: &Path, round: u64) -> Result<Option<Self>, ParticipantError> {
         state_files::read_json(&Self::path(state, round), MAX_HISTORY_BYTES)
     }
 
-    /// How many steps the node with this state folder has made in the rounds before `round`. A history that is gone or cannot be read counts
-    /// for nothing.
+    /// The steps made in the rounds before `round`. A missing or unreadable history counts as none.
     pub fn steps_before(state: &Path, round: u64) -> u64 {
         let entries = fs::read_dir(state).into_iter().flatten().flatten();
         let rounds = entries.filter_map(|entry| {

@@ -54,8 +54,8 @@ use unfinished::{Decided, ProvenClaim, RoundParticipation, UnfinishedUpdate};
 /// Local training in each round.
 #[derive(Clone, Debug)]
 pub struct LocalTraining {
-    /// Where the expert is trained. Samples are prepared on the CPU on whatever device that is, because the dataset commitment is about the
-    /// CPU's numbers. What is committed to and proven is fixed point, on the CPU.
+    /// Where the expert is trained. Samples are always prepared on the CPU, because the dataset commitment is about the CPU's numbers.
+    /// Commitments and proofs are about fixed-point numbers, on the CPU.
     pub device: Device,
     /// Optimiser steps.
     pub steps: usize,
@@ -65,11 +65,11 @@ pub struct LocalTraining {
     pub learning_rate: f64,
     /// FedProx: weight of the pull towards the round's base weights.
     pub fedprox_mu: f64,
-    /// FedCM: how much of a step is the node's own; above 0, and 1 for all of it. The rest follows the last global step.
+    /// FedCM: the node's own share of a step, above 0 and up to 1. The rest follows the last global step.
     pub fedcm_alpha: f64,
-    /// How mu and the learning rate change with the losses of the rounds' base weights.
+    /// How mu and the learning rate follow the losses of the base weights.
     pub adaptation: Adaptation,
-    /// Where the curves of training are written for TensorBoard.
+    /// Where TensorBoard curves of training are written.
     pub curves: Option<Arc<EventFile>>,
 }
 
@@ -79,11 +79,11 @@ pub struct Entered<'a> {
     pub config: &'a PolicyConfig,
     /// How the network's weights look as files.
     pub format: Format,
-    /// All frames of the recording as they are recorded, for measuring losses and proving.
+    /// All frames as they are recorded, for measuring losses and proving.
     pub samples: &'a dyn SampleSource<PreparedSample>,
-    /// The frames to train on, or transformed variants of them.
+    /// The frames to train on, or variants of them.
     pub training: &'a dyn SampleSource<PreparedSample>,
-    /// The samples that it has committed to, for proving.
+    /// The committed samples, for proving.
     pub evaluation: EvaluationSet,
     /// Commits to them again, before the secret is worn out.
     pub registering: &'a Registering<'a>,
@@ -97,12 +97,12 @@ pub struct Turn<'a> {
     pub entered: &'a Entered<'a>,
     /// The round.
     pub opened: &'a RoundOpened,
-    /// On how many samples the update is to be evaluated.
+    /// Samples on which the update is evaluated.
     pub eval_samples: u32,
 }
 
 impl Turn<'_> {
-    /// Trains, commits, proves and submits. Returns why the contribution is refused, or `None` if it is accepted.
+    /// Returns why the contribution is refused, or `None` if it is accepted.
     #[instrument(name = "turn", skip_all, fields(
         zk0.node = %node.id(),
         zk0.round = self.opened.round,
@@ -145,7 +145,7 @@ impl Turn<'_> {
                     eval_samples: self.eval_samples,
                     file: format.write(&update),
                 };
-                // It comes before all else, so that a full disk cannot take it.
+                // First of all, so that a full disk cannot take it.
                 kept.keep(self.state)?;
                 drop(kept);
                 if let Err(error) = self.keep_for_lerobot(&update) {
@@ -154,7 +154,7 @@ impl Turn<'_> {
                 (update, self.eval_samples)
             }
         };
-        // What comes takes the most memory of a round, and needs the base as it travels alone.
+        // What follows takes the most memory of a round, and needs only the base as it travels.
         drop(base.weights);
         let turn = Turn {
             eval_samples,
@@ -173,7 +173,7 @@ impl Turn<'_> {
             None => {
                 let proven = self.prove(prover, node, &expected, base.quantised, update);
                 let proven = proven.await?;
-                // The aggregator answers the same proof once more, but no other one of the same claim.
+                // The aggregator answers the same proof again, but no other proof of the same claim.
                 if let Err(error) = proven.keep(self.state) {
                     tracing::warn!("round {round}: the proof is submitted and not kept: {error}");
                 }
@@ -204,7 +204,7 @@ impl Turn<'_> {
         }
     }
 
-    /// Sends the update and the proof once more, because the aggregator has lost one of them.
+    /// Sends update and proof again, because the aggregator has lost one of them.
     ///
     /// # Errors
     /// The node has not kept them, or the aggregator does not take them.
@@ -222,7 +222,7 @@ impl Turn<'_> {
         Ok(())
     }
 
-    /// Has the claim about an update proven. In mode `succinct`, the node keeps the argument, and goes on with one that it has kept.
+    /// In mode `succinct`, the node keeps the argument, and goes on with a kept one.
     async fn prove(
         &self,
         prover: &mut ProvingClient,
@@ -241,7 +241,7 @@ impl Turn<'_> {
             None => {
                 let (samples, evaluation) = (self.entered.samples, &self.entered.evaluation);
                 let input = evaluation.private_input(samples, expected, base, update)?;
-                // A claim that does not hold is refused here, and costs no proof.
+                // A claim that does not hold costs no proof.
                 let secret = evaluation.secret().clone();
                 let prepared = prepare(mode, input, secret, self.state.to_owned()).await?;
                 if mode == Mode::Succinct {
@@ -268,7 +268,6 @@ impl Turn<'_> {
         })
     }
 
-    /// Trains an update.
     #[instrument(name = "train", skip_all)]
     async fn update(
         &self,
@@ -300,7 +299,7 @@ impl Turn<'_> {
         base.update(format, config, trained)
     }
 
-    /// Keeps the weights of an update as they travel, in the form that LeRobot reads. The node itself does not need the file.
+    /// LeRobot reads this form. The node itself does not need the file.
     fn keep_for_lerobot(&self, update: &QuantisedWeights) -> Result<(), ParticipantError> {
         let (config, format) = (self.entered.config, &self.entered.format);
         let name = format!("round-{}.safetensors", self.opened.round);
@@ -315,13 +314,13 @@ impl Turn<'_> {
         Base::read(&self.entered.format, self.entered.config, &file)
     }
 
-    /// The most bytes that a file of weights may have. What the aggregator says of the rules costs the node no memory beyond that.
+    /// The aggregator's word about the rules costs no memory beyond this.
     fn weights_limit(&self) -> u64 {
         let allowed = self.opened.rules.max_update_bytes;
         allowed.min(self.entered.format.file_bytes())
     }
 
-    /// Uploads an update, commits to it, and waits for its challenge. Returns what the ledger determines of the claim.
+    /// Uploads an update, commits to it, and waits for its challenge. Returns the claim's terms.
     pub async fn commit(
         &self,
         node: &mut NodeClient,
@@ -361,7 +360,7 @@ impl Turn<'_> {
         })
     }
 
-    /// Submits a claim with its proof, and keeps the receipt of the decision. Returns why the contribution is refused, or `None` if it is
+    /// Submits a claim with its proof, and keeps the decision's receipt. Returns why the contribution is refused, or `None` if it is
     /// accepted.
     pub async fn submit(
         &self,
@@ -374,7 +373,7 @@ impl Turn<'_> {
         Ok(decision.refusal)
     }
 
-    /// The rates at which the round is trained. They follow the losses of the base weights so far, if the operator wants that.
+    /// The rates of the training. They may follow the losses of the base weights so far.
     fn rates(
         &self,
         training: &LocalTraining,
@@ -390,7 +389,7 @@ impl Turn<'_> {
             return Ok(start);
         }
         let kept = BaseLosses::at(self.state, *network, self.entered.evaluation.drawn_names);
-        // Samples, noise and times are the same in every round. A recording may have too many frames to measure on all of them.
+        // Samples, noise and times are the same in every round. All frames of a recording could be too many.
         let measure = || {
             let drawn = self.entered.evaluation.drawn(self.entered.samples);
             let loss = loss_of(
@@ -437,7 +436,6 @@ impl Turn<'_> {
         })
     }
 
-    /// Makes `steps` steps by `train`, shows how far it is, and keeps the losses.
     fn followed(
         &self,
         training: &LocalTraining,
@@ -453,7 +451,7 @@ impl Turn<'_> {
             progress.reached(step.step as u64);
             curves.stepped(&step);
         })?;
-        // Nothing needs the frozen half of the policy until the next round. It takes gigabytes.
+        // The frozen half takes gigabytes, and is not needed until the next round.
         self.entered.training.rest();
         let history = TrainingHistory {
             round,

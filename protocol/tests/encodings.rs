@@ -3,11 +3,11 @@
 
 use std::fs;
 use std::path::PathBuf;
-use zk0_protocol::entries::entry::{LostContribution, MomentsComputed};
+use zk0_protocol::entries::entry::{DeadlinesMoved, LostContribution, MomentsComputed};
 use zk0_protocol::entries::program::Program;
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::entries::signed::{
-    Enrolment, Leaving, Proposal, SignableStatement, UploadRequest, Vote,
+    Enrolment, Leaving, OperatorDecision, Proposal, SignableStatement, UploadRequest, Vote,
 };
 use zk0_protocol::pruning::Pruning;
 use zk0_protocol::request_head::{Method, RequestHead};
@@ -92,6 +92,24 @@ fn entries() {
         Body::ContributionLeftOut(lost),
     );
     check_entry(
+        "entries/deadlines-moved",
+        Body::DeadlinesMoved(DeadlinesMoved {
+            round: 3,
+            by_ms: 3_600_000,
+        }),
+    );
+    let decision = OperatorDecision {
+        network: *state.network(),
+        operator: id(0),
+        node: id(1),
+        suspended: true,
+        number: 258,
+    };
+    check_entry(
+        "entries/operator-decided",
+        Body::OperatorDecided(Signed::new(decision, &key(0))),
+    );
+    check_entry(
         "entries/randomness-drawn",
         Body::RandomnessDrawn(drawn(&state)),
     );
@@ -147,6 +165,16 @@ fn statements() {
             network: *state.network(),
             node: id(0),
             round: 1,
+        },
+    );
+    check_signed(
+        "signed/operator-decision",
+        OperatorDecision {
+            network: *state.network(),
+            operator: id(0),
+            node: id(1),
+            suspended: true,
+            number: 258,
         },
     );
     check_signed(

@@ -1,5 +1,5 @@
-//! The rounds of a federation. Nodes train in parallel, and updates are added in the nodes' order. So the number of threads does not change
-//! the result, and it limits the updates in memory.
+//! The rounds of a federation. Nodes train in parallel, and updates are added in the nodes' order. The number of threads limits the updates
+//! in memory, and does not change the result.
 
 use rand::seq::index;
 use rand::SeedableRng;
@@ -15,7 +15,7 @@ pub trait Federation: Sync {
     type Global: Sync;
     /// What a node sends.
     type Update: Send;
-    /// The updates of a round so far: their sum, or all of them if the strategy needs all.
+    /// A round's updates so far: their sum, or all if the strategy needs all.
     type Collected: Send;
     /// Why a round cannot go on.
     type Error: Send;
@@ -34,7 +34,7 @@ pub trait Federation: Sync {
     /// No updates yet.
     fn begin(&self, global: &Self::Global) -> Self::Collected;
 
-    /// Adds a node's update. Nodes come in ascending order.
+    /// Adds a node's update, in ascending order.
     ///
     /// # Errors
     /// The update cannot be added.
@@ -65,7 +65,7 @@ struct UpdateTurns<F: Federation> {
 /// Makes round `round` with these nodes, in ascending order, on `threads` threads.
 ///
 /// # Errors
-/// The first error of a node, or of combining. After it, no further node begins.
+/// The first error. After it, no further node begins.
 pub fn round<F: Federation>(
     federation: &F,
     round: u64,
@@ -114,7 +114,7 @@ pub fn round<F: Federation>(
     }
 }
 
-/// Calls `work` with each number below `count` on `threads` threads, and returns the results in order.
+/// Calls `work` with each number below `count` on `threads` threads. Results are in order.
 ///
 /// # Errors
 /// One of the errors. After it, no further work begins.
@@ -162,7 +162,7 @@ fn take(taken: &AtomicUsize, nodes: &[usize]) -> Option<(usize, usize)> {
     nodes.get(place).map(|node| (place, *node))
 }
 
-/// The nodes in a round, in ascending order: at least one, and a share of all that `seed` and the round choose.
+/// The nodes in a round, in ascending order: a share, at least one, that `seed` and the round choose.
 pub fn sample(nodes: usize, share: f64, seed: u64, round: u64) -> Vec<usize> {
     let count = ((nodes as f64 * share).ceil() as usize).clamp(1, nodes.max(1));
     if count >= nodes {

@@ -10,10 +10,10 @@ pub enum PolicyError {
     /// A policy's configuration, tensors, tokenizer or file.
     #[error(transparent)]
     Stored(#[from] StoredPolicyError),
-    /// A frame or a sample does not fit the policy.
+    /// A frame or sample does not fit the policy.
     #[error("sample: {0}")]
     Sample(String),
-    /// A frame of a recording cannot be read.
+    /// A recording's frame cannot be read.
     #[error("frame {frame} of recording {recording}: {error}")]
     Recording {
         /// The frame.
@@ -29,7 +29,7 @@ pub enum PolicyError {
     /// The loss does not reach a trainable tensor.
     #[error("training: tensor `{0}` has no gradient; an operation between it and the loss lacks a backward pass")]
     NoGradient(String),
-    /// The loss became NaN or infinite, so the weights are useless.
+    /// The loss became NaN or infinite: the weights are useless.
     #[error(
         "training diverged: the loss is {loss} at step {step} of {of}; lower the learning rate"
     )]
@@ -53,7 +53,7 @@ pub enum PolicyError {
 }
 
 impl PolicyError {
-    /// Whether training is at fault. Then data, files and machine are intact, and other weights may train well.
+    /// Whether training is at fault: other weights may train well.
     pub fn is_of_training(&self) -> bool {
         matches!(
             self,
@@ -70,5 +70,5 @@ impl From<TensorError> for PolicyError {
     }
 }
 
-/// Result of the policy's functions.
+/// Result of policy functions.
 pub type Result<T> = std::result::Result<T, PolicyError>;

@@ -1,6 +1,6 @@
 //! The SmolVLA policy in candle, and local training.
 //!
-//! The folders, in the order of the data's flow:
+//! In the order of the data's flow:
 //!
 //! - [`policy`]: weights, the model in candle with fast kernels, and the file of a policy.
 //! - [`frames`]: turns frames of recordings into samples on disk, so that the policy's frozen half runs once per frame.
@@ -9,7 +9,7 @@
 //!
 //! [`zk0_lerobot`] has recordings, LeRobot's policy folders and a policy's dimensions.
 //!
-//! Only [`policy::profile`] knows sizes: the `tiny` fixture, the demo's `micro` profile and the published model share all functions.
+//! Only [`policy::profile`] knows sizes: all profiles share all functions.
 
 pub mod error;
 pub mod frames;

@@ -1,21 +1,21 @@
-//! What the test process allocates, without the decoders in assembly and C++.
+//! What the test process allocates, without decoders in assembly and C++.
 //!
-//! The program `tests/alone/main.rs` of a crate declares once:
+//! A crate's `tests/alone/main.rs` declares once:
 //!
 //! ```ignore
 //! #[global_allocator]
 //! static ALLOCATOR: zk0_testkit::allocations::Watched = zk0_testkit::allocations::Watched;
 //! ```
 //!
-//! The whole process is counted, so each test there begins with `let _alone = allocations::alone();`.
-//! [`fuzzing::read_again`](crate::fuzzing::read_again) does so itself.
+//! It counts the whole process, so each test begins with `let _alone = allocations::alone();`, or does so by
+//! [`fuzzing::read_again`](crate::fuzzing::read_again).
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::AtomicUsize;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Counts the largest single allocation, and the most allocated at once.
+/// Counts the largest allocation, and all at once.
 pub struct Watched;
 
 static LARGEST: AtomicUsize = AtomicUsize::new(0);
@@ -48,7 +48,7 @@ unsafe impl GlobalAlloc for Watched {
     }
 }
 
-/// Waits for other tests that call this. The turn lasts as long as the guard.
+/// Waits for a turn, which ends with the guard.
 pub fn alone() -> MutexGuard<'static, ()> {
     static ALONE: Mutex<()> = Mutex::new(());
     // A failed test leaves nothing that matters.
@@ -63,7 +63,7 @@ pub fn held() -> usize {
     held
 }
 
-/// The largest single allocation during `run`, in bytes. Call it under [`alone`].
+/// Largest single allocation during `run`, in bytes. Needs [`alone`].
 pub fn largest<T>(run: impl FnOnce() -> T) -> (T, usize) {
     held();
     LARGEST.store(0, Relaxed);
@@ -71,7 +71,7 @@ pub fn largest<T>(run: impl FnOnce() -> T) -> (T, usize) {
     (value, LARGEST.load(Relaxed))
 }
 
-/// The most bytes allocated at once during `run`, beyond those held before. Call it under [`alone`].
+/// Most additional bytes at once during `run`. Needs [`alone`].
 pub fn peak<T>(run: impl FnOnce() -> T) -> (T, usize) {
     let before = held();
     MOST.store(before, Relaxed);

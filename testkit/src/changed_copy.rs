@@ -5,11 +5,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// The environment variable of removed checks, separated by semicolons.
+/// The variable of removed checks, separated by semicolons.
 pub const OUT: &str = "ZK0_OUT";
 
-/// `code`, in which `OUT` asks whether this check is out, so that one build serves many checks. It reads the variable once, for hot loops,
-/// and works without the standard library.
+/// `code`, in which `OUT` decides whether this check is out: one build serves many. It reads the variable once, for hot loops, and works
+/// without the standard library.
 pub fn switched(code: &str, check: &str) -> String {
     let question = format!(
         "({{ extern crate std; \
@@ -20,12 +20,12 @@ pub fn switched(code: &str, check: &str) -> String {
     code.replace("OUT", &question)
 }
 
-/// A change to one source.
+/// A change of one source.
 #[derive(Clone, Copy, Debug)]
 pub struct SourceChange {
-    /// The path from the repository's folder.
+    /// From the repository's folder.
     pub file: &'static str,
-    /// Code found once in the source, and its replacement.
+    /// Code found once, and its replacement.
     pub replacements: &'static [(&'static str, &'static str)],
 }
 
@@ -33,7 +33,7 @@ impl SourceChange {
     /// The changed source.
     ///
     /// # Errors
-    /// A piece of code is not found exactly once.
+    /// Code is not found exactly once.
     pub fn applied_to(&self, source: &str) -> Result<String, String> {
         let same = |instead: &str| instead.to_owned();
         self.applied_with(source, same)
@@ -42,7 +42,7 @@ impl SourceChange {
     /// [`Self::applied_to`], where `instead` changes the replacement.
     ///
     /// # Errors
-    /// A piece of code is not found exactly once.
+    /// The same.
     pub fn applied_with(
         &self,
         source: &str,
@@ -74,25 +74,25 @@ impl SourceChange {
     }
 }
 
-/// The copy. It uses the tests' built dependencies, and its own folder for binaries, so that no weakened `zk0` replaces the user's.
+/// The copy. It shares built dependencies, but not binaries: no weakened `zk0` replaces the user's.
 pub struct ChangedCopy {
     folder: PathBuf,
     build: PathBuf,
     binaries: PathBuf,
 }
 
-/// What a run of tests printed.
+/// What tests printed.
 pub struct Ran {
-    /// Whether all tests passed.
+    /// Whether all passed.
     pub succeeded: bool,
     /// The tests' output.
     pub printed: String,
-    /// The output of cargo and the compiler.
+    /// Output of cargo and the compiler.
     pub errors: String,
 }
 
 impl ChangedCopy {
-    /// Copies this workspace's sources into the folder `name` of `ours`, the test's `CARGO_TARGET_TMPDIR`.
+    /// Copies the sources into `name` in `ours`, the test's `CARGO_TARGET_TMPDIR`.
     pub fn of_workspace(ours: &Path, name: &str) -> Self {
         let folder = ours.join(name);
         let _ = fs::remove_dir_all(&folder); // An earlier run may have left it
@@ -108,10 +108,10 @@ impl ChangedCopy {
         }
     }
 
-    /// Gives a source of the copy the text that `edit` returns.
+    /// Replaces a source by the result of `edit`.
     ///
     /// # Errors
-    /// That of `edit`; the source stays as it is.
+    /// That of `edit`; the source stays.
     pub fn edit(
         &self,
         file: &str,
@@ -122,7 +122,7 @@ impl ChangedCopy {
         Ok(())
     }
 
-    /// Makes a change, runs `what`, and undoes the change.
+    /// Runs `what` under a change.
     ///
     /// # Errors
     /// The change does not fit the sources.
@@ -139,7 +139,7 @@ impl ChangedCopy {
         Ok(result)
     }
 
-    /// Runs these tests of the program `target`, with these arguments and environment variables.
+    /// Runs tests of `target` with these arguments and variables.
     pub fn run(
         &self,
         package: &str,
@@ -153,13 +153,13 @@ impl ChangedCopy {
             light @ ("zk0-argument" | "zk0-circuits" | "zk0-protocol" | "zk0-weights") => {
                 cargo.args(["--package", light]);
             }
-            // SP1's dependents get the whole workspace's features, so that SP1 is built once.
+            // SP1's dependents get the whole workspace's features: then SP1 is built once.
             _ => {
                 cargo.arg("--workspace");
             }
         }
-        // Cargo's variables for this test, and those of scripts/run-test. Build scripts that read them would run again after each build of
-        // the other cargo, and rebuild half of the dependencies.
+        // Cargo's variables for this test, and those of scripts/run-test. Build scripts that read them would run again each time, and
+        // rebuild half of the dependencies.
         for (name, _) in env::vars_os() {
             let told = name.to_str().is_some_and(|name| {
                 [
@@ -197,7 +197,7 @@ fn root() -> &'static Path {
     here.parent().expect("this crate is in a workspace")
 }
 
-/// Copies a folder without build outputs, results of demos, and version control.
+/// Leaves out build outputs, results of demos, and version control.
 fn copy_folder(from: &Path, to: &Path) {
     let entries = fs::read_dir(from).unwrap_or_else(|error| panic!("{}: {error}", from.display()));
     for entry in entries {
@@ -229,7 +229,7 @@ fn write(path: &Path, content: impl AsRef<[u8]>) {
     fs::write(path, content).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
 }
 
-/// Turns off optimisation, except for the argument, whose provers calculate long. Dependencies are built as for the tests.
+/// Turns off optimisation, except for the argument's slow provers and the dependencies.
 fn build_quickly(folder: &Path) {
     let manifest = folder.join("Cargo.toml");
     let mut text = read(&manifest).replace("\nincremental = false\n", "\nincremental = true\n");
@@ -246,7 +246,7 @@ fn build_quickly(folder: &Path) {
         let name = name.trim_start_matches("name = ").trim_matches('"');
         let level = if name == "zk0-argument" { 1 } else { 0 };
         let table = format!("\n[profile.release.package.{name}]\n");
-        // In the workspace, such a table has one line.
+        // Such a table has one line here.
         if let Some((before, after)) = text.split_once(&table) {
             let (_, rest) = after.split_once('\n').expect("a line in the table");
             text = format!("{before}\n{rest}");

@@ -1,4 +1,4 @@
-//! Reads event files, with its own checksum.
+//! A reader of event files, with its own checksum.
 
 use prost::Message;
 use std::collections::BTreeMap;
@@ -24,7 +24,7 @@ fn number(bytes: &[u8]) -> u32 {
     u32::from_le_bytes(bytes.try_into().unwrap())
 }
 
-/// Each record's data.
+/// Data of each record.
 #[track_caller]
 pub fn records(mut bytes: &[u8]) -> Vec<Vec<u8>> {
     let mut records = Vec::new();
@@ -50,7 +50,7 @@ pub fn events(path: &Path) -> Vec<Event> {
     decoded.collect::<Result<_, _>>().unwrap()
 }
 
-/// A folder's event files, in TensorBoard's order.
+/// Event files in TensorBoard's order.
 pub fn files(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
     let files = entries.filter(|entry| {
@@ -62,7 +62,7 @@ pub fn files(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// A folder's curves in TensorBoard: each metric's values by steps.
+/// TensorBoard's curves: each metric by steps.
 #[track_caller]
 pub fn curves(folder: &Path) -> BTreeMap<String, BTreeMap<i64, f32>> {
     let mut curves = BTreeMap::<String, BTreeMap<i64, f32>>::new();

@@ -1,14 +1,14 @@
-//! Shared by the tests and benches of several crates. Nothing here is part of `zk0`.
+//! Shared by tests and benches of several crates. Nothing here is part of `zk0`.
 //!
-//! - Watching: [`allocations`] counts what a program allocates, [`fuzzing`] gives readers the inputs that fuzzing found, [`own_process`]
-//!   runs a test alone, and [`skipped`] reports tests that cannot run here.
+//! - Watching: [`allocations`] counts memory, [`fuzzing`] reads inputs that fuzzing found, [`own_process`] runs a test alone, and
+//!   [`skipped`] reports tests that cannot run here.
 //! - Waiting: [`until`] something has happened.
-//! - Test subjects: [`claims`] and [`cheats`], the history of a [`network`], its [`ledgers`] on disk, a serving [`aggregator`] and
-//!   [`sockets`] that pester it, [`members`] of a network, an [`s3`] server, a [`local_hub`], [`recordings`] and [`made_recording`]s, their
-//!   [`micro_network`], [`weight_claims`], a reader of [`event_files`], and a test's [`own_port`].
-//! - [`changed_copy`]: a copy of the sources, whose code a test changes.
+//! - Test subjects: [`claims`] and [`cheats`], a [`network`]'s history, its [`ledgers`] on disk, an [`aggregator`] and [`sockets`] that
+//!   pester it, [`members`], an [`s3`] server, a [`local_hub`], [`recordings`] and [`made_recording`]s, their [`micro_network`],
+//!   [`weight_claims`], [`event_files`], and a test's [`own_port`].
+//! - [`changed_copy`]: the sources with changed code. [`pages`]: the commands of our pages.
 //!
-//! Modules that need another crate of ours are behind a feature of their name.
+//! Modules that need our other crates are behind features of their names.
 
 #[cfg(feature = "aggregator")]
 pub mod aggregator;
@@ -35,6 +35,7 @@ pub mod micro_network;
 pub mod network;
 pub mod own_port;
 pub mod own_process;
+pub mod pages;
 #[cfg(feature = "recordings")]
 pub mod recordings;
 #[cfg(feature = "s3")]

@@ -1,4 +1,4 @@
-//! A Hub on loopback for publishing. It checks what it is sent, and keeps repositories in memory.
+//! A Hub on loopback for publishing. It checks what it gets, and keeps repositories in memory.
 
 use base64::prelude::{Engine as _, BASE64_STANDARD};
 use serde_json::{json, Value};
@@ -9,15 +9,15 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-/// A token that may write.
+/// May write.
 pub const TOKEN: &str = "hf_right";
-/// A token that may only read.
+/// May only read.
 pub const READER: &str = "hf_reader";
 
 /// A repository's commit.
 #[derive(Clone, Debug)]
 pub struct HubCommit {
-    /// The summary.
+    /// Its summary.
     pub summary: String,
     /// The changed files.
     pub changed: Vec<String>,
@@ -26,41 +26,41 @@ pub struct HubCommit {
 /// A model's repository.
 #[derive(Clone, Debug, Default)]
 pub struct ModelRepository {
-    /// Whether others cannot see it.
+    /// Whether it is hidden.
     pub private: bool,
-    /// The newest commit's files, with the content of those in `large`.
+    /// The newest commit's files, also those in `large`.
     pub files: BTreeMap<String, Vec<u8>>,
-    /// Each large file's SHA-256.
+    /// Large files' SHA-256.
     pub large: BTreeMap<String, String>,
-    /// All commits, oldest first.
+    /// Commits, oldest first.
     pub commits: Vec<HubCommit>,
 }
 
-/// What the Hub holds, and its faults.
+/// The Hub's content and faults.
 #[derive(Default)]
 pub struct HubContent {
     /// Repositories by name.
     pub models: BTreeMap<String, ModelRepository>,
     /// Large files by SHA-256.
     pub storage: BTreeMap<String, Vec<u8>>,
-    /// All requests, as method and path.
+    /// Requests, as method and path.
     pub requests: Vec<String>,
-    /// Fails this many requests whose path contains the text, with this status.
+    /// Fails so many requests whose path contains the text, with this status.
     pub failing: Option<(&'static str, u16, usize)>,
-    /// Cuts this many uploads in the middle.
+    /// Cuts so many uploads in the middle.
     pub cuts: usize,
-    /// Requests to create a repository get this status.
+    /// Status for creating a repository.
     pub closed: Option<u16>,
-    /// Takes uploads without the required headers.
+    /// Takes uploads without required headers.
     pub lenient: bool,
-    /// Asks to verify uploads at another place.
+    /// Has uploads verified elsewhere.
     pub verify_elsewhere: bool,
 }
 
-/// The server. It runs until the process ends.
+/// It runs until the process ends.
 #[derive(Clone)]
 pub struct LocalHub {
-    /// The URL.
+    /// Its URL.
     pub address: String,
     held: Arc<Mutex<HubContent>>,
 }
@@ -85,19 +85,19 @@ impl LocalHub {
         let serving = hub.clone();
         std::thread::spawn(move || {
             for stream in listener.incoming() {
-                // The caller may have closed the connection.
+                // The caller may have left.
                 let _ = serving.answer(stream.unwrap());
             }
         });
         hub
     }
 
-    /// What the Hub holds, which it cannot use until the guard drops.
+    /// The Hub's content, locked.
     pub fn held(&self) -> MutexGuard<'_, HubContent> {
         self.held.lock().unwrap()
     }
 
-    /// The model's repository.
+    /// A model's repository.
     #[track_caller]
     pub fn model(&self, name: &str) -> ModelRepository {
         self.held()
@@ -125,7 +125,7 @@ impl LocalHub {
         )
     }
 
-    /// Reads a request; `None` to cut the connection.
+    /// `None` cuts the connection.
     fn read(&self, stream: &TcpStream) -> std::io::Result<Option<Request>> {
         let mut reader = BufReader::new(stream);
         let mut line = String::new();
@@ -234,7 +234,6 @@ impl HubContent {
                 json!({ "error": "You may not create a repository." }),
             );
         }
-        // The default type is a model.
         assert!(asked["type"].is_null() || asked["type"] == "model");
         let part = |name: &str| asked[name].as_str().unwrap().to_owned();
         let name = format!("{}/{}", part("organization"), part("name"));
@@ -314,7 +313,7 @@ impl HubContent {
     /// The storage must not get the Hub's token.
     fn store(&mut self, oid: &str, request: &Request, has_token: bool) -> HubResponse {
         assert_eq!(request.method, "PUT");
-        // Python's client omits the headers that Git LFS requires.
+        // Python's client omits headers that Git LFS requires.
         assert!(self.lenient || request.headers["x-part"] == "all");
         if has_token || hex::encode(Sha256::digest(&request.body)) != oid {
             return (400, json!({ "error": "wrong content, or a token" }));

@@ -1,5 +1,4 @@
-//! Nodes that a program controls with the node's own client, with made-up datasets. An update is any bytes: nothing reads it before its
-//! submission.
+//! Nodes with the node's own client and made-up datasets. An update is any bytes: nothing reads it before its submission.
 
 use ed25519_dalek::SigningKey;
 use serde_json::Value;
@@ -15,10 +14,9 @@ use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::{DatasetRegistration, RegisteredEpisode};
 use zk0_protocol::evaluation_set::{draw, list_bytes, DrawnLeaf};
 
-/// Frames of a dataset, all drawn.
+/// All drawn.
 const FRAMES: u32 = 10;
 
-/// Samples on which an update is evaluated.
 const EVAL_SAMPLES: u32 = 4;
 
 /// The node of this number.
@@ -53,7 +51,7 @@ impl Member {
         }
     }
 
-    /// Connects to the aggregator, and registers a dataset.
+    /// Connects, and registers a dataset.
     pub async fn join(self, aggregator: &str, network: Digest) -> NodeClient {
         let node = NodeClient::connect(aggregator.to_owned(), network, self.key());
         let mut node = node.await.unwrap();
@@ -79,7 +77,7 @@ impl Member {
         node
     }
 
-    /// A unique update of this many bytes.
+    /// A unique update of this size.
     pub fn update(self, bytes: usize) -> Vec<u8> {
         let mut update = vec![self.0 as u8; bytes];
         for (number, block) in update.chunks_mut(4096).enumerate() {
@@ -90,14 +88,14 @@ impl Member {
         update
     }
 
-    /// Uploads an update for the first round.
+    /// Uploads for the first round.
     pub async fn upload(self, node: &mut NodeClient, update: Vec<u8>) -> Result<Digest, NodeError> {
         let blob = Digest(Sha256::digest(&update).into());
         node.upload(0, update).await?;
         Ok(blob)
     }
 
-    /// Commits in the first round to an uploaded update.
+    /// Commits in the first round.
     pub async fn commit(self, node: &mut NodeClient, blob: Digest) -> Result<(), NodeError> {
         let update = WeightsDigest {
             blob,
@@ -109,8 +107,8 @@ impl Member {
     }
 }
 
-/// Founds the members' network in `dir`, in `ledger` beside `log.key`, for updates of up to this size. `run` runs the program, and returns
-/// its output. Returns the network's id.
+/// Founds the members' network in `dir`, as `ledger` beside `log.key`, for updates of up to this size. `run` runs the program for its
+/// output. Returns the network's id.
 pub fn found(
     dir: &Path,
     members: &[Member],
@@ -126,7 +124,7 @@ pub fn found(
         ("min_eval_samples", EVAL_SAMPLES.into()),
         ("evaluation_frames", FRAMES.into()),
         ("max_update_bytes", bytes.max(1 << 20)),
-        // A round with commitments and no submissions ends soon.
+        // Without submissions, a round ends soon.
         ("submit_window_ms", 1000),
         ("commit_window_ms", 3_600_000),
     ] {

@@ -1,4 +1,4 @@
-//! A network of the profile `micro`, its policy, and what tests ask of them.
+//! A network of the profile `micro`, and its policy.
 
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -22,23 +22,23 @@ use zk0_smolvla::policy::init::init_policy;
 use zk0_smolvla::policy::policy_file::{self, PolicyFile};
 use zk0_smolvla::Profile;
 
-/// What hides the samples.
+/// Hides the samples.
 pub const SECRET: RegistrationSecret = RegistrationSecret::new([3; 32]);
 
-/// A recording with 245 frames.
+/// A recording of 245 frames.
 pub fn pickplace() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/datasets/so100_pickplace")
 }
 
 /// A network and its policy.
 pub struct Setting {
-    /// The policy, with its tokenizer.
+    /// The policy with its tokenizer.
     pub file: PolicyFile,
-    /// How the network evaluates.
+    /// How it evaluates.
     pub spec: EvalSpec,
     /// The network.
     pub network: Digest,
-    /// How the network proves.
+    /// How it proves.
     pub mode: Mode,
     dir: TempDir,
 }
@@ -50,13 +50,13 @@ impl Default for Setting {
 }
 
 impl Setting {
-    /// A network with an untrained policy.
+    /// With an untrained policy.
     pub fn new() -> Self {
         let policy = init_policy(&Profile::Micro.config(), 1).unwrap();
         Self::of(PolicyFile::hashing_words(policy))
     }
 
-    /// A network with this policy.
+    /// With this policy.
     pub fn of(file: PolicyFile) -> Self {
         let setting = Self {
             file,
@@ -104,7 +104,7 @@ impl Setting {
         EvaluationSet::prepare(recording, samples, &self.spec, by, folder).unwrap()
     }
 
-    /// The registration of `frames` frames of a recording, and its list.
+    /// Registers `frames` frames of a recording, with the list.
     pub fn registered(
         &self,
         path: &Path,
@@ -119,7 +119,7 @@ impl Setting {
         set.registration(NodeId([1; 32]))
     }
 
-    /// A claim about `count` samples of a set.
+    /// A claim about `count` samples.
     pub fn expected(&self, set: &EvaluationSet, challenge: u8, count: u32) -> ExpectedClaim {
         ExpectedClaim {
             terms: Terms {
@@ -141,12 +141,12 @@ impl Setting {
         }
     }
 
-    /// The policy's quantised weights.
+    /// The quantised weights.
     pub fn weights(&self) -> QuantisedWeights {
         quantise_weights(&self.spec, &self.file.policy.expert).unwrap()
     }
 
-    /// Checks each sample against the committed tree.
+    /// Checks samples against the committed tree.
     pub fn check_openings(&self, input: &PrivateInput) {
         let dataset = &input.header.terms.dataset;
         for opening in &input.openings {

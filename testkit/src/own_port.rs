@@ -1,12 +1,12 @@
-//! A loopback port that a test keeps without a listener.
+//! A loopback port, kept without a listener.
 
 use std::net::{Ipv4Addr, SocketAddr, TcpListener, TcpStream};
 
-/// A port that no other process gets by chance until this is dropped. Processes with `SO_REUSEADDR`, such as servers, can listen on it in
-/// turn. Without a listener, connections are refused.
+/// A port that no other process gets by chance until this is dropped. Servers can listen on it with `SO_REUSEADDR`. Otherwise, it refuses
+/// connections.
 pub struct OwnPort {
     address: SocketAddr,
-    /// Both ends of a connection to the port, which the system then does not assign as free.
+    /// A connection keeps the system from assigning the port.
     _connection: [TcpStream; 2],
 }
 

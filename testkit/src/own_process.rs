@@ -1,19 +1,18 @@
-//! Tests with their own process, because they change or measure its variables, namespaces, subscriber, memory, or the stderr of C
-//! libraries.
+//! Tests in their own process, because they change or measure its variables, namespaces, subscriber, memory, or the stderr of C libraries.
 
 use std::env;
 use std::process::{Command, Output};
 
-/// Set in a process that runs one test alone.
+/// Set in such a process.
 const ALONE: &str = "ZK0_TEST_ALONE";
 
-/// Whether this process runs a test alone.
+/// Whether this process runs one test.
 pub fn is_alone() -> bool {
     env::var_os(ALONE).is_some()
 }
 
-/// Whether this process runs the test alone. If not, this runs it so, and fails if it fails. `test` includes its modules. `before` is a
-/// command that runs the process, or empty.
+/// Whether this process runs the test alone. If not, this runs it so, perhaps by the command `before`, and fails if it fails. `test`
+/// includes its modules.
 #[track_caller]
 pub fn alone(test: &str, before: &[&str]) -> bool {
     if !is_alone() {
@@ -22,7 +21,7 @@ pub fn alone(test: &str, before: &[&str]) -> bool {
     is_alone()
 }
 
-/// The stderr of the test in its own process; `None` within that process. Fails if the test fails. `test` includes its modules.
+/// The test's stderr in its own process; `None` within it. Fails if the test fails.
 #[track_caller]
 pub fn stderr_alone(test: &str) -> Option<String> {
     let said = (!is_alone()).then(|| run(test, &[]).stderr)?;

@@ -1,16 +1,16 @@
-//! Tests that cannot run on this machine.
+//! Tests that cannot run here.
 
 use std::env;
 use std::fmt::Display;
 use std::io::{self, Write};
 
-/// With this environment variable, as in continuous integration, a skipped check fails.
+/// With this variable, as in continuous integration, a skipped check fails.
 const ALL: &str = "ZK0_CHECK_ALL";
 
-/// Reports why the calling test does not run, which is a failure if all checks have to run.
+/// Reports why a test does not run, which fails if all checks have to run.
 #[track_caller]
 pub fn skipped(why: impl Display) {
     assert!(env::var_os(ALL).is_none(), "this cannot run here: {why}");
-    // The harness hides the output of `eprintln!`.
+    // The harness hides `eprintln!`.
     let _ = writeln!(io::stderr(), "SKIPPED: {why}");
 }

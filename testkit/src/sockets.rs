@@ -5,10 +5,10 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpSocket, TcpStream};
 use tokio::time::timeout;
 
-/// What every HTTP/2 client sends first, and an empty frame of settings.
+/// The beginning of HTTP/2, and an empty frame of settings.
 pub const PREFACE: &[u8] = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0\x04\0\0\0\0\0";
 
-/// Connects to `url` from 127.0.`network`.`host`.
+/// Connects from 127.0.`network`.`host`.
 pub async fn from([network, host]: [u8; 2], url: &str) -> TcpStream {
     let socket = TcpSocket::new_v4().unwrap();
     socket.bind(([127, 0, network, host], 0).into()).unwrap();
@@ -16,7 +16,7 @@ pub async fn from([network, host]: [u8; 2], url: &str) -> TcpStream {
     socket.connect(address.parse().unwrap()).await.unwrap()
 }
 
-/// [`from`] with HTTP/2. Waits until the server answers, or has no place for the connection.
+/// [`from`] with HTTP/2, until the server answers or closes.
 pub async fn speaking(address: [u8; 2], url: &str) -> TcpStream {
     let mut stream = from(address, url).await;
     stream.write_all(PREFACE).await.unwrap();
@@ -24,7 +24,7 @@ pub async fn speaking(address: [u8; 2], url: &str) -> TcpStream {
     stream
 }
 
-/// Whether the server closes the connection in this time.
+/// Whether it closes in this time.
 pub async fn closes(stream: &mut TcpStream, within: Duration) -> bool {
     let mut buffer = [0; 1024];
     timeout(within, async {
@@ -34,7 +34,7 @@ pub async fn closes(stream: &mut TcpStream, within: Duration) -> bool {
     .is_ok()
 }
 
-/// Whether the connection is closed, or closes at once.
+/// Whether it is closed, or closes at once.
 pub async fn closed(stream: &mut TcpStream) -> bool {
     closes(stream, Duration::from_millis(200)).await
 }

@@ -1,4 +1,4 @@
-//! Waiting for an event, not for time.
+//! Waits for events, not for time.
 
 use std::fmt::Display;
 use std::thread::sleep;
@@ -7,12 +7,12 @@ use std::time::{Duration, Instant};
 /// Long, so that no test depends on the machine's speed.
 const LIMIT: Duration = Duration::from_secs(120);
 
-/// Time between two looks at a condition.
+/// Time between two looks.
 const EVERY: Duration = Duration::from_millis(5);
 
-/// A condition's result: met if it is `true` or `Some`.
+/// Met if `true` or `Some`.
 pub trait Condition {
-    /// The value for the test.
+    /// The test's value.
     type Value;
     /// The value, if met.
     fn met(self) -> Option<Self::Value>;
@@ -34,7 +34,7 @@ impl<T> Condition for Option<T> {
     }
 }
 
-/// Waits until `condition` is met, and returns its value. After two minutes, panics with `what`, the expected event.
+/// Waits for `condition`. Returns its value, or panics with `what`, the expected event, after two minutes.
 #[track_caller]
 pub fn until<C: Condition>(what: impl Display, mut condition: impl FnMut() -> C) -> C::Value {
     let begun = Instant::now();

@@ -1,4 +1,4 @@
-//! What a proof leaves to check about the weights, without an argument.
+//! What a proof leaves to check about weights, without an argument.
 
 use zk0_argument::expert::evaluation::layers::Expert;
 use zk0_argument::expert::published::Published;
@@ -10,7 +10,7 @@ use zk0_argument::transcript::Refused;
 use zk0_circuits::model::layout::Layout;
 use zk0_circuits::{Digest, EvalSpec, QuantisedWeights};
 
-/// A claim about each kind of matrix, at a point from `seed`, as an argument could leave it. Returns the words and their digest.
+/// Claims about each kind of matrix, at a point from `seed`, as an argument could leave them. Returns the words and their digest.
 pub fn left(weights: [&QuantisedWeights; 2], seed: u32) -> (Vec<u8>, Digest) {
     let spec = EvalSpec::micro();
     let layout = Layout::new(&spec.dims);

@@ -4,17 +4,16 @@ use zk0_circuits::model::weights::WeightsError as BufferError;
 use zk0_protocol::quote::short;
 use zk0_tensors::TensorError;
 
-/// Why a file is refused. The ledger records these texts and auditors compare them: a changed text disagrees with existing
-/// ledgers.
+/// Why a file is refused. The ledger records these texts, and auditors compare them: never change one.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WeightFileError {
-    /// The file, or an expected tensor in it, cannot be used.
+    /// The file or an expected tensor cannot be used.
     #[error("{}", quoted(.0))]
     Tensor(#[from] TensorError),
-    /// The file holds an unexpected tensor.
+    /// An unexpected tensor.
     #[error("tensor '{0}' does not belong to the action expert")]
     Extra(String),
-    /// The right tensors, but not the canonical header.
+    /// The header is not canonical.
     #[error("the safetensors header is not the one that every file of these weights has: it has metadata, another order of the tensors, or another spelling")]
     OtherHeader,
     /// A scale outside the specification's bounds.
@@ -24,12 +23,12 @@ pub enum WeightFileError {
         name: String,
         /// Its fraction bits.
         bits: i16,
-        /// The least allowed.
+        /// The least.
         least: i16,
-        /// The most allowed.
+        /// The most.
         most: i16,
     },
-    /// A scale is not the one of these numbers.
+    /// The numbers have another scale.
     #[error("tensor '{name}' has {bits} fraction bits, but its largest magnitude is {largest}, so that it fits with more of them; every tensor has as many as it can")]
     CoarseScale {
         /// The tensor.
@@ -39,7 +38,7 @@ pub enum WeightFileError {
         /// Its largest magnitude.
         largest: u16,
     },
-    /// A value is −32768, which no weight has.
+    /// A value is −32768.
     #[error("tensor '{name}' holds -32768 at element {index}; magnitudes go up to 32767")]
     TooLarge {
         /// The tensor.
@@ -52,7 +51,7 @@ pub enum WeightFileError {
     Buffer(#[from] BufferError),
 }
 
-/// Cuts short what comes from a stranger's header.
+/// Cuts a stranger's text short.
 fn quoted(error: &TensorError) -> String {
     match error {
         TensorError::Header(why) => TensorError::Header(short(why)).to_string(),

@@ -1,8 +1,8 @@
 //! The files of one network's weights.
 //!
-//! A file is a safetensors file of I16 tensors: first [`SCALES`], then the [`expert_tensors`], with LeRobot's names and shapes,
-//! in that order. The header has no metadata and is the same in all files of a network. The buffer that the evaluation reads
-//! follows ([`QuantisedWeights::as_bytes`], without the padding).
+//! A file is a safetensors file of I16 tensors: first [`SCALES`], then the [`expert_tensors`], with LeRobot's names and shapes, in that
+//! order. The header has no metadata and is the same in all files of a network. The evaluation's buffer follows
+//! ([`QuantisedWeights::as_bytes`], without the padding).
 
 use crate::error::WeightFileError;
 use crate::scale::{self, ScaledTensor};
@@ -15,13 +15,13 @@ use zk0_circuits::vm::values::Values;
 use zk0_circuits::{EvalSpec, QuantisedWeights};
 use zk0_tensors::{Dtype, ReadAt, TensorFile, TensorHeader};
 
-/// The tensor with the fraction bits of the others, in the file's order.
+/// The tensor of the others' fraction bits.
 pub const SCALES: &str = "fraction_bits";
 
-/// Largest header that is read, in bytes. The published size has 19 KB.
+/// Largest header in bytes. The published size has 19 KB.
 const MAX_HEADER_BYTES: u64 = 1 << 20;
 
-/// The file format of one network's weights.
+/// The format of one network's files.
 #[derive(Clone, Debug)]
 pub struct Format {
     spec: EvalSpec,
@@ -48,7 +48,7 @@ impl Format {
         Ok(Self {
             layout: Layout::new(&spec.dims),
             limits: bit_limits(spec, tensors.len()),
-            // Too few tensors to exceed the header limit.
+            // Too few tensors for the limit.
             header: header.to_bytes().unwrap_or_default(),
             unread: stretches(spec, &tensors),
             spec: spec.clone(),
@@ -66,41 +66,41 @@ impl Format {
         &self.tensors
     }
 
-    /// The least and the most fraction bits of each tensor.
+    /// Least and most fraction bits of each tensor.
     pub fn limits(&self) -> &[(i16, i16)] {
         &self.limits
     }
 
-    /// The weights that the evaluation does not read.
+    /// The weights that are not evaluated.
     pub fn unread(&self) -> &[TensorStretch] {
         &self.unread
     }
 
-    /// The size of every such file, in bytes.
+    /// Size of a file in bytes.
     pub fn file_bytes(&self) -> u64 {
         (8 + self.header.len() + 2 * self.layout.len) as u64
     }
 
-    /// The first byte of tensor number `index` in a file, and its number of values.
+    /// The first byte and the number of values of a tensor.
     pub fn place(&self, index: usize) -> (u64, usize) {
         let place = self.layout.tensors[index];
         ((8 + self.header.len() + 2 * place.start) as u64, place.len)
     }
 
-    /// The row-major values of tensor number `index`, and their fraction bits. `weights` are of this specification.
+    /// The row-major values and fraction bits of a tensor. `weights` are of this specification.
     pub fn tensor<'w>(&self, weights: &'w QuantisedWeights, index: usize) -> (&'w [i16], i16) {
         weights.tensor(&self.layout, index)
     }
 
-    /// Whether `weights` have this format's number of values.
+    /// Whether `weights` have as many values.
     pub fn fits(&self, weights: &QuantisedWeights) -> bool {
         weights.as_bytes().len() == Values::byte_len(self.layout.len)
     }
 
-    /// Opens a file and checks its size, header and scales. The values are not read yet.
+    /// Opens a file and checks its size, header and scales, without the values.
     ///
     /// # Errors
-    /// What is wrong, and with which tensor.
+    /// The fault and the tensor.
     pub fn open<R: ReadAt>(&self, source: R) -> Result<WeightsFile<'_, R>, WeightFileError> {
         let file = TensorFile::open(source, MAX_HEADER_BYTES)?;
         if file.header() != self.header {
@@ -120,10 +120,10 @@ impl Format {
     /// Reads all weights of a file.
     ///
     /// # Errors
-    /// As [`Self::open`]; or a scale is not the one of its values.
+    /// As [`Self::open`]; or a scale is wrong.
     pub fn read(&self, file: &[u8]) -> Result<QuantisedWeights, WeightFileError> {
         self.open(file)?;
-        // The header is this format's, and the file's length agrees with it.
+        // The file's length agrees with the header.
         let mut buffer = Cow::Borrowed(&file[8 + self.header.len()..]);
         if buffer.len() != Values::byte_len(self.layout.len) {
             buffer.to_mut().resize(Values::byte_len(self.layout.len), 0);
@@ -136,15 +136,15 @@ impl Format {
         Ok(weights)
     }
 
-    /// The file of `weights`, which are of this specification. Equal weights give equal bytes on every machine.
+    /// The file of `weights`, which are of this specification. Equal weights give equal bytes.
     pub fn write(&self, weights: &QuantisedWeights) -> Vec<u8> {
         let numbers = &weights.as_bytes()[..2 * self.layout.len];
         let length = (self.header.len() as u64).to_le_bytes();
         [&length[..], &self.header, numbers].concat()
     }
 
-    /// Makes a file. `fill` gets the tensors' places, in order, writes little-endian int16, and returns their fraction bits, by
-    /// the rule of [`scale`].
+    /// Makes a file. `fill` gets the tensors' places in order, writes little-endian int16, and returns their fraction bits, by the rule of
+    /// [`scale`].
     ///
     /// # Errors
     /// Those of `fill`; or this format does not allow a scale.
@@ -180,7 +180,7 @@ impl Format {
         Ok(file)
     }
 
-    /// Puts weights together from tensors, which `tensor` returns by number.
+    /// Makes weights of tensors by number.
     ///
     /// # Errors
     /// Those of `tensor`; or this format does not allow a scale.
@@ -205,7 +205,6 @@ impl Format {
         scale::check(&self.tensors[index].name, values, bits, self.limits[index])
     }
 
-    /// How a file's header differs from this format's.
     fn difference<R: ReadAt>(&self, file: &TensorFile<R>) -> WeightFileError {
         let (mut expected, count) = (self.tensors.iter(), [self.tensors.len()]);
         let different = expected
@@ -225,9 +224,8 @@ impl Format {
 /// A file made by [`Format::build`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BuiltFile {
-    /// The file, and the padding that the numbers have in memory.
+    /// With the padding in memory.
     bytes: Vec<u8>,
-    /// Where the numbers begin.
     numbers: usize,
     length: usize,
 }
@@ -244,21 +242,21 @@ impl BuiltFile {
         self.bytes
     }
 
-    /// Its numbers, as in [`QuantisedWeights::as_bytes`].
+    /// Its numbers, as [`QuantisedWeights::as_bytes`].
     pub fn numbers(&self) -> &[u8] {
         &self.bytes[self.numbers..]
     }
 
-    /// The weights in it. Their scales are right by construction.
+    /// The weights in it.
     ///
     /// # Errors
-    /// `spec` is not that of the format.
+    /// `spec` is not the format's.
     pub fn weights(&self, spec: &EvalSpec) -> Result<QuantisedWeights, WeightFileError> {
         Ok(QuantisedWeights::from_bytes(spec, self.numbers())?)
     }
 }
 
-/// An open file of weights, read one tensor at a time.
+/// An open file, read one tensor at a time.
 #[derive(Debug)]
 pub struct WeightsFile<'f, R> {
     format: &'f Format,
@@ -267,7 +265,7 @@ pub struct WeightsFile<'f, R> {
 }
 
 impl<R: ReadAt> WeightsFile<'_, R> {
-    /// All fraction bits, as stated in the file. [`Self::tensor`] checks them against the values.
+    /// The file's fraction bits. [`Self::tensor`] checks them.
     pub fn scales(&self) -> &[i16] {
         &self.scales
     }
@@ -275,7 +273,7 @@ impl<R: ReadAt> WeightsFile<'_, R> {
     /// Reads tensor number `index`.
     ///
     /// # Errors
-    /// The file cannot be read, or the scale is not the one of the values.
+    /// The file cannot be read, or the scale is wrong.
     pub fn tensor(&self, index: usize) -> Result<ScaledTensor, WeightFileError> {
         let TensorSpec { name, shape } = &self.format.tensors[index];
         let (values, bits) = (self.file.read_i16(name, shape)?, self.scales[index]);

@@ -1,14 +1,12 @@
 //! Expert weights as they travel: int16 tensors and scales, in a safetensors file.
 //!
-//! Equal weights have exactly one file on every machine, and any other encoding is refused. So proofs, averages and the next
-//! round use the same numbers, without rounding in between.
+//! Equal weights have exactly one file, and any other encoding is refused. So proofs, averages and the next round use the same numbers.
 //!
-//! A short tour:
-//! - [`format`]: the files of one network's weights; [`error`]: why a file is refused.
-//! - [`scale`]: the one scale of a tensor; [`rounding`]: how exact fractions are rounded to it.
+//! - [`format`]: one network's files; [`error`]: why a file is refused.
+//! - [`scale`]: the one scale of a tensor; [`rounding`]: rounds exact fractions to it.
 //! - [`stretch`]: where the evaluation does not read; [`unread`]: what the base holds there.
 //!
-//! This crate uses no disk and no floats, and it compiles for browsers.
+//! This crate uses no disk and no floats, and compiles for browsers.
 
 pub mod error;
 pub mod format;

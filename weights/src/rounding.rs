@@ -1,12 +1,10 @@
 //! How exact fractions become int16 values: the only place that rounds.
 //!
-//! A [`Unit`] gives the meaning of an integer. A [`Rounding`] divides such integers to the nearest int16 at a scale, ties to
-//! even. Most averages have small integers, so the division becomes a multiplication in vector instructions. All ways give the
-//! same numbers.
+//! A [`Unit`] gives the meaning of an integer. A [`Rounding`] divides such integers to the nearest int16 at a scale, ties to even. For
+//! small integers, the division becomes a multiplication in vector instructions, with the same results.
 
 use zk0_circuits::model::layout::MAX_WEIGHT_BITS;
 
-/// Largest magnitude of a quantised value.
 pub(crate) const MAX_MAGNITUDE: u16 = i16::MAX as u16;
 
 /// The unit of integers: `n` stands for `n / (divisor · 2^bits)`.
@@ -19,16 +17,15 @@ pub struct Unit {
 }
 
 impl Unit {
-    /// The scale of a tensor whose largest magnitude is `largest`, below 2^(102 + [`Self::bits`]): the most fraction bits within
-    /// `limits` at which it rounds to at most 32767. If no scale fits, it is the least, and [`Rounding::write`] turns larger
-    /// values into ±32767.
+    /// The scale of a tensor whose largest magnitude is `largest`, below 2^(102 + [`Self::bits`]): the most fraction bits within `limits`
+    /// at which it rounds to at most 32767. If none fits, it is the least, and [`Rounding::write`] turns larger values into ±32767.
     pub fn scale(&self, largest: u128, (least, most): (i16, i16)) -> i16 {
         let largest = largest as i128;
         let fits = |bits: &i16| self.to(*bits).exactly(largest) <= i128::from(MAX_MAGNITUDE);
         (least..=most).rev().find(fits).unwrap_or(least)
     }
 
-    /// The rounding of these integers to `bits` fraction bits.
+    /// The rounding to `bits` fraction bits.
     pub fn to(&self, bits: i16) -> Rounding {
         let up = (bits - self.bits).max(0) as u32;
         let down = (self.bits - bits).max(0) as u32;
@@ -39,17 +36,17 @@ impl Unit {
     }
 }
 
-/// A division to the nearest integer, ties to even.
+/// A division with ties to even.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rounding {
-    /// The power of two that multiplies the integers first.
+    /// The power of two that multiplies first.
     up: u32,
     divisor: i128,
 }
 
 /// Integers that a [`Rounding`] takes.
 pub trait Rounded: Copy {
-    /// Rounds `numbers`, at most `largest` in magnitude, and writes them as little-endian int16.
+    /// Rounds `numbers`, at most `largest` in magnitude, to little-endian int16.
     fn round(rounding: &Rounding, numbers: &[Self], largest: u128, out: &mut [u8]);
 }
 
@@ -59,7 +56,7 @@ impl Rounding {
         T::round(self, numbers, largest, out);
     }
 
-    /// The rounded number; it may exceed int16.
+    /// It may exceed int16.
     pub(crate) fn exactly(&self, number: i128) -> i128 {
         rounded(number << self.up, self.divisor)
     }
@@ -134,7 +131,7 @@ pub fn exact(value: i16, bits: i16) -> i64 {
     i64::from(value) << (MAX_WEIGHT_BITS - bits).max(0)
 }
 
-/// Divides by a positive number to the nearest integer, ties to even.
+/// Divides by a positive number, with ties to even.
 pub(crate) fn rounded(numerator: i128, divisor: i128) -> i128 {
     let (below, rest) = (numerator.div_euclid(divisor), numerator.rem_euclid(divisor));
     let up = match (2 * rest).cmp(&divisor) {
@@ -199,7 +196,7 @@ mod tests {
     }
 
     proptest! {
-        /// The three divisions give the same numbers, also at ties and limits.
+        /// Also at ties and limits.
         #[test]
         fn all_integers_are_rounded_alike(
             seeds in prop::collection::vec((any::<i32>(), 0u32..32, any::<bool>()), 1..40),
@@ -210,7 +207,7 @@ mod tests {
             let rounding = Unit { bits: bits.0, divisor }.to(bits.1);
             let numbers: Vec<i32> = seeds.iter().map(|&(number, shift, tie)| {
                 let number = number.max(-i32::MAX) >> shift.min(31);
-                // Halves of the divisor are ties.
+                // Ties are halves of the divisor.
                 if tie { (i128::from(number) * rounding.divisor / 2).clamp(-(1 << 30), 1 << 30) as i32 } else { number }
             }).collect();
             let largest = numbers.iter().map(|one| u128::from(one.unsigned_abs())).max().unwrap();

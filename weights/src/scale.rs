@@ -1,12 +1,10 @@
 //! The scale of a tensor: the fraction bits of its int16 values.
 //!
-//! **A tensor has exactly one scale**: the most fraction bits within its limits at which the largest magnitude rounds to at
-//! most 32767. `zk0_circuits` quantises float32 weights by this rule. For integers, one more bit doubles each value, so the scale is
-//! right if it is the limit, or if a magnitude is at least 16384. Otherwise the same weights would have several files, and a
-//! copied update could hide behind another scale.
+//! **A tensor has exactly one scale**: the most fraction bits within its limits at which the largest magnitude rounds to at most 32767.
+//! `zk0_circuits` quantises float32 weights by this rule. For integers, the scale is right if it is the limit, or if a magnitude is at
+//! least 16384. Otherwise the same weights would have several files, and a copied update could hide behind another scale.
 //!
-//! Exact numbers are in units of 2^−24, the most fraction bits of a tensor: every weight is then an integer below 2^39 in
-//! magnitude.
+//! Exact numbers are in units of 2^−24, the most fraction bits of a tensor: every weight is an integer below 2^39 in magnitude.
 
 use crate::error::WeightFileError;
 use crate::rounding::{rounded, Unit, MAX_MAGNITUDE};
@@ -26,7 +24,7 @@ pub struct ScaledTensor {
 /// Checks that a tensor has its one scale within `limits`.
 ///
 /// # Errors
-/// The scale is outside its limits, a value is −32768, or the values fit with more fraction bits.
+/// The scale is wrong, or a value is −32768.
 pub fn check(
     name: &str,
     values: &[i16],
@@ -72,15 +70,14 @@ pub fn check_limits(
     }
 }
 
-/// A value with `from` fraction bits, rounded to `to` fraction bits, ties to even. The result may exceed int16.
+/// A value with `from` fraction bits, rounded to `to`, ties to even. It may exceed int16.
 pub fn rescaled(value: i16, from: i16, to: i16) -> i64 {
     let divisor = 1i128 << (MAX_WEIGHT_BITS - to).max(0);
     rounded(exact(value, from).into(), divisor) as i64
 }
 
-/// Rounds the fractions `numerators / divisor`, in units of 2^−24, to their one scale within `limits`; ties to even.
-///
-/// Values too large for the limits become ±32767. A mean always fits: it never exceeds the largest of its values.
+/// Rounds the fractions `numerators / divisor`, in units of 2^−24, to their one scale within `limits`; ties to even. Values too large for
+/// the limits become ±32767; a mean always fits.
 ///
 /// The numerators are below 2^126 in magnitude, and the divisor is at least 1 and below 2^100.
 pub fn narrowed(numerators: &[i128], divisor: i128, limits: (i16, i16)) -> ScaledTensor {
@@ -117,21 +114,21 @@ mod tests {
     #[test]
     fn the_largest_magnitude_decides_the_scale() {
         let of = |values: &[i128], divisor| narrowed(values, divisor, (3, 10));
-        // 2^14 units of 2^−24 are 2^−10: one step at the most bits.
+        // One step at the most bits.
         let step = 1 << 14;
         assert_eq!(of(&[0, step], 1).bits, 10);
         assert_eq!(of(&[0, step], 1).values, [0, 1]);
         let largest = 32767 * step;
         assert_eq!(of(&[largest, -largest], 1).values, [32767, -32767]);
         assert_eq!(of(&[largest, -largest], 1).bits, 10);
-        // Half a step more rounds to 32768, which does not fit.
+        // Half a step more rounds to 32768.
         let coarser = of(&[largest + step / 2, step], 1);
         assert_eq!((coarser.bits, &coarser.values[..]), (9, &[16384, 0][..]));
         assert_eq!(of(&[3 * largest], 3).values, [32767]);
         assert_eq!(of(&[], 1).bits, 10);
     }
 
-    /// `check` accepts each scale that `narrowed` chooses, also at the limits.
+    /// Also at the limits.
     #[test]
     fn what_is_rounded_has_its_one_scale() {
         let limits = (2, 7);

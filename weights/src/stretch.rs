@@ -1,4 +1,4 @@
-//! Where the evaluation does not read, derived from the rows of the linear layers.
+//! Where the evaluation does not read.
 
 use zk0_circuits::model::layout::TensorSpec;
 use zk0_circuits::model::linear::linears;
@@ -13,8 +13,7 @@ pub struct TensorStretch {
     pub from: usize,
 }
 
-/// What the evaluation of a valid specification does not read: the rest of each tensor after the rows of the linear layers. Norm
-/// gains are read whole.
+/// The rest of each tensor after the rows of the linear layers. Norm gains are read whole.
 pub(crate) fn stretches(spec: &EvalSpec, tensors: &[TensorSpec]) -> Vec<TensorStretch> {
     let linears = linears(spec);
     let outputs = linears

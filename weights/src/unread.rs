@@ -1,14 +1,12 @@
-//! The weights that the evaluation does not read: the rows of `action_out_proj` beyond the real action dimensions, and their
-//! biases.
+//! The weights that the evaluation does not read: the rows of `action_out_proj` beyond the real action dimensions, and their biases.
 //!
-//! The loss does not depend on them, so no proof covers them. But each step of the flow feeds all action dimensions back into the
-//! expert. So an update must keep the base's values there, and a round's result takes them from the base. A round can change
-//! nothing that was not evaluated.
+//! The loss does not depend on them, so no proof covers them. But each step of the flow feeds all action dimensions back into the expert.
+//! So an update must keep the base's values there, and a round's result takes them from the base: nothing changes that was not evaluated.
 //!
-//! **The rule**: at the update's scale, each such value is the base's number, rounded to the nearest, ties to even. The scales
-//! may differ, because the tensor's largest weight decides them. An honest node puts the base's numbers back before it quantises,
-//! which rounds in this way. The base and the scale fix every value, so a cheat has no choice. The result takes the base's
-//! numbers, so a coarser update loses nothing; they are rounded, once, only if the result's own scale is coarser than the base's.
+//! **The rule**: at the update's scale, each such value is the base's number, rounded to the nearest, ties to even. The scales may differ,
+//! because the tensor's largest weight decides them. An honest node puts the base's numbers back before it quantises. Base and scale fix
+//! every value. The result takes the base's numbers, so a coarser update loses nothing; they are rounded, once, only if the result's scale
+//! is coarser than the base's.
 
 use crate::error::WeightFileError;
 use crate::format::{Format, WeightsFile};
@@ -21,7 +19,6 @@ use zk0_tensors::ReadAt;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Unread(Vec<UnreadValues>);
 
-/// The values of one stretch.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct UnreadValues {
     stretch: TensorStretch,
@@ -32,7 +29,7 @@ struct UnreadValues {
 /// An unread weight that differs from the base's.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Changed {
-    /// The tensor's number, from 0, in the order of [`Format::tensors`].
+    /// The tensor's number, from 0, as in [`Format::tensors`].
     pub number: u32,
     /// Its name.
     pub name: String,
@@ -40,14 +37,14 @@ pub struct Changed {
     pub index: u64,
     /// Its value.
     pub found: i16,
-    /// The base's number at the same scale; it may exceed int16.
+    /// The base's number at this scale; it may exceed int16.
     pub expected: i64,
     /// The tensor's fraction bits.
     pub bits: i16,
 }
 
 impl Unread {
-    /// Reads these values from a round's base.
+    /// Reads them from a round's base.
     ///
     /// # Errors
     /// The file cannot be read.
@@ -92,12 +89,12 @@ impl Unread {
         Ok(())
     }
 
-    /// Whether tensor number `tensor` has such weights.
+    /// Whether the tensor has such weights.
     pub fn concerns(&self, tensor: usize) -> bool {
         self.0.iter().any(|kept| kept.stretch.tensor == tensor)
     }
 
-    /// Puts the base's numbers into tensor number `tensor`, whose values are `numerators / divisor` in units of 2^−24.
+    /// Puts the base's numbers into a tensor of the values `numerators / divisor`, in units of 2^−24.
     pub fn restore(&self, tensor: usize, numerators: &mut [i128], divisor: i128) {
         for kept in self.0.iter().filter(|kept| kept.stretch.tensor == tensor) {
             let targets = numerators[kept.stretch.from..].iter_mut();

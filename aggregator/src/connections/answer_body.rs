@@ -1,4 +1,4 @@
-//! The body of an answer, which somebody watches until it is sent: a request is in progress until then.
+//! The body of an answer. Its request is in progress until it is sent.
 
 use axum::body::{Body, Bytes};
 use axum::response::Response;
@@ -11,14 +11,14 @@ struct AnswerBody<F> {
     seen: F,
 }
 
-/// Keeps `kept` until `response` is sent, or cannot be sent.
+/// Keeps `kept` until `response` is sent, or fails.
 pub(crate) fn keeping<T: Send + Unpin + 'static>(response: Response, kept: T) -> Response {
     watched(response, move |_| {
         let _kept = &kept;
     })
 }
 
-/// Hands each frame of `response` to `seen`, which is dropped when the response is sent, or cannot be sent.
+/// Hands each frame of `response` to `seen`, which is dropped when it is sent, or fails.
 pub(crate) fn watched(
     response: Response,
     seen: impl FnMut(&Frame<Bytes>) + Send + Unpin + 'static,

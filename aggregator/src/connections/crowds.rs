@@ -1,41 +1,39 @@
-//! Which connection makes room when all places are taken: one of those whose network holds most. Whoever wants to keep others out has many
-//! connections, but seldom many networks. Whether a connection is idle says little: a newcomer is idle until its first request has come,
-//! and an attacker can hold requests that cost it nothing. Who sends the requests does not count: behind a proxy, one connection has those of many.
+//! Which connection makes room when all places are taken: one of those whose network holds most. An attacker has many connections, but
+//! seldom many networks. Idleness shows little: a newcomer is idle until its first request has come, and an attacker can hold requests at
+//! no cost. Senders do not count: behind a proxy, one connection has those of many.
 //!
 //! | what counts | for |
 //! |---|---|
-//! | connections from the same /16 of IPv4, or /48 of IPv6; the newcomer is one of its own | the larger crowd makes room |
+//! | connections from the same /16 of IPv4, or /48 of IPv6, with the newcomer | the larger crowd makes room |
 //! | then those from the same /24, or /56; then from the same address, or /64 | the same |
 //! | then whether a connection has come within [`GRACE`] | it stays, while others can make room |
-//! | then, if all have come so lately, when | who came first makes room |
+//! | then, if all are so young, when | the first to come makes room |
 //! | then requests in progress, and how long there were none | the idlest makes room |
 //!
-//! A few connections are no crowd: up to [`FEW`] count as equally many.
+//! Crowds of up to [`FEW`] count as equally large.
 
 use std::cmp::Reverse;
 use std::net::IpAddr;
 use std::time::Duration;
 use tokio::time::Instant;
 
-/// For so long, a connection is about to send its first request: handshakes take some round trips.
+/// Time for the first request: handshakes take some round trips.
 const GRACE: Duration = Duration::from_secs(5);
 
-/// So many connections from one network are no crowd: two nodes that come at once are not worse than one.
+/// So many connections are no crowd: two nodes that come at once are not worse than one.
 const FEW: usize = 4;
 
-/// The lengths of a network's prefix in IPv4 and in IPv6.
+/// Prefix lengths in IPv4 and in IPv6.
 type Lengths = (u32, u32);
 
-/// The networks that are counted.
 const WIDE: Lengths = (16, 48);
 const MIDDLE: Lengths = (24, 56);
 const NARROW: Lengths = (32, 64);
 
-/// A connection that has a place.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TrackedConnection {
     pub number: u64,
-    /// The address that counts: an IPv6 network stands for all its addresses.
+    /// The address that counts: an IPv6 network has one.
     pub from: IpAddr,
     pub came: Instant,
     pub requests: usize,
@@ -43,9 +41,9 @@ pub(super) struct TrackedConnection {
     pub active: Instant,
 }
 
-/// The number of the connection that makes room at `now` for a newcomer from this address. `None` if there is no connection.
+/// The number of the connection that makes room at `now` for a newcomer from this address; `None` without connections.
 ///
-/// It takes as long as sorting the connections. An attacker can have it done for each connection that it opens.
+/// It sorts the connections, which an attacker can cause with each one that it opens.
 pub(super) fn makes_room(
     mut connections: Vec<TrackedConnection>,
     newcomer: IpAddr,
@@ -78,13 +76,12 @@ pub(super) fn makes_room(
     first.map(|(_, _, Reverse(number))| number)
 }
 
-/// Whether two connections are from one network.
 fn together(lengths: Lengths) -> impl Fn(&TrackedConnection, &TrackedConnection) -> bool {
     move |one, other| network(one.from, lengths) == network(other.from, lengths)
 }
 
 impl TrackedConnection {
-    /// The one with the greatest value makes room, among connections of crowds that are equally large.
+    /// The greatest value among equally large crowds makes room.
     fn gives_way(&self, now: Instant) -> (bool, bool, Reverse<Instant>) {
         if now.saturating_duration_since(self.came) < GRACE {
             (false, false, Reverse(self.came))
@@ -94,7 +91,6 @@ impl TrackedConnection {
     }
 }
 
-/// An address as IPv6 has it.
 fn bits(address: IpAddr) -> u128 {
     match address {
         IpAddr::V4(address) => address.to_ipv6_mapped().into(),
@@ -102,7 +98,6 @@ fn bits(address: IpAddr) -> u128 {
     }
 }
 
-/// The network that an address is in.
 fn network(address: IpAddr, (v4, v6): Lengths) -> u128 {
     let length = match address {
         IpAddr::V4(_) => 96 + v4,
@@ -116,17 +111,14 @@ mod tests {
     use super::*;
     use std::net::Ipv6Addr;
 
-    /// Places of the simulated server, as many as a witness has.
+    /// As many places as a witness has.
     const MOST: usize = 256;
-    /// A round trip of everybody.
     const ROUND_TRIP_MS: u64 = 150;
-    /// How many honest newcomers come in a simulation, and how often.
     const NEWCOMERS: usize = 50;
     const EVERY_MS: u64 = 2_000;
-    /// When the first one comes: the attackers' connections are old by then.
+    /// The attackers' connections are old by then.
     const FIRST_MS: u64 = 20_000;
 
-    /// The places of a server.
     #[derive(Default)]
     struct Server {
         next: u64,
@@ -134,7 +126,7 @@ mod tests {
     }
 
     impl Server {
-        /// A connection comes. Returns its number, and whoever made room.
+        /// Returns the new connection's number, and the one that made room.
         fn enter(
             &mut self,
             from: IpAddr,
@@ -159,7 +151,7 @@ mod tests {
             (number, gone)
         }
 
-        /// A connection ends. Returns it if it was there.
+        /// Returns the connection that ends, if it was there.
         fn leave(&mut self, number: u64) -> Option<TrackedConnection> {
             let mut places = self.connections.iter();
             let at = places.position(|connection| connection.number == number)?;
@@ -168,8 +160,8 @@ mod tests {
     }
 
     /// How many of 50 honest newcomers are answered, while an attacker at these addresses holds all places with requests. It takes a lost
-    /// place back after a round trip, and opens a silent connection each `churn_ms`. A newcomer sends its request after two round
-    /// trips, and has its answer after three.
+    /// place back after a round trip, and opens a silent connection each `churn_ms`. A newcomer's request comes after two round trips, its
+    /// answer after three.
     fn answered(attackers: &[IpAddr], churn_ms: Option<u64>, honest: IpAddr) -> usize {
         let (mut server, start) = (Server::default(), Instant::now());
         let mut attackers = attackers.iter().copied().cycle();
@@ -223,7 +215,7 @@ mod tests {
         assert_eq!(answered(attackers, churn_ms, ip(honest)), NEWCOMERS);
     }
 
-    /// The networks of 64 bits of a /56.
+    /// The /64 networks of a /56.
     fn networks() -> Vec<IpAddr> {
         let first = u128::from("2001:db8:7:500::".parse::<Ipv6Addr>().unwrap());
         let network = |at: u128| IpAddr::from(Ipv6Addr::from(first + (at << 64)));
@@ -245,7 +237,6 @@ mod tests {
         for honest in ["198.51.100.1", "2001:db8:8::1"] {
             all_are_answered(&networks(), Some(50), honest);
         }
-        // The newcomer is from the same /48 as the attacker.
         all_are_answered(&networks(), Some(50), "2001:db8:7:600::");
     }
 
@@ -254,7 +245,7 @@ mod tests {
         let apart: Vec<IpAddr> = (0..=255).map(|second| [11, second, 0, 1].into()).collect();
         all_are_answered(&apart, None, "198.51.100.1");
         all_are_answered(&apart, Some(50), "198.51.100.1");
-        // So many come that all are young. Who came first makes room.
+        // All are young: the first to come makes room.
         all_are_answered(&apart, Some(20), "198.51.100.1");
     }
 
@@ -272,7 +263,7 @@ mod tests {
     fn a_crowd_that_comes_and_goes_takes_no_place_of_others() {
         let start = Instant::now();
         let now = start + 4 * GRACE;
-        // It has been idle for long. All others are young, and have requests.
+        // Long idle, while all others are young and have requests.
         let mut connections = vec![connection(0, "198.51.100.1", start)];
         for number in 1..=16 {
             let mut young = connection(number, "192.0.2.1", now);

@@ -1,20 +1,20 @@
-//! How many connections a server has, and how long they may last without a request.
+//! How many connections a server has, and how long they idle.
 
 use std::time::Duration;
 
-/// How many connections a server has at most, if nobody says otherwise.
+/// Default number of connections.
 pub(super) const MOST: usize = 4096;
 
-/// What a server allows its connections.
+/// Limits of connections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ConnectionLimits {
     /// Connections at once.
     pub most: usize,
-    /// How long the TLS handshake may take.
+    /// For the TLS handshake.
     pub handshake: Duration,
-    /// How long a connection may have no request in progress.
+    /// Longest time without a request in progress.
     pub idle: Duration,
-    /// How long open requests may take when the server ends.
+    /// For open requests when the server ends.
     pub drain: Duration,
 }
 

@@ -1,22 +1,21 @@
-//! Listens for connections. Those that have come and were not taken yet wait in a queue of the system. While it is full, the system drops or
-//! resets newcomers, so it has room for as many as a server has places.
+//! Listens for connections. Those not yet accepted wait in a queue of the system. While it is full, newcomers are dropped or reset, so it
+//! has as many places as the server.
 
 use crate::connections::limits::MOST;
 use std::io;
 use std::net::SocketAddr;
 use tokio::net::{TcpListener, TcpSocket};
 
-/// Listens on this address, or on a free port of it. The queue has as many places as a server by default, unless the system allows fewer
-/// (`net.core.somaxconn`; 4,096 where nobody has changed it).
+/// Listens on this address, or on a free port of it. The system may shorten the queue (`net.core.somaxconn`, by default 4,096).
 ///
 /// # Errors
-/// The system does not give the address, because another process listens on it or for another reason.
+/// The system refuses the address, for example because it is in use.
 pub fn listen(address: SocketAddr) -> io::Result<TcpListener> {
     let socket = match address {
         SocketAddr::V4(_) => TcpSocket::new_v4()?,
         SocketAddr::V6(_) => TcpSocket::new_v6()?,
     };
-    // Connections of a server that has just ended do not keep the next one from listening.
+    // Connections of an ended server do not block the next one.
     socket.set_reuseaddr(true)?;
     socket.bind(address)?;
     socket.listen(MOST as u32)

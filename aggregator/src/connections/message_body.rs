@@ -1,7 +1,7 @@
-//! The messages in the body of a gRPC request. A body is an error if a message is late, or if there is no memory for it in time.
+//! The messages in the body of a gRPC request. A body fails if a message is late, or if there is no memory for it in time.
 //!
-//! A message begins with five bytes: whether it is compressed, and its length (32 bits, the most significant byte first). Whoever decodes
-//! it makes room for that length at once, so the memory is reserved before these bytes are handed on.
+//! A message begins with five bytes: whether it is compressed, and its length (32 bits, the most significant byte first). The decoder
+//! makes room for that length at once, so memory is reserved first.
 
 use crate::connections::caller::CallerId;
 use crate::connections::message_memory::{MessageMemory, Reserved, SMALL_BYTES};
@@ -16,27 +16,25 @@ use zk0_protocol::rpc::federation::{turned_down::Remedy, TurnedDown};
 
 const PREFIX_BYTES: usize = 5;
 
-/// The memory that a request has reserved. It is given back when the last clone is dropped.
+/// A request's memory, until the last clone is dropped.
 pub(super) type Memory = Arc<OnceLock<Reserved>>;
 
-/// The messages of a body.
 struct Messages {
     data: BodyDataStream,
     caller: CallerId,
     memory: MessageMemory,
     held: Memory,
-    /// How long one message may take, from when it is asked for.
+    /// For one message, once asked for.
     patience: Duration,
     late: Instant,
     /// The next message has not been asked for.
     between: bool,
     prefix: Vec<u8>,
-    /// Bytes of the present message that are still to come.
+    /// Bytes of the present message still to come.
     left: u64,
 }
 
-/// The body of a request of `caller`, whose messages arrive in time and have their memory reserved. What they `held` has to stay until the
-/// request is answered.
+/// The body of a request of `caller`, with messages in time and memory reserved. `held` has to live until the answer.
 pub(super) fn bounded(
     body: Body,
     caller: CallerId,
@@ -72,7 +70,7 @@ fn too_large(why: &str) -> Status {
 }
 
 impl Messages {
-    /// What comes next, once there is memory for the messages that begin in it.
+    /// The next bytes, once the messages that begin in them have memory.
     async fn next(&mut self) -> Result<Option<Bytes>, Status> {
         if std::mem::take(&mut self.between) {
             self.late = Instant::now() + self.patience;
@@ -88,13 +86,13 @@ impl Messages {
         };
         let largest = self.follow(&data);
         let held = self.held.get().map_or(0, |held| held.bytes);
-        // Whoever decodes it refuses what is over its limit, and makes no room for it.
+        // The decoder refuses a message over its limit, without making room.
         let over = largest > self.memory.largest();
         if over || largest <= SMALL_BYTES.max(held) {
             return Ok(Some(data));
         }
         if held > 0 {
-            // It would hold some memory while it waits for more, and so would others.
+            // Requests that hold memory and wait for more could block each other.
             return Err(too_large(
                 "the messages of a stream must not be larger than its first large one",
             ));

@@ -1,4 +1,4 @@
-//! The memory for large messages. A message takes its bytes before it is read, and gives them back when its request is answered.
+//! The memory for large messages. A message reserves its bytes before it is read, until its request is answered.
 //!
 //! | whose message | where its bytes come from |
 //! |---|---|
@@ -13,20 +13,17 @@ use std::net::{Ipv4Addr, Ipv6Addr};
 use std::sync::Arc;
 use tokio::sync::{OwnedMutexGuard, OwnedSemaphorePermit, Semaphore};
 
-/// A message of at most so many bytes is small.
+/// Largest small message, in bytes.
 pub(crate) const SMALL_BYTES: u64 = 32 << 10;
 
-/// One permit of the semaphores.
 const UNIT_BYTES: u64 = 1 << 10;
 
-/// The memory for large messages that are being received and answered.
 #[derive(Clone)]
 pub(crate) struct MessageMemory {
     largest: u64,
     strangers: Arc<Semaphore>,
     nodes: Arc<Semaphore>,
     turns: KeyedTurns<CallerId>,
-    /// Counts the bytes that are reserved.
     in_flight: Gauge,
 }
 
@@ -39,8 +36,7 @@ pub(crate) struct Reserved {
 }
 
 impl MessageMemory {
-    /// Reserves at most `bytes` for messages of at most `largest` bytes, and counts them. There is always room for one message of a node and
-    /// one of a stranger.
+    /// Reserves at most `bytes` for messages of at most `largest` bytes, and counts them. One of a node and one of a stranger always fit.
     pub fn new(bytes: u64, largest: u64, in_flight: Gauge) -> Self {
         let half = || {
             let units = (bytes / 2).max(largest).div_ceil(UNIT_BYTES);
@@ -56,12 +52,11 @@ impl MessageMemory {
         }
     }
 
-    /// The largest message that anybody decodes.
     pub fn largest(&self) -> u64 {
         self.largest
     }
 
-    /// Waits until there is room for a large message of this caller. `None` if there never is.
+    /// Waits for room for a large message. `None` if there never is.
     pub async fn reserve(&self, caller: CallerId, bytes: u64) -> Option<Reserved> {
         let units = u32::try_from(bytes.div_ceil(UNIT_BYTES)).ok()?;
         let (memory, alone) = match caller {
@@ -71,7 +66,7 @@ impl MessageMemory {
                 (&self.strangers, !here)
             }
         };
-        // Who waits for its turn holds no memory.
+        // Waiting for a turn holds no memory.
         let turn = if alone {
             Some(self.turns.take(caller).await)
         } else {

@@ -1,16 +1,16 @@
-//! As many connections as the process may have open files for. Each connection is one, each file that is sent or received on them is another
-//! one ([`super::transfers`] bounds these), and the ledger needs files, too.
+//! Fits connections to the process' limit of open files. Each connection is an open file, each file sent or received on it is another
+//! ([`super::transfers`] bounds these), and the ledger needs some.
 
 use crate::connections::limits::ConnectionLimits;
 
-/// Files that the process opens besides its connections and what is sent on them: those of the database, and blobs that are being read.
+/// Files of the database, and blobs that are being read.
 const OTHER_FILES: u64 = 1024;
 
-/// A connection, and one file that is sent or received on it.
+/// A connection, and one file sent or received on it.
 const PER_CONNECTION: u64 = 2;
 
-/// Asks the system for enough open files for these connections, and for `log` more of the log's server. If the system allows fewer,
-/// there are fewer connections, and the log says so.
+/// Asks the system for enough open files for these connections, and for `log` more of the log's server. If fewer are allowed, it lowers
+/// the limit and logs that.
 pub fn fit(limits: &mut ConnectionLimits, log: usize) {
     let others = log as u64 * PER_CONNECTION + OTHER_FILES;
     let wanted = (limits.most as u64).saturating_mul(PER_CONNECTION);
@@ -23,7 +23,7 @@ pub fn fit(limits: &mut ConnectionLimits, log: usize) {
         }
     };
     if allowed < wanted {
-        // A quarter of the files at least is for connections, and another one for what is sent on them.
+        // At least a quarter is for connections, and another for what is sent on them.
         let room = allowed.saturating_sub(others) / PER_CONNECTION;
         let room = usize::try_from(room.max(allowed / 4).max(1)).unwrap_or(usize::MAX);
         let most = limits.most.min(room);

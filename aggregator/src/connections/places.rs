@@ -1,5 +1,4 @@
-//! Who holds a place among a server's connections. While all places are taken, a connection makes room for a new one:
-//! [`crate::connections::crowds`] says which.
+//! Who holds a place among a server's connections.
 
 use crate::connections::crowds::{makes_room, TrackedConnection};
 use crate::connections::limits::ConnectionLimits;
@@ -11,19 +10,18 @@ use std::time::Duration;
 use tokio::sync::{Notify, Semaphore};
 use tokio::time::Instant;
 
-/// The places of one server.
 pub(crate) struct ConnectionSlots {
     most: usize,
     idle: Duration,
     held: Mutex<Held>,
-    /// Counts the connections, with those that were told to make room.
+    /// Counts the connections, with those told to make room.
     open: Gauge,
 }
 
 #[derive(Default)]
 struct Held {
     next: u64,
-    /// Each connection, and what tells it that it has to make room.
+    /// Each connection, and what tells it to make room.
     places: BTreeMap<u64, (TrackedConnection, Arc<Notify>)>,
 }
 
@@ -35,14 +33,13 @@ pub(crate) struct Seat {
     evicted: Arc<Notify>,
 }
 
-/// The connection that a request came on. Each request has it among its extensions. It outlives the connection.
+/// The connection of a request, among its extensions. It outlives the connection.
 #[derive(Clone)]
 pub(crate) struct ServedConnection {
     number: u64,
     /// The address that counts.
     pub from: IpAddr,
     places: Arc<ConnectionSlots>,
-    /// For the requests of this connection that are in progress.
     pub(super) turns: Arc<Semaphore>,
 }
 
@@ -50,7 +47,7 @@ pub(crate) struct ServedConnection {
 pub(crate) struct InProgress(ServedConnection);
 
 impl ConnectionSlots {
-    /// The places that `limits` allow. `open` counts the connections.
+    /// The places of `limits`. `open` counts the connections.
     pub fn new(limits: &ConnectionLimits, open: Gauge) -> Arc<Self> {
         Arc::new(Self {
             most: limits.most,
@@ -60,7 +57,7 @@ impl ConnectionSlots {
         })
     }
 
-    /// Takes a place for a connection from `address`. Another connection may have to make room.
+    /// Takes a place. Another connection may have to make room.
     pub fn enter(self: &Arc<Self>, address: IpAddr) -> Seat {
         let from = counted(address);
         let (number, evicted) = self.held().enter(self.most, from, Instant::now());
@@ -80,15 +77,14 @@ impl ConnectionSlots {
         }
     }
 
-    /// A panic elsewhere does not spoil the places: they are never half changed.
+    /// A panic elsewhere leaves the places whole.
     fn held(&self) -> MutexGuard<'_, Held> {
         self.held.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Held {
-    /// Takes a place for a connection that comes `from` there at `now`, if there are at most `most`. Returns its number, and what tells it that
-    /// it has to make room.
+    /// Takes a place among `most`. Returns its number, and what tells it to make room.
     fn enter(&mut self, most: usize, from: IpAddr, now: Instant) -> (u64, Arc<Notify>) {
         if self.places.len() >= most {
             let places = self.places.values().map(|(place, _)| *place);
@@ -112,12 +108,12 @@ impl Held {
 }
 
 impl Seat {
-    /// Ready when somebody else has got this place.
+    /// Ready when another connection got this place.
     pub async fn evicted(&self) {
         self.evicted.notified().await;
     }
 
-    /// What requests see of the connection, of which `requests` may be in progress.
+    /// The connection as its requests see it, with at most `requests` in progress.
     pub fn connection(&self, requests: usize) -> ServedConnection {
         ServedConnection {
             number: self.number,
@@ -127,7 +123,7 @@ impl Seat {
         }
     }
 
-    /// When the connection has been idle for too long; `None` while it has a request in progress.
+    /// When the connection will have idled too long; `None` during a request.
     pub fn idle_until(&self) -> Option<Instant> {
         let held = self.places.held();
         let (place, _) = held.places.get(&self.number)?;
@@ -157,7 +153,7 @@ impl Drop for InProgress {
     }
 }
 
-/// The address that counts. Whoever has one IPv6 address usually has a network of 64 bits.
+/// The address that counts: IPv6 usually comes by the /64.
 fn counted(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V6(address) if address != Ipv6Addr::LOCALHOST => {
@@ -182,7 +178,6 @@ mod tests {
         let at = |seconds| start + Duration::from_secs(seconds);
         let enter = |held: &mut Held, last, seconds| held.enter(3, from(last), at(seconds)).0;
         let [first, second, third] = [1, 2, 3].map(|last| enter(&mut held, last, last.into()));
-        // The first has asked something since.
         held.places.get_mut(&first).unwrap().0.active = at(10);
         let fourth = enter(&mut held, 4, 20);
         let there: Vec<_> = held.places.keys().copied().collect();

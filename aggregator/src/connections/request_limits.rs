@@ -1,9 +1,8 @@
-//! The requests of a gRPC service: a bounded number in progress, on each connection and in all, whose messages arrive in time and fit
-//! into memory. Who sends one is known before its message is read.
+//! The requests of a gRPC service: a bounded number in progress, on each connection and in all, whose messages arrive in time and fit into
+//! memory. The sender is known before its message is read.
 //!
-//! Once a request has begun, it goes on although its caller is gone. Otherwise a caller could begin a request, leave, and begin the next,
-//! while the work of all of them waits for its turn and keeps their messages in memory. [`Awaited`] tells a request that its caller is gone: one
-//! that changes nothing and only waits gives up.
+//! A request goes on although its caller has left. Otherwise a caller could begin requests and leave, while their work waits and keeps
+//! their messages in memory. A request that changes nothing and only waits gives up by [`Awaited`].
 
 use crate::connections::answer_body::keeping;
 use crate::connections::caller::{Awaited, CallerId, Sender};
@@ -22,11 +21,10 @@ use tokio::sync::Semaphore;
 use tonic::Status;
 use tracing::{info_span, Instrument};
 
-/// Says who sends the request with these headers. It is refused if its head does not count.
+/// Finds the sender of a request by its headers. An invalid head is refused.
 pub(crate) type Identify =
     Arc<dyn Fn(HeaderMap) -> BoxFuture<'static, Result<Sender, Status>> + Send + Sync>;
 
-/// What the requests of a service may take.
 #[derive(Clone)]
 pub(crate) struct Requests {
     turns: Arc<Semaphore>,
@@ -36,7 +34,7 @@ pub(crate) struct Requests {
 }
 
 impl Requests {
-    /// As many requests as `limits` allow with `each` on a connection. A message may take as long as `message`.
+    /// As many requests as `limits` allow with `each` on a connection, and `message` as the time of one message.
     pub fn new(
         limits: &ConnectionLimits,
         each: usize,
@@ -53,7 +51,6 @@ impl Requests {
         }
     }
 
-    /// Answers a request by `next`.
     pub async fn answer(self, mut request: Request, next: Next) -> Response {
         let Some(connection) = request.extensions().get::<ServedConnection>().cloned() else {
             return Status::internal("a request has no connection").into_http();

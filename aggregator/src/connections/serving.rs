@@ -1,5 +1,4 @@
-//! Accepts connections and serves them. Each has a place, and is closed when it has been idle for too long. At the end they have a bounded
-//! time to answer what was asked.
+//! Accepts connections and serves them in their places. Idle ones are closed. The end leaves a bounded time for answers.
 
 use crate::connections::limits::ConnectionLimits;
 use crate::connections::places::{ConnectionSlots, Seat};
@@ -24,36 +23,30 @@ use tokio::task::JoinSet;
 use tokio::time::{sleep, sleep_until, timeout, Instant};
 use zk0_tls::server_certificate::Acceptor;
 
-/// How long a connection that was told to close may take, if no request is in progress.
+/// For a connection told to close, without a request in progress.
 const CLOSING: Duration = Duration::from_secs(1);
 
-/// How often the log says that connections are refused.
+/// How often the log states that connections are refused.
 const SAY_AGAIN: Duration = Duration::from_secs(60);
 
-/// Bytes in both directions, encrypted or not.
 trait Duplex: AsyncRead + AsyncWrite + Send + Unpin {}
 
 impl<T: AsyncRead + AsyncWrite + Send + Unpin> Duplex for T {}
 
-/// How connections are served.
 pub(crate) struct Serving {
     pub limits: ConnectionLimits,
-    /// What the connections speak.
     pub protocol: Builder<TokioExecutor>,
-    /// How much each may send before it is taken, if they speak HTTP/2.
+    /// How much each may send before it is taken, in HTTP/2.
     pub windows: Windows,
-    /// How many requests of a connection may be in progress.
+    /// Requests in progress on one connection.
     pub requests: usize,
-    /// If there is one, connections are encrypted.
     pub tls: Option<Acceptor>,
-    /// Answers the requests.
     pub router: Router,
-    /// Counts the connections.
     pub metrics: ConnectionMetrics,
 }
 
 impl Serving {
-    /// Serves on `listener` until `stop` is ready, and then until the open requests are answered, but no longer than the limits say.
+    /// Serves on `listener` until `stop` is ready, then drains the open requests within the limits.
     pub async fn serve(self, listener: TcpListener, stop: impl Future<Output = ()>) {
         let drain = self.limits.drain;
         let places = ConnectionSlots::new(&self.limits, self.metrics.open.clone());
@@ -72,7 +65,7 @@ impl Serving {
                     let (serving, stopped) = (serving.clone(), stopped.clone());
                     connections.spawn(serving.seated(stream, seat, stopped));
                 }
-                // Most likely the process has no file descriptor left. Connections that end give some back.
+                // Most likely no file descriptor is left. Ending connections give some back.
                 Err(error) => {
                     serving.metrics.lost(ConnectionLoss::OpenFiles);
                     if said.is_none_or(|at: Instant| at.elapsed() >= SAY_AGAIN) {
@@ -93,7 +86,7 @@ impl Serving {
         connections.shutdown().await;
     }
 
-    /// Serves a connection until it ends, or has to make room for another.
+    /// Serves until the connection ends, or has to make room.
     async fn seated(
         self: Arc<Self>,
         stream: TcpStream,
@@ -113,7 +106,7 @@ impl Serving {
             Some(tls) => tokio::select! {
                 encrypted = timeout(self.limits.handshake, tls.accept(stream)) => match encrypted {
                     Ok(Ok(encrypted)) => Box::new(encrypted),
-                    // It is no event when a client goes away, takes too long, or does not speak TLS.
+                    // Clients often leave, take too long, or do not speak TLS.
                     failed => {
                         self.metrics.lost(ConnectionLoss::Handshake);
                         let why = failed.map(Result::err);
@@ -138,7 +131,7 @@ impl Serving {
         let mut connection = pin!(connection);
         loop {
             let now = Instant::now();
-            // While a request is in progress, nothing is due; it is looked at again when it could be idle.
+            // During a request, nothing is due.
             let due = seat.idle_until().unwrap_or(now + self.limits.idle);
             if due <= now {
                 break;
@@ -159,7 +152,6 @@ impl Serving {
     }
 }
 
-/// Ready when the server ends.
 async fn told(stopped: &mut watch::Receiver<bool>) {
     let _ = stopped.wait_for(|stopped| *stopped).await;
 }

@@ -1,10 +1,9 @@
-//! How many files are sent and received at once. Each is an open file for as long as its peer takes, so there are as many as connections,
-//! and the system is asked for as many open files. An eighth of them is for what strangers download, and the others are for nodes.
+//! How many files are sent and received at once. Each is an open file for as long as its peer takes, so there are as many as connections:
+//! an eighth for downloads of strangers, the rest for nodes.
 
 use std::sync::Arc;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-/// Places for files that are being sent and received.
 #[derive(Clone)]
 pub(crate) struct Transfers {
     nodes: Arc<Semaphore>,
@@ -12,7 +11,7 @@ pub(crate) struct Transfers {
 }
 
 impl Transfers {
-    /// As many places as there may be connections. There is always one for a node, and one for a stranger.
+    /// As many places as connections, at least one of each kind.
     pub fn new(connections: usize) -> Self {
         let strangers = connections.div_ceil(8);
         let places = |places: usize| {
@@ -25,7 +24,7 @@ impl Transfers {
         }
     }
 
-    /// A place for a file of a node, or else of a stranger, until it is dropped. `None` if all are taken.
+    /// A place for a file, until it is dropped. `None` if all are taken.
     pub fn begin(&self, of_node: bool) -> Option<OwnedSemaphorePermit> {
         let places = if of_node {
             &self.nodes

@@ -1,5 +1,4 @@
-//! Requests and their answers, counted, timed and traced: by method, and by the status with which the answer ended. A caller that leaves before the end
-//! counts as `Cancelled`.
+//! Counts, times and traces requests, by method and by final status. A caller that leaves early counts as `Cancelled`.
 
 use crate::connections::answer_body::watched;
 use axum::extract::Request;
@@ -21,12 +20,11 @@ use tracing::{Instrument, Span};
 use zk0_protocol::rpc::SERVICES;
 use zk0_traces::request;
 
-/// What counts requests to a path that no service has. Otherwise strangers could fill the memory with names.
+/// For unknown paths. Otherwise strangers could fill the memory with names.
 const OTHER: &str = "other";
 
 type OfMethod = [(&'static str, Arc<str>); 1];
 
-/// The requests of the gRPC service.
 #[derive(Clone)]
 pub(crate) struct RequestMetrics {
     methods: Arc<BTreeSet<Arc<str>>>,
@@ -66,11 +64,10 @@ impl RequestMetrics {
         metrics
     }
 
-    /// Has a request answered by `next`, and counts it.
     pub async fn answer(self, request: Request, next: Next) -> Response {
         let counted = Counted::begin(self, request.uri().path(), request.headers());
         let response = next.run(request).instrument(counted.span.clone()).await;
-        // The status comes last, or at once if the answer has no messages.
+        // The status comes last, or at once without messages.
         if let Some(code) = status(response.headers()) {
             counted.end(code);
             return response;
@@ -86,7 +83,7 @@ impl RequestMetrics {
     }
 }
 
-/// The names of the methods of all services, as paths have them.
+/// The methods of all services, as paths name them.
 fn methods() -> BTreeSet<Arc<str>> {
     let described = FileDescriptorSet::decode(SERVICES).unwrap_or_default();
     let files = described.file.iter();
@@ -107,7 +104,7 @@ fn status(headers: &HeaderMap) -> Option<Code> {
     Some(Code::from_bytes(code.as_bytes()))
 }
 
-/// A request that is being answered. If it is dropped before its end, its caller has left.
+/// Dropped before its end, it means that the caller has left.
 struct Counted {
     metrics: RequestMetrics,
     method: Arc<str>,

@@ -1,4 +1,4 @@
-//! What the service says of its blobs: how many there are, and how their store answers.
+//! Metrics of the blobs and their store.
 
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
@@ -11,7 +11,6 @@ use zk0_ledger::blobs::Blobs;
 
 type Labels<const COUNT: usize> = [(&'static str, &'static str); COUNT];
 
-/// Metrics of the blobs.
 #[derive(Clone, Default)]
 pub(super) struct BlobMetrics {
     blobs: Family<Labels<1>, Gauge>,
@@ -64,12 +63,12 @@ impl BlobMetrics {
         new
     }
 
-    /// An update came to its end.
+    /// An update is complete.
     pub fn uploaded(&self, from: &'static str) {
         self.uploads.get_or_create(&[("from", from)]).inc();
     }
 
-    /// Takes what is so now. Reads the folder.
+    /// Takes the present values. Reads the folder.
     pub fn take(&self, blobs: &Blobs) {
         let whole = |value: u64| i64::try_from(value).unwrap_or(i64::MAX);
         let held = |place: &'static str, amount: Amount| {

@@ -1,11 +1,10 @@
-//! Connections of a server, counted.
+//! Metrics of a server's connections.
 
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::registry::Registry;
 
-/// Why a connection got no place, or lost it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ConnectionLoss {
     /// The process can open no more files.
@@ -16,10 +15,8 @@ pub(crate) enum ConnectionLoss {
     MadeRoom,
 }
 
-/// The connections of one server.
 #[derive(Clone, Default)]
 pub(crate) struct ConnectionMetrics {
-    /// Connections that are open.
     pub open: Gauge,
     lost: Family<[(&'static str, &'static str); 1], Counter>,
 }
@@ -36,7 +33,6 @@ impl ConnectionMetrics {
         metrics
     }
 
-    /// A connection is lost.
     pub fn lost(&self, why: ConnectionLoss) {
         let limit = match why {
             ConnectionLoss::OpenFiles => "open-files",

@@ -1,4 +1,4 @@
-//! `GET /metrics`, for Prometheus. It has a listener of its own, because what it tells is for the operator alone.
+//! `GET /metrics`, for Prometheus and the operator alone, so on a listener of its own.
 
 use crate::publish::http::{answer, text, Router, NO_CACHE};
 use crate::serve::service::Service;
@@ -7,7 +7,6 @@ use axum::response::Response;
 use axum::routing::get;
 use tokio::task::spawn_blocking;
 
-/// The format of the answer.
 const OPENMETRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
 /// The route to the metrics of this service.

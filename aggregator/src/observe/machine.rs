@@ -1,4 +1,4 @@
-//! What the process takes of its machine, and what is left.
+//! What the process uses of its machine.
 
 use std::fs;
 use std::io;
@@ -7,7 +7,7 @@ use std::path::Path;
 /// A disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Disk {
-    /// Bytes that this process may still write.
+    /// Bytes that this process may write.
     pub free: u64,
     /// Bytes in all.
     pub size: u64,
@@ -23,14 +23,14 @@ impl Disk {
         })
     }
 
-    /// How much of it is free, in whole per cent, rounded down.
+    /// Free, in whole per cent, rounded down.
     pub fn free_percent(self) -> u32 {
         let percent = u128::from(self.free) * 100 / u128::from(self.size.max(1));
         percent.min(100) as u32
     }
 }
 
-/// Memory that this process holds, in bytes; 0 if the system does not say.
+/// Memory of this process, in bytes; 0 if unknown.
 pub fn memory() -> u64 {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
@@ -39,7 +39,7 @@ pub fn memory() -> u64 {
     kilobytes.unwrap_or(0) << 10
 }
 
-/// How many files this process has open; 0 if the system does not say.
+/// Open files of this process; 0 if unknown.
 pub fn open_files() -> u64 {
     fs::read_dir("/proc/self/fd").map_or(0, |files| files.count() as u64)
 }

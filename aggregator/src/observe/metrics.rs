@@ -1,4 +1,4 @@
-//! What the service counts, in Prometheus' format. `docs/services.md` lists all of it.
+//! The service's metrics, in Prometheus' format. `docs/services.md` lists all of them.
 
 use crate::observe::answers::RequestMetrics;
 use crate::observe::blob_store::BlobMetrics;
@@ -15,13 +15,13 @@ use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// All metrics of one service. Clones count together.
+/// Metrics of one service. Clones count together.
 #[derive(Clone)]
 pub struct Metrics {
     registry: Arc<Registry>,
     pub(crate) requests: RequestMetrics,
     pub(crate) connections: ConnectionMetrics,
-    /// Bytes of large messages that are being received or answered.
+    /// Bytes of large messages in progress.
     pub(crate) message_bytes: Gauge,
     pub(crate) verification: Verification,
     pub(crate) outcomes: OutcomeMetrics,
@@ -109,7 +109,6 @@ impl Metrics {
         Ok(text)
     }
 
-    /// An update came to its end: in messages of its node, or from the blob store.
     pub(crate) fn uploaded(&self, from: &'static str) {
         self.blobs.uploaded(from);
     }
@@ -119,36 +118,32 @@ impl Metrics {
         self.sampled.log_store_holds(entries);
     }
 
-    /// A step waited for the aggregator.
     pub(crate) fn turn_waited(&self, waited: Duration) {
         self.turn_waiting.observe(waited.as_secs_f64());
     }
 
-    /// A step had the aggregator.
     pub(crate) fn turn_held(&self, held: Duration) {
         self.turn_held.observe(held.as_secs_f64());
     }
 
-    /// Something was appended to the ledger since `begun`.
     pub(crate) fn appended(&self, begun: Instant) {
         self.appending.observe(begun.elapsed().as_secs_f64());
     }
 }
 
-/// Proofs and weights that are verified.
 #[derive(Clone)]
 pub(crate) struct Verification {
     waiting: Gauge,
     running: Gauge,
     seconds: Histogram,
-    /// How many are done, and the time that they took together: the histogram tells that to Prometheus alone.
+    /// Their number and total time, which the histogram gives to Prometheus alone.
     done: Arc<Mutex<(u32, Duration)>>,
 }
 
-/// Something waits for its verification, until this is dropped.
+/// Waits until this is dropped.
 pub(crate) struct WaitingVerification(Verification);
 
-/// Something is being verified, until this is dropped.
+/// Runs until this is dropped.
 pub(crate) struct RunningVerification(Verification, Instant);
 
 impl Verification {
@@ -182,13 +177,12 @@ impl Verification {
         WaitingVerification(self.clone())
     }
 
-    /// How many wait, and how many run.
     pub fn now(&self) -> (u64, u64) {
         let count = |gauge: &Gauge| u64::try_from(gauge.get()).unwrap_or(0);
         (count(&self.waiting), count(&self.running))
     }
 
-    /// How long one has taken on average; zero before the first.
+    /// Mean time of one; zero before the first.
     pub fn mean(&self) -> Duration {
         let (count, time) = *self.done.lock().unwrap_or_else(PoisonError::into_inner);
         time.checked_div(count).unwrap_or_default()

@@ -1,4 +1,4 @@
-//! What operators see of a running aggregator: metrics for Prometheus ([`metrics`], [`endpoint`]), its status, and what is wrong with it ([`troubles`]).
+//! What operators see: metrics for Prometheus ([`metrics`], [`endpoint`]), the status, and [`troubles`].
 
 pub(crate) mod answers;
 mod blob_store;

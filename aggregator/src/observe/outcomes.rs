@@ -1,4 +1,4 @@
-//! What has become of rounds and contributions since the start, counted.
+//! Counts the outcomes of rounds and contributions since the start.
 
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
@@ -8,7 +8,6 @@ use zk0_protocol::RefusalCode;
 
 type Counts<V> = Family<[(&'static str, V); 1], Counter>;
 
-/// Outcomes of rounds and of contributions.
 #[derive(Clone, Default)]
 pub(crate) struct OutcomeMetrics {
     rounds: Counts<&'static str>,
@@ -44,7 +43,6 @@ impl OutcomeMetrics {
         new
     }
 
-    /// A round has closed.
     pub fn closed(&self, round: &RoundClosed) {
         let outcome = if round.contributors.is_empty() {
             "empty"
@@ -62,7 +60,6 @@ impl OutcomeMetrics {
         ended("unanswered", round.unanswered.len());
     }
 
-    /// The refusal of a contribution was recorded.
     pub fn refused(&self, code: RefusalCode) {
         let label = [("code", code.number())];
         self.refusals.get_or_create(&label).inc();

@@ -1,4 +1,4 @@
-//! What the driver of the rounds tells those who observe the service: what the rounds wait for, and how a round has ended.
+//! What the driver of the rounds reports: what they wait for, and how one ended.
 
 use crate::round::job::Polled;
 use crate::round::request_error::RequestError;
@@ -6,11 +6,9 @@ use crate::serve::service::Service;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::rpc::federation::trouble::Kind;
 
-/// The kinds of trouble that the driver meets.
 const OF_ROUNDS: [Kind; 3] = [Kind::Blocked, Kind::Clock, Kind::Beacon];
 
 impl Service {
-    /// Notes what the rounds wait for, if that is trouble.
     pub(crate) fn note_polled(&self, polled: &Result<Polled, RequestError>) {
         let trouble = match polled {
             Ok(Polled::Did(_) | Polled::Run(_) | Polled::Idle(_)) => None,
@@ -30,7 +28,6 @@ impl Service {
         self.troubles().only(&OF_ROUNDS, trouble);
     }
 
-    /// Counts a round that has closed.
     pub(crate) async fn count_round(&self, round: u64) -> Result<(), RequestError> {
         let entry = self.with(move |aggregator| {
             let ledger = aggregator.ledger();

@@ -1,4 +1,4 @@
-//! Metrics that are looked up whenever somebody asks for them.
+//! Metrics that are looked up on request.
 
 use crate::observe::machine::{self, Disk};
 use prometheus_client::metrics::family::Family;
@@ -22,7 +22,7 @@ pub(super) struct Sampled {
     phase_seconds_left: Gauge,
     entries: By,
     trouble: By,
-    /// Entries in the store of the published log; `u64::MAX` without such a store.
+    /// Entries in the log's store; `u64::MAX` without one.
     log_store: Arc<AtomicU64>,
     log_store_lag: Gauge,
     disk: By,
@@ -86,12 +86,11 @@ impl Sampled {
         new
     }
 
-    /// The store of the published log holds so many entries.
     pub fn log_store_holds(&self, entries: u64) {
         self.log_store.store(entries, Ordering::Relaxed);
     }
 
-    /// Takes what is so now.
+    /// Takes the present values.
     pub fn take(&self, status: &StatusInfo, ledger: &Path) {
         let set = |family: &By, label, value: u64| {
             let value = i64::try_from(value).unwrap_or(i64::MAX);

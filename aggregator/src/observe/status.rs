@@ -1,6 +1,5 @@
-//! The answer to `GetStatus`. Everybody may ask, so it holds nothing that is not on the ledger or would follow from it, but for how busy the
-//! aggregator is, and what is wrong with it: counts of verifications, how full the disk is, in per cent, for how long the store of the blobs
-//! has failed, and its troubles.
+//! The answer to `GetStatus`. Strangers may ask, so it holds only what follows from the ledger, how busy the aggregator is, and what is
+//! wrong: counts of verifications, how full the disk is, in per cent, for how long the store of the blobs has failed, and troubles.
 
 use crate::observe::machine::Disk;
 use crate::round::aggregator::Aggregator;
@@ -13,12 +12,10 @@ use zk0_protocol::rpc::federation::StatusInfo;
 use zk0_protocol::rules::state::{Decision, Round, State};
 
 impl Service {
-    /// How the aggregator is doing.
     pub(crate) async fn status(&self) -> Result<StatusInfo, RequestError> {
         let service = self.clone();
         let status = self.with(move |aggregator| {
             Ok(StatusInfo {
-                // Before the first cosignatures nothing is published, and that is worth showing.
                 published: service.visible(aggregator).unwrap_or(0),
                 ..of(aggregator)
             })
@@ -75,7 +72,7 @@ fn of(aggregator: &Aggregator) -> StatusInfo {
     }
 }
 
-/// When the round ends if every phase takes as long as it may, and the randomness comes at once; 0 if nobody knows.
+/// When the round ends if every phase takes its longest, and the randomness comes at once; 0 if unknown.
 fn ends_by_ms(state: &State) -> u64 {
     let more_ms = match state.round() {
         Some(round) if round.closing.is_none() => state.rules().submit_window_ms,

@@ -1,7 +1,7 @@
-//! What is wrong with a running aggregator, as far as it detects that itself. The tasks that meet a trouble raise it, and clear it when it
-//! is over. The status, the metrics and the health checks show it.
+//! What is wrong with a running aggregator, as far as it detects that itself. The tasks that meet a trouble raise and clear it. The
+//! status, the metrics and the health checks show it.
 //!
-//! Everybody may ask for the status. So the sentences here name no address, no path and no node. The log does.
+//! Strangers may ask for the status, so the sentences here name no address, path or node; the log does.
 
 use futures_util::FutureExt;
 use std::collections::BTreeMap;
@@ -13,7 +13,7 @@ use tokio::sync::watch;
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rpc::federation::trouble::Kind;
 
-/// The troubles that are in force, by their kind. Clones share them.
+/// The troubles in force, by their kind. Clones share them.
 #[derive(Clone, Default)]
 pub struct Troubles(Arc<watch::Sender<BTreeMap<Kind, Trouble>>>);
 
@@ -25,7 +25,7 @@ pub struct Trouble {
 }
 
 impl Troubles {
-    /// From now on, there is trouble of this kind. If there was some already, it has a new sentence, and its age stays.
+    /// Raises trouble of this kind. Existing trouble gets a new sentence and keeps its age.
     pub fn raise(&self, kind: Kind, sentence: impl Into<String>) {
         let sentence = sentence.into();
         self.0.send_if_modified(|in_force| {
@@ -38,13 +38,13 @@ impl Troubles {
         });
     }
 
-    /// The trouble of this kind is over.
+    /// Ends the trouble of this kind.
     pub fn clear(&self, kind: Kind) {
         self.0
             .send_if_modified(|in_force| in_force.remove(&kind).is_some());
     }
 
-    /// Of these kinds, only this trouble is in force, or none.
+    /// Puts only this trouble, or none, in force among these kinds.
     pub fn only(&self, kinds: &[Kind], trouble: Option<(Kind, &str)>) {
         for kind in kinds {
             match trouble {
@@ -54,7 +54,7 @@ impl Troubles {
         }
     }
 
-    /// For how long there has been trouble of this kind, if there is some.
+    /// How long this kind of trouble has lasted.
     pub fn lasting(&self, kind: Kind) -> Option<Duration> {
         let in_force = self.0.borrow();
         in_force.get(&kind).map(|trouble| trouble.since.elapsed())
@@ -71,12 +71,12 @@ impl Troubles {
         all.collect()
     }
 
-    /// The troubles, for those who wait until a kind comes or goes.
+    /// For those who wait until a kind comes or goes.
     pub fn follow(&self) -> watch::Receiver<BTreeMap<Kind, Trouble>> {
         self.0.subscribe()
     }
 
-    /// Runs a task. If it panics, that is logged and becomes trouble, and the panic goes on. Nothing but a new start clears it.
+    /// Runs a task. A panic is logged, becomes trouble until the next start, and goes on.
     pub async fn supervised<T>(self, task: &'static str, work: impl Future<Output = T>) -> T {
         match AssertUnwindSafe(work).catch_unwind().await {
             Ok(done) => done,
@@ -93,7 +93,7 @@ impl Troubles {
     }
 }
 
-/// Whether the rounds or the log do not go on without the operator. Monitors ask that.
+/// Whether the rounds or the log need the operator. Monitors ask that.
 pub fn stops_network(kind: Kind) -> bool {
     match kind {
         Kind::Blocked | Kind::Clock | Kind::Fork | Kind::Task => true,
@@ -106,8 +106,8 @@ pub fn stops_network(kind: Kind) -> bool {
     }
 }
 
-/// Whether nothing should be sent to the aggregator. Load balancers ask that. While a round is blocked, the aggregator records what members
-/// send, and that may be what ends the trouble.
+/// Whether requests should go elsewhere. Load balancers ask that. While a round is blocked, members' messages are still recorded, and may
+/// end the trouble.
 pub fn stops_requests(kind: Kind) -> bool {
     match kind {
         // It records nothing, or it may be a copy that signs a second history.

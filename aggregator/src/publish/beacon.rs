@@ -1,5 +1,5 @@
-//! Fetching a beacon of drand over HTTP (`/{chain}/public/{round}`). Several servers have the same beacons, so one that does not answer
-//! is no loss. Nothing that a server says is believed: a beacon counts if its signature verifies with the public key in the rules.
+//! Fetches a beacon of drand over HTTP (`/{chain}/public/{round}`), from one of several servers. None is trusted: a beacon counts if its
+//! signature verifies with the public key in the rules.
 
 use serde::Deserialize;
 use std::time::Duration;
@@ -7,20 +7,19 @@ use zk0_ledger::published::http_client::{HttpClient, HttpError};
 use zk0_protocol::challenge::drand::{BeaconSignature, DrandChain};
 use zk0_protocol::quote::short;
 
-/// How long nobody asks again when no server had the beacon.
+/// Default of [`BeaconServers::retry`].
 const RETRY: Duration = Duration::from_secs(2);
 
-/// Servers of drand's network "quicknet" that anybody may ask.
 const PUBLIC_SERVERS: [&str; 3] = [
     "https://api.drand.sh",
     "https://api2.drand.sh",
     "https://drand.cloudflare.com",
 ];
 
-/// Largest answer of a server that is read, in bytes.
+/// Largest answer that is read, in bytes.
 const MAX_ANSWER_BYTES: u64 = 4 << 10;
 
-/// The servers that are asked, one after the other.
+/// The servers, asked one after the other.
 #[derive(Clone, Debug)]
 pub struct BeaconServers {
     urls: Vec<String>,
@@ -31,16 +30,16 @@ pub struct BeaconServers {
 /// Why a server's answer does not help.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ServerError {
-    /// Nobody answers, or not in time.
+    /// No answer, or not in time.
     #[error("it cannot be reached: {0}")]
     Down(String),
-    /// The server does not have the beacon yet.
+    /// The beacon is not there yet.
     #[error("it does not have round {0} yet, although the time of that round has come: it is late, or this machine's clock is fast")]
     Late(u64),
-    /// The server does not know the chain.
+    /// The chain is unknown.
     #[error("it does not serve the chain {0} that the rules name")]
     NoChain(String),
-    /// The server answers with the beacons of another chain under the name of this one.
+    /// Another chain has the name of this one.
     #[error(
         "it serves another chain: its public key is {found}, but the rules name the key {expected}"
     )]
@@ -65,7 +64,7 @@ pub enum ServerError {
 pub struct NoBeacon {
     /// The beacon's round.
     pub round: u64,
-    /// What is wrong with each server.
+    /// The error of each server.
     pub errors: Vec<(String, ServerError)>,
 }
 
@@ -86,7 +85,7 @@ struct ChainInfo {
 }
 
 impl BeaconServers {
-    /// The servers at these addresses. Each has `patience` to answer.
+    /// Servers, each with `patience` to answer.
     pub fn new(urls: Vec<String>, patience: Duration) -> Self {
         let trimmed = urls.iter().map(|url| url.trim_end_matches('/').to_owned());
         Self {
@@ -96,13 +95,13 @@ impl BeaconServers {
         }
     }
 
-    /// From now on, the servers are asked again after this time if none had the beacon. Without this, it is two seconds.
+    /// Sets the pause when no server had the beacon, by default two seconds.
     pub fn retrying_after(mut self, retry: Duration) -> Self {
         self.retry = retry;
         self
     }
 
-    /// How long to wait before the servers are asked again.
+    /// The pause when no server had the beacon.
     pub fn retry(&self) -> Duration {
         self.retry
     }
@@ -134,7 +133,7 @@ impl BeaconServers {
         let (status, body) = self.get(&format!("{url}/{name}/public/{round}"))?;
         match status {
             200 => {}
-            // Servers say so of a round that is not there yet, and of a chain that they do not know.
+            // Servers answer so for a future round, and for an unknown chain.
             404 | 425 => {
                 self.check_chain(url, chain)?;
                 return Err(ServerError::Late(round));
@@ -160,7 +159,6 @@ impl BeaconServers {
         Err(ServerError::Signature(round))
     }
 
-    /// Checks that the server means the chain that the rules name.
     fn check_chain(&self, url: &str, chain: &DrandChain) -> Result<(), ServerError> {
         let name = hex::encode(chain.hash);
         let (status, body) = self.get(&format!("{url}/{name}/info"))?;

@@ -1,4 +1,4 @@
-//! Which witnesses an aggregator asks: those of the network's rules, those that its operator names, or those that it asked before.
+//! Which witnesses an aggregator asks: those of the rules, of its operator, or of an earlier run.
 
 use std::path::{Path, PathBuf};
 use zk0_ledger::{folder, witness_policy_file, LedgerError};
@@ -7,10 +7,10 @@ use zk0_protocol::{Rules, WitnessPolicy};
 /// Why the witnesses cannot be chosen.
 #[derive(Debug, thiserror::Error)]
 pub enum ChosenWitnessesError {
-    /// The rules and the operator both name witnesses.
+    /// Both the rules and the operator name witnesses.
     #[error("this network's rules name its witnesses: leave out the witness policy {}", .0.display())]
     RulesNameThem(PathBuf),
-    /// The rules name witnesses in a form that cannot be read.
+    /// The rules' witnesses cannot be read.
     #[error("the witnesses that the rules name cannot be read: {0}")]
     Rules(String),
     /// A witness policy cannot be read or kept.
@@ -18,11 +18,11 @@ pub enum ChosenWitnessesError {
     Ledger(#[from] LedgerError),
 }
 
-/// The witness policy of the aggregator of the ledger in `dir`. `named` is the file that its operator names. A policy that asks for no
-/// witnesses is kept in `dir`; a policy that asks for witnesses is kept once they have cosigned.
+/// The witness policy of the aggregator of the ledger in `dir`. `named` is the operator's file. A policy without witnesses is kept in
+/// `dir` at once; one with witnesses, once they have cosigned.
 ///
 /// # Errors
-/// The rules name witnesses and the operator does, too; or a policy cannot be read or kept.
+/// The rules and the operator both name witnesses; or a policy cannot be read or kept.
 pub fn chosen_witnesses(
     dir: &Path,
     rules: &Rules,

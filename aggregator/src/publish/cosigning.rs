@@ -1,5 +1,5 @@
-//! Asking witnesses for cosignatures (C2SP tlog-witness, `add-checkpoint`). All witnesses are asked at once, until the quorum of the
-//! policy is met or the time is over. A witness is asked about each checkpoint until it has cosigned it, and if it does not, after growing waits.
+//! Asks witnesses for cosignatures (C2SP tlog-witness, `add-checkpoint`), all at once, until the policy's quorum is met or time is over. A witness
+//! that does not cosign is asked again after growing waits.
 
 use crate::publish::witness_client::{AnswerCount, CosigningClient, NotCosigned, WitnessState};
 use std::panic::resume_unwind;
@@ -29,20 +29,20 @@ pub enum CosigningError {
     /// The text is not a checkpoint.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
-    /// A witness cannot be asked.
+    /// A witness has no address.
     #[error("the witness policy has no address for witness {0}: add the address to the line of the witness")]
     NoAddress(String),
-    /// The address of a witness is not encrypted, and there is a file that says whose certificates count.
+    /// A witness's address is not encrypted, but a file names trusted certificates.
     #[error("{file} says whose certificates count for witnesses, but witness {name} at {url} has none: use https:// in the witness policy")]
     NotEncrypted {
         name: String,
         url: String,
         file: String,
     },
-    /// The file that says whose certificates count cannot be used.
+    /// The file of trusted certificates cannot be used.
     #[error(transparent)]
     Authorities(#[from] AuthoritiesError),
-    /// A witness has cosigned more of the log, or another history of it.
+    /// A witness has cosigned more of the log, or another history.
     #[error("witness {name} {why}")]
     OtherHistory { name: String, why: NotCosigned },
     /// Too few witnesses have cosigned in time.
@@ -58,17 +58,17 @@ pub enum CosigningError {
 pub struct Cosigned {
     /// The checkpoint with its cosignatures, as a note.
     pub note: Vec<u8>,
-    /// The cosignatures, in the order in which the policy names the witnesses.
+    /// The cosignatures, in the policy's order.
     pub cosignatures: Vec<Cosignature>,
 }
 
 impl Witnesses {
-    /// The witnesses of `policy`. Each has `deadline` to answer. Certificates count that the system trusts.
+    /// The witnesses of `policy`, each with `deadline` to answer. The system's trusted certificates count.
     pub fn new(policy: WitnessPolicy, deadline: Duration) -> Result<Self, CosigningError> {
         Self::believing(policy, deadline, &Authorities::of_system("--witness-ca"))
     }
 
-    /// Like [`Self::new`], but certificates have to be signed by one of `authorities`.
+    /// Like [`Self::new`], but with certificates signed by one of `authorities`.
     ///
     /// # Errors
     /// A witness has no address, the authorities cannot be read, or they come from a file and a witness has no certificate.
@@ -108,12 +108,12 @@ impl Witnesses {
         &self.policy
     }
 
-    /// How long it may take until a checkpoint is cosigned, if the one before it is being cosigned.
+    /// The longest time until a checkpoint is cosigned, after the one before it.
     pub fn patience(&self) -> Duration {
         2 * self.deadline + Duration::from_secs(1)
     }
 
-    /// Asks for cosignatures of a checkpoint that the log has signed, until the quorum is met.
+    /// Has a signed checkpoint cosigned by a quorum.
     pub fn cosign(
         &self,
         checkpoint: &[u8],
@@ -123,7 +123,7 @@ impl Witnesses {
         self.collect(checkpoint, prove, quorum, self.policy.to_string())
     }
 
-    /// Asks for the cosignatures of all witnesses.
+    /// Has a checkpoint cosigned by all witnesses.
     pub fn cosign_all(
         &self,
         checkpoint: &[u8],

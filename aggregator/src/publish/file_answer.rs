@@ -1,4 +1,4 @@
-//! The answer to a request for a file, or for its rest (RFC 9110, section 14). A reader whose connection broke asks for what is missing.
+//! A file as an answer, or its rest (RFC 9110, section 14) after a broken connection.
 
 use crate::file_parts::{file_parts, ReadingPace};
 use crate::publish::http::{answer, text, HttpLimits, IMMUTABLE};
@@ -9,8 +9,7 @@ use axum::response::{IntoResponse, Response};
 use std::io::{self, SeekFrom};
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncSeek, AsyncSeekExt};
 
-/// The number of the first byte that is wanted, if only the rest of a file is wanted: `Range: bytes=N-`. Every other range is answered with
-/// the whole file, which HTTP allows.
+/// The first wanted byte of `Range: bytes=N-`. Every other range gets the whole file, as HTTP allows.
 pub(super) fn begins(method: &Method, headers: &HeaderMap) -> Option<u64> {
     let mut ranges = headers.get_all(RANGE).iter();
     let range = ranges.next()?.to_str().ok()?;
@@ -19,11 +18,11 @@ pub(super) fn begins(method: &Method, headers: &HeaderMap) -> Option<u64> {
     }
     let first = range.trim().strip_prefix("bytes=")?.strip_suffix('-')?;
     let number = !first.is_empty() && first.bytes().all(|byte| byte.is_ascii_digit());
-    // A number that is too large is beyond the end of every file.
+    // Too large a number is beyond the end of every file.
     number.then(|| first.parse().unwrap_or(u64::MAX))
 }
 
-/// The answer about a file of `length` bytes, without the file.
+/// About a file of `length` bytes, without the file.
 pub(super) fn file_head(length: u64, kind: &'static str) -> Response {
     let about = [
         (ACCEPT_RANGES, "bytes".to_owned()),
@@ -32,7 +31,7 @@ pub(super) fn file_head(length: u64, kind: &'static str) -> Response {
     (about, answer(200, kind, IMMUTABLE, Body::empty())).into_response()
 }
 
-/// The answer with a file of `length` bytes that never changes, or with its rest.
+/// A file of `length` bytes that never changes, or its rest.
 pub(super) async fn file_answer(
     mut file: impl AsyncRead + AsyncSeek + Unpin + Send + 'static,
     length: u64,
@@ -49,7 +48,7 @@ pub(super) async fn file_answer(
     file.seek(SeekFrom::Start(first)).await?;
     let left = length - first;
     let pace = ReadingPace::of_bytes(left, limits.silence, limits.answer);
-    // Each connection has one request at a time, so the connections bound the files that are being sent.
+    // Each connection has one request, which bounds the open files.
     let parts = Body::from_stream(file_parts(file.take(left), pace, ()));
     let about = [
         (ACCEPT_RANGES, "bytes".to_owned()),
@@ -84,7 +83,7 @@ mod tests {
         let mut headers = HeaderMap::new();
         headers.append(RANGE, HeaderValue::from_static("bytes=1-"));
         assert_eq!(begins(&Method::HEAD, &headers), None);
-        // We give no names to versions of a file, so none can be asked about.
+        // Versions of a file have no names here.
         let mut if_same = headers.clone();
         if_same.insert(IF_RANGE, HeaderValue::from_static("x"));
         assert_eq!(begins(&Method::GET, &if_same), None);

@@ -33,20 +33,19 @@ use zk0_tls::server_certificate::ServerCertificate;
 
 pub use axum::Router;
 
-/// What a server puts up with.
+/// The limits of a server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HttpLimits {
-    /// Connections at once, and how long they may be silent.
+    /// Connections at once, and their silence.
     pub connections: ConnectionLimits,
-    /// How long a client may take to send a request, or to take the next part of a file.
+    /// For sending a request, or taking the next part of a file.
     pub silence: Duration,
-    /// How long taking an answer may take, and a second more for each megabyte.
+    /// For taking an answer, plus a second for each megabyte.
     pub answer: Duration,
-    /// Largest body of a request, in bytes.
+    /// Largest request body, in bytes.
     pub body: usize,
 }
 
-/// As many connections as a server of files has, if nothing else is said.
 const MOST_CONNECTIONS: usize = 256;
 
 impl Default for HttpLimits {
@@ -63,16 +62,14 @@ impl Default for HttpLimits {
     }
 }
 
-/// Plain text.
 pub(crate) const TEXT: &str = "text/plain; charset=utf-8";
 
-/// For what never changes: caches may keep it for a year.
+/// For what never changes: kept for a year.
 pub(crate) const IMMUTABLE: &str = "public, max-age=31536000, immutable";
 
-/// For what changes: caches have to ask again each time.
+/// For what changes: asked for each time.
 pub(crate) const NO_CACHE: &str = "no-cache";
 
-/// An answer with these bytes.
 pub(crate) fn answer(
     status: u16,
     kind: &'static str,
@@ -84,12 +81,11 @@ pub(crate) fn answer(
     (status, headers, body.into()).into_response()
 }
 
-/// An answer with a short text that caches must not keep.
 pub(crate) fn text(status: u16, text: impl Into<String>) -> Response {
     answer(status, TEXT, NO_CACHE, text.into())
 }
 
-/// Serves on `listener` until `stop` is ready. The future is boxed, so that a crate that awaits it does not compile the server anew.
+/// Serves on `listener` until `stop` is ready. Boxed, so that a crate that awaits it does not compile the server again.
 pub fn serve<'a>(
     listener: TcpListener,
     router: Router,
@@ -99,7 +95,7 @@ pub fn serve<'a>(
     serve_with(listener, router, limits, None, stop)
 }
 
-/// Serves on `listener` until `stop` is ready, over TLS if there is a certificate.
+/// Serves on `listener` until `stop` is ready, over TLS with a certificate.
 pub fn serve_with<'a>(
     listener: TcpListener,
     router: Router,
@@ -148,7 +144,6 @@ async fn served(
     serving.serve(listener, stop).await;
 }
 
-/// Hands a request on once its body is here.
 async fn with_whole_body(request: Request, next: Next, limits: HttpLimits) -> Response {
     let (head, body) = request.into_parts();
     let progress = head.extensions.get().map(ServedConnection::begin);

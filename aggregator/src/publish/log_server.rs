@@ -1,5 +1,4 @@
-//! Serves a ledger's folder as a tiled log (C2SP tlog-tiles), read-only. It can run beside the aggregator that writes the ledger,
-//! or without one.
+//! Serves a ledger's folder as a tiled log (C2SP tlog-tiles), read-only.
 
 use crate::growing_file::GrowingFile;
 use crate::line::WorkQueue;
@@ -22,16 +21,15 @@ use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_ledger::published::publication::{Content, Publication, PublicationError};
 use zk0_protocol::tlog::layout::Resource;
 
-/// The content type of tiles and blobs.
 const BINARY: &str = "application/octet-stream";
 
-/// How many requests may read blobs from the store at once.
+/// Requests that may read blobs from the store at once.
 const READING: usize = 8;
 
-/// How many more may wait for that. They hold no thread.
+/// How many more may wait. They hold no thread.
 const WAITING: usize = 64;
 
-/// After how many seconds those who find no room to wait should ask again.
+/// In seconds.
 const ASK_AGAIN: &str = "5";
 
 /// What is answered about a file that is not public.
@@ -41,14 +39,13 @@ const NOT_PUBLISHED: &str = "this file is not published, or not yet\n";
 pub struct LogServer {
     dir: PathBuf,
     blobs: Blobs,
-    /// Places for requests that wait for the store of the blobs.
     reading: WorkQueue,
     reads: StoreReads,
     held: Mutex<Option<Arc<Publication>>>,
 }
 
 impl LogServer {
-    /// Serves the log in `dir`. It need not hold a published log yet.
+    /// Serves the log in `dir`, which may be unpublished yet.
     pub fn new(dir: &Path) -> Self {
         Self {
             dir: dir.into(),
@@ -59,13 +56,12 @@ impl LogServer {
         }
     }
 
-    /// From now on, the blobs of the folder are read as they are kept: from a store perhaps.
+    /// Reads the blobs as they are kept: perhaps in a store.
     pub fn with_blobs(self, blobs: Blobs) -> Self {
         Self { blobs, ..self }
     }
 
-    /// From now on, the folder holds at most so many bytes of blobs after one was read from the store. This is for a folder that no aggregator
-    /// uses.
+    /// Bounds the blobs in the folder, in bytes, after each read from the store. Not for an aggregator's folder.
     pub fn with_blob_cache(mut self, bytes: u64) -> Self {
         self.reads.cache_bytes = Some(bytes);
         self
@@ -93,7 +89,7 @@ impl LogServer {
         }
     }
 
-    /// What was published when somebody last asked for a checkpoint. It holds all that a reader of that checkpoint asks for.
+    /// What was published at the last request for a checkpoint. It holds all that a reader of that checkpoint asks for.
     fn recent(&self) -> Result<Arc<Publication>, PublicationError> {
         let held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
         match held.as_ref() {
@@ -114,12 +110,12 @@ impl LogServer {
         }
         match self.recent()?.read(resource)? {
             Some(content) => Ok(Some(content)),
-            // It may have been published since, and the reader may have the newer checkpoint from somebody else.
+            // The reader may have a newer checkpoint from elsewhere.
             None => Ok(self.newest()?.read(resource)?),
         }
     }
 
-    /// How many bytes a published blob has. The store of the blobs is not read.
+    /// In bytes, without reading the store.
     fn blob_size(&self, blob: &Digest) -> Result<Option<u64>, PublicationError> {
         match self.recent()?.blob_size(blob) {
             Some(size) => Ok(Some(size)),
@@ -197,7 +193,7 @@ async fn read(
         Err(error) => return failed(&error),
     };
     match content {
-        // What changes is small, and has no rest: it would be that of another version.
+        // What changes is small, and its rest may be another version's.
         Ok(Some(Content::Bytes(bytes))) if cache == NO_CACHE => answer(200, kind, cache, bytes),
         Ok(Some(Content::Bytes(bytes))) => {
             let length = bytes.len() as u64;

@@ -1,5 +1,4 @@
-//! What the aggregator publishes over HTTP, the witnesses that it asks for cosignatures, and the servers that it asks for
-//! beacons.
+//! What the aggregator publishes over HTTP, and the witnesses and servers of beacons that it asks.
 
 pub mod beacon;
 pub mod chosen_witnesses;

@@ -1,7 +1,7 @@
-//! A witness on the network: C2SP tlog-witness' `add-checkpoint`, and the last checkpoint of each log that it cosigned.
+//! A witness on the network: C2SP tlog-witness' `add-checkpoint`, and the last cosigned checkpoint of each log.
 
 use crate::publish::http::{answer, text, HttpLimits, Router, NO_CACHE, TEXT};
-use crate::round::clock::Clock;
+use crate::clock::Clock;
 use axum::body::Bytes;
 use axum::extract::{Path, State};
 use axum::http::header::RETRY_AFTER;
@@ -18,20 +18,19 @@ use zk0_ledger::witness_store::{AddError, WitnessStore};
 use zk0_protocol::tlog::witness::{WitnessRefusal, MAX_REQUEST_BYTES};
 use zk0_traces::carried;
 
-/// Requests that wait for their turn at once. Each takes about as long as its write to the disk.
+/// Requests that wait. Each takes about as long as its write to disk.
 const QUEUE: usize = 64;
 
-/// How often the log says that a request has no valid consistency proof.
+/// How often the log states an invalid consistency proof.
 const SAY_AGAIN: Duration = Duration::from_secs(60);
 
 /// Serves one witness.
 pub struct WitnessServer {
-    /// Locked for a whole request: nobody else may look at the last checkpoint of a log before this request has replaced it.
+    /// Locked for a whole request, which reads and replaces a log's last checkpoint.
     witness: Mutex<WitnessStore>,
-    /// A place for each request that waits or is answered.
     queue: Semaphore,
     clock: Arc<dyn Clock>,
-    /// When the log said last that a request has no valid consistency proof.
+    /// When the log last stated an invalid consistency proof.
     said: Mutex<Option<Duration>>,
 }
 
@@ -88,15 +87,13 @@ impl WitnessServer {
         }
     }
 
-    /// Logs a refusal that the witness' operator has to know of.
     fn log_refusal(&self, refusal: &WitnessRefusal) {
         match refusal {
-            // The log has signed two roots of one size. That is evidence.
+            // Two signed roots of one size are evidence.
             WitnessRefusal::OtherTree { .. } => {
                 tracing::error!("a log shows two histories: {refusal}");
             }
-            // Anybody can send a genuine checkpoint with a wrong proof or with none. So this shows nothing about the log, and strangers
-            // must not fill the witness' disk with it.
+            // Strangers can send genuine checkpoints with wrong proofs. This shows nothing about the log, and must not fill the disk.
             WitnessRefusal::Inconsistent { .. } if self.says_again() => {
                 tracing::warn!("a request has no valid consistency proof: {refusal}");
             }
@@ -104,7 +101,7 @@ impl WitnessServer {
         }
     }
 
-    /// Whether the log may say once more that a request has no valid consistency proof. It then counts as said.
+    /// Whether the log may state an invalid consistency proof once more. It then counts as stated.
     fn says_again(&self) -> bool {
         let Ok(mut said) = self.said.lock() else {
             return false;
@@ -171,7 +168,7 @@ async fn last(State(server): State<Arc<WitnessServer>>, Path(log): Path<String>)
     answered(move || server.last(&log)).await
 }
 
-/// Runs `work` away from the threads that serve the network: it reads and writes files.
+/// Runs `work`, which uses files, away from the network's threads.
 async fn answered(work: impl FnOnce() -> Response + Send + 'static) -> Response {
     let done = spawn_blocking(work).await;
     done.unwrap_or_else(|_| text(500, "the witness failed\n"))
@@ -180,7 +177,7 @@ async fn answered(work: impl FnOnce() -> Response + Send + 'static) -> Response 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::round::clock::SystemClock;
+    use crate::clock::SystemClock;
     use ed25519_dalek::SigningKey;
     use zk0_protocol::tlog::cosigner::Cosigner;
 

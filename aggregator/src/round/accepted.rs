@@ -1,4 +1,4 @@
-//! Accepted contributions, verified again on what the ledger was before them.
+//! Accepted contributions, verified again on the state before them.
 
 use std::num::NonZero;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -14,10 +14,10 @@ use zk0_verifier::{
     authenticate, verify, Unreadable, UnverifiedContribution, VerifiedContribution,
 };
 
-/// What verification says of an acceptance: that it counts, why it does not, or which of its blobs cannot be read.
+/// What verification finds: the contribution counts, why not, or which blob cannot be read.
 pub type VerificationResult = Result<Result<VerifiedContribution, Refusal>, Unreadable<BlobError>>;
 
-/// An acceptance, and what its verification reads of the state that it was made on.
+/// An acceptance, and what verification reads of the state before it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Accepted {
     submission: Signed<Submission>,
@@ -26,7 +26,7 @@ pub struct Accepted {
 }
 
 impl Accepted {
-    /// The acceptance that `entry` records on top of `before`; `None` if it records something else.
+    /// The acceptance that `entry` records on `before`, if any.
     pub fn of(before: &State, entry: &Entry) -> Option<Self> {
         match &entry.body {
             Body::ContributionAccepted(submission) => Some(Self {
@@ -43,10 +43,10 @@ impl Accepted {
         self.submission.statement.claim.terms.node
     }
 
-    /// What verification says now.
+    /// Verifies the contribution now.
     ///
     /// # Errors
-    /// A blob of the contribution cannot be read.
+    /// A blob of it cannot be read.
     pub fn verify(&self, blobs: &Blobs) -> VerificationResult {
         let Self {
             submission,
@@ -61,7 +61,7 @@ impl Accepted {
     }
 }
 
-/// Verifies acceptances on all cores. The verdicts are in the order of the acceptances.
+/// Verifies acceptances on all cores, with verdicts in their order.
 pub fn verify_all(accepted: &[Accepted], blobs: &Blobs) -> Vec<VerificationResult> {
     let next = AtomicUsize::new(0);
     let work = || {

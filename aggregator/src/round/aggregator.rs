@@ -1,12 +1,11 @@
 //! The one writer of a ledger. [`crate::round::founding`] founds the network, [`crate::round::polling`] opens and closes rounds, and
 //! [`crate::round::intake`] records what nodes send.
 //!
-//! Everything here is synchronous, and it is on disk before a function returns; [`crate::serve::service`] puts a network in front
-//! of it. The disk holds nothing but the ledger, its blobs and the waiting uploads. Everything in memory is computed from them, so
-//! an aggregator that was killed goes on where it was.
+//! Everything here is synchronous, and on disk before a function returns; [`crate::serve::service`] puts a network in front. The disk
+//! holds only the ledger, its blobs and the waiting uploads, from which memory is computed. So a killed aggregator goes on where it was.
 
 use crate::round::accepted::Accepted;
-use crate::round::clock::Clock;
+use crate::clock::Clock;
 use crate::round::intake::arrivals::Arrivals;
 use crate::round::intake::staging::Staging;
 use crate::round::ledger_index::{FromLedger, IndexFold, LedgerIndex, RoundEntries};
@@ -35,9 +34,9 @@ use zk0_verifier::{Evaluation, ProgramKey, VerifiedContribution};
 /// How the operator runs the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Config {
-    /// How many rounds to run; `None` for no end.
+    /// Rounds to run; `None` for no end.
     pub rounds: Option<u64>,
-    /// How many nodes must have registered a dataset before a round opens.
+    /// Nodes that need a dataset before a round opens.
     pub min_nodes: usize,
 }
 
@@ -48,20 +47,22 @@ pub struct Aggregator {
     clock: Arc<dyn Clock>,
     pub(super) arrivals: Arc<Arrivals>,
     pub(super) presence: Arc<Presence>,
-    /// How many nodes were present when a round last had to wait for more, so that the log says it once.
+    /// Present nodes when a round last waited, so that the log states it once.
     pub(super) absence: Option<(usize, usize)>,
     pub(super) config: Config,
     pub(super) index: LedgerIndex,
-    /// What the open round accepted. Their weights are in the blobs.
+    /// Accepted in the open round. Their weights are in the blobs.
     pub(super) contributions: Vec<VerifiedContribution>,
-    /// What the open round accepted too, and of which a blob was lost at the start.
+    /// Accepted too, but a blob was lost at the start.
     pub(super) lost: Vec<Accepted>,
-    /// The public samples that were checked for the next round.
+    /// Public samples already checked for the next round.
     pub(super) checked_samples: Option<PublicSamples>,
+    /// How many entries are published; `None` without witnesses.
+    pub(super) published: Option<u64>,
 }
 
 impl Aggregator {
-    /// Opens the network in `dir` and goes on where it was. If `network` is given, the ledger has to be of that network.
+    /// Opens the network in `dir` where it was. A given `network` has to be the ledger's.
     pub fn open(
         dir: &Path,
         network: Option<&Digest>,
@@ -72,7 +73,7 @@ impl Aggregator {
         Self::open_with(dir, network, key, clock, config, Blobs::at(dir))
     }
 
-    /// [`Aggregator::open`], with the blobs of `dir` as they are kept: in a store perhaps.
+    /// [`Aggregator::open`], with the blobs as they are kept: perhaps in a store.
     pub fn open_with(
         dir: &Path,
         network: Option<&Digest>,
@@ -110,6 +111,7 @@ impl Aggregator {
             contributions,
             lost,
             checked_samples: None,
+            published: None,
         })
     }
 
@@ -128,12 +130,12 @@ impl Aggregator {
         &self.ledger
     }
 
-    /// The requests that are in progress.
+    /// The requests in progress.
     pub fn arrivals(&self) -> &Arc<Arrivals> {
         &self.arrivals
     }
 
-    /// The updates that nobody has committed to yet.
+    /// The updates without a commitment.
     pub fn staging(&self) -> &Staging {
         &self.staging
     }
@@ -143,12 +145,12 @@ impl Aggregator {
         &self.presence
     }
 
-    /// The time that an entry recorded now gets.
+    /// The time of an entry recorded now.
     pub fn now_ms(&self) -> u64 {
         self.ledger.time_ms(self.clock.now_ms())
     }
 
-    /// Who belongs to the network: nodes, governors, and the operator who has the log's key.
+    /// Nodes, governors, and the operator with the log's key.
     pub fn members(&self) -> HashSet<NodeId> {
         let state = self.state();
         let governors = &state.rules().governance.governors;
@@ -162,7 +164,7 @@ impl Aggregator {
         self.append(Body::NodeEnrolled(NodeEnrolled { node, name }))
     }
 
-    /// The entry that recorded a proposal, if it is among the first `published` entries.
+    /// A proposal's entry, if among the first `published`.
     pub fn proposal(&self, number: u64, published: u64) -> Option<u64> {
         let index = self.index.proposal(number);
         index.filter(|index| *index < published)
@@ -177,7 +179,7 @@ impl Aggregator {
         }
     }
 
-    /// The entries about a round, or about the last one, as far as they are among the first `published` entries.
+    /// The entries about a round, by default the last, among the first `published`.
     pub fn round(&self, round: Option<u64>, published: u64) -> Option<RoundEntries> {
         let mut round = self.index.round(round, published)?;
         for entry in [
@@ -190,14 +192,14 @@ impl Aggregator {
         Some(round)
     }
 
-    /// The entry that accepted the contribution of `node` to `round`, if control variates of SCAFFOLD still rest on it and it is among the
-    /// first `published` entries.
+    /// The entry that accepted the contribution of `node` to `round`, if SCAFFOLD's control variates still rest on it and it is among the
+    /// first `published`.
     pub fn contribution(&self, round: u64, node: &NodeId, published: u64) -> Option<u64> {
         let index = self.index.by_scaffold(round, node);
         index.filter(|index| *index < published)
     }
 
-    /// From the opening of the last closed round to its end, in milliseconds.
+    /// How long the last closed round took, in milliseconds.
     pub fn last_round_ms(&self) -> Option<u64> {
         let open = u64::from(self.state().round().is_some());
         let last = self.state().next_round().checked_sub(1 + open)?;
@@ -207,7 +209,7 @@ impl Aggregator {
         Some(closed.saturating_sub(time_ms(entries.opened)?))
     }
 
-    /// Checks that the rules allow an entry that arrived at `arrived_ms`.
+    /// Checks an entry that arrived at `arrived_ms` against the rules.
     pub(super) fn check(&self, arrived_ms: u64, body: &AuthenticBody) -> Result<(), RequestError> {
         let dated = body.clone().at(self.ledger.time_ms(arrived_ms));
         Ok(self.state().check_authentic(&dated.entry())?)
@@ -225,7 +227,7 @@ impl Aggregator {
     }
 }
 
-/// Refuses to run a network whose proofs or weights nobody could check.
+/// Refuses a network whose proofs or weights cannot be checked.
 fn check_genesis(genesis: &Genesis) -> Result<(), RequestError> {
     let program = ProgramKey::from_bytes(&genesis.program).map_err(|error| error.to_string());
     let evaluation = Evaluation::of_genesis(genesis).map_err(|error| error.to_string());
@@ -234,7 +236,7 @@ fn check_genesis(genesis: &Genesis) -> Result<(), RequestError> {
         .map_err(|why| RequestError::Malformed(format!("genesis: {why}")))
 }
 
-/// Refuses to go on with an open round whose proofs this build cannot verify.
+/// Refuses an open round whose proofs this build cannot verify.
 fn check_open_round(state: &State) -> Result<(), RequestError> {
     match state.round() {
         Some(round) if !can_verify(state.program()) => Err(RequestError::Malformed(format!(
@@ -246,7 +248,7 @@ fn check_open_round(state: &State) -> Result<(), RequestError> {
     }
 }
 
-/// What to do about a program whose proofs this build cannot verify.
+/// What to do without a verifier of the program.
 pub(super) fn no_verifier(state: &State) -> String {
     format!(
         "its proofs are of the program {}, while this release of zk0 verifies proofs of SP1 {}: start the aggregator with a release of zk0 that verifies SP1 {}, or propose another program",

@@ -1,5 +1,5 @@
-//! The end of a round. The contributions are combined and the result is evaluated away from the aggregator, because that takes long. The
-//! aggregator then records the end, if the round is still the same.
+//! The end of a round. Combining and evaluating take long, so they run away from the aggregator, which records the end if the round has
+//! not changed.
 
 use crate::round::accepted::{verify_all, Accepted};
 use crate::round::intake::lost_files::ContributedFiles;
@@ -18,16 +18,16 @@ use zk0_verifier::combine::error::CombineError;
 use zk0_verifier::combine::optimizers::moments::has_moments;
 use zk0_verifier::{BaseFiles, ResultFiles, VerifiedContribution};
 
-/// A round that may close: what its end follows from.
+/// A round that may close: what determines its end.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ToClose {
     /// The state of the ledger.
     pub state: State,
     /// What was accepted.
     pub contributions: Vec<VerifiedContribution>,
-    /// What was accepted, too. Of these, a blob was lost when the aggregator was started.
+    /// Accepted too, but a blob was lost at the start.
     pub lost: Vec<Accepted>,
-    /// The files of all that was accepted.
+    /// The files of all accepted contributions.
     pub accepted: Vec<ContributedFiles>,
     /// The blobs of the ledger.
     pub blobs: Blobs,
@@ -40,19 +40,18 @@ pub struct ToClose {
 pub struct ComputedClosing {
     /// The end.
     pub closing: RoundOutcome,
-    /// Who has contributed, as the end was computed from it.
+    /// Whose contributions determine the end.
     pub contributors: Vec<Contributor>,
 }
 
 impl ToClose {
-    /// The files of accepted contributions that are lost.
+    /// The lost files of accepted contributions.
     pub fn lost_files(&self) -> Vec<ContributedFiles> {
         let all = self.accepted.iter().cloned();
         all.filter_map(|files| files.lost(&self.blobs)).collect()
     }
 
-    /// Computes the end of the round, and keeps the file of its new weights. If a file is missing or has changed on disk, the round cannot
-    /// close now, and this returns why.
+    /// Computes the end, and keeps the new weights. If a file is missing or has changed on disk, returns why the round cannot close now.
     pub fn compute(self) -> Result<Result<ComputedClosing, String>, RequestError> {
         let Self {
             state,
@@ -81,7 +80,7 @@ impl ToClose {
                 }
             }
         }
-        // The rules ask for the strategy and for the evaluation, so the round waits for their files.
+        // The rules ask for these files, so the round waits for them.
         let bases = match BaseFiles::read(&state, get) {
             Ok(bases) => bases,
             Err(unreadable) => return blocked("its updates cannot be combined", &unreadable),

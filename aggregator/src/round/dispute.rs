@@ -1,4 +1,4 @@
-//! Deciding a dispute: what the accepted contribution says and names is verified again, by the rules and the program of its round.
+//! Decides a dispute: verifies the accepted contribution again, by the rules and the program of its round.
 
 use crate::round::ledger_index::LedgerIndex;
 use crate::round::request_error::RequestError;
@@ -23,8 +23,8 @@ pub struct Disputed {
 }
 
 impl Disputed {
-    /// Reads the contribution and the opening of its round. Nothing before is read: the rules have compared the claim with the ledger when
-    /// the ledger took it, and again when the ledger was opened.
+    /// Reads the contribution and the opening of its round. The rules have compared the claim with the ledger already, and again when the
+    /// ledger was opened.
     ///
     /// # Errors
     /// One of the two entries is not the one that the log has signed.
@@ -71,7 +71,7 @@ impl Disputed {
         }
     }
 
-    /// What verification says against the contribution; `None` when the contribution verifies.
+    /// Why the contribution does not verify; `None` when it does.
     ///
     /// # Errors
     /// A blob of the contribution cannot be read.

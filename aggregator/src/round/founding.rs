@@ -1,6 +1,6 @@
-//! Founds a network: stores its policy and its first weights, writes the genesis, and enrols the first nodes.
+//! Founds a network: stores its policy and first weights, writes the genesis, and enrols nodes.
 
-use super::clock::Clock;
+use crate::clock::Clock;
 use ed25519_dalek::SigningKey;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -17,28 +17,28 @@ use zk0_verifier::public_samples::PublicSampleFile;
 pub struct Founding {
     /// The network's name.
     pub name: String,
-    /// Random bytes, so that two networks of the same name have different ids.
+    /// Random bytes that distinguish networks of one name.
     pub nonce: [u8; 32],
     /// The network's rules.
     pub rules: Rules,
-    /// The verifying key of the program that claims are proven with.
+    /// The verifying key of the program that proves claims.
     pub program: Vec<u8>,
     /// How the evaluation is proven.
     pub mode: Mode,
     /// How claims are evaluated.
     pub evaluation: EvalSpec,
-    /// The expert's weights that round 0 starts from, as a safetensors file.
+    /// The expert's weights for round 0, as a safetensors file.
     pub initial: Vec<u8>,
-    /// The digest of these weights in fixed point, under `mode`.
+    /// Their digest in fixed point, under `mode`.
     pub quantised: Digest,
-    /// The file of the public samples that the rules name, if they name some.
+    /// The file of the public samples, if the rules name some.
     pub public_samples: Option<Vec<u8>>,
 }
 
 /// Why a network was not founded.
 #[derive(Debug, thiserror::Error)]
 pub enum FoundingError {
-    /// A file is where the ledger's folder would be, or a folder above it.
+    /// A file is in the place of the ledger's folder, or of one above it.
     #[error("{} is a file, and a ledger needs a folder: choose another path", .0.display())]
     NoFolder(PathBuf),
     /// The folder holds a ledger already.
@@ -61,7 +61,7 @@ pub enum FoundingError {
         /// What went wrong.
         error: io::Error,
     },
-    /// The rules name public samples, and the file is not given, or not usable.
+    /// The file of the rules' public samples is missing or unusable.
     #[error("the rules name the public samples {blob}, on which the results of rounds are evaluated: {why}")]
     PublicSamples {
         /// The file by the rules.
@@ -80,8 +80,8 @@ pub enum FoundingError {
 }
 
 impl Founding {
-    /// Founds the network in `dir`. `write_policy` writes the policy file, of at most `limit` bytes, and returns its SHA-256: at the
-    /// published size the file should not be in memory besides the policy.
+    /// Founds the network in `dir`. `write_policy` writes the policy file, of at most `limit` bytes, and returns its SHA-256, so the file
+    /// is not in memory beside the policy.
     ///
     /// # Errors
     /// `dir` holds a ledger already, or the file system fails.
@@ -95,7 +95,7 @@ impl Founding {
     ) -> Result<Ledger, FoundingError> {
         check_free(dir)?;
         self.check_public_samples()?;
-        // The blobs come first, so that no ledger names weights that are not there.
+        // The blobs come first, so that no ledger names missing weights.
         let blobs = Blobs::at(dir);
         let mut blob = BlobSink(blobs.writer(limit)?);
         let mut out = BufWriter::with_capacity(1 << 20, &mut blob);
@@ -123,7 +123,7 @@ impl Founding {
         Ok(Ledger::create(dir, genesis, key, clock.now_ms())?.0)
     }
 
-    /// Checks that the public samples are those that the rules name. Without them, no round could close.
+    /// Without these samples, no round could close.
     fn check_public_samples(&self) -> Result<(), FoundingError> {
         let Some(rule) = self.rules.public_samples else {
             return Ok(());
@@ -138,7 +138,7 @@ impl Founding {
     }
 }
 
-/// Checks that a file holds the public samples that `rule` names, at the dimensions of `spec`.
+/// Checks a file against the public samples of `rule`, at the dimensions of `spec`.
 pub fn check_public_samples(
     spec: &EvalSpec,
     rule: &PublicSamples,
@@ -152,7 +152,7 @@ pub fn check_public_samples(
         })
 }
 
-/// Checks that `dir` is a folder or can become one, and holds no ledger yet.
+/// Checks that `dir` is or can become a folder, and holds no ledger.
 ///
 /// # Errors
 /// It holds one, or a file is in its place.
@@ -168,8 +168,8 @@ pub fn check_free(dir: &Path) -> Result<(), FoundingError> {
     }
 }
 
-/// Checks that a network can begin with `genesis` at this time, and that its rules let these nodes in, one after the other. It writes
-/// nothing. The digests in the genesis are not looked at, so they need not be known yet.
+/// Checks that a network can begin with `genesis` at this time, and that its rules admit these nodes one after the other. Writes nothing,
+/// and does not read the genesis' digests.
 ///
 /// # Errors
 /// The rules refuse the genesis or a node.
@@ -218,7 +218,7 @@ pub fn enrol(
     Ok(())
 }
 
-/// A blob as something to write to.
+/// A [`BlobWriter`] as [`Write`].
 struct BlobSink(BlobWriter);
 
 impl Write for BlobSink {

@@ -1,4 +1,4 @@
-//! What the aggregator answers when it is polled, and the jobs that it leaves to others, because they take long or wait for a network.
+//! What the aggregator answers when polled, and the jobs that it leaves to others, because they take long or wait for a network.
 
 use crate::publish::beacon::BeaconServers;
 use crate::round::closing::{ComputedClosing, ToClose};
@@ -21,29 +21,28 @@ use zk0_protocol::Refusal;
 /// [`Aggregator::poll`]: crate::round::aggregator::Aggregator::poll
 #[derive(Clone, Debug, PartialEq)]
 pub enum Polled {
-    /// Nothing is due before this time, in Unix milliseconds, unless something is recorded. `None` where nobody knows.
+    /// Nothing is due before this time, in Unix milliseconds, unless something is recorded. `None` if unknown.
     Idle(Option<u64>),
     /// This step was recorded.
     Did(RoundStep),
-    /// Somebody has to run this job, away from the aggregator, and give its result to [`Aggregator::finish`].
+    /// This job has to run away from the aggregator, and its result goes to [`Aggregator::finish`].
     ///
     /// [`Aggregator::finish`]: crate::round::aggregator::Aggregator::finish
     Run(RoundJob),
-    /// Nothing goes on until a server of others answers. It is asked again after this time.
+    /// An outside server has to answer. It is asked again after this time.
     Unanswered(String, Duration),
-    /// The next round cannot open, or the open one cannot close, or a dispute cannot be decided, for this reason. What members send
-    /// is still recorded.
+    /// Why a round cannot open or close, or a dispute cannot be decided. Members' messages are still recorded.
     Blocked(String),
 }
 
-/// Work that nobody does while he has the aggregator.
+/// Work that must not hold the aggregator.
 #[derive(Clone, Debug, PartialEq)]
 pub enum RoundJob {
-    /// Read these blobs into the ledger's folder: the next round needs them, and they are only in the store.
+    /// Read these blobs for the next round into the ledger's folder.
     FetchBlobs(Blobs, Vec<Digest>),
     /// Check the public samples of the next round.
     CheckSamples(Box<UncheckedSamples>),
-    /// Fetch the beacon that this open round waits for, from this chain, of this drand round. Its time has come.
+    /// Fetch this open round's beacon, from this chain, of this drand round, which is due.
     FetchBeacon(u64, Box<DrandChain>, u64),
     /// Compute the end of the open round.
     ComputeClosing(Box<ToClose>),
@@ -51,7 +50,7 @@ pub enum RoundJob {
     VerifyAgain(Box<Disputed>),
 }
 
-/// What a job has come to.
+/// The result of a job.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum JobResult {
     /// The blobs are in the folder.
@@ -60,16 +59,16 @@ pub enum JobResult {
     SamplesChecked(Box<UncheckedSamples>),
     /// The randomness of a round.
     Randomness(u64, Drawing),
-    /// These files of accepted contributions are lost, so that the open round cannot close.
+    /// The round cannot close without these files of accepted contributions.
     FilesLost(Vec<ContributedFiles>),
     /// The end of the open round.
     Closing(Box<ComputedClosing>),
-    /// What is wrong with the contribution that the dispute of this entry is about, if anything is.
+    /// What is wrong with the contribution that this entry disputes, if anything.
     Verdict(u64, Option<Refusal>),
 }
 
 impl RoundJob {
-    /// Does the work. If it cannot be done now, returns what the rounds wait for.
+    /// Does the work. If that is not possible now, returns what the rounds wait for.
     pub fn run(self, beacons: &BeaconServers) -> Result<Result<JobResult, Polled>, RequestError> {
         Ok(match self {
             Self::FetchBlobs(blobs, needed) => {
@@ -112,7 +111,7 @@ impl RoundJob {
         })
     }
 
-    /// The span of the job in traces, if it has one.
+    /// The job's span in traces, if it has one.
     pub fn span(&self) -> Span {
         match self {
             Self::ComputeClosing(to_close) => {

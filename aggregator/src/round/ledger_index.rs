@@ -1,5 +1,5 @@
-//! What an aggregator has to know beside the ledger's state: where things are in the ledger, and what the open round accepted. A
-//! restarted aggregator reads both from the ledger again.
+//! What an aggregator knows beside the ledger's state, and reads again at a restart: where things are in the ledger, and what the open
+//! round accepted.
 
 use crate::round::accepted::{verify_all, Accepted};
 use crate::round::intake::registrations::Registrations;
@@ -27,21 +27,19 @@ pub struct LedgerIndex {
     pub registrations: Registrations,
     /// The entries about each round.
     rounds: Vec<RoundEntries>,
-    /// The guest programs, each with the first round whose proofs are of it.
+    /// The guest programs, each with its first round.
     programs: Vec<(u64, Program)>,
     /// The entries that recorded proposals, by number.
     proposals: Vec<u64>,
-    /// The entries that recorded what members and the operator said about the network itself, by the hash of the body: whoever says the
-    /// same again gets the same receipt.
+    /// Entries about the network itself, by the hash of the body: a repeated statement gets the same receipt.
     said: BTreeMap<Digest, u64>,
-    /// The entries that decided on the newest submission of each node: a node that has lost the answer asks again, perhaps in a later round.
+    /// Entries that decided on each node's newest submission, about which it may ask later.
     decisions: BTreeMap<NodeId, u64>,
-    /// The entries that accepted contributions, by round and node, in rounds by SCAFFOLD since its control variates began with 0: a node
+    /// Entries that accepted contributions, by round and node, in rounds by SCAFFOLD since its control variates began with 0: a node
     /// computes its own from them.
     by_scaffold: BTreeMap<(u64, NodeId), u64>,
-    /// The proofs that the open round has accepted.
     pub(super) proofs: BTreeMap<NodeId, Digest>,
-    /// The last round that opened, if it is by SCAFFOLD.
+    /// The last round that opened, if by SCAFFOLD.
     open_by_scaffold: Option<u64>,
 }
 
@@ -113,14 +111,15 @@ impl LedgerIndex {
             | Body::Voted(_)
             | Body::Disputed(_)
             | Body::KeyRotated { .. }
-            | Body::NodeLeft(_) => {
+            | Body::NodeLeft(_)
+            | Body::OperatorDecided(_) => {
                 self.said.insert(key(body), index);
             }
             _ => {}
         }
     }
 
-    /// Notes the guest program that the next round opens with, or the open one did.
+    /// Notes the guest program of the next or the open round.
     pub fn observe_program(&mut self, state: &State) {
         let program = state.program();
         if self.programs.last().map(|(_, last)| last) != Some(program) {
@@ -128,7 +127,7 @@ impl LedgerIndex {
         }
     }
 
-    /// The guest program that the proofs of a round are of.
+    /// The guest program of a round's proofs.
     pub fn program(&self, round: u64) -> Option<&Program> {
         let later = self.programs.partition_point(|(first, _)| *first <= round);
         let (_, program) = self.programs.get(later.checked_sub(1)?)?;
@@ -145,7 +144,7 @@ impl LedgerIndex {
         self.decisions.get(node).copied()
     }
 
-    /// The contributions of rounds that count no more for control variates. So their number does not grow with the history.
+    /// Forgets rounds that no longer count for control variates, to bound memory.
     fn forget_what_scaffold_does_not_read(&mut self, opened: &RoundOpened) {
         self.open_by_scaffold = match opened.rules.strategy {
             Strategy::Scaffold(rule) => {
@@ -160,7 +159,7 @@ impl LedgerIndex {
         };
     }
 
-    /// The entry that accepted the contribution of `node` to `round`, if control variates of SCAFFOLD still rest on it.
+    /// The entry that accepted the contribution of `node` to `round`, if SCAFFOLD's control variates still rest on it.
     pub fn by_scaffold(&self, round: u64, node: &NodeId) -> Option<u64> {
         self.by_scaffold.get(&(round, *node)).copied()
     }
@@ -170,7 +169,7 @@ impl LedgerIndex {
         self.proposals.get(usize::try_from(number).ok()?).copied()
     }
 
-    /// The entries about a round, or about the last one, if it opened within the first `published` entries.
+    /// The entries about a round, by default the last, if it opened within the first `published`.
     pub fn round(&self, round: Option<u64>, published: u64) -> Option<RoundEntries> {
         let mut visible = self.rounds.iter().filter(|round| round.opened < published);
         let found = match round {
@@ -187,15 +186,14 @@ pub struct FromLedger {
     pub index: LedgerIndex,
     /// What the open round accepted, verified again.
     pub contributions: Vec<VerifiedContribution>,
-    /// What the open round accepted and nobody can verify now, because a blob of it is lost. The round cannot close until it is back.
+    /// Accepted too, but a blob is lost. The round waits for it.
     pub lost: Vec<Accepted>,
 }
 
-/// Reads what a restarted aggregator has to know, while its ledger is opened.
+/// Reads what a restarted aggregator needs, while its ledger is opened.
 #[derive(Default)]
 pub struct IndexFold {
     index: LedgerIndex,
-    /// What the open round has accepted.
     accepted: Vec<Accepted>,
 }
 
@@ -220,7 +218,7 @@ impl HistoryFold for IndexFold {
 }
 
 impl IndexFold {
-    /// What was read of `ledger`, which is open now. Verifies on all cores what the open round accepted.
+    /// What was read of the open `ledger`. Verifies on all cores what the open round accepted.
     ///
     /// # Errors
     /// An accepted contribution does not verify any more.
@@ -253,7 +251,6 @@ impl IndexFold {
     }
 }
 
-/// A contribution that was accepted has to verify again.
 pub(super) fn still_valid(
     accepted: &Accepted,
     verified: Result<VerifiedContribution, Refusal>,

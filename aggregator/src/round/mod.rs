@@ -2,7 +2,6 @@
 
 pub mod accepted;
 pub mod aggregator;
-pub mod clock;
 pub mod closing;
 pub mod dispute;
 pub mod founding;
@@ -10,6 +9,7 @@ pub mod intake;
 pub mod job;
 pub mod ledger_index;
 mod needed_blobs;
+mod outage;
 pub mod phase;
 pub mod polling;
 pub mod presence;

@@ -1,4 +1,4 @@
-//! Which blobs the rounds read. If the blobs are in a store, these have to be in the ledger's folder.
+//! Which blobs the rounds read. With a store of blobs, the ledger's folder has to hold these.
 
 use crate::round::aggregator::Aggregator;
 use crate::round::public_samples::UncheckedSamples;
@@ -8,7 +8,7 @@ use zk0_verifier::combine::bases;
 use zk0_verifier::combine::optimizers::moments;
 
 impl Aggregator {
-    /// What the next round needs: the weights that it starts from, what its strategy goes on from, and the public samples.
+    /// Its first weights, its strategy's state, and the public samples.
     fn next_needs(&self) -> impl Iterator<Item = Digest> + '_ {
         let state = self.state();
         let earlier = bases::earlier(state).map(|earlier| earlier.blob);
@@ -19,7 +19,7 @@ impl Aggregator {
             .flatten()
     }
 
-    /// What of it is only in the store of the blobs.
+    /// Those that are only in the store of the blobs.
     pub(super) fn only_in_store(&self) -> Vec<Digest> {
         let blobs = self.ledger.blobs();
         self.next_needs()
@@ -27,7 +27,7 @@ impl Aggregator {
             .collect()
     }
 
-    /// The blobs that the open round and the next one read. A bounded cache of the blobs keeps them.
+    /// The blobs of the open round and the next one. A bounded cache keeps them.
     pub fn needed_blobs(&self) -> BTreeSet<Digest> {
         let round = self.state().round();
         let commits = round.iter().flat_map(|round| round.commits.values());
@@ -36,8 +36,8 @@ impl Aggregator {
         self.next_needs().chain(updates).chain(base).collect()
     }
 
-    /// The public samples of the next round, unless they were just checked. A vote can replace samples that cannot be used, but only between rounds.
-    /// Each round has them checked anew, because the file may have been lost or damaged since.
+    /// The public samples of the next round, unless just checked. A vote can replace unusable samples, but only between rounds. Each round
+    /// checks them again, because the file may be lost or damaged.
     pub(super) fn unchecked_samples(&mut self) -> Option<UncheckedSamples> {
         let checked = self.checked_samples.take();
         let samples = UncheckedSamples::of(self.state(), self.ledger.blobs());

@@ -1,4 +1,4 @@
-//! The phases of the rounds, and what is due in them: functions of the ledger's state and of the time, and of nothing else.
+//! The phases of the rounds, and what is due in them: pure functions of the ledger's state and the time.
 
 use crate::round::aggregator::Config;
 use zk0_protocol::challenge::source::RandomnessSource;
@@ -28,7 +28,7 @@ pub enum RoundStep {
 pub enum Due {
     /// This step, now.
     Now(RoundStep),
-    /// Nothing before this time, in Unix milliseconds, unless something is recorded. `None` where the ledger does not say.
+    /// Not before this time, in Unix milliseconds, unless something is recorded. `None` if the ledger does not determine it.
     Later(Option<u64>),
 }
 
@@ -45,7 +45,7 @@ pub fn phase(state: &State, now_ms: u64) -> Phase {
     }
 }
 
-/// The last moment for commitments or for submissions in the open round, whichever it takes.
+/// The open round's deadline, for commitments or for submissions.
 pub fn deadline_ms(state: &State) -> Option<u64> {
     let round = state.round()?;
     match (&round.closing, &round.randomness) {
@@ -72,7 +72,7 @@ pub fn due(state: &State, config: &Config, now_ms: u64) -> Due {
     match phase(state, now_ms) {
         Phase::Closing => Due::Now(RoundStep::Close(number)),
         Phase::Committing => {
-            // Where no node may commit, the rules let a round end at once. The log would be full of such rounds.
+            // The rules let a round without commitments end at once. Such rounds would fill the log.
             let empty = round.commits.is_empty() && now_ms <= round.opened.commit_deadline_ms;
             if empty || state.next_commitments_closed(now_ms).is_none() {
                 deadline
@@ -90,7 +90,6 @@ pub fn due(state: &State, config: &Config, now_ms: u64) -> Due {
                     Due::Later(Some(begins_ms))
                 }
             }
-            // It comes with the witnesses' cosignatures.
             (RandomnessSource::Witnesses, _) | (_, None) => Due::Later(None),
         },
         Phase::Submitting | Phase::Waiting | Phase::Unspecified => deadline,
@@ -107,7 +106,7 @@ fn between_rounds(state: &State, config: &Config, now_ms: u64) -> Due {
     }
     let done = config.rounds.is_some_and(|rounds| number >= rounds);
     let least = config.min_nodes;
-    // A pause is counted in rounds, so that a network whose nodes all pause goes on.
+    // A pause is counted in rounds, so a network whose nodes all pause goes on.
     let some = state.expected().chain(state.pausing()).next().is_some();
     if done || ready(state) < least || (least > 0 && !some) {
         Due::Later(None)

@@ -1,5 +1,4 @@
-//! The rounds as a machine: whoever polls the aggregator takes them further. A poll says that nothing is due, or does what is due, or asks for a
-//! job. Jobs run away from the aggregator, so that the ledger goes on meanwhile, and their results come back.
+//! The rounds as a machine. A poll does what is due, or asks for a job. Jobs run away from the aggregator, and their results come back.
 
 use crate::round::aggregator::{no_verifier, Aggregator};
 use crate::round::closing::{ComputedClosing, ToClose};
@@ -41,6 +40,7 @@ impl Aggregator {
         }
         let step = match due(self.state(), &self.config, now) {
             Due::Later(until_ms) => return Ok(Polled::Idle(until_ms)),
+            Due::Now(step) if self.waits_for_witnesses(step) => return Ok(Polled::Idle(None)),
             Due::Now(step) => step,
         };
         match step {
@@ -111,14 +111,14 @@ impl Aggregator {
         Ok(Polled::Did(step))
     }
 
-    /// Goes on with what a job has come to.
+    /// Goes on with the result of a job.
     pub fn finish(&mut self, result: JobResult) -> Result<Polled, RequestError> {
         match result {
             JobResult::BlobsFetched => {}
             JobResult::SamplesChecked(samples) => self.checked_samples = Some(samples.rule()),
             JobResult::Randomness(round, drawing) => match self.draw(round, drawing) {
                 Ok(()) => return Ok(Polled::Did(RoundStep::Draw(round))),
-                // It came too late: the round closes without it.
+                // Too late: the round closes without it.
                 Err(RequestError::Violation(why)) => {
                     tracing::warn!("{why}");
                     return Ok(Polled::Idle(None));
@@ -141,13 +141,13 @@ impl Aggregator {
         self.poll(self.arrivals.now_ms()?)
     }
 
-    /// The deadline of the open round that has passed by `now_ms`, and that nothing on the ledger reflects yet. What arrived after it waits
-    /// for what arrived before it.
+    /// The open round's deadline that has passed by `now_ms`, and that the ledger does not reflect yet. What arrived after it waits for
+    /// what arrived before it.
     pub fn passed_deadline(&self, now_ms: u64) -> Option<u64> {
         deadline_ms(self.state()).filter(|deadline_ms| now_ms > *deadline_ms)
     }
 
-    /// What has to be so before the next round opens; `None` if it may open now.
+    /// What the next round waits for; `None` if it may open now.
     fn before_opening(&mut self) -> Option<Polled> {
         if self.waits_for_more() {
             return Some(Polled::Idle(None));
@@ -164,7 +164,6 @@ impl Aggregator {
         Some(Polled::Run(RoundJob::CheckSamples(Box::new(samples))))
     }
 
-    /// Whether fewer nodes are present than the rules ask for.
     fn waits_for_more(&mut self) -> bool {
         let state = self.ledger.state();
         let (round, least) = (state.next_round(), state.least_present());
@@ -184,7 +183,7 @@ impl Aggregator {
         true
     }
 
-    /// Why the next round cannot open here: nobody could verify its proofs, or nobody could train from its base weights.
+    /// Why the next round cannot open here: unverifiable proofs, or missing base weights.
     fn blocked(&self) -> Option<String> {
         let state = self.state();
         let (round, blobs) = (state.next_round(), self.ledger.blobs());
@@ -207,7 +206,7 @@ impl Aggregator {
         ))
     }
 
-    /// Records the randomness of the open round, if it is what the rules determine, and not too late.
+    /// Records the open round's randomness, if the rules determine it so, and it is in time.
     fn draw(&mut self, round: u64, drawing: Drawing) -> Result<(), RequestError> {
         let source = drawing.to_string();
         let drawn = RandomnessDrawn { round, drawing };
@@ -216,9 +215,9 @@ impl Aggregator {
         Ok(())
     }
 
-    /// Records the end of the open round, and returns its number. If its contributors are not those that the end was computed from, because a node
-    /// has changed its key, nothing is recorded, and the end has to be computed again. If the clock was set back meanwhile, to before the deadline
-    /// of a submission, the round waits: what still comes in time counts, so that the end is computed again, too.
+    /// Records the end of the open round, and returns its number. If a contributor has changed its key, the end is computed again instead.
+    /// If the clock was set back to before a submission deadline, the round waits: what still comes in time counts, and the end is
+    /// computed again, too.
     fn close(&mut self, computed: ComputedClosing) -> Result<Option<u64>, RequestError> {
         let ComputedClosing {
             closing,
@@ -226,7 +225,7 @@ impl Aggregator {
         } = computed;
         let mut closed = closing.closed;
         let round = closed.round;
-        // All of the end has one time, by which it is judged.
+        // All of the end is judged by one time.
         let now = self.now_ms();
         let state = self.state();
         let open = state.round().filter(|open| open.number() == round);
@@ -239,7 +238,7 @@ impl Aggregator {
         // What came too late was answered, too.
         closed.unanswered = state.unanswered();
         let outcome = closed.evaluated.as_ref().map(|one| one.outcome);
-        // An aggregator that was killed between the two entries has recorded the first one.
+        // Recorded already if the aggregator was killed between the two entries.
         let named = open.moments;
         if let Some(moments) = closing.moments.filter(|moments| named != Some(*moments)) {
             let computed = MomentsComputed { round, moments };
@@ -256,7 +255,6 @@ impl Aggregator {
         Ok(Some(round))
     }
 
-    /// Records the verdict on a dispute.
     fn resolve(&mut self, dispute: u64, upheld: Option<Refusal>) -> Result<Polled, RequestError> {
         match &upheld {
             Some(unchecked) if unchecked.code == RefusalCode::NoVerifier => {
@@ -272,8 +270,8 @@ impl Aggregator {
         Ok(Polled::Did(RoundStep::Resolve(dispute)))
     }
 
-    /// The checkpoint that witnesses have to cosign next. If the randomness of the open round follows from their cosignatures, this is
-    /// the checkpoint that ends with the closing of its commitments, because a witness does not cosign an earlier checkpoint later.
+    /// The checkpoint that witnesses have to cosign next. If the open round's randomness follows from their cosignatures, it ends with the
+    /// closing of the commitments, because a witness does not cosign an earlier checkpoint later.
     pub fn to_cosign(&self) -> Result<ToCosign, RequestError> {
         let state = self.state();
         let from_witnesses = state.rules().randomness == RandomnessSource::Witnesses;

@@ -1,21 +1,20 @@
-//! Which nodes are present: those that follow the rounds with a signed `WatchRound`, and those that did until a minute ago. A node that waits for
-//! a round does that all the time, so it is present while it runs.
+//! Which nodes are present: those that follow the rounds with a signed `WatchRound`, as a waiting node does, or did so within a minute.
 //!
-//! Only the aggregator sees this. So the ledger does not depend on it: rules that ask for present nodes bind the aggregator alone, and a replay
-//! checks only that there were as many nodes. An aggregator that breaks the rule opens a round to which fewer nodes contribute, as everybody
-//! then sees.
+//! Only the aggregator sees this, so the ledger does not depend on it. Rules that ask for present nodes bind the aggregator alone, and a
+//! replay checks only the number of nodes. An aggregator that breaks the rule opens a round with fewer contributions, as everybody then
+//! sees.
 
-use crate::round::clock::Clock;
+use crate::clock::Clock;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use zk0_circuits::NodeId;
 
-/// How long a node stays present after it has followed the rounds. `WatchRound` ends every five minutes, and the node asks again within a
-/// second, or when its connection is back.
+/// How long a node stays present after a `WatchRound`. That ends every five minutes, and the node asks again within a second, or when its
+/// connection is back.
 pub const AFTERWARDS: Duration = Duration::from_secs(60);
 
-/// The nodes that have been seen. There are not more of them than members.
+/// The nodes seen, all of them members.
 pub struct Presence {
     clock: Arc<dyn Clock>,
     nodes: Mutex<HashMap<NodeId, LastSeen>>,
@@ -23,9 +22,9 @@ pub struct Presence {
 
 #[derive(Default)]
 struct LastSeen {
-    /// With how many requests the node follows the rounds now.
+    /// By so many open requests.
     following: usize,
-    /// When it last ended one, by the clock that nobody can set.
+    /// When the last one ended, by the steady clock.
     last: Duration,
 }
 
@@ -36,7 +35,7 @@ pub struct Following {
 }
 
 impl Presence {
-    /// Nobody has been seen yet.
+    /// No nodes seen yet.
     pub fn new(clock: Arc<dyn Clock>) -> Self {
         Self {
             clock,
@@ -44,7 +43,7 @@ impl Presence {
         }
     }
 
-    /// A member has shown that it follows the rounds.
+    /// A member follows the rounds from now on.
     pub fn follow(self: &Arc<Self>, node: NodeId) -> Following {
         self.nodes().entry(node).or_default().following += 1;
         Following {
@@ -64,7 +63,7 @@ impl Presence {
         nodes.filter(present).count()
     }
 
-    /// A panic elsewhere does not spoil the map: it is never half changed.
+    /// A panic elsewhere leaves the map whole.
     fn nodes(&self) -> MutexGuard<'_, HashMap<NodeId, LastSeen>> {
         self.nodes.lock().unwrap_or_else(PoisonError::into_inner)
     }

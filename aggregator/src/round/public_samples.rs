@@ -1,4 +1,4 @@
-//! Whether the public samples that the rules name are at hand, and can be used.
+//! Whether the public samples of the rules are present and usable.
 
 use zk0_ledger::blobs::Blobs;
 use zk0_protocol::entries::genesis::Genesis;
@@ -9,7 +9,7 @@ use zk0_protocol::rules::state::State;
 use zk0_verifier::public_samples::PublicSampleFile;
 use zk0_verifier::Evaluation;
 
-/// Checks that the public samples that `rules` name are among `blobs`, and can be used in the network of `genesis`.
+/// Checks that the public samples of `rules` are among `blobs`, and usable in the network of `genesis`.
 pub fn check_public_samples(genesis: &Genesis, rules: &Rules, blobs: &Blobs) -> Result<(), String> {
     let Some(rule) = rules.public_samples else {
         return Ok(());
@@ -23,7 +23,7 @@ pub fn check_public_samples(genesis: &Genesis, rules: &Rules, blobs: &Blobs) -> 
     read.map(drop).map_err(|error| error.to_string())
 }
 
-/// The public samples of a round that is to open.
+/// The public samples of the next round.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UncheckedSamples {
     rule: PublicSamples,
@@ -34,7 +34,7 @@ pub struct UncheckedSamples {
 }
 
 impl UncheckedSamples {
-    /// The public samples of the round that comes after `state`, if the rules name some.
+    /// Those of the round after `state`, if the rules name some.
     pub(super) fn of(state: &State, blobs: &Blobs) -> Option<Self> {
         Some(Self {
             rule: state.rules().public_samples?,
@@ -45,12 +45,11 @@ impl UncheckedSamples {
         })
     }
 
-    /// What the rules say of them.
     pub(super) fn rule(&self) -> PublicSamples {
         self.rule
     }
 
-    /// Reads and checks them. Returns why the round cannot open. The file may have a gigabyte, so nobody should wait for this.
+    /// Reads and checks them. Returns why the round cannot open. The file may have a gigabyte, so this must not hold up others.
     pub fn check(&self) -> Result<(), String> {
         let checked = check_public_samples(&self.genesis, &self.rules, &self.blobs);
         checked.map_err(|why| format!("round {} cannot open: {why}", self.round))

@@ -1,4 +1,4 @@
-//! Why the aggregator turns a request down, and the gRPC status for that. Its details have the code of the refusal and what the node does next.
+//! Why the aggregator turns a request down, and its gRPC status, whose details hold the code of the refusal and what the node does next.
 
 use crate::round::intake::staging::StagingError;
 use tonic::{Code, Status};
@@ -14,19 +14,19 @@ use zk0_protocol::{Refusal, RefusalCode};
 use zk0_verifier::close::CloseError;
 use zk0_verifier::Unreadable;
 
-/// When to ask again what the aggregator cannot do at the moment, in milliseconds.
+/// Time until a new try of what is not possible now, in milliseconds.
 const AFTER_MS: u64 = 2000;
 
-/// When to ask an aggregator again that has failed, in milliseconds. Most likely it has to be started again.
+/// The same for a failed aggregator, which most likely has to be restarted.
 const AFTER_FAILURE_MS: u64 = 15_000;
 
 /// Why a request is turned down.
 #[derive(Debug, thiserror::Error)]
 pub enum RequestError {
-    /// The bytes are not what they should be.
+    /// The bytes are malformed.
     #[error("{0}")]
     Malformed(String),
-    /// The request's head does not count.
+    /// The request's head is invalid.
     #[error(transparent)]
     Head(#[from] HeadRefusal),
     /// The rules refuse a contribution.
@@ -47,13 +47,13 @@ pub enum RequestError {
     /// Only the network's operator may do this.
     #[error("only the network's operator enrols nodes, with the log's key; this enrolment is signed by {0}")]
     NotOperator(zk0_circuits::NodeId),
-    /// No round can start from the weights that this round ended with.
+    /// No round can start from the final weights of this round.
     #[error("round {round} ended with the weights {blob}, but the aggregator does not have that blob any more")]
     LostWeights {
         round: u64,
         blob: zk0_circuits::Digest,
     },
-    /// No round could be closed with the public samples that are proposed.
+    /// No round could close with the proposed public samples.
     #[error("{0}")]
     PublicSamples(String),
     /// The node asks for too much.
@@ -63,7 +63,7 @@ pub enum RequestError {
         /// Whether there is room for it later.
         remedy: Remedy,
     },
-    /// Many ask for the same at once. There is room for this request later.
+    /// Many ask for the same at once. There is room later.
     #[error("{0}")]
     Crowded(String),
     /// The data of an upload does not begin where it has to.
@@ -72,19 +72,19 @@ pub enum RequestError {
     /// The request took too long.
     #[error("{0}")]
     TimedOut(String),
-    /// The entry is recorded, but not published: the witnesses have not cosigned a checkpoint that covers it.
+    /// Recorded, but not published: no cosigned checkpoint covers it.
     #[error("{0}")]
     NotPublished(String),
-    /// The disk has no room for what was sent. Whoever asked is not told more: the log says it.
+    /// The disk has no room. Only the log tells more.
     #[error("what was sent cannot be kept: {0}")]
     NoRoom(String),
-    /// The store of the blobs failed, so nothing is recorded. Whoever asked is not told more: the log says it.
+    /// The store of the blobs failed, so nothing is recorded. Only the log tells more.
     #[error("{0}")]
     BlobStore(String),
     /// The aggregator's clock is wrong.
     #[error(transparent)]
     Clock(#[from] ClockError),
-    /// The aggregator failed. Whoever asked is not told why, because that names paths: the log says it.
+    /// The aggregator failed. Only the log tells why, because that names paths.
     #[error("{0}")]
     Internal(String),
 }
@@ -141,7 +141,7 @@ impl From<Unreadable<BlobError>> for RequestError {
     fn from(unreadable: Unreadable<BlobError>) -> Self {
         let said = unreadable.to_string();
         match unreadable.error {
-            // What is read from the store is written to the ledger's folder, so there may be no room for it.
+            // What is read from the store is written to the ledger's folder, which may be full.
             error if matches!(error, BlobError::Store(_)) || error.is_full() => error.into(),
             _ => Self::Internal(said),
         }
@@ -169,7 +169,7 @@ impl From<CloseError> for RequestError {
 }
 
 impl RequestError {
-    /// Why an uploaded blob is not stored. The sender caused that, and not the aggregator's disk.
+    /// Why an upload is not stored, where the sender caused that.
     pub fn upload(error: BlobError) -> Self {
         match error {
             BlobError::TooLarge { size, limit } => {
@@ -193,7 +193,7 @@ impl RequestError {
         match self {
             Self::Malformed(_) => Code::InvalidArgument,
             Self::Head(refusal) => match refusal {
-                // A client that asks again does better, with another head. A clock may have jumped, and is set right soon.
+                // Another head counts. A clock that has jumped is set right soon.
                 HeadRefusal::Run
                 | HeadRefusal::Time { .. }
                 // The window forgets heads within minutes.
@@ -243,7 +243,7 @@ impl RequestError {
     /// What the sender does next.
     fn remedy(&self) -> Remedy {
         match self {
-            // Another head, or the same after a while, counts. A clock may have jumped, and is set right soon.
+            // Another head, or the same later, counts. A clock that has jumped is set right soon.
             Self::Head(
                 HeadRefusal::Run
                 | HeadRefusal::Time { .. }
@@ -259,7 +259,7 @@ impl RequestError {
             | Self::Clock(_)
             | Self::Internal(_) => Remedy::AskAgain,
             Self::Busy { remedy, .. } => *remedy,
-            // The round goes on without the node, or has what the node can contribute to it.
+            // The round goes on without the node, or has its contribution.
             Self::Head(HeadRefusal::Replayed) => Remedy::NextRound,
             Self::Refused(refusal) => match refusal.code {
                 RefusalCode::RoundFull { .. }
@@ -276,7 +276,6 @@ impl RequestError {
         }
     }
 
-    /// The details of the gRPC status.
     fn details(&self) -> TurnedDown {
         let remedy = self.remedy();
         TurnedDown {
@@ -305,7 +304,7 @@ impl From<RequestError> for Status {
                 tracing::error!("{error}");
                 "the aggregator's blob store does not answer as it should, and nothing was recorded: ask again".into()
             }
-            // The log knows more, and has it once.
+            // The log has more, once.
             RequestError::Clock(_) => {
                 "the aggregator's clock is wrong, so it records nothing until its operator has set it: ask again".into()
             }
@@ -324,7 +323,7 @@ mod tests {
     use super::*;
     use zk0_circuits::NodeId;
 
-    /// A node ends where it is refused for good, and not where it is told to ask again or to wait for the next round.
+    /// A node ends where it is refused for good, and not where it has to ask again or wait.
     #[test]
     fn what_passes_has_a_remedy() {
         let told = |error: RequestError| {
@@ -345,7 +344,7 @@ mod tests {
             let again = (0, Remedy::AskAgain, AFTER_MS);
             assert_eq!(told(RequestError::Head(passes)), again);
         }
-        // A failure of the aggregator ends no node, which gives it time to be started again.
+        // A failure of the aggregator ends no node: there is time for a restart.
         let failed = told(RequestError::Internal("no disk".into()));
         assert_eq!(failed, (0, Remedy::AskAgain, AFTER_FAILURE_MS));
         let quota = RequestError::from(StagingError::Quota(sender));

@@ -1,4 +1,4 @@
-//! The driver of the rounds: it polls the aggregator, runs the jobs that this asks for, and hands their results back.
+//! The driver of the rounds: polls the aggregator, runs its jobs, and hands their results back.
 
 use crate::round::aggregator::Aggregator;
 use crate::round::job::{Polled, RoundJob};
@@ -13,14 +13,14 @@ use zk0_ledger::clock::ClockError;
 use zk0_ledger::error::LedgerError;
 use zk0_protocol::rpc::federation::trouble::Kind;
 
-/// How often something is tried again that the disk does not allow now. Each time large files are read, or the whole ledger.
+/// Each try reads large files, or the whole ledger.
 const BLOCKED_RETRY: Duration = Duration::from_secs(5);
 
 impl Service {
-    /// Opens and closes rounds in time, and does whatever else is due. Returns only when that fails, when the clock has been behind for too
-    /// long, or when the rules come to ask for another witness policy than `witnesses`.
+    /// Opens and closes rounds in time, and does whatever else is due. Returns only when that fails, when the clock has been behind for
+    /// too long, or when the rules come to ask for another witness policy than `witnesses`.
     pub(super) async fn rounds(&self, witnesses: &str) -> RequestError {
-        // Something is tried again and again, so the log says the same reason once.
+        // Steps are retried, so the log states the same reason once.
         let mut said = String::new();
         loop {
             let polled = match self.step().await {
@@ -50,13 +50,13 @@ impl Service {
                     if said != why {
                         tracing::error!("{why}; this is tried again every {BLOCKED_RETRY:?}");
                         said = why;
-                        // A file may be lost: those who follow the round learn which ones of theirs are.
+                        // If a file is lost, the round's followers learn that.
                         self.stage.send_modify(|_| ());
                     }
                     sleep(BLOCKED_RETRY).await;
                 }
                 Err(error) => {
-                    // By the clock that jumped the text is another one each time, so the kind of the message counts.
+                    // The text has changing times, so the kind of the message counts.
                     let kind = "the clock is wrong";
                     if said != kind {
                         tracing::error!("{error}; this is tried again every {BLOCKED_RETRY:?}");
@@ -71,15 +71,15 @@ impl Service {
         }
     }
 
-    /// Whether the clock has been wrong for so long that the service ends. It ends only if the clock is behind: a service that is started
-    /// again believes its clock, and an entry with a time in the future could not be undone.
+    /// Whether the service ends because the clock has been behind for too long. A clock that is ahead does not end it: a restarted service
+    /// believes its clock, and an entry with a future time could not be undone.
     fn gives_up(&self, error: &RequestError) -> bool {
         let lasting = self.troubles().lasting(Kind::Clock);
         matches!(error, RequestError::Clock(ClockError::LeaptBack { .. }))
             && lasting.is_some_and(|lasting| lasting >= self.limits.clock_behind)
     }
 
-    /// Tells those who follow a round what has come of a step, and checks that the rounds can go on.
+    /// Tells the round's followers the result of a step, and checks that the rounds can go on.
     async fn go_on(&self, witnesses: &str) -> Result<(), RequestError> {
         self.note_stage().await?;
         let witnesses = witnesses.to_owned();
@@ -97,8 +97,8 @@ impl Service {
         self.with(check).await
     }
 
-    /// Polls the aggregator, and runs the jobs that it asks for, until it asks for none. The future is boxed, so that a crate that awaits it does
-    /// not compile the steps anew.
+    /// Polls the aggregator and runs its jobs, until there are none. Boxed, so that a crate that awaits it does not compile the steps
+    /// again.
     pub fn step(&self) -> BoxFuture<'_, Result<Polled, RequestError>> {
         Box::pin(async {
             let _alone = self.stepping.lock().await;
@@ -131,7 +131,7 @@ impl Service {
         Ok(polled)
     }
 
-    /// Removes what was uploaded in a round that has closed, and in those before it. The rounds go on if that fails.
+    /// Removes the uploads up to this closed round. The rounds go on if that fails.
     async fn clear_uploads(&self, round: u64) -> Result<(), RequestError> {
         let staging = self.with(|aggregator| Ok(aggregator.staging().clone()));
         let staging = staging.await?;

@@ -26,6 +26,7 @@ use zk0_protocol::rpc::federation::{
     RecordRequest, RoundInfo, StatusInfo, SubmitReply, SubmitRequest, UploadChunk, UploadInfo,
     UploadReply,
 };
+use zk0_protocol::rpc::PROTOCOL;
 use zk0_protocol::Refusal;
 use zk0_traces::request;
 
@@ -44,6 +45,11 @@ impl Federation for Service {
                 genesis: ledger.receipt_at(published, 0)?.entry,
                 checkpoint: String::from_utf8_lossy(&checkpoint).into_owned(),
                 run,
+                protocol: PROTOCOL,
+                release: format!(
+                    "it is zk0 {}, which speaks protocol {PROTOCOL}",
+                    env!("CARGO_PKG_VERSION")
+                ),
             })
         });
         Ok(Response::new(info.await?))
@@ -66,7 +72,7 @@ impl Federation for Service {
     ) -> Result<Response<Self::WatchRoundStream>, Status> {
         let (sender, GetRoundRequest { round, node }) = taken(request);
         let node = node_id(&node);
-        // Anybody may follow a round. A node that signs the request shows that it is present.
+        // Strangers may follow a round. A node that signs the request is present.
         let present = match (node, sender.member()) {
             (Some(signer), Some(member)) => {
                 sender.sends(&RequestContent {
@@ -116,6 +122,7 @@ impl Federation for Service {
                 rules: encode(state.rules())?,
                 program: encode(state.program())?,
                 next_proposal: state.next_proposal(),
+                next_decision: state.next_decision(),
                 proposals: Vec::new(),
                 now_ms: aggregator.now_ms(),
             };
@@ -151,7 +158,7 @@ impl Federation for Service {
         let awaited = awaited.ok_or_else(|| Status::internal("a request has no caller"))?;
         let (sender, DownloadRequest { blob, begins }) = taken(request);
         let blob = digest(&blob)?;
-        // Anybody may download. Nodes have places of their own for it.
+        // Strangers may download. Nodes have places of their own for it.
         let member = sender.member();
         if let Some(signer) = member {
             sender.sends(&RequestContent {
@@ -246,9 +253,8 @@ impl Federation for Service {
 }
 
 impl Service {
-    /// Ends a request that is recorded as this entry, and waits until that is published.
     async fn published_after(&self, arrival: Arrival, entry: u64) -> Result<(), RequestError> {
-        // Others may wait for what arrived before them. They need not wait for witnesses.
+        // Requests that wait for earlier arrivals need not wait for witnesses.
         drop(arrival);
         self.published(entry + 1).await
     }

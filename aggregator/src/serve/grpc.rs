@@ -1,5 +1,4 @@
-//! HTTP/2 for the gRPC service, under limits. The server also answers whether it is in order, and which services it has (gRPC's health checks
-//! and reflection).
+//! HTTP/2 for the gRPC service, under limits, with gRPC's health checks and reflection.
 
 use crate::connections::message_memory::MessageMemory;
 use crate::connections::request_limits::{Identify, Requests};
@@ -23,20 +22,16 @@ use zk0_protocol::rpc::health::health_server::HealthServer;
 use zk0_protocol::rpc::SERVICES;
 use zk0_tls::server_certificate::ServerCertificate;
 
-/// How often the server asks a connection whether anybody is still there, and how long it waits for an answer.
+/// How often the server pings a connection, and how long it waits.
 const KEEPALIVE: Duration = Duration::from_secs(60);
 
 /// Bytes of an answer that wait for a slow reader.
 const SEND_BYTES: usize = 64 << 10;
 
-/// A server of gRPC.
 pub(super) struct Grpc {
     pub limits: Limits,
-    /// The largest message that the service decodes.
     pub largest_message: u64,
-    /// Says who sends a request.
     pub identify: Identify,
-    /// If there is one, connections are encrypted.
     pub certificate: Option<Arc<ServerCertificate>>,
     pub metrics: Metrics,
     pub troubles: Troubles,

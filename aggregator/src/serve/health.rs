@@ -1,6 +1,5 @@
-//! Whether the aggregator is in order, for load balancers and monitors: `proto/health.proto`. An aggregator that cannot go on ends. One that
-//! goes on may have trouble ([`crate::observe::troubles`]). A monitor asks about the server as a whole, and a load balancer about its service
-//! by name.
+//! Whether the aggregator is in order: `proto/health.proto`. An aggregator that cannot go on ends; one that goes on may have trouble
+//! ([`crate::observe::troubles`]). Monitors ask about the whole server, load balancers about its service by name.
 
 use crate::observe::troubles::{stops_network, stops_requests, Trouble, Troubles};
 use std::collections::BTreeMap;
@@ -15,12 +14,11 @@ use zk0_protocol::rpc::health::health_check_response::ServingStatus;
 use zk0_protocol::rpc::health::health_server::Health;
 use zk0_protocol::rpc::health::{HealthCheckRequest, HealthCheckResponse};
 
-/// Answers whether the server and its one service are in order.
 pub(super) struct HealthyService {
     pub troubles: Troubles,
     /// Whether the service ends.
     pub ending: watch::Receiver<bool>,
-    /// How long a monitor watches before it has to ask again.
+    /// How long a monitor watches.
     pub longest: Duration,
 }
 
@@ -71,7 +69,7 @@ impl Health for HealthyService {
     }
 }
 
-/// Tells a monitor how the service is, and whenever that changes.
+/// Tells a monitor the service's state, and its changes.
 async fn tell(
     service: &str,
     mut troubles: watch::Receiver<BTreeMap<Kind, Trouble>>,
@@ -89,7 +87,7 @@ async fn tell(
     }
 }
 
-/// Ready when the service ends, and after `longest` at the latest.
+/// Ready when the service ends, or after `longest`.
 async fn ended(mut ending: watch::Receiver<bool>, longest: Duration) {
     let _ = timeout(longest, ending.wait_for(|ending| *ending)).await;
 }

@@ -1,5 +1,5 @@
-//! The way of a request that records something, from its node's turn to its receipt. Statements and submissions take it alike. Two of its steps have
-//! the aggregator: it is compared with the ledger, and recorded.
+//! The way of a statement or submission from its node's turn to its receipt. Two steps have the aggregator: comparison with the ledger,
+//! and recording.
 
 use crate::round::aggregator::Aggregator;
 use crate::round::intake::admission::{Admission, Comparison};
@@ -42,11 +42,11 @@ impl Service {
         Ok(receipt)
     }
 
-    /// Waits for the turn of the node that has signed a request: what a node asks for is done one after the other. So when a node sends something
-    /// again, because it has lost the connection, the second request finds what the first one has recorded, and nothing is verified twice.
+    /// Waits for the turn of the node that has signed a request: its requests are done one after the other. So a request repeated after a
+    /// lost connection finds what the first one has recorded, and nothing is verified twice.
     ///
-    /// A request that came after a deadline is recorded after all that came before it. So it must not take its node's turn before an earlier
-    /// request of the same node: each of the two would wait for the other.
+    /// A request that came after a deadline is recorded after all that came before it. So it must not take the turn before an earlier
+    /// request of its node: each would wait for the other.
     pub(super) async fn turn_of(&self, node: NodeId, arrival: &Arrival) -> OwnedMutexGuard<()> {
         arrival.needs_turn_of(node);
         if let Some(deadline_ms) = self.missed(arrival.at_ms()) {
@@ -55,7 +55,7 @@ impl Service {
         self.turns.take(node).await
     }
 
-    /// Compares a request with the ledger. If the ledger has it, `answer` says what is answered with its receipt and its body.
+    /// Compares a request with the ledger. If the ledger has it, `answer` makes the answer.
     pub(super) async fn admission<T: Send + 'static, R: Send + 'static>(
         &self,
         begin: impl FnOnce(&Aggregator) -> Comparison<T> + Send + 'static,
@@ -66,8 +66,7 @@ impl Service {
         blocking(move || compared.admission(&ledger, answer)).await
     }
 
-    /// Records what a request wants, and returns its receipt. It waits for requests that arrived before a deadline, if this one arrived
-    /// after it.
+    /// Records what a request wants, and returns its receipt. After a deadline, it waits for requests that arrived before.
     #[instrument(name = "record", skip_all)]
     pub(super) async fn record_in_turn(
         &self,

@@ -1,30 +1,29 @@
-//! What the gRPC service puts up with.
+//! The limits of the gRPC service.
 
 use crate::connections::limits::ConnectionLimits;
 use std::time::Duration;
 
-/// How many requests of one connection may be in progress.
+/// Requests in progress on one connection.
 pub const CONCURRENT: usize = 4;
 
-/// What a service puts up with.
+/// The limits of a service.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Connections at once, and how long they may be silent.
+    /// Connections at once, and their silence.
     pub connections: ConnectionLimits,
-    /// How long a peer may be silent in the middle of a stream.
+    /// Longest silence of a peer within a stream.
     pub silence: Duration,
-    /// How long an upload may take in all.
+    /// Time of a whole upload.
     pub upload: Duration,
-    /// How long a download may take in all.
+    /// Time of a whole download.
     pub download: Duration,
-    /// How long one message may take.
+    /// Longest time of one message.
     pub message: Duration,
-    /// How long those who follow a round, or watch the service's health, are told of changes before they have to ask again. So nobody who is gone is
-    /// served for longer.
+    /// How long those who follow a round, or watch the service's health, are served. This bounds the cost of peers that are gone.
     pub watch: Duration,
-    /// Bytes of large messages that are received or answered at once. One half is for nodes, the other for strangers.
+    /// Bytes of large messages in progress: one half for nodes, the other for strangers.
     pub message_memory: u64,
-    /// How much the clock of a request's sender may differ from the aggregator's.
+    /// Allowed difference of a sender's clock.
     pub skew: Duration,
     /// How long the aggregator's clock may be behind before the service ends.
     pub clock_behind: Duration,
@@ -36,7 +35,7 @@ impl Default for Limits {
             connections: ConnectionLimits::default(),
             silence: Duration::from_secs(30),
             upload: Duration::from_secs(600),
-            // Nodes go on where they were cut. So even 2 GB at 1 Mbit/s arrive, in five requests.
+            // Nodes go on after a cut. So even 2 GB at 1 Mbit/s arrive, in five requests.
             download: Duration::from_secs(3600),
             message: Duration::from_secs(60),
             watch: Duration::from_secs(300),

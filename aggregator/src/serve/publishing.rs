@@ -1,5 +1,4 @@
-//! What is recorded is published once enough witnesses have cosigned it. This file has checkpoints cosigned, and tells how many entries are
-//! published.
+//! Has checkpoints cosigned. What is recorded is published once enough witnesses have cosigned it.
 
 use crate::publish::cosigning::{ConsistencyProver, Cosigned, CosigningError, Witnesses};
 use crate::round::aggregator::Aggregator;
@@ -14,26 +13,23 @@ use zk0_ledger::folder;
 use zk0_protocol::challenge::drawing::Drawing;
 use zk0_protocol::rpc::federation::trouble::Kind;
 
-/// What the status says while the quorum is not met. The log names the witnesses.
+/// The status while the quorum is not met. The log names the witnesses.
 const TOO_FEW: &str =
     "too few witnesses have cosigned the newest checkpoint, so it is not published; the log of the aggregator names them";
 
-/// What the status says while a witness has not cosigned the closing of a round's commitments.
+/// The status while a witness has not cosigned the closing of a round's commitments.
 const NOT_ALL: &str =
     "not all witnesses have cosigned the closing of the commitments, so the randomness of the round is not drawn; the log of the aggregator names them";
 
-/// What has come of a look for a checkpoint to publish.
 enum PublishingStep {
-    /// Something was published, or drawn.
     Done,
-    /// All is published.
     UpToDate,
     /// Too few witnesses have cosigned.
     Refused,
 }
 
 impl Service {
-    /// Has each new checkpoint cosigned, and publishes it. Returns only when the disk fails.
+    /// Has each new checkpoint cosigned, and publishes it, until the disk fails.
     pub(super) async fn publish(&self) -> RequestError {
         let Some(publishing) = &self.publishing else {
             return std::future::pending().await;
@@ -54,8 +50,8 @@ impl Service {
         }
     }
 
-    /// Has the next checkpoint cosigned, and publishes it. `refused` is what witnesses were last asked for in vain: its size, and the round that
-    /// it draws the randomness of.
+    /// Publishes the next checkpoint. `refused` is what witnesses were last asked for in vain: its size, and the round whose randomness it
+    /// draws.
     async fn publish_next(
         &self,
         publishing: &Publishing,
@@ -87,7 +83,7 @@ impl Service {
         }
         let mut refuse = |error: CosigningError, sentence: &str| {
             if refused.replace((size, draws)) != Some((size, draws)) {
-                tracing::warn!(size, "the checkpoint is not published: {error}");
+                tracing::warn!(size, "{sentence}: {error}");
             }
             self.troubles().raise(Kind::Witnesses, sentence);
             Ok(PublishingStep::Refused)
@@ -101,11 +97,12 @@ impl Service {
             };
             let write = self.with(move |aggregator| {
                 folder::write_cosigned(aggregator.ledger().dir(), &note)?;
-                Ok(())
+                aggregator.note_published(size)
             });
             write.await?;
             tracing::info!(size, "checkpoint cosigned and published");
             publishing.published.send_replace(size);
+            self.changed.notify_one();
             self.note_stage().await?;
         }
         if let Some(round) = draws {
@@ -120,6 +117,7 @@ impl Service {
                 aggregator.finish(JobResult::Randomness(round, drawing))
             };
             self.with(drawn).await?;
+            self.changed.notify_one();
         }
         *refused = None;
         self.troubles().clear(Kind::Witnesses);
@@ -141,8 +139,8 @@ impl Service {
         self.troubles().raise(Kind::WitnessAway, sentence);
     }
 
-    /// Tells that entries were recorded, and waits until the first `size` entries are published. If that takes too long, who asks again later
-    /// gets the receipt then: what is recorded stays recorded.
+    /// Reports new entries, and waits until the first `size` entries are published. If that takes too long, a later request gets the
+    /// receipt.
     pub(super) async fn published(&self, size: u64) -> Result<(), RequestError> {
         self.changed.notify_one();
         let Some(publishing) = &self.publishing else {
@@ -163,7 +161,7 @@ impl Service {
         }
     }
 
-    /// How many entries of the ledger are published.
+    /// Published entries of the ledger.
     pub(crate) fn visible(&self, aggregator: &Aggregator) -> Result<u64, RequestError> {
         let size = match &self.publishing {
             None => aggregator.ledger().size(),

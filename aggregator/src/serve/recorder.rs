@@ -1,4 +1,4 @@
-//! Requests that wait to be recorded. Whoever has the aggregator next records all of them together, so that they share one write to disk.
+//! Requests that wait to be recorded. The next task that has the aggregator records all of them, in one write to disk.
 
 use crate::round::aggregator::Aggregator;
 use crate::round::intake::group::ToRecord;
@@ -6,10 +6,10 @@ use crate::round::request_error::RequestError;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::oneshot::{self, Receiver};
 
-/// The most requests that are recorded at once. A request waits for those before it, and a group of this size takes milliseconds.
+/// A group of this size takes milliseconds.
 const GROUP: usize = 1024;
 
-/// The requests that wait, in the order in which they came.
+/// In the order in which they came.
 #[derive(Clone, Default)]
 pub(super) struct Recorder(Arc<Mutex<Vec<WaitingEntry>>>);
 
@@ -24,11 +24,11 @@ struct WaitingEntry {
 
 impl Recorder {
     fn waiting(&self) -> MutexGuard<'_, Vec<WaitingEntry>> {
-        // A panic elsewhere does not spoil the list: it is never half changed.
+        // A panic elsewhere leaves the list whole.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Lets a request wait that arrived at `arrived_ms`. The index of its entry comes when it is recorded.
+    /// Queues a request that arrived at `arrived_ms`. The index of its entry comes when it is recorded.
     pub fn push(&self, arrived_ms: u64, what: ToRecord) -> Receiver<Answer> {
         let (answer, answered) = oneshot::channel();
         self.waiting().push(WaitingEntry {
@@ -39,7 +39,7 @@ impl Recorder {
         answered
     }
 
-    /// Records what waits, but for requests that arrived after a deadline while one from before it is still in progress.
+    /// Records what waits, but for requests that arrived after a deadline while an earlier one is still in progress.
     pub fn record(&self, aggregator: &mut Aggregator) {
         let mut all: Vec<_> = std::mem::take(&mut *self.waiting());
         // The ledger's time never goes back, so the earliest comes first.
@@ -58,7 +58,7 @@ impl Recorder {
             answers.push(one.answer);
         }
         for (answer, recorded) in answers.into_iter().zip(aggregator.record(wanted)) {
-            // Whoever has gone away asks again, and gets the receipt then.
+            // A caller that has left asks again, and gets the receipt then.
             let _ = answer.send(recorded);
         }
     }

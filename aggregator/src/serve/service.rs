@@ -3,21 +3,21 @@
 //! | what | limit |
 //! |---|---|
 //! | one message | the rules' largest proof, or 4 MiB for lists of leaves, and 64 KiB |
-//! | one upload | what its signed request says, at most the rules' largest update; streamed to disk, never in memory; also from the blob store |
+//! | one upload | what its signed request states, at most the rules' largest update; streamed to disk, never in memory; or from the store |
 //! | who uploads | nodes that may commit in the open round ([`crate::round::intake::statements`]) |
 //! | uploads | one at a time and [`crate::round::intake::staging::MAX_UPLOADS`] per node and round, with those that were cut |
 //! | datasets that a node registers | [`crate::round::intake::registrations::MAX_REGISTRATIONS`] within a day, until a round has closed |
-//! | how long a peer may be silent in the middle of a stream | [`Limits::silence`] |
-//! | how long an upload and a download may take in all | [`Limits::upload`], [`Limits::download`] |
-//! | how long a message may take | [`Limits::message`] |
-//! | how long those who follow a round, or watch the service's health, are told of changes | [`Limits::watch`] |
+//! | silence of a peer within a stream | [`Limits::silence`] |
+//! | time of an upload and of a download | [`Limits::upload`], [`Limits::download`] |
+//! | time of a message | [`Limits::message`] |
+//! | time of following a round, or watching the service's health | [`Limits::watch`] |
 //! | connections, and requests at once on each | [`Limits::connections`], [`crate::serve::limits::CONCURRENT`] |
-//! | files that are sent and received at once | as many as connections; strangers have an eighth of them |
+//! | files sent and received at once | as many as connections; strangers have an eighth of them |
 //! | memory for messages over 32 KiB | [`Limits::message_memory`] |
-//! | heads of requests that are remembered | 1,024 of a sender (`senders`) |
+//! | remembered heads of requests | 1,024 of a sender (`senders`) |
 //!
-//! `grpc` puts the limits of connections and messages into force. [`crate::serve::federation_service`] answers the requests. This file serves them,
-//! and runs the loops that go on beside them until the end.
+//! `grpc` enforces the limits of connections and messages; [`crate::serve::federation_service`] answers the requests. This file serves
+//! them, and runs the loops beside them.
 
 use crate::connections::caller::Sender;
 use crate::connections::transfers::Transfers;
@@ -48,6 +48,7 @@ use std::time::{Duration, Instant};
 use tokio::net::TcpListener;
 use tokio::sync::{watch, Mutex, Notify, Semaphore};
 use tokio::task::{spawn_blocking, JoinError, JoinSet};
+use tokio::time::sleep;
 use tonic::service::Routes;
 use tonic::Status;
 use tracing::Span;
@@ -58,49 +59,46 @@ use zk0_ledger::store::reader::LedgerReader;
 use zk0_protocol::rpc::federation::federation_server::FederationServer;
 use zk0_tls::server_certificate::ServerCertificate;
 
-/// The limit of one message is never smaller. The largest list of drawn frames takes 164 kB.
+/// Least limit of one message. The largest list of drawn frames takes 164 kB.
 const MIN_MESSAGE_BYTES: u64 = 4 << 20;
 
-/// Room in a message for what surrounds a proof or a list of drawn frames.
+/// Room beside a proof or a list of drawn frames.
 const MESSAGE_ROOM_BYTES: u64 = 64 << 10;
 
-/// How often the service looks whether a round is due when nothing happens.
+/// How often an idle service checks whether a round is due.
 pub(super) const TICK: Duration = Duration::from_millis(250);
 
-/// How long a public server of beacons may take to answer.
+/// How often the time is noted until which the aggregator ran.
+const ALIVE: Duration = Duration::from_secs(10);
+
 const BEACON_PATIENCE: Duration = Duration::from_secs(10);
 
 /// An aggregator that the requests and the round timer share.
 #[derive(Clone)]
 pub struct Service {
-    /// Whoever has it compares with the state, or appends: signatures, proofs, weights, files and earlier entries are read and verified without it.
+    /// Held only to compare with the state, or to append: signatures, proofs, weights, files and earlier entries need no lock.
     aggregator: Arc<Mutex<Aggregator>>,
-    /// Reads what the ledger has recorded.
     pub(super) ledger: LedgerReader,
-    /// The deadline of the open round that nothing on the ledger reflects yet; `u64::MAX` if there is none.
+    /// The open round's passed deadline that the ledger does not reflect yet, or `u64::MAX`.
     deadline_ms: Arc<AtomicU64>,
-    /// Whether some work on the aggregator has panicked. Then nobody knows what it is like.
+    /// Whether work on the aggregator has panicked: its state is unknown then.
     panicked: Arc<AtomicBool>,
-    /// Whoever takes a step of the rounds holds this, so that nothing is computed twice.
+    /// Held for a step of the rounds, so that nothing is computed twice.
     pub(super) stepping: Arc<Mutex<()>>,
-    /// The members of the network. Who sends a request is known without the aggregator: whoever waited for it would arrive later.
+    /// The members of the network, read without the aggregator, whose lock would delay arrivals.
     pub(super) members: Arc<RwLock<HashSet<NodeId>>>,
-    /// The requests that are in progress.
     pub(super) arrivals: Arc<Arrivals>,
     pub(super) presence: Arc<Presence>,
     pub(super) recorder: Recorder,
     pub(super) turns: KeyedTurns<NodeId>,
-    /// Places for verifying proofs and weights.
     pub(super) verifying: Arc<Semaphore>,
     pub(super) blob_places: BlobPlaces,
-    /// How far the last round has come, as far as that is published. It is `None` before the first round.
+    /// The published progress of the last round; `None` before the first one.
     pub(super) stage: Arc<watch::Sender<Option<RoundEntries>>>,
     /// Something was recorded, and a round may be due.
     pub(super) changed: Arc<Notify>,
-    /// Whether the service ends.
     ending: watch::Sender<bool>,
     pub(super) publishing: Option<Publishing>,
-    /// Where beacons are fetched.
     pub(super) beacons: Arc<BeaconServers>,
     pub(super) uploads: Uploads,
     pub(super) transfers: Transfers,
@@ -171,20 +169,20 @@ impl Service {
         self.started
     }
 
-    /// From now on, connections are encrypted with this certificate.
+    /// Encrypts connections with this certificate.
     pub fn encrypted(mut self, certificate: Arc<ServerCertificate>) -> Self {
         self.certificate = Some(certificate);
         self
     }
 
-    /// From now on, beacons are fetched from these servers.
+    /// Fetches beacons from these servers.
     pub fn with_beacons(mut self, servers: BeaconServers) -> Self {
         self.beacons = Arc::new(servers);
         self
     }
 
-    /// From now on, a quorum of `witnesses` has to cosign a checkpoint before anything that it covers is published, and before a
-    /// receipt for it is given out. The ledger's folder keeps their policy.
+    /// A quorum of `witnesses` has to cosign a checkpoint before what it covers is published, or a receipt is given out. The ledger's
+    /// folder keeps their policy.
     pub async fn witnessed(mut self, witnesses: Arc<Witnesses>) -> Result<Self, RequestError> {
         let policy = witnesses.policy().clone();
         let published = self
@@ -194,13 +192,15 @@ impl Service {
                 let key = ledger.state().genesis().verifier_key();
                 let key = key.map_err(|error| RequestError::Internal(error.to_string()))?;
                 let text = folder::read_cosigned(ledger.dir())?;
-                // A checkpoint cosigned under another policy does not count under this one.
+                // A checkpoint cosigned under another policy does not count.
                 let opened = text.and_then(|text| policy.open(&text, &key).ok());
                 let signed = opened.map_or(0, |opened| opened.checkpoint.size);
-                match ledger.size() {
-                    held if signed > held => Err(LedgerError::RolledBack { held, signed }.into()),
-                    _ => Ok(signed),
+                let held = ledger.size();
+                if signed > held {
+                    return Err(LedgerError::RolledBack { held, signed }.into());
                 }
+                aggregator.note_published(signed)?;
+                Ok(signed)
             })
             .await?;
         self.publishing = Some(Publishing {
@@ -211,8 +211,8 @@ impl Service {
         Ok(self)
     }
 
-    /// Serves on `listener` and runs the rounds until `stop` is ready, and then until the open requests are answered, but no longer than the
-    /// limits say. Ends early when the aggregator cannot go on. The future is boxed, so that a crate that awaits it does not compile the server anew.
+    /// Serves on `listener` and runs the rounds until `stop` is ready, then drains the open requests within the limits. Ends early when
+    /// the aggregator cannot go on. Boxed, so that a crate that awaits it does not compile the server again.
     pub fn serve<'a>(
         self,
         listener: TcpListener,
@@ -242,6 +242,8 @@ impl Service {
             .await
             .map_err(ServeError::Round)?;
         self.check_witnesses(&asked_for)?;
+        let moved = self.with(Aggregator::after_start);
+        moved.await.map_err(ServeError::Round)?;
         let limit = max_proof_bytes
             .max(MIN_MESSAGE_BYTES)
             .saturating_add(MESSAGE_ROOM_BYTES);
@@ -280,22 +282,25 @@ impl Service {
         }
     }
 
-    /// Starts what the service does by itself. Each loop ends only when it cannot go on. The loops go on while the last requests are answered, because
-    /// a request may wait until its checkpoint is published. Each is a task of its own: as a future that nobody polls at the end, it could have
-    /// the aggregator, and no request would get it.
+    /// Starts the service's loops. Each ends only when it cannot go on. They go on during the last requests, which may wait until their
+    /// checkpoints are published. Each is a task of its own: a future that is no longer polled could hold the aggregator for ever.
     ///
-    /// A task may be aborted wherever it waits. What it writes, it writes in [`blocking`], which goes on without it. What it had yet to do is done
-    /// after the next start, as if the process had been killed.
+    /// A task may be aborted wherever it waits. It writes in [`blocking`], which goes on without it. The next start does what was left, as
+    /// after a kill.
     fn loops(&self, witnesses: String) -> JoinSet<RequestError> {
         let mut loops = JoinSet::new();
         let (rounds, publish) = (self.clone(), self.clone());
-        let (shrink, remove) = (self.clone(), self.clone());
+        let (shrink, remove, alive) = (self.clone(), self.clone(), self.clone());
         let mut spawn = |task: &'static str, work: BoxFuture<'static, RequestError>| {
             loops.spawn(self.troubles.clone().supervised(task, work));
         };
         spawn(
             "the driver of the rounds",
             Box::pin(async move { rounds.rounds(&witnesses).await }),
+        );
+        spawn(
+            "the note of the time until which it ran",
+            Box::pin(async move { alive.note_alive().await }),
         );
         spawn(
             "the cosigning of checkpoints",
@@ -312,13 +317,26 @@ impl Service {
         loops
     }
 
-    /// Ready when the service ends. Streams that would go on for long end then, so that the end does not wait for them.
+    /// Notes the time now and then, so that the next start knows how long no aggregator ran.
+    async fn note_alive(&self) -> RequestError {
+        loop {
+            let noted = self.with(|aggregator| {
+                let (dir, now_ms) = (aggregator.ledger().dir(), aggregator.now_ms());
+                Ok(folder::write_alive(dir, now_ms))
+            });
+            if let Ok(Err(error)) = noted.await {
+                tracing::debug!("the time until which the aggregator ran is not noted: {error}");
+            }
+            sleep(ALIVE).await;
+        }
+    }
+
+    /// Ready when the service ends, so that long streams end, too.
     pub(super) async fn ended(&self) {
         let mut ending = self.ending.subscribe();
         let _ = ending.wait_for(|ending| *ending).await;
     }
 
-    /// Refuses to serve without the witness policy that the rules ask for.
     fn check_witnesses(&self, asked_for: &str) -> Result<(), ServeError> {
         let used = self.publishing.as_ref();
         let used = used.map(|publishing| publishing.witnesses.policy().text());
@@ -332,13 +350,13 @@ impl Service {
         }
     }
 
-    /// The deadline that a request missed that arrived at `arrived_ms`, if nothing on the ledger reflects the deadline yet.
+    /// The deadline that a request of `arrived_ms` missed, if the ledger does not reflect it yet.
     pub(super) fn missed(&self, arrived_ms: u64) -> Option<u64> {
         let deadline_ms = self.deadline_ms.load(Ordering::Acquire);
         (arrived_ms > deadline_ms).then_some(deadline_ms)
     }
 
-    /// Runs `work` on the aggregator, away from the threads that serve the network, because it may read and write the disk.
+    /// Runs `work` on the aggregator, away from the network's threads, because it may use the disk.
     pub async fn with<T: Send + 'static>(
         &self,
         work: impl FnOnce(&mut Aggregator) -> Result<T, RequestError> + Send + 'static,
@@ -354,7 +372,7 @@ impl Service {
         let (panicked, deadline) = (self.panicked.clone(), self.deadline_ms.clone());
         let members = self.members.clone();
         blocking(move || {
-            // This is put back before anybody else has the aggregator.
+            // Put back before the aggregator is free again.
             panicked.store(true, Ordering::Release);
             let (begun, size) = (Instant::now(), aggregator.ledger().size());
             let done = work(&mut aggregator);
@@ -370,17 +388,15 @@ impl Service {
     }
 }
 
-/// The deadline of the open round that nothing on the ledger reflects yet.
 fn deadline_ms(aggregator: &Aggregator) -> u64 {
     aggregator.passed_deadline(u64::MAX).unwrap_or(u64::MAX)
 }
 
-/// Why a loop has ended.
 fn why(ended: Result<RequestError, JoinError>) -> RequestError {
     ended.unwrap_or_else(|panic| RequestError::Internal(panic.to_string()))
 }
 
-/// Runs `work` away from the threads that serve the network.
+/// Runs `work` away from the network's threads.
 pub(super) async fn blocking<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, RequestError> + Send + 'static,
 ) -> Result<T, RequestError> {
@@ -390,20 +406,18 @@ pub(super) async fn blocking<T: Send + 'static>(
         .unwrap_or_else(|error| Err(RequestError::Internal(error.to_string())))
 }
 
-/// Who has to cosign checkpoints before they are published, and what is published.
 #[derive(Clone)]
 pub(super) struct Publishing {
     pub witnesses: Arc<Witnesses>,
-    /// Notified when somebody waits for a receipt.
+    /// Notified when a caller waits for a receipt.
     pub wanted: Arc<Notify>,
-    /// How many entries are published.
     pub published: watch::Sender<u64>,
 }
 
 /// Why a service has ended.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// The service does not have the witness policy that the rules ask for.
+    /// The service lacks the witness policy that the rules ask for.
     #[error("the rules ask for the witness policy {asked_for:?}, but the service was started with {}: start it with the rules' policy", given(.used))]
     OtherWitnesses {
         asked_for: String,

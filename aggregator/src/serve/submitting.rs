@@ -1,5 +1,5 @@
-//! A submission on its way through the service: [`crate::round::intake::submission`] has the steps. Proofs and weights are verified on all cores, and
-//! nobody else waits for that.
+//! A submission on its way through the service, in the steps of [`crate::round::intake::submission`]. All cores verify proofs and weights,
+//! while the rest goes on.
 
 use crate::round::aggregator::Aggregator;
 use crate::round::intake::admission::Admission;
@@ -14,7 +14,6 @@ use tracing::{info_span, Instrument, Span};
 use zk0_protocol::entries::signed::{Signed, Submission};
 
 impl Service {
-    /// Decides on a submission that its node has sent, and records the decision.
     pub(super) async fn submitted(
         &self,
         arrival: &Arrival,
@@ -40,7 +39,7 @@ impl Service {
         let span = info_span!("check the signature");
         let authentic = move || pending.authenticate(Arc::unwrap_or_clone(signed), proof);
         let (pending, contribution) = self.verified(span, authentic).await?;
-        // Whoever waits for the store of the blobs holds no place for verifying.
+        // Waiting for the store holds no place for verifying.
         let span = info_span!("fetch blobs");
         let pending = self.storing(span, move || pending.with_weights_at_hand());
         let pending = pending.await?;
@@ -58,7 +57,7 @@ impl Service {
         Ok(SubmissionAnswer { rejected, receipt })
     }
 
-    /// Runs `work` in `span`, when one of as many places as there are cores is free.
+    /// Runs `work` in `span`, in one of as many places as cores.
     async fn verified<T: Send + 'static>(
         &self,
         span: Span,

@@ -1,4 +1,4 @@
-//! Uploads. What has come of one stays when its connection is lost, and the node goes on after it.
+//! Uploads. After a lost connection, the node goes on where it was cut.
 
 use crate::connections::caller::Sender;
 use crate::round::intake::staging::Staging;
@@ -19,17 +19,16 @@ use zk0_protocol::request_head::{Method, RequestContent};
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 use zk0_protocol::rpc::federation::{UploadChunk, UploadInfo};
 
-/// Bytes that are written to disk at once.
 const BATCH_BYTES: usize = 256 << 10;
 
-/// An upload that is being written. The next upload of its node waits until this is dropped.
+/// The node's next upload waits until this is dropped.
 struct Writing {
     blob: PartialBlob,
     _turn: OwnedMutexGuard<()>,
 }
 
 impl Service {
-    /// Receives an upload to its end. When the connection is lost, this goes on, and what has come is written.
+    /// Receives an upload. After a lost connection, it still writes what has come.
     pub(super) async fn uploaded(
         &self,
         sender: Sender,
@@ -77,7 +76,7 @@ impl Service {
             self.receive_data(incoming, newest, staging, upload.clone(), begins)
                 .await?;
         }
-        // Who commits next has it taken with the commitment.
+        // The next commitment takes it.
         let lost = self.with(move |aggregator| Ok(aggregator.lost_update(&upload)));
         if let Some(lost) = lost.await? {
             let take = move || lost.take(&uploads);
@@ -86,7 +85,7 @@ impl Service {
         Ok(())
     }
 
-    /// Takes the proof of a recorded submission again, if it is lost.
+    /// Takes a recorded submission's proof again, if lost.
     pub(super) async fn take_lost_proof(
         &self,
         submission: &Submission,
@@ -101,14 +100,13 @@ impl Service {
         Ok(())
     }
 
-    /// A place for a file that is sent or received.
     pub(super) fn transfer(&self, of_node: bool) -> Result<OwnedSemaphorePermit, RequestError> {
         let crowded = "too many files are sent and received at once: ask again later";
         let place = self.transfers.begin(of_node);
         place.ok_or_else(|| RequestError::Crowded(crowded.into()))
     }
 
-    /// How many bytes of an upload are here, and where the node may put the update instead of sending it.
+    /// How many bytes of an upload are here, and where else the node may put the update.
     pub(super) async fn held(&self, request: Vec<u8>) -> Result<UploadInfo, RequestError> {
         let (signed, _) = read_hashed::<UploadRequest>("upload request", request).await?;
         let upload = signed.statement.clone();
@@ -132,13 +130,12 @@ impl Service {
         })
     }
 
-    /// Begins an upload, if the ledger allows it.
     async fn begun(&self, request: UploadRequest) -> Result<Option<Staging>, RequestError> {
         self.with(move |aggregator| aggregator.begin_upload(&request))
             .await
     }
 
-    /// Waits until the ledger does not allow an upload any more, and returns why: nobody can commit to it then.
+    /// Waits until the ledger does not allow an upload any more, and returns why.
     pub(super) async fn not_allowed(&self, upload: &UploadRequest) -> RequestError {
         let mut stage = self.stage.subscribe();
         loop {
@@ -151,7 +148,7 @@ impl Service {
         }
     }
 
-    /// Why an upload has failed. When its round ends, its files are removed; then the node learns that, and not that a file is gone.
+    /// Why an upload has failed. The end of its round removes its files; then the node learns that, and not that a file is gone.
     pub(super) async fn why(&self, upload: &UploadRequest, error: RequestError) -> RequestError {
         self.begun(upload.clone()).await.err().unwrap_or(error)
     }
@@ -172,8 +169,7 @@ impl Service {
         };
         let mut writing = Writing { blob, _turn: turn };
         let mut ended = false;
-        // This is a task of its own. As a future that nobody polls while a batch is written, it could have the aggregator, and nobody else
-        // would get it.
+        // A task of its own: a future that is not polled while a batch is written could hold the aggregator.
         let mut watching = JoinSet::new();
         let (service, watched) = (self.clone(), upload.clone());
         watching.spawn(async move { service.not_allowed(&watched).await });
@@ -196,7 +192,7 @@ impl Service {
                     Err(status) => failed = Some(status),
                 }
             }
-            // What has come stays, whatever comes after it.
+            // What has come stays, whatever follows.
             let written = blocking(move || {
                 writing.blob.write(&batch).map_err(RequestError::upload)?;
                 Ok(writing)
@@ -219,7 +215,6 @@ impl Service {
     }
 }
 
-/// The messages of an upload.
 struct Incoming {
     stream: Streaming<UploadChunk>,
     limits: Limits,
@@ -227,7 +222,7 @@ struct Incoming {
 }
 
 impl Incoming {
-    /// The next part, and where its data begins. It is an error if none comes for too long, or if the upload takes too long.
+    /// The next part, and where its data begins. An error if the part or the whole upload takes too long.
     async fn next(&mut self) -> Result<Option<(u64, Part)>, Status> {
         let Limits {
             silence, upload, ..

@@ -1,5 +1,4 @@
-//! The uploads in progress: one for each node. A newer upload of a node ends the one before, whose connection may be lost without anybody
-//! having noticed.
+//! The uploads in progress: one for each node. A newer upload ends the one before, whose connection may be lost unnoticed.
 
 use crate::round::request_error::RequestError;
 use crate::turns::KeyedTurns;
@@ -13,11 +12,11 @@ use zk0_protocol::rpc::federation::turned_down::Remedy;
 #[derive(Clone, Default)]
 pub(super) struct Uploads {
     turns: KeyedTurns<NodeId>,
-    /// What the newest upload of each node holds the other end of. There are not more of them than members.
+    /// The other end of what each node's newest upload holds. All are members.
     newest: Arc<Mutex<HashMap<NodeId, watch::Sender<()>>>>,
 }
 
-/// An upload of a node, which is the newest one when it begins.
+/// The newest upload of a node when it begins.
 pub(super) struct Newest {
     node: NodeId,
     turns: KeyedTurns<NodeId>,
@@ -25,10 +24,10 @@ pub(super) struct Newest {
 }
 
 impl Uploads {
-    /// Ends the upload of the node that is in progress.
+    /// Ends the node's upload in progress.
     pub fn begin(&self, node: NodeId) -> Newest {
         let (ends, newest) = watch::channel(());
-        // A panic elsewhere does not spoil the map: it is never half changed.
+        // A panic elsewhere leaves the map whole.
         let mut all = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
         all.insert(node, ends);
         Newest {
@@ -40,7 +39,7 @@ impl Uploads {
 }
 
 impl Newest {
-    /// Waits until the upload before has written what has come of it. Nobody else writes for this node until the guard is dropped.
+    /// Waits until the upload before has written what has come of it. Until the guard is dropped, no other task writes for this node.
     pub async fn turn(&self) -> OwnedMutexGuard<()> {
         self.turns.take(self.node).await
     }

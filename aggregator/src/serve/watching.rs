@@ -1,4 +1,4 @@
-//! Nodes that follow a round. A node is told when the round has come further, so that it need not ask again and again.
+//! Nodes that follow a round are told of its progress, so that they need not ask again and again.
 
 use crate::round::presence::Following;
 use crate::round::request_error::RequestError;
@@ -10,9 +10,10 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::Status;
 use zk0_circuits::NodeId;
 use zk0_protocol::rpc::federation::RoundInfo;
+use zk0_protocol::rules::state::Round;
 
 impl Service {
-    /// Tells those who follow a round if it has come further.
+    /// Tells the followers of a round whether it has come further.
     pub(super) async fn note_stage(&self) -> Result<(), RequestError> {
         let service = self.clone();
         let stage = self.with(move |aggregator| match service.visible(aggregator) {
@@ -40,12 +41,14 @@ impl Service {
             let contribution = round
                 .zip(node)
                 .and_then(|(round, node)| aggregator.contribution(round, &node, published));
+            let asked = |open: &&Round| round.is_none_or(|round| round == open.number());
             let open = state
                 .round()
-                .filter(|open| round.is_none_or(|round| round == open.number()))
+                .filter(asked)
                 .zip(node);
             let contributed = open.map(|(open, node)| aggregator.contributed(open, node));
             let info = RoundInfo {
+                moved_ms: state.round().filter(asked).map_or(0, |open| open.moved_ms),
                 invited: open.is_some_and(|(open, node)| state.may_contribute(open, &node)),
                 now_ms: aggregator.now_ms(),
                 program: encode(state.program())?,
@@ -84,8 +87,8 @@ impl Service {
         .await
     }
 
-    /// A round, or the last one, now and whenever it has come further, until the service ends, and for [`Limits::watch`] at most. Whoever is
-    /// `present` is so for as long.
+    /// A round, or the last one, now and at each change, until the service ends, and for [`Limits::watch`] at most. A node stays `present`
+    /// for as long.
     ///
     /// [`Limits::watch`]: crate::serve::limits::Limits::watch
     pub(super) fn watched_round(
@@ -143,8 +146,8 @@ impl Service {
     }
 }
 
-/// What a follower has not heard: an entry, that it may contribute, or that a file of its contribution is lost. The clock always moves on, and an entry has a newer receipt whenever the ledger
-/// has grown, so these are no news.
+/// What is new to a follower: an entry, that it may contribute, or that a file of its contribution is lost. The clock and the newer
+/// receipts of a grown ledger are no news.
 fn news(info: &RoundInfo) -> ([Option<u64>; 5], bool, Vec<Vec<u8>>) {
     let entries = [
         &info.opened,

@@ -1,4 +1,4 @@
-//! The operator enrols nodes while the aggregator runs, and nobody else does.
+//! The operator enrols and suspends nodes while the aggregator runs, and nobody else does.
 
 use crate::Test;
 use ed25519_dalek::SigningKey;
@@ -6,7 +6,7 @@ use tonic::Code;
 use zk0_aggregator::{Config, Limits};
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::entries::entry::Body;
-use zk0_protocol::entries::signed::{Enrolment, Signed};
+use zk0_protocol::entries::signed::{Enrolment, OperatorDecision, Signed};
 use zk0_protocol::rpc::federation as proto;
 use zk0_protocol::rules::network_rules::EnrolmentRule;
 use zk0_testkit::aggregator::*;
@@ -26,6 +26,11 @@ async fn enrol(
     signed: &Signed<Enrolment>,
 ) -> Result<proto::Receipt, tonic::Status> {
     let request = network.enrolling(key, signed);
+    Ok(network.client().await.record(request).await?.into_inner())
+}
+
+async fn record(network: &Network, body: &Body) -> Result<proto::Receipt, tonic::Status> {
+    let request = network.recording(body);
     Ok(network.client().await.record(request).await?.into_inner())
 }
 
@@ -93,5 +98,32 @@ async fn where_a_vote_enrols_the_operator_does_not() -> Test {
     let signed = Signed::new(enrolment(&id, &SigningNode::new(1)), &log_key());
     let result = enrol(&network, &log_key(), &signed).await;
     refused(result, Code::FailedPrecondition, "vote");
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn the_operator_suspends_a_node_and_ends_that() -> Test {
+    let (first, second) = (SigningNode::new(1), SigningNode::new(2));
+    let network = Network::start(&[&first, &second], config()).await;
+    let decided = |suspended, number, key: &SigningKey| {
+        let decision = OperatorDecision {
+            network: network.genesis.network_id(),
+            operator: NodeId(key.verifying_key().to_bytes()),
+            node: second.id(),
+            suspended,
+            number,
+        };
+        Body::OperatorDecided(Signed::new(decision, key))
+    };
+    let own = record(&network, &decided(true, 0, &first.key)).await;
+    refused(own, Code::FailedPrecondition, "is not the operator");
+    let suspended = decided(true, 0, &log_key());
+    let receipt = record(&network, &suspended).await?;
+    let refused_node = second.register(&network).await;
+    refused(refused_node, Code::PermissionDenied, "suspended by the operator");
+    // Whoever has lost the answer asks again, and nothing is recorded twice.
+    assert_eq!(record(&network, &suspended).await?, receipt);
+    record(&network, &decided(false, 1, &log_key())).await?;
+    second.register(&network).await?;
     Ok(())
 }

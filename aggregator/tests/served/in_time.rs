@@ -296,3 +296,36 @@ async fn a_node_is_told_when_its_round_has_come_further() -> Test {
     assert!(silent.is_err(), "{silent:?}");
     Ok(())
 }
+
+/// Otherwise the round would close at the start, and count against nodes that could reach nobody.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_deadline_that_passed_while_the_aggregator_was_away_moves() -> Test {
+    let (mut network, first, second) = open_round().await;
+    both_committed(&network, &first, &second).await;
+    network.drawn().await;
+    network.stop().await;
+    network.clock.advance(SUBMIT_MS + 1);
+    network.start_again().await;
+    let Body::DeadlinesMoved(moved) = network.last().await else {
+        panic!("the deadline has not moved");
+    };
+    assert!(moved.by_ms > SUBMIT_MS, "{moved:?}");
+    network.settle().await;
+    assert!(network.round(Some(0)).await.closed.is_none());
+    let claim = first.claim(&network).await;
+    let decided = first.submit(&network, claim, b"no proof").await?;
+    let (_, _, entry) = network.opened(decided.receipt.unwrap());
+    let Body::ContributionRejected { reason, .. } = entry.body else {
+        panic!("it is not refused");
+    };
+    assert!(!matches!(reason, RefusalCode::Late { .. }), "{reason}");
+    // A restart within the window moves nothing.
+    let entries = network.entries().await;
+    network.restart().await;
+    assert_eq!(network.entries().await, entries);
+    // The window is as long as it was.
+    network.clock.advance(SUBMIT_MS + 1);
+    network.settle().await;
+    assert!(network.round(Some(0)).await.closed.is_some());
+    Ok(())
+}

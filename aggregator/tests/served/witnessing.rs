@@ -334,3 +334,40 @@ async fn a_witness_speaks_the_protocol() {
     .await
     .unwrap();
 }
+
+/// Nobody sees the round, so nobody could commit in time.
+#[tokio::test(flavor = "multi_thread")]
+async fn no_window_ends_while_its_beginning_is_not_published() {
+    let (mut witnesses, policy) = three().await;
+    let (first, second) = (SigningNode::new(1), SigningNode::new(2));
+    let config = Config {
+        rounds: Some(1),
+        min_nodes: 2,
+    };
+    let mut network = Network::start(&[&first, &second], config).await;
+    network.policy = Some(policy);
+    network.restart().await;
+    first.register(&network).await.unwrap();
+    witnesses[0].off().await;
+    witnesses[1].off().await;
+    refused(
+        second.register(&network).await,
+        Code::Unavailable,
+        "too few witnesses",
+    );
+    network.settle().await;
+    assert!(matches!(network.last().await, Body::RoundOpened(_)));
+    network.clock.advance(COMMIT_MS + 1);
+    network.settle().await;
+    assert!(matches!(network.last().await, Body::RoundOpened(_)));
+    witnesses[0].on().await;
+    let moved = async || match network.last().await {
+        Body::DeadlinesMoved(moved) => Some(moved),
+        _ => None,
+    };
+    let moved = until_async("the deadline moves", moved).await;
+    assert!(moved.by_ms > COMMIT_MS, "{moved:?}");
+    let published = async || network.round(None).await.opened;
+    until_async("the round is published", published).await;
+    committed(&network, &first, 0, 1).await;
+}

@@ -53,7 +53,7 @@ pub fn describe(entry: &Entry) -> String {
             randomness(&drawn.drawing)
         ),
         Body::KeyRotated { rotation, .. } => format!(
-            "node {} changed its key to {}",
+            "{} changed its key to {}",
             rotation.statement.node, rotation.statement.with
         ),
         Body::Proposed(signed) => format!(
@@ -64,6 +64,18 @@ pub fn describe(entry: &Entry) -> String {
             action(&signed.statement.action)
         ),
         Body::NodeLeft(signed) => format!("node {} left", signed.statement.node),
+        Body::OperatorDecided(signed) => {
+            let done = if signed.statement.suspended {
+                "suspended"
+            } else {
+                "reinstated"
+            };
+            format!("the operator {done} node {}", signed.statement.node)
+        }
+        Body::DeadlinesMoved(moved) => format!(
+            "the deadlines of round {} moved by {} ms, after an outage",
+            moved.round, moved.by_ms
+        ),
         Body::MomentsComputed(computed) => {
             format!("the moments of round {} were computed", computed.round)
         }
@@ -177,6 +189,8 @@ pub fn kind(body: &Body) -> &'static str {
         Body::RoundClosed(_) => "round closed",
         Body::KeyRotated { .. } => "key changed",
         Body::NodeLeft(_) => "left",
+        Body::OperatorDecided(_) => "operator's decision",
+        Body::DeadlinesMoved(_) => "deadlines moved",
         Body::MomentsComputed(_) => "moments",
         Body::FilesLost(_) => "files lost",
         Body::ContributionLeftOut(_) => "left out",
@@ -208,6 +222,8 @@ fn about(body: &Body) -> (Option<u64>, Vec<NodeId>) {
         Body::DatasetCommitted(signed) => (None, vec![signed.statement.node]),
         Body::Voted(signed) => (None, vec![signed.statement.voter]),
         Body::NodeLeft(signed) => (None, vec![signed.statement.node]),
+        Body::OperatorDecided(signed) => (None, vec![signed.statement.node]),
+        Body::DeadlinesMoved(moved) => (Some(moved.round), vec![]),
         Body::Disputed(signed) => (None, vec![signed.statement.disputer]),
         Body::KeyRotated { rotation, .. } => {
             let rotation = &rotation.statement;
@@ -352,6 +368,8 @@ pub fn details(body: &Body) -> Vec<(&'static str, String)> {
         }
         Body::KeyRotated { .. }
         | Body::NodeLeft(_)
+        | Body::OperatorDecided(_)
+        | Body::DeadlinesMoved(_)
         | Body::ProposalSettled(_)
         | Body::DisputeResolved(_)
         | Body::FilesLost(_)

@@ -1,13 +1,10 @@
-//! The folder of `--checkpoints`: of which network its policy folders are, of which rounds, and which of them was published last.
+//! The folder of `--checkpoints`, for one network only: another one's weights must not pass as this one's.
 //!
-//! | in it | what it is |
-//! | --- | --- |
-//! | `network` | the id of the network, in hexadecimal |
-//! | `round-N` | the policy folder of round N |
-//! | `published` | where policy folders were published, and the last round there: `OWNER/NAME N` |
+//! - `network`: the network's id, in hexadecimal
+//! - `round-N`: the policy folder of round N
+//! - `published`: the repository, and the last round published there, `OWNER/NAME N`
 //!
-//! A policy folder that exists is kept, and a round that was published is not published again. So the folder serves one network only. The
-//! folder of another one, such as a trial's, would pass off that one's weights as this one's.
+//! Existing folders are kept. Published rounds are not published again.
 
 use anyhow::{bail, Context, Result};
 use std::fs;
@@ -16,20 +13,16 @@ use zk0_circuits::Digest;
 use zk0_files::{atomic_file, bounded_file};
 use zk0_hub::Repository;
 
-/// The file that names the network.
 const NETWORK: &str = "network";
-/// The file that says which round was published last.
 const PUBLISHED: &str = "published";
-/// Largest file of these names that is read.
 const MAX_BYTES: u64 = 1 << 10;
 
-/// Has `folder` keep the policy folders of `network`, which has closed `closed` rounds. The folder is made if it is not there.
+/// Has `folder` keep the policy folders of `network`, which has closed `closed` rounds. Makes a missing folder.
 ///
-/// A folder of an earlier release of zk0 does not name its network. It is this one's if `holds_weights` finds in each of its policy folders the
-/// weights that this network had after that round. The folder then gets the file that names the network.
+/// A folder of an earlier zk0 names no network. It becomes this one's if `holds_weights` is true of each of its rounds.
 ///
 /// # Errors
-/// The folder is another network's, or does not tell whose it is; or it cannot be read or written.
+/// The folder is another network's or does not show whose it is, or it cannot be read or written.
 pub fn keep_to(
     folder: &Path,
     network: &Digest,
@@ -61,7 +54,6 @@ pub fn keep_to(
     write(&path, &format!("{network}\n"))
 }
 
-/// Compares what is in a folder that names no network with this network.
 fn compare(
     folder: &Path,
     closed: u64,
@@ -69,7 +61,7 @@ fn compare(
 ) -> Result<()> {
     let (rounds, published) = (rounds(folder)?, published(folder)?);
     let published = published.map(|(_, round)| round);
-    // This is quick, and shows most folders of other networks: weights are read only afterwards.
+    // This finds most wrong folders before weights are read.
     let unknown = (rounds.iter().copied().chain(published)).find(|round| *round >= closed);
     if let Some(round) = unknown {
         bail!("it has round {round}, which this network has not closed");
@@ -89,12 +81,12 @@ fn compare(
     Ok(())
 }
 
-/// Where the policy folder of a round is.
+/// The policy folder of a round.
 pub fn round_folder(folder: &Path, round: u64) -> PathBuf {
     folder.join(format!("round-{round}"))
 }
 
-/// The rounds whose policy folders are in `folder`, in ascending order.
+/// The rounds with policy folders, in ascending order.
 ///
 /// # Errors
 /// The folder cannot be read.
@@ -112,7 +104,6 @@ pub fn rounds(folder: &Path) -> Result<Vec<u64>> {
     read().with_context(|| format!("reading {}", folder.display()))
 }
 
-/// The round that was published last, after the name of the repository.
 fn published(folder: &Path) -> Result<Option<(String, u64)>> {
     let text = read(&folder.join(PUBLISHED))?;
     let said = text.as_deref().and_then(|text| {
@@ -122,19 +113,19 @@ fn published(folder: &Path) -> Result<Option<(String, u64)>> {
     Ok(said)
 }
 
-/// The round that was published last in this repository.
+/// The round published last in this repository.
 ///
 /// # Errors
-/// The file that says so cannot be read.
+/// The file cannot be read.
 pub fn published_in(folder: &Path, repository: &Repository) -> Result<Option<u64>> {
     let said = published(folder)?.filter(|(name, _)| *name == repository.to_string());
     Ok(said.map(|(_, round)| round))
 }
 
-/// Remembers that this round was published in this repository.
+/// Records a published round.
 ///
 /// # Errors
-/// The file that says so cannot be written.
+/// The file cannot be written.
 pub fn note_published(folder: &Path, repository: &Repository, round: u64) -> Result<()> {
     write(&folder.join(PUBLISHED), &format!("{repository} {round}\n"))
 }
@@ -162,7 +153,6 @@ mod tests {
         panic!("the weights of round {round} are read")
     }
 
-    /// A folder as earlier releases left it, with policy folders of these rounds.
     fn unnamed(rounds: &[u64]) -> tempfile::TempDir {
         let dir = tempfile::tempdir().unwrap();
         for round in rounds {
@@ -171,7 +161,6 @@ mod tests {
         dir
     }
 
-    /// Why the folder is refused. It names no network afterwards.
     #[track_caller]
     fn refused(
         folder: &Path,
@@ -221,7 +210,6 @@ mod tests {
             "{said}"
         );
         assert_eq!(fs::read_to_string(&path).unwrap(), "my network");
-        // What the error says is enough.
         fs::write(&path, OURS.to_string()).unwrap();
         keep_to(dir.path(), &OURS, 0, never).unwrap();
     }
@@ -229,7 +217,6 @@ mod tests {
     #[test]
     fn a_folder_of_an_earlier_release_is_kept_if_all_its_weights_are_the_networks() {
         let dir = unnamed(&[19, 9]);
-        // Neither is a policy folder.
         fs::create_dir(dir.path().join("round-29.unfinished")).unwrap();
         fs::write(dir.path().join("notes"), "mine").unwrap();
         let compared = RefCell::new(Vec::new());
@@ -240,7 +227,6 @@ mod tests {
         };
         keep_to(dir.path(), &OURS, 20, all).unwrap();
         assert_eq!(compared.into_inner(), [9, 19]);
-        // Once is enough.
         keep_to(dir.path(), &OURS, 20, never).unwrap();
     }
 
@@ -254,7 +240,6 @@ mod tests {
             said.contains("with the ledger: the blob was pruned"),
             "{said}"
         );
-        // A new network has closed no round.
         let said = refused(dir.path(), 0, never);
         assert!(
             said.contains("round 9, which this network has not closed"),
@@ -275,7 +260,7 @@ mod tests {
         assert_eq!(published_in(dir.path(), &robots).unwrap(), Some(9));
         assert_eq!(published_in(dir.path(), &others).unwrap(), None);
 
-        // The policy folders may have been moved away.
+        // The policy folders may have moved away.
         let dir = unnamed(&[]);
         assert_eq!(published_in(dir.path(), &robots).unwrap(), None);
         note_published(dir.path(), &robots, 9).unwrap();

@@ -1,7 +1,8 @@
-//! `zk0 aggregator enrol`: nodes that the operator lets into the network.
+//! `zk0 aggregator enrol`, `suspend` and `reinstate`: the operator decides which nodes take part.
 
 use crate::keys;
 use crate::network::NetworkChoice;
+use crate::output::println;
 use crate::serve::online;
 use anyhow::{bail, Context, Result};
 use ed25519_dalek::SigningKey;
@@ -30,6 +31,30 @@ pub struct Enrol {
     /// NAME=IDENTITY. `zk0 node keygen` prints the identity; the name is for people.
     #[arg(long = "node", value_name = "NAME=IDENTITY", required = true)]
     nodes: Vec<NodeToEnrol>,
+}
+
+/// `zk0 aggregator suspend` and `zk0 aggregator reinstate`.
+#[derive(Debug, clap::Args)]
+pub struct OperatorDecides {
+    #[command(flatten)]
+    network: NetworkChoice,
+    /// The file of the log's signing key.
+    #[arg(long)]
+    key: PathBuf,
+    /// The node's identity. `zk0 status` shows it.
+    node: NodeId,
+}
+
+/// Suspends a node, or ends its suspension.
+pub fn decide(options: &OperatorDecides, suspended: bool) -> Result<()> {
+    let (key, node) = (keys::read(&options.key)?, options.node);
+    let entry = online(async {
+        let mut aggregator = options.network.connect_for_command(key).await?;
+        Ok(aggregator.decide_standing(node, suspended).await?)
+    })?;
+    let done = if suspended { "suspended" } else { "reinstated" };
+    println!("entry {entry}: node {node} is {done}");
+    Ok(())
 }
 
 /// Runs the command.
@@ -73,7 +98,7 @@ async fn through(network: &NetworkChoice, key: SigningKey, nodes: &[NodeToEnrol]
 pub struct NodeToEnrol {
     /// A name for people.
     pub name: String,
-    /// Its identity: the public half of its key.
+    /// The public half of its key.
     pub node: NodeId,
 }
 

@@ -1,7 +1,7 @@
-//! `zk0 aggregator serve --hf-repo-id`: the policy folders of `--checkpoint-interval`, published on the Hugging Face Hub with a model card.
+//! `zk0 aggregator serve --hf-repo-id`: publishes policy folders on the Hugging Face Hub with a model card.
 //!
-//! Uploads happen beside the rounds. If one fails, the log says why, and it is tried again, at first after seconds and at last every ten minutes.
-//! What is not uploaded when the aggregator ends is uploaded after its next start.
+//! The rounds do not wait for uploads. Failed uploads are logged and repeated, first after seconds, at last every ten minutes. What is left
+//! at the end follows after the next start.
 
 use super::checkpoints_folder::{note_published, published_in, round_folder, rounds};
 use crate::publish::model_card::CardOptions;
@@ -20,9 +20,7 @@ use zk0_ledger::error::LedgerError;
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::Entry;
 
-/// How often the folders are looked at.
 const TICK: Duration = Duration::from_secs(1);
-/// How long to wait after an upload failed for the first time, and at most.
 const WAITS: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(600)];
 
 /// Whether and how policy folders are published.
@@ -43,13 +41,12 @@ pub struct HubUploadOptions {
 pub struct HubUploads {
     target: PublishTarget,
     card: CardOptions,
-    /// Where the policy folders are.
     folders: PathBuf,
-    /// The rounds before this one are done.
+    /// Earlier rounds are done.
     next: u64,
 }
 
-/// What an aggregator knows of a round, as it is read under its lock.
+/// Read under the aggregator's lock.
 struct OfRound {
     genesis: Genesis,
     names: Vec<(NodeId, String)>,
@@ -57,7 +54,7 @@ struct OfRound {
 }
 
 impl HubUploadOptions {
-    /// What publishes the policy folders in `folders`, which are this network's, if the operator wants that.
+    /// Opens the publisher of the policy folders in `folders`, if wanted.
     ///
     /// # Errors
     /// There is no token, or the folder cannot be read.
@@ -66,7 +63,7 @@ impl HubUploadOptions {
             return Ok(None);
         };
         let target = PublishTarget {
-            // The tries are counted here.
+            // `follow` counts the tries.
             patience: RetryPolicy {
                 tries: 1,
                 ..RetryPolicy::default()
@@ -87,7 +84,7 @@ impl HubUploadOptions {
 }
 
 impl HubUploads {
-    /// Publishes the folders as they come, for as long as the aggregator runs.
+    /// Publishes new folders while the aggregator runs.
     pub async fn follow(mut self, service: Service) {
         let mut pause = WAITS[0];
         loop {
@@ -130,7 +127,6 @@ impl HubUploads {
     }
 }
 
-/// What the ledger says of a closed round.
 async fn facts(service: &Service, round: u64) -> Result<RoundFacts> {
     let read = move |aggregator: &mut Aggregator| {
         let (state, ledger) = (aggregator.state(), aggregator.ledger());

@@ -1,4 +1,4 @@
-//! `zk0 aggregator init`: found a network on a policy.
+//! `zk0 aggregator init`: founds a network on a policy.
 
 use super::public_samples::PublicSampleOptions;
 use super::rules::{read_rules, CommonRules, LEAST_UPDATE_LIMIT};
@@ -75,15 +75,13 @@ pub struct Init {
     public: PublicSampleOptions,
 }
 
-/// Memory for the samples that ranges are chosen from, in bytes.
+/// In bytes, for calibration samples.
 const CALIBRATION_BYTES: usize = 2 << 30;
 
-/// How many weights a policy's expert has.
 fn weights(policy: &Policy) -> usize {
     policy.expert.tensors().values().map(|t| t.data.len()).sum()
 }
 
-/// Whether a node can make a claim of the fewest samples that the rules allow.
 fn check_samples(mode: Mode, spec: &EvalSpec, least: u32) -> Result<()> {
     let most = most_samples(mode, spec);
     if least > most {
@@ -95,7 +93,6 @@ fn check_samples(mode: Mode, spec: &EvalSpec, least: u32) -> Result<()> {
     Ok(())
 }
 
-/// Whether somebody can change the rules, or whether it is wanted that nobody can.
 fn check_governors(rules: &Rules, never_change: bool) -> Result<()> {
     let governance = &rules.governance;
     let is_fixed = governance.governors.is_empty() && governance.credits_per_vote == 0;
@@ -113,7 +110,7 @@ fn check_governors(rules: &Rules, never_change: bool) -> Result<()> {
 /// Founds the network.
 pub fn found(options: &Init) -> Result<()> {
     let key = keys::read(&options.key)?;
-    // This comes first: what follows can take minutes.
+    // First, because the rest can take minutes.
     check_free(&options.dir)?;
     let source = options.source();
     let file = source.load()?;
@@ -126,7 +123,7 @@ pub fn found(options: &Init) -> Result<()> {
         }
     }
     let dims = dims(&file.policy.config)?;
-    // Every file of these weights has the same size, whatever the ranges are.
+    // The ranges do not change the file's size.
     let mut rules = options.rules(Format::new(&EvalSpec::new(dims))?.file_bytes())?;
     check_governors(&rules, options.rules_never_change)?;
     let named = rules.public_samples.as_ref();
@@ -141,7 +138,7 @@ pub fn found(options: &Init) -> Result<()> {
     let nodes: Vec<NodeEnrolled> = options.nodes.iter().map(Into::into).collect();
     let log_key = key.verifying_key().to_bytes();
     let known = options.known(log_key, rules.clone(), mode, EvalSpec::new(dims));
-    // Were a node refused after the network is founded, the corrected command would find a ledger in the folder.
+    // A later refusal would leave a ledger in the way of the corrected command.
     check_nodes(known, &nodes, SystemClock.now_ms())?;
     let evaluation = options.evaluation(&file, dims)?;
     let initial = quantise_weights(&evaluation, &file.policy.expert)
@@ -203,7 +200,7 @@ impl Init {
         }
     }
 
-    /// What is known of the genesis before the ranges are chosen and the policy is stored.
+    /// The genesis before ranges and policy are known.
     fn known(&self, log_key: [u8; 32], rules: Rules, mode: Mode, evaluation: EvalSpec) -> Genesis {
         let unknown = Digest([0; 32]);
         Genesis {
@@ -222,7 +219,7 @@ impl Init {
         }
     }
 
-    /// The mode. Mode `direct` is refused where proving a claim would take more than a day.
+    /// Refuses `direct` where the proof of a claim would take more than a day.
     fn mode(&self, policy: &Policy, samples: u32) -> Result<Mode> {
         let weights = weights(policy);
         let direct = DirectMode {
@@ -255,7 +252,7 @@ impl Init {
         Ok(self.mode.unwrap_or(best))
     }
 
-    /// The rules. They must allow updates of `update_bytes`, because every update is as long as the initial weights.
+    /// Rules that allow updates of `update_bytes`, the size of the initial weights.
     fn rules(&self, update_bytes: u64) -> Result<Rules> {
         let Some(path) = &self.rules else {
             return self
@@ -274,7 +271,6 @@ impl Init {
         Ok(rules)
     }
 
-    /// The evaluation, with the default ranges or with those that the recordings need.
     fn evaluation(&self, file: &PolicyFile, dims: Dims) -> Result<EvalSpec> {
         if self.calibrate.is_empty() {
             return Ok(EvalSpec::new(dims));

@@ -1,6 +1,6 @@
-//! `zk0 aggregator serve --log-store ADDRESS`: the published log as files in a bucket that anybody may read.
+//! `zk0 aggregator serve --log-store ADDRESS`: writes the published log to a bucket that anybody may read.
 //!
-//! The files are written beside the rounds, which do not wait for them. If that fails, the log and the status say so, and it is tried again.
+//! The rounds do not wait. The log and the status show a failure, and it is tried again.
 
 use crate::blob_store::BlobStoreOptions;
 use anyhow::{bail, Context, Result};
@@ -25,13 +25,10 @@ use zk0_protocol::rpc::federation::trouble::Kind;
 use zk0_protocol::tlog::checkpoint::MAX_NOTE_BYTES;
 use zk0_protocol::WitnessPolicy;
 
-/// How often the log is looked at.
 const TICK: Duration = Duration::from_secs(1);
 
-/// How long to wait after the log could not be written.
 const RETRY: Duration = Duration::from_secs(10);
 
-/// The kinds of trouble with the store.
 const OF_STORE: [Kind; 2] = [Kind::LogStore, Kind::Fork];
 
 /// Where the published log is written.
@@ -48,18 +45,16 @@ pub struct LogStore {
     dir: PathBuf,
     blobs: Blobs,
     place: PublicLog,
-    /// What was written last.
     before: Option<Publication>,
-    /// The damaged blobs that the log has named.
     named: BTreeSet<Digest>,
 }
 
-/// Why a ledger must not be served: the log has signed another history, or more of it. A start again cannot help, so the exit code is 2.
+/// The log has signed another history, or more of this one. A restart cannot help, so the exit code is 2.
 #[derive(Debug)]
 pub struct OtherHistory(String);
 
 impl OtherHistory {
-    /// What is wrong, with what helps.
+    /// States what is wrong and what helps.
     pub fn of(what: &str) -> Self {
         Self(format!(
             "{what}. Either its folder came back from an earlier state, or another aggregator runs on a copy of it. Stop the other one; restore the newest backup with `zk0 ledger restore`, or copy what is published with `zk0 ledger import`"
@@ -74,10 +69,10 @@ impl fmt::Display for OtherHistory {
 }
 
 impl LogStoreOptions {
-    /// What writes the published log of the ledger in `dir`, if the operator wants that.
+    /// Opens the store for the log of the ledger in `dir`, if wanted.
     ///
     /// # Errors
-    /// The address or the credentials are wrong, the store does not answer, or it is the one of the blobs.
+    /// The address or the credentials are wrong, the store does not answer, or it is the blobs' store.
     pub fn open(
         &self,
         dir: &Path,
@@ -104,8 +99,8 @@ impl LogStoreOptions {
 }
 
 impl LogStore {
-    /// Refuses a ledger that does not go on from what the store has: its folder came back from an earlier state, or another aggregator runs on
-    /// a copy of it. Whoever serves it would sign a second history.
+    /// Refuses a ledger that does not continue the store's: it is an old copy, or another aggregator runs on a copy. It would sign a second
+    /// history.
     pub fn check(&self, ledger: &Ledger) -> Result<()> {
         let Some(text) = self.place.checkpoint(MAX_NOTE_BYTES as u64 + 1)? else {
             return Ok(());
@@ -125,8 +120,7 @@ impl LogStore {
             })
     }
 
-    /// Writes what is published, until `stopped` is ready, and then what is left. How long that takes depends on the store. `service` shows
-    /// trouble.
+    /// Writes what is published until `stopped`, then the rest, however long the store takes. `service` shows trouble.
     pub async fn follow(mut self, service: Service, mut stopped: oneshot::Receiver<()>) {
         service.metrics().log_store_holds(0);
         let (mut wait, mut said) = (TICK, None);
@@ -157,7 +151,6 @@ impl LogStore {
                     TICK
                 }
                 Err(error) => {
-                    // It is tried again and again, so the log says the same reason once.
                     let why = format!("{error:#}");
                     if said.as_ref() != Some(&why) {
                         tracing::error!("the log is not published in its store: {why}; this is tried again every {RETRY:?}");
@@ -172,13 +165,11 @@ impl LogStore {
         }
     }
 
-    /// How many entries the store holds, as far as this has written them.
     fn published(&self) -> u64 {
         let written = self.before.as_ref();
         written.map_or(0, |view| view.checkpoint().size)
     }
 
-    /// Writes what is new.
     fn write(&mut self) -> Result<()> {
         if let Some(before) = &self.before {
             if before.is_current()? {
@@ -186,12 +177,11 @@ impl LogStore {
             }
         }
         let view = match Publication::open(&self.dir, self.before.as_ref()) {
-            // The witnesses have not cosigned anything yet.
             Err(PublicationError::NotCosigned(_)) => return Ok(()),
             view => view?.with_blobs(self.blobs.clone()),
         };
         let done = export_to(&view, &mut self.place)?;
-        // Each new checkpoint finds the same blobs again, so the log names each of them once.
+        // Each checkpoint finds the same blobs: each is logged once.
         for damaged in &done.damaged {
             if !self.named.contains(&damaged.blob) {
                 tracing::error!("a blob is not published in the log's store: {damaged}. It then follows with the next checkpoint");
@@ -209,7 +199,7 @@ impl LogStore {
     }
 }
 
-/// What the status says of an error. It names no address: the log does.
+/// The status's sentence. Only the log names the address.
 fn trouble(error: &anyhow::Error) -> (Kind, &'static str) {
     match error.downcast_ref() {
         Some(

@@ -1,4 +1,4 @@
-//! Options of `zk0 aggregator serve` that say where its metrics are.
+//! Options of `zk0 aggregator serve` for its metrics.
 
 use std::future;
 use std::net::SocketAddr;
@@ -17,7 +17,7 @@ pub struct MetricsOptions {
     pub metrics: Option<SocketAddr>,
 }
 
-/// Starts to serve the metrics of a service.
+/// Serves a service's metrics.
 pub fn serve_metrics(
     (listener, address): (TcpListener, SocketAddr),
     service: &Service,

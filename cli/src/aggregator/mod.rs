@@ -14,7 +14,7 @@ mod rules;
 mod serve;
 
 use crate::output::println;
-use enrolment::Enrol;
+use enrolment::{Enrol, OperatorDecides};
 pub use enrolment::NodeToEnrol;
 pub use rules::read_rules;
 
@@ -43,6 +43,10 @@ pub enum AggregatorCommand {
     Init(Init),
     /// Enrol nodes in a network: through its running aggregator (`--aggregator`), or in the ledger's folder if the aggregator is not running.
     Enrol(Enrol),
+    /// Suspend a node, where the rules let the operator enrol nodes: it contributes nothing until it is reinstated. The ledger records it.
+    Suspend(OperatorDecides),
+    /// End the operator's suspension of a node.
+    Reinstate(OperatorDecides),
     /// Make public samples for a network that exists, and keep them among the blobs of its ledger. Each round's result is evaluated on the
     /// public samples that the rules name. This prints the rule that a vote can then put in force (`zk0 governance propose rules`).
     Samples(MakeSamples),
@@ -61,7 +65,7 @@ pub enum AggregatorCommand {
 }
 
 impl AggregatorCommand {
-    /// The traces of the command, if it has any.
+    /// The command's traces.
     pub fn traces(&self) -> Result<Option<Traces>> {
         match self {
             Self::Serve(options) => options.otlp.traces("zk0-aggregator"),
@@ -80,6 +84,8 @@ pub fn run(command: &AggregatorCommand) -> Result<()> {
         }
         AggregatorCommand::Init(options) => init::found(options)?,
         AggregatorCommand::Enrol(options) => enrolment::enrol(options)?,
+        AggregatorCommand::Suspend(options) => enrolment::decide(options, true)?,
+        AggregatorCommand::Reinstate(options) => enrolment::decide(options, false)?,
         AggregatorCommand::Samples(options) => public_samples::make(options)?,
         AggregatorCommand::Certificate { dir, names } => {
             let path = |name: &str| dir.join(name).display().to_string();

@@ -1,4 +1,4 @@
-//! Options of `zk0 aggregator serve` that say who may connect, and how.
+//! Options of `zk0 aggregator serve` for its connections.
 
 use crate::certificate::CertificateOptions;
 use anyhow::Result;
@@ -9,7 +9,7 @@ use zk0_aggregator::publish::http;
 use zk0_aggregator::{ConnectionLimits, Limits};
 use zk0_tls::server_certificate::ServerCertificate;
 
-/// The longest time that a connection may be idle, in seconds: a year. The end of a much longer time is beyond what a clock can show.
+/// A year in seconds. Clocks cannot show much longer times.
 const LONGEST_IDLE: u64 = 31_536_000;
 
 /// The edge to the network.
@@ -37,12 +37,12 @@ pub struct NetworkEdge {
 }
 
 impl NetworkEdge {
-    /// The certificate, if connections are to be encrypted.
+    /// The certificate, if connections are encrypted.
     pub fn certificate(&self) -> Result<Option<Arc<ServerCertificate>>> {
         self.certificate.load()
     }
 
-    /// The limits of the aggregator, and of the server of the log's files. The system has to allow as many open files.
+    /// Limits of the aggregator and of the log's file server. The system must allow as many open files.
     pub fn limits(&self, serves_log: bool) -> (Limits, http::HttpLimits) {
         let mut log = http::HttpLimits::default();
         let mut connections = ConnectionLimits {

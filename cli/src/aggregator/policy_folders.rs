@@ -1,7 +1,7 @@
-//! `zk0 aggregator serve --checkpoint-interval N`: after every N rounds and at the end, the global weights in a policy folder, which LeRobot's
-//! `from_pretrained` loads.
+//! `zk0 aggregator serve --checkpoint-interval N`: writes the global weights as a policy folder for LeRobot's `from_pretrained`, after
+//! every N rounds and at the end.
 //!
-//! The folders are written beside the rounds, which do not wait for them. If one cannot be written, the log says so, and it is tried again.
+//! The rounds do not wait. A failure is logged, and it is tried again.
 
 use super::checkpoints_folder;
 use crate::dataset::RecordingName;
@@ -16,10 +16,8 @@ use tokio::time::sleep;
 use zk0_aggregator::{Aggregator, Service};
 use zk0_circuits::Digest;
 
-/// How often the rounds are looked at.
 const TICK: Duration = Duration::from_secs(1);
 
-/// How long to wait after a folder could not be written.
 const RETRY: Duration = Duration::from_secs(60);
 
 /// When and where policy folders are written.
@@ -44,10 +42,9 @@ pub struct PolicyFolderOptions {
 /// Writes policy folders.
 pub struct PolicyFolders {
     interval: u64,
-    /// The number of rounds after which the aggregator opens no more.
     rounds: u64,
     writer: Arc<FolderWriter>,
-    /// The rounds before this one are done.
+    /// Earlier rounds are done.
     next: u64,
 }
 
@@ -62,10 +59,10 @@ impl PolicyFolderOptions {
         self.checkpoints.as_deref()
     }
 
-    /// What writes the folders of this network, if the operator wants them.
+    /// Opens the writer of policy folders, if wanted.
     ///
     /// # Errors
-    /// The policy folder is not the one that the network was founded with, or cannot be read; or the folder of `--checkpoints` is another network's.
+    /// The policy folder cannot be read or is not the founding one, or the folder of `--checkpoints` is another network's.
     pub fn open(&self, aggregator: &Aggregator, rounds: u64) -> Result<Option<PolicyFolders>> {
         let (Some(interval), Some(out), Some(policy)) = (
             self.checkpoint_interval,
@@ -92,14 +89,14 @@ impl PolicyFolderOptions {
                 out: out.clone(),
                 folder,
             }),
-            // The last one that was due may be missing, because the aggregator was killed.
+            // A kill may have left out the last one due.
             next: (closed - closed % interval).saturating_sub(1),
         }))
     }
 }
 
 impl PolicyFolders {
-    /// Writes the folders that are due, until `stopped` is ready, and then the last one.
+    /// Writes due folders until `stopped`, then the last one.
     pub async fn follow(mut self, service: Service, mut stopped: oneshot::Receiver<()>) {
         let mut wait = TICK;
         loop {
@@ -137,7 +134,7 @@ impl PolicyFolders {
             spawn_blocking(move || writer.write(round, &weights)).await??;
             self.next = round + 1;
         }
-        // The round before the next one may still turn out to be the last.
+        // The round before the next one may be the last.
         self.next = self.next.max(closed.saturating_sub(1));
         Ok(())
     }
@@ -145,7 +142,7 @@ impl PolicyFolders {
 
 impl FolderWriter {
     fn write(&self, round: u64, weights: &Digest) -> Result<()> {
-        // It is of this network: `open` refuses the folder of another one.
+        // `open` refuses another network's folder.
         if checkpoints_folder::round_folder(&self.out, round).exists() {
             return Ok(());
         }
@@ -156,7 +153,6 @@ impl FolderWriter {
     }
 }
 
-/// How many rounds have closed.
 fn closed_rounds(aggregator: &Aggregator) -> u64 {
     let state = aggregator.state();
     state.next_round() - u64::from(state.round().is_some())

@@ -1,4 +1,4 @@
-//! The samples on which a network evaluates the result of each round before it takes it: made from recordings with the network's policy.
+//! Samples on which a network evaluates each round's result before it takes it, made from recordings.
 
 use crate::blob_store::BlobStoreOptions;
 use crate::dataset::RecordingName;
@@ -55,7 +55,7 @@ pub struct PublicSampleOptions {
     extent: Extent,
 }
 
-/// Expert weights of a policy from which on a network has public samples unless its founder asks for none. The published size has 98 million.
+/// Policies with so many expert weights need public samples, unless the founder declines. The published size has 98 million.
 const LARGE: usize = 10_000_000;
 
 /// `zk0 aggregator samples`.
@@ -73,7 +73,7 @@ pub struct MakeSamples {
 }
 
 impl PublicSampleOptions {
-    /// Refuses to found a network of a policy with so many expert weights without public samples, unless that was asked for.
+    /// Refuses so large a policy without public samples, unless that was asked for.
     pub fn check(&self, weights: usize, named: Option<&PublicSamples>) -> Result<()> {
         if weights < LARGE
             || named.is_some()
@@ -88,12 +88,12 @@ impl PublicSampleOptions {
         )
     }
 
-    /// The recordings that the samples are made from.
+    /// The samples' recordings.
     pub fn recordings(&self) -> &[RecordingName] {
         &self.recordings
     }
 
-    /// What the rules say of the public samples, and their file. `named` is what a file of rules says.
+    /// The rule and its file. `named` is the rule in a file of rules.
     pub fn samples(
         &self,
         named: Option<PublicSamples>,
@@ -121,7 +121,6 @@ impl PublicSampleOptions {
 }
 
 impl Extent {
-    /// Makes the samples, and the rule that names them.
     fn make(
         &self,
         recordings: &[RecordingName],
@@ -161,7 +160,7 @@ impl Extent {
     }
 }
 
-/// Makes samples for a network that exists, puts them among the blobs of its ledger, and prints the rule to propose.
+/// Makes samples for an existing network, adds them to its ledger's blobs, and prints the rule to propose.
 pub fn make(options: &MakeSamples) -> Result<()> {
     if !folder::database(&options.dir).exists() {
         bail!(LedgerError::NoLedger(options.dir.clone()));
@@ -169,14 +168,13 @@ pub fn make(options: &MakeSamples) -> Result<()> {
     let kept = options.store.blobs_beside_writer(&options.dir)?;
     let (policy, spec) = founded(&options.dir, &kept)?;
     let (rule, file) = options.extent.make(&options.recordings, &policy, &spec)?;
-    // The aggregator puts it into the store of the blobs, if there is one, when the rule is proposed.
+    // When the rule is proposed, the aggregator puts it into the blobs' store.
     Blobs::at(&options.dir).put(&file)?;
     let rules = serde_json::json!({ "public_samples": rule });
     println!("{}", serde_json::to_string_pretty(&rules)?);
     Ok(())
 }
 
-/// The policy and the evaluation of the network whose ledger is in `dir`.
 fn founded(dir: &Path, blobs: &Blobs) -> Result<(PolicyFile, EvalSpec)> {
     let store = Store::open_read_only(&folder::database(dir))?;
     let entry = store.entry(0)?.context("the ledger has no genesis")?;

@@ -1,11 +1,11 @@
-//! What the recordings of a network's nodes have to agree in, taken from one recording: `--recordings-like`.
+//! `--recordings-like`: rules for recordings, taken from one recording.
 
 use crate::dataset::RecordingName;
 use anyhow::Result;
 use zk0_lerobot::dataset::{Dataset, JointUnit};
 use zk0_protocol::recording_rules::{AgreedUnit, RecordingRules};
 
-/// The rules that this recording satisfies. What it does not show is left to the nodes, with a warning.
+/// The rules that this recording satisfies. Warns of what it leaves to the nodes.
 pub fn rules_of(recording: &RecordingName) -> Result<RecordingRules> {
     let dataset = recording.open()?;
     Ok(RecordingRules {

@@ -1,4 +1,4 @@
-//! A network's rules, from the options of a command or from a JSON file.
+//! A network's rules, from options or a JSON file.
 
 use super::enrolment::NodeToEnrol;
 use super::recordings_like;
@@ -14,10 +14,9 @@ use zk0_protocol::recording_rules::RecordingRules;
 use zk0_protocol::rules::governance::{Governance, Governor};
 use zk0_protocol::rules::network_rules::Rules;
 
-/// The least limit for an update, in bytes. The micro profile needs much less.
+/// Least limit for an update, in bytes. The micro profile needs less.
 pub const LEAST_UPDATE_LIMIT: u64 = 1 << 20;
 
-/// Largest file of rules that is read.
 const MAX_RULES_BYTES: u64 = 1 << 20;
 
 const MINUTE_MS: u64 = 60_000;
@@ -113,7 +112,7 @@ impl CommonRules {
         }
     }
 
-    /// All the rules, with room for updates of `max_update_bytes`.
+    /// All rules, for updates of `max_update_bytes`.
     pub fn rules(&self, max_update_bytes: u64) -> Result<Rules> {
         let minutes = |count: u64| {
             count
@@ -149,7 +148,7 @@ impl CommonRules {
 /// Reads rules from a JSON file.
 ///
 /// # Errors
-/// The file cannot be read, or no network can work by these rules.
+/// The file cannot be read, or its rules cannot work.
 pub fn read_rules(file: &Path) -> Result<Rules> {
     let context = || format!("reading rules from {}", file.display());
     let text = bounded_file::read(file, MAX_RULES_BYTES).with_context(context)?;

@@ -1,4 +1,4 @@
-//! `zk0 aggregator serve`: run the rounds of a network.
+//! `zk0 aggregator serve`: runs the rounds of a network.
 
 use super::hub_uploads::HubUploadOptions;
 use super::log_store::{LogStoreOptions, OtherHistory};
@@ -102,14 +102,13 @@ pub struct AggregatorServeOptions {
     edge: NetworkEdge,
 }
 
-/// How long it may take at the end to write the last files of the log's store and the last policy folder. What the store lacks then it gets
-/// after the next start.
+/// Time at the end for the last policy folder and the log's store. The next start completes the store.
 const LAST_FILES: Duration = Duration::from_secs(10);
 
 /// How often it is looked at the start whether a witness is to be asked again, if none answers.
 const WITNESSES_APART: Duration = Duration::from_millis(250);
 
-/// Tasks that go on beside the service, as the status and the log name them.
+/// Names of background tasks.
 const LOG_STORE: &str = "the writing of the log to its store";
 const FOLDERS: &str = "the writing of policy folders";
 const UPLOADS: &str = "the publication of policy folders on the Hub";
@@ -144,7 +143,7 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
     let (limits, log_limits) = options.edge.limits(options.log_listen.is_some());
     online_until(ENDING, async {
         let mut stop = Box::pin(interrupted());
-        // Nothing says that the aggregator listens before it has all of its addresses.
+        // All addresses are bound before the log names one.
         let (listener, address) = listening(options.listen)?;
         let log_listener = listening_if(options.log_listen)?;
         let metrics_listener = listening_if(options.metrics.metrics)?;
@@ -229,7 +228,7 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
     })
 }
 
-/// Waits until a witness has answered that the log goes on from what it has cosigned. Nothing is signed before.
+/// Waits until a witness confirms that the log continues what it has cosigned, before anything is signed.
 ///
 /// # Errors
 /// A witness has cosigned more entries, or others.
@@ -259,7 +258,6 @@ async fn not_behind(
     }
 }
 
-/// Starts to serve the log's files.
 fn serve_log(
     (listener, address): (TcpListener, SocketAddr),
     server: LogServer,

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// What an error says first if something is wrong with what was audited. The exit code is that of the verdict FAILED.
+/// An error that means the verdict FAILED, with its exit code.
 #[derive(Debug)]
 pub struct AuditFailed(pub String);
 

@@ -1,4 +1,4 @@
-//! `zk0 audit`: check a ledger without trusting anybody. The auditor's light build has this and [`crate::ledger`].
+//! `zk0 audit`: checks a ledger without trust. The auditor's light build has this and [`crate::ledger`].
 
 mod failed;
 mod named_options;
@@ -43,7 +43,7 @@ pub enum AuditCommand {
     Recording(Box<recording::AuditRecordingOptions>),
 }
 
-/// Runs the command. All but `replay` end with 1 if the ledger or the proof is not right.
+/// Runs the command. All but `replay` end with 1 if the check fails.
 pub fn run(command: &AuditCommand) -> Result<ExitCode> {
     let holds = match command {
         AuditCommand::Replay(options) => return replay::run(options),
@@ -57,7 +57,7 @@ pub fn run(command: &AuditCommand) -> Result<ExitCode> {
     if holds {
         return Ok(ExitCode::SUCCESS);
     }
-    // If the verdict cannot be written, it stands all the same.
+    // An unwritten verdict stands all the same.
     output::finish().map_err(|error| {
         let why = "the verdict is FAILED, but not all that this audit found could be written";
         error.context(AuditFailed(why.into()))
@@ -66,7 +66,7 @@ pub fn run(command: &AuditCommand) -> Result<ExitCode> {
 }
 
 impl AuditCommand {
-    /// The exit code of an error. If an audit cannot read what it is of, there is no verdict.
+    /// An error's exit code. An unreadable ledger has no verdict.
     pub fn error_code(&self, error: &anyhow::Error) -> ExitCode {
         ExitCode::from(match self {
             _ if error.is::<WrongUsage>() => 2,

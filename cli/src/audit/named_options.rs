@@ -27,11 +27,9 @@ impl NamedOptions {
     }
 }
 
-/// The verifying key of a guest program.
 #[derive(Clone, Debug)]
 struct ProgramVkey(Vec<u8>);
 
-/// Reads a verifying key.
 fn program(text: &str) -> Result<ProgramVkey, String> {
     let key = hex::decode(text).map_err(|error| format!("it is not hexadecimal: {error}"))?;
     Ok(ProgramVkey(key))

@@ -1,14 +1,13 @@
-//! Tells the progress bar how far an audit is.
+//! Shows how far an audit is.
 
 use crate::logging::PROGRESS;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// Reports the progress of an audit a few times a second.
+/// Reports progress a few times a second.
 #[derive(Default)]
 pub struct Bar(Mutex<Option<Reported>>);
 
-/// What was reported.
 struct Reported {
     begun: Instant,
     last: Instant,
@@ -17,7 +16,7 @@ struct Reported {
 }
 
 impl Bar {
-    /// Tells that `done` of `total` entries are verified. Several threads may call this, in any order.
+    /// `done` of `total` entries are verified. Threads may call this in any order.
     pub fn at(&self, done: u64, total: u64) {
         const PAUSE: Duration = Duration::from_millis(200);
         let now = Instant::now();
@@ -30,7 +29,7 @@ impl Bar {
             first: done,
             most: done,
         });
-        // A short audit needs no bar. The end is always reported, so that no bar stays on the screen.
+        // The end is always reported, so that no bar stays.
         let early = now < reported.last + PAUSE && done < total;
         if early || done < reported.most {
             return;

@@ -1,4 +1,4 @@
-//! `zk0 audit prove` and `zk0 audit verify-proof`: a file that proves that an entry is in a log.
+//! `zk0 audit prove` and `verify-proof`: a file that proves that an entry is in a log.
 
 use crate::ledger::TrustOptions;
 use crate::output::{print, println};
@@ -45,7 +45,7 @@ pub fn prove(options: &AuditProveOptions) -> Result<()> {
     let index = options.index;
     let proof = open_log(&options.from, &options.trust.read()?, |log, key, policy| {
         let proof = log.prove(index)?;
-        // Only a proof that holds is handed out.
+        // Only a valid proof is handed out.
         proof.verify(key, policy)?;
         anyhow::Ok(proof)
     })?;

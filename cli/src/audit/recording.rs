@@ -1,5 +1,4 @@
-//! `zk0 audit recording`: compares a registered dataset with the recording that it is of. For an auditor to whom the node has given both
-//! the recording and its secret.
+//! `zk0 audit recording`: compares a registered dataset with its recording, given the node's secret.
 
 use super::failed::AuditFailed;
 use crate::dataset::{CameraNames, RecordingName};
@@ -54,10 +53,10 @@ pub struct AuditRecordingOptions {
     trust: TrustOptions,
 }
 
-/// Runs the command. Returns `false` if the registered samples are not those of the recording.
+/// Runs the command. Returns `false` if the registered samples differ from the recording's.
 pub fn run(options: &AuditRecordingOptions) -> Result<bool> {
     let trust = options.trust.read()?;
-    // Fetching and reading the ledger may take hours, so a wrong file is named before it.
+    // Wrong files are named before hours of reading.
     let secrets = secrets(&options.secret)?;
     let mirror = options.mirror.as_deref();
     let located = locate(&options.ledger, mirror, &trust, WantedBlobs::Everything)?;
@@ -130,7 +129,6 @@ pub fn run(options: &AuditRecordingOptions) -> Result<bool> {
     Ok(matches!(found, Recomputed::Same { .. }))
 }
 
-/// The genesis, and the registration of entry `index`.
 fn registered(
     dir: &Path,
     entries: u64,
@@ -157,7 +155,7 @@ fn registered(
     }
 }
 
-/// What was read of a blob. A blob that is missing says nothing about the ledger, but one with other bytes than its name says is a fault.
+/// A missing blob shows nothing about the ledger, but one with other bytes is a fault.
 fn whole<T>(read: Result<T, BlobError>, what: &'static str) -> Result<T> {
     let wrong = matches!(
         read,
@@ -182,7 +180,6 @@ fn secrets(path: &Path) -> Result<Secrets, WrongUsage> {
     })
 }
 
-/// The result in words.
 fn verdict(
     found: &Recomputed,
     options: &AuditRecordingOptions,
@@ -222,7 +219,6 @@ fn verdict(
     }
 }
 
-/// ` (the first is …)`, if there is one.
 fn first<T: ToString>(digests: &[T]) -> String {
     let first = digests.first().map(T::to_string);
     first.map_or_else(String::new, |digest| format!(" (the first is {digest})"))

@@ -1,4 +1,4 @@
-//! `zk0 audit replay`: an audit of the whole ledger, or of what an earlier audit has not seen.
+//! `zk0 audit replay`: audits a ledger, or what is new since an earlier audit.
 
 use super::failed::AuditFailed;
 use super::named_options::NamedOptions;
@@ -68,9 +68,9 @@ pub struct AuditReplayOptions {
     named: NamedOptions,
 }
 
-/// Runs the command. Each verdict has an exit code of its own.
+/// Runs the command. Each verdict has its own exit code.
 pub fn run(options: &AuditReplayOptions) -> Result<ExitCode> {
-    // An audit may take hours, so a wrong path is named before it.
+    // A wrong path is named before hours of audit.
     options.check_paths()?;
     let depth = Depth::of(options.light);
     let mirror = options.mirror.as_deref();
@@ -113,7 +113,7 @@ pub fn run(options: &AuditReplayOptions) -> Result<ExitCode> {
         Some(path) => write_page(path, &options.rollouts, &located.dir, &audited),
         None => Ok(()),
     };
-    // Whoever passes on the verdict of an audit with --state relies on what the next one will notice.
+    // With --state, a verdict promises that the next audit notices forks and rollbacks.
     let saved = match &audited.unsaved {
         Some(why) => Err(anyhow!(
             "the state of this audit cannot be saved, so that the next one would not notice a fork or a rollback: {why}. Free the disk, \
@@ -144,7 +144,7 @@ impl AuditReplayOptions {
         Duration::from_secs(self.behind_for)
     }
 
-    /// Adds to an error that the log is behind, or was rolled back, if the file of --state or the mirror shows that.
+    /// Adds that the log is behind or was rolled back, if --state or the mirror shows that.
     fn shortfall(&self, error: anyhow::Error) -> anyhow::Error {
         let state = self.state.as_deref();
         let saved = state.and_then(|file| Some((file, SavedReplay::read(file).ok()??)));
@@ -156,7 +156,7 @@ impl AuditReplayOptions {
         }
     }
 
-    /// Checks that the folders are there which the state and the report for browsers need, and that no file of this audit replaces another.
+    /// Checks that the needed folders exist, and that no file of this audit replaces another.
     fn check_paths(&self) -> Result<(), WrongUsage> {
         if let Some(state) = &self.state {
             check_state_file(state)?;
@@ -186,7 +186,7 @@ impl AuditReplayOptions {
         }
     }
 
-    /// Checks that neither the report for browsers in `page` nor its data replaces another file of this audit.
+    /// Neither `page` nor its data may replace another file.
     fn check_data(&self, page: &Path) -> Result<(), WrongUsage> {
         let data = data_of(page);
         let (named, beside) = (page.display(), data.display());
@@ -208,10 +208,10 @@ impl AuditReplayOptions {
     }
 }
 
-/// Whether two paths name the same file. The folders of both are there.
+/// Both folders must exist.
 fn same_file(one: &Path, other: &Path) -> bool {
     let place = |path: &Path| {
-        // A file that is not there yet has no real path, but its folder has one.
+        // A new file has no real path, but its folder has one.
         let real: io::Result<PathBuf> = fs::canonicalize(path).or_else(|_| {
             let folder = fs::canonicalize(atomic_file::folder_of(path))?;
             Ok(folder.join(path.file_name().unwrap_or_default()))
@@ -221,12 +221,10 @@ fn same_file(one: &Path, other: &Path) -> bool {
     place(one) == place(other)
 }
 
-/// The file beside the report for browsers that has its data.
 fn data_of(page: &Path) -> PathBuf {
     page.with_extension("json")
 }
 
-/// Writes the report for browsers, and its data beside it.
 fn write_page(path: &Path, rollouts: &[PathBuf], dir: &Path, audited: &Audited) -> Result<()> {
     let root = audited.root.as_deref().unwrap_or_default();
     let history = history::of(dir, audited.entries, root)?;

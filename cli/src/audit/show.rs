@@ -1,4 +1,4 @@
-//! `zk0 audit show`: shows on a terminal what happened. Everything shown is in a tree that the log has signed, and follows the rules.
+//! `zk0 audit show`: shows what happened. The log has signed all of it, and it follows the rules.
 
 use crate::ledger::TrustOptions;
 use crate::output::{print, println};
@@ -123,7 +123,7 @@ pub fn run(options: &AuditShowOptions) -> Result<bool> {
     Ok(faults.is_empty())
 }
 
-/// Shows one entry. Its place in the signed tree is checked, and nothing else.
+/// Checks only the entry's place in the signed tree.
 fn one(options: &AuditShowOptions, index: u64) -> Result<()> {
     let bytes = open_log(&options.ledger, &options.trust.read()?, |log, _, _| {
         let size = log.checkpoint().size;

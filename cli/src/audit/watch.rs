@@ -1,5 +1,4 @@
-//! `zk0 audit watch`: an audit that does not end. What was seen once has to stay. When a log shows two histories, stays behind or breaks a
-//! rule, the watch raises an alarm and ends.
+//! `zk0 audit watch`: an audit without end. It raises an alarm and ends if a log shows two histories, stays behind or breaks a rule.
 
 use super::named_options::NamedOptions;
 use super::progress_bar::Bar;
@@ -51,10 +50,9 @@ pub struct AuditWatchOptions {
     named: NamedOptions,
 }
 
-/// How many checks in a row may give no verdict, because nobody answers, or a file is missing or cannot be written.
+/// Checks in a row without a verdict: no answer, or a file is missing or cannot be written.
 const PATIENCE: u32 = 5;
 
-/// Why a watch ends whose standard output fails.
 const UNHEARD: &str = "what the watch finds cannot be written to standard output";
 
 /// Runs the command. Returns `false` if something is wrong with the log.
@@ -81,7 +79,6 @@ pub fn run(options: &AuditWatchOptions) -> Result<bool> {
                 told = options.tell(seen);
             }
         });
-        // A watch that nobody hears is none.
         told.context(UNHEARD)?;
         match looked {
             Ok(Look::Continues) => (failed, behind) = (0, None),

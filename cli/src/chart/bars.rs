@@ -4,16 +4,16 @@ use crate::chart::colours::{DrawResult, PaletteForAll};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-/// Groups of bars. What the groups are is the name of their axis, see [`Panel`](crate::chart::Panel).
+/// Groups of bars. [`Panel`](crate::chart::Panel) names their axis.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Bars {
-    /// The text above them.
+    /// The text above.
     pub caption: String,
     /// What they measure.
     pub unit: String,
-    /// Below each group.
+    /// The text below each group.
     pub groups: Vec<String>,
-    /// For each series its name, and its bar in every group.
+    /// Each series: its name, and its bar in every group.
     pub series: Vec<(String, Vec<f64>)>,
 }
 
@@ -25,7 +25,7 @@ fn highest(values: impl Iterator<Item = f64>) -> f64 {
         * 1.1
 }
 
-/// Draws bars. `x` says what their groups are.
+/// Draws bars. `x` names their axis.
 pub fn bars<B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     x: &str,
@@ -33,7 +33,6 @@ pub fn bars<B: DrawingBackend>(
 ) -> DrawResult<B> {
     let count = bars.groups.len();
     let values = bars.series.iter().flat_map(|(_, values)| values);
-    // The names of the series have room above the bars.
     let top = highest(values.copied()) * (1.0 + 0.08 * bars.series.len() as f64);
     let mut chart = ChartBuilder::on(area)
         .caption(&bars.caption, ("sans-serif", 20))
@@ -54,7 +53,7 @@ pub fn bars<B: DrawingBackend>(
         .y_desc(&bars.unit)
         .light_line_style(WHITE)
         .draw()?;
-    // The other series are compared with the first one.
+    // The first series is the reference.
     let width = 0.7 / bars.series.len().max(1) as f64;
     for (i, (name, values)) in bars.series.iter().enumerate() {
         let colour = match i {

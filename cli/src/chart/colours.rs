@@ -1,12 +1,12 @@
-//! Colours, and the names of what has them, which stand beside a chart and not on it.
+//! Colours and legends.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-/// What drawing on a backend gives.
+/// The result of drawing on a backend.
 pub type DrawResult<B, T = ()> = Result<T, DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
-/// Eight colours that people with any kind of colour vision can tell apart (Okabe and Ito, Color Universal Design, 2008).
+/// Eight colours for people with any kind of colour vision (Okabe and Ito, Color Universal Design, 2008).
 pub struct PaletteForAll;
 
 impl Palette for PaletteForAll {
@@ -22,10 +22,10 @@ impl Palette for PaletteForAll {
     ];
 }
 
-/// The colour of what stands behind the rest.
+/// The colour of background curves.
 pub const GREY: RGBColor = RGBColor(150, 150, 150);
 
-/// The name of what is drawn in a colour.
+/// A colour's name in the legend.
 pub struct LegendEntry {
     /// The name.
     pub name: String,
@@ -33,15 +33,15 @@ pub struct LegendEntry {
     pub colour: RGBAColor,
 }
 
-/// Pixels from one name to the next.
+/// Pixels between names.
 const LINE: i32 = 18;
-/// Pixels above the first name: as many as a caption takes.
+/// Pixels above the first name.
 const ABOVE: i32 = 44;
-/// Pixels of the line in the colour, and of the gaps beside it.
+/// Pixels of a line, and beside it.
 const SAMPLE: i32 = 18;
 const GAP: i32 = 6;
 
-/// Writes the names right of what is left of `area`, which it returns. Names that have no room are counted.
+/// Writes the names on the right, counts those without room, and returns the rest of `area`.
 pub fn beside<B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     keys: &[LegendEntry],

@@ -1,4 +1,4 @@
-//! Curves of losses, and bands of intervals around curves.
+//! Curves of losses, and bands of intervals.
 
 use crate::chart::colours::{beside, DrawResult, LegendEntry, PaletteForAll, GREY};
 use plotters::coord::types::RangedCoordf64;
@@ -6,10 +6,10 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use std::ops::Range;
 
-/// So many curves of nodes have a colour and a name each.
+/// Most nodes with their own colours and names.
 const NAMED_NODES: usize = 6;
 
-/// The text above curves, and the name of the axis below them.
+/// The title, and the lower axis's name.
 pub type Titles = [&'static str; 2];
 
 /// Curves of a training run.
@@ -22,26 +22,25 @@ pub const PROGRESS: Titles = [
     "round",
 ];
 
-/// A curve with a name: losses by step or by round.
+/// A named curve of losses by step or round.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Curve {
-    /// What the curve shows.
+    /// Its name.
     pub name: String,
-    /// Training step or round, and the loss there.
+    /// Step or round, and the loss there.
     pub points: Vec<(f64, f64)>,
 }
 
-/// A curve of means with an interval around each.
+/// Means with an interval around each.
 pub struct Band {
-    /// What the curve shows.
+    /// Its name.
     pub name: String,
-    /// The round, and there the low end of the interval, the mean, and the high end.
+    /// Round; low end, mean and high end.
     pub points: Vec<(f64, [f64; 3])>,
 }
 
 type Axes<'a, B> = ChartContext<'a, B, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
-/// Draws the axes of losses for these points.
 fn axes<'a, B: DrawingBackend + 'a>(
     area: &'a DrawingArea<B, Shift>,
     [caption, x]: Titles,
@@ -68,7 +67,7 @@ fn axes<'a, B: DrawingBackend + 'a>(
     Ok(chart)
 }
 
-/// Draws curves of losses. Those in `nodes` are of single nodes.
+/// Draws curves of losses. `nodes` are single nodes'.
 pub fn lines<B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     titles: Titles,
@@ -117,7 +116,7 @@ pub fn lines<B: DrawingBackend>(
     Ok(())
 }
 
-/// Draws curves of means, and the band of the intervals around each.
+/// Draws means with bands of intervals.
 pub fn bands<B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     titles: Titles,

@@ -1,23 +1,23 @@
-//! Differences with their intervals, one below the other.
+//! Differences with their intervals.
 
 use crate::chart::colours::{DrawResult, PaletteForAll, GREY};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-/// A difference, and its interval.
+/// A difference and its interval.
 pub struct DifferenceRow {
     /// What differs from what.
     pub name: String,
-    /// Where the interval begins.
+    /// The low end.
     pub low: f64,
     /// The mean.
     pub mean: f64,
-    /// Where it ends.
+    /// The high end.
     pub high: f64,
 }
 
-/// Draws the rows from top to bottom, with a line where there is no difference. An interval that does not hold 0 has a colour.
+/// Draws the rows downwards, with a line at 0. Intervals without 0 are coloured.
 pub fn differences<B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     rows: &[DifferenceRow],

@@ -1,5 +1,4 @@
-//! Charts: training curves, the losses that proofs show, bars that compare policies, and differences with their intervals. Each chart is drawn
-//! as PNG and as SVG. The data of training curves is also written as JSON.
+//! Charts as PNG and SVG. Training curves are also written as JSON.
 
 mod bars;
 mod colours;
@@ -30,13 +29,13 @@ pub struct ProvenLosses {
     pub name: String,
     /// The round.
     pub round: u64,
-    /// Loss of the round's base weights on the challenged samples.
+    /// Loss of the base weights on the challenged samples.
     pub before: f64,
-    /// Loss of the update on the same samples, noise and times.
+    /// Loss of the update with the same samples, noise and times.
     pub after: f64,
 }
 
-/// Bars, and the name of the axis below them.
+/// Bars, and the name of their axis.
 #[derive(Clone, Debug)]
 pub struct Panel {
     /// What the groups are.
@@ -45,7 +44,7 @@ pub struct Panel {
     pub bars: Bars,
 }
 
-/// Draws `curves`, `proven` losses and those of the `global` weights on each recording, from left to right, to `stem.png` and `stem.svg`.
+/// Draws `curves`, `proven` and `global` losses from left to right, to `stem.png` and `stem.svg`.
 pub fn draw(stem: &Path, curves: &[Curve], proven: &[ProvenLosses], global: &Bars) -> Result<()> {
     let pair = |of: fn(&ProvenLosses) -> f64| proven.iter().map(of).collect();
     let bars = Bars {
@@ -67,26 +66,25 @@ pub fn draw(stem: &Path, curves: &[Curve], proven: &[ProvenLosses], global: &Bar
     )
 }
 
-/// Draws the curves of one run to `stem.png` and `stem.svg`, and writes them to `stem.json`.
+/// Writes the curves of one run to `stem.png`, `stem.svg` and `stem.json`.
 pub fn draw_training(stem: &Path, curves: &[Curve]) -> Result<()> {
     write_json(stem, &curves)?;
     save(stem, (900, 500), &Figure::Training(curves))
 }
 
-/// Draws losses by round to `stem.png` and `stem.svg`, and writes them to `stem.json`. The curves in `nodes` are those of single nodes: where there
-/// are many, they are drawn thin and in grey, behind the others.
+/// Writes losses by round to `stem.png`, `stem.svg` and `stem.json`. Many curves of `nodes` are thin and grey, behind the others.
 pub fn draw_rounds(stem: &Path, curves: &[Curve], nodes: Range<usize>) -> Result<()> {
     write_json(stem, &curves)?;
     save(stem, (900, 500), &Figure::Rounds(curves, nodes))
 }
 
-/// Draws losses by round with their intervals, and beside them differences with theirs, to `stem.png` and `stem.svg`.
+/// Draws losses by round and differences, with intervals, to `stem.png` and `stem.svg`.
 pub fn draw_comparison(stem: &Path, progress: &[Band], rows: &[DifferenceRow]) -> Result<()> {
     let height = 180 + 30 * rows.len().clamp(11, 100) as u32;
     save(stem, (1500, height), &Figure::Comparison(progress, rows))
 }
 
-/// Draws rows of two groups of bars each to `stem.png` and `stem.svg`, the rows below one another.
+/// Draws rows of two panels to `stem.png` and `stem.svg`.
 pub fn draw_bars(stem: &Path, rows: &[[Panel; 2]]) -> Result<()> {
     let height = 360 * rows.len().clamp(1, 50) as u32;
     save(stem, (1200, height), &Figure::Rows(rows))
@@ -98,9 +96,7 @@ fn write_json(stem: &Path, data: &impl serde::Serialize) -> Result<()> {
         .with_context(|| format!("writing {}", path.display()))
 }
 
-/// What is drawn, on any backend.
 enum Figure<'a> {
-    /// The bars with the names of their axes.
     Federation(&'a [Curve], [(&'a str, &'a Bars); 2]),
     Training(&'a [Curve]),
     Rounds(&'a [Curve], Range<usize>),
@@ -142,7 +138,7 @@ fn save(stem: &Path, size: (u32, u32), picture: &Figure) -> Result<()> {
         register_font("sans-serif", style, epaint_default_fonts::UBUNTU_LIGHT)
             .map_err(|_| anyhow!("the chart's font is broken"))?;
     }
-    // The backend takes the format from the file's extension.
+    // The extension tells the backend the format.
     let unfinished = stem.with_extension("unfinished.png");
     let area = BitMapBackend::new(&unfinished, size).into_drawing_area();
     draw_on(area, picture)?;
@@ -178,7 +174,7 @@ mod tests {
         }
     }
 
-    /// The texts of an SVG, each of which the backend writes on a line of its own.
+    /// The backend writes each text on its own line.
     fn texts(svg: &Path) -> Vec<String> {
         let text = std::fs::read_to_string(svg).unwrap();
         let lines = text.lines().map(str::trim);
@@ -226,7 +222,7 @@ mod tests {
         let texts = texts(&stem.with_extension("svg"));
         let units = ["unit of kind of loss", "unit of joint"];
         assert_has(&texts, &[&["kind of loss", "joint"][..], &units].concat());
-        // A caption is a text of its own, so that each name is there twice.
+        // The captions are texts, too.
         let joints = texts.iter().filter(|text| *text == "joint");
         assert_eq!(joints.count(), 2);
     }
@@ -238,7 +234,7 @@ mod tests {
         }
     }
 
-    /// Where a text begins, in pixels from the left.
+    /// Pixels from the left.
     fn place(svg: &Path, text: &str) -> i32 {
         let all = std::fs::read_to_string(svg).unwrap();
         let before = all.split(&format!("\n{text}\n")).next().unwrap();
@@ -248,7 +244,6 @@ mod tests {
         number.parse().unwrap()
     }
 
-    /// The curves end where the last round is, and the names stand right of that.
     #[test]
     fn names_of_curves_stand_beside_them() {
         let dir = tempfile::tempdir().unwrap();

@@ -1,5 +1,4 @@
-//! A comparison on disk: a file for each run and each trial, so that it goes on where it was stopped. No file is written again, so the results do not
-//! depend on interruptions.
+//! A comparison on disk: a file for each run and trial. No file is written twice, so interruptions change no results.
 
 use anyhow::{bail, Context, Result};
 use serde::de::DeserializeOwned;
@@ -12,14 +11,14 @@ use zk0_simulate::compare::run::Run;
 use zk0_simulate::compare::search::Trial;
 use zk0_simulate::compare::variant::{Variant, VariantKind};
 
-/// Largest file that is read. The losses of a hundred thousand nodes take some tens of megabytes.
+/// A hundred thousand nodes take tens of megabytes.
 const MAX_BYTES: u64 = 256 << 20;
 
 /// The folder of a comparison.
 pub struct ComparisonFolder<'a>(&'a Path);
 
 impl<'a> ComparisonFolder<'a> {
-    /// Begins a comparison in `out`, or goes on with it. `of` says what it is of: policy, recordings and options.
+    /// Begins or resumes a comparison in `out`. `of` identifies its policy, recordings and options.
     pub fn open(out: &'a Path, of: Digest, resume: bool) -> Result<Self> {
         for folder in ["runs", "trials"] {
             let folder = out.join(folder);
@@ -67,7 +66,7 @@ impl<'a> ComparisonFolder<'a> {
         self.run_path(variant, seed).exists()
     }
 
-    /// Keeps a run. It is on disk when this returns.
+    /// Writes a run to disk.
     pub fn keep_run(&self, run: &Run) -> Result<()> {
         write_json(&self.run_path(run.variant, run.seed), run)
     }
@@ -77,13 +76,13 @@ impl<'a> ComparisonFolder<'a> {
         read(&self.run_path(variant, seed))
     }
 
-    /// The number of trials of each kind that the search ended with, if it has ended.
+    /// Trials of each kind, if the search has ended.
     pub fn searched(&self) -> Result<Option<u64>> {
         let path = self.0.join("trials/ended.json");
         path.exists().then(|| read(&path)).transpose()
     }
 
-    /// Keeps that the search has ended with this number of trials of each kind.
+    /// Records that the search ended after these trials of each kind.
     pub fn keep_searched(&self, trials: u64) -> Result<()> {
         write_json(&self.0.join("trials/ended.json"), &trials)
     }
@@ -93,7 +92,7 @@ impl<'a> ComparisonFolder<'a> {
         self.trial_path(kind, number).exists()
     }
 
-    /// Keeps a trial. It is on disk when this returns.
+    /// Writes a trial to disk.
     pub fn keep_trial(&self, number: u64, trial: &Trial) -> Result<()> {
         write_json(&self.trial_path(trial.kind, number), trial)
     }
@@ -106,7 +105,6 @@ impl<'a> ComparisonFolder<'a> {
     }
 }
 
-/// Writes a file, whole or not at all.
 fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     atomic_file::replace(path, bytes).with_context(|| format!("writing {}", path.display()))
 }

@@ -1,5 +1,5 @@
-//! `zk0 compare`: federated training against centralised training and against each node alone, without proofs. A comparison may be stopped at any
-//! moment and resumed: the results are the same, byte for byte.
+//! `zk0 compare`: federated training against centralised training and single nodes, without proofs. A resumed comparison gives the same
+//! results, byte for byte.
 
 mod kept;
 mod options;
@@ -22,11 +22,10 @@ use zk0_simulate::compare::run::{measured_rounds, ComparisonSetting, Run};
 use zk0_simulate::compare::variant::{Hyperparameters, Variant, VariantKind};
 use zk0_simulate::rounds;
 
-/// Said at the beginning and at the end.
 const NOT_PROVEN: &str =
     "nothing in this comparison is proven, signed or recorded: `zk0 demo` and real networks do that";
 
-/// Besides the start, losses are measured so many times in a run.
+/// Measurements in a run, besides the start.
 const MEASURED: u64 = 10;
 
 /// Runs the command.
@@ -59,7 +58,6 @@ pub fn run(options: &CompareOptions) -> Result<()> {
     Ok(())
 }
 
-/// Makes the runs that are not made yet, and gives all of them.
 fn make(
     options: &CompareOptions,
     prepared: &PreparedRuns,
@@ -102,7 +100,7 @@ fn make(
         }
         anyhow::Ok(())
     })?;
-    // Runs come from disk, so that it makes no difference whether the comparison was interrupted.
+    // From disk, as after an interruption.
     all.iter()
         .map(|(variant, seed)| kept.run(*variant, *seed))
         .collect()

@@ -63,7 +63,7 @@ fn same_steps(given: &str) -> Result<SameSteps, String> {
 }
 
 impl CompareOptions {
-    /// Refuses what makes no sense.
+    /// Refuses invalid options.
     pub fn check(&self) -> Result<()> {
         if !(self.eval_episodes > 0.0 && self.eval_episodes < 1.0) {
             bail!(
@@ -88,7 +88,7 @@ impl CompareOptions {
         Ok(())
     }
 
-    /// How long the search may take.
+    /// The time limit of the search.
     pub fn search_time(&self) -> Duration {
         let minutes = self.search_minutes;
         minutes.map_or(Duration::MAX, |minutes| {
@@ -96,12 +96,12 @@ impl CompareOptions {
         })
     }
 
-    /// Which data the nodes of the comparison get.
+    /// The nodes' data in the comparison.
     pub fn dealing(&self) -> Dealing {
         self.federation.dealing(self.eval_episodes)
     }
 
-    /// Which data nodes get in the search: what the comparison measures on is set aside.
+    /// The nodes' data in the search, without the comparison's held-out episodes.
     pub fn searching(&self) -> Dealing {
         Dealing {
             set_aside: self.eval_episodes,
@@ -109,7 +109,7 @@ impl CompareOptions {
         }
     }
 
-    /// What the search tries. Without a search, the values that were given are used.
+    /// What the search tries; without a search, the given values.
     pub fn space(&self) -> Space {
         let federation = &self.federation;
         let mut mus = if self.search_mu.is_empty() {
@@ -140,7 +140,7 @@ impl CompareOptions {
         }
     }
 
-    /// What decides the results of each run besides the recordings and the policy's weights.
+    /// What decides each run's results, besides recordings and weights.
     pub fn identity(&self) -> String {
         let federation = &self.federation;
         let search = self.search.then(|| (self.space(), self.search_trials));

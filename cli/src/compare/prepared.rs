@@ -13,13 +13,13 @@ use zk0_smolvla::measure::fixed_point::dims;
 use zk0_smolvla::ExpertWeights;
 use zk0_weights::Format;
 
-/// What is the same for all runs of a comparison and of its search.
+/// What all runs share.
 pub struct PreparedRuns {
     opened: StartingPoint,
     format: Format,
-    /// What the comparison is of: policy, recordings and options.
+    /// The digest of policy, recordings and options.
     pub of: Digest,
-    /// So many runs are made at a time.
+    /// Runs at a time.
     pub threads: usize,
 }
 
@@ -75,7 +75,7 @@ impl PreparedRuns {
         })
     }
 
-    /// What all variants start from with this seed. Where the policy has random weights, each seed has others; the frozen half stays the same.
+    /// The start of all variants. Random weights differ by seed; the frozen half does not.
     pub fn start(&self, options: &CompareOptions, seed: u64) -> Result<ExpertWeights> {
         if options.federation.starts_at_random() {
             return Ok(options.federation.source(seed)?.policy()?.expert);
@@ -84,7 +84,7 @@ impl PreparedRuns {
     }
 }
 
-/// Refuses recordings that share an episode: one node would train on what is held out of another, or on what nobody is to have seen.
+/// Refuses recordings that share an episode: training would see held-out or unseen data.
 fn no_episode_twice<'a>(recordings: impl Iterator<Item = &'a SampledRecording>) -> Result<()> {
     let mut known = BTreeMap::new();
     for recorded in recordings {

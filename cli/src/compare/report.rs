@@ -1,4 +1,4 @@
-//! The results of a comparison: JSON, a figure, and tables for people.
+//! A comparison's results: JSON, a figure, and tables.
 
 use crate::chart::{self, Band, DifferenceRow};
 use crate::compare::kept::write_json;
@@ -33,16 +33,14 @@ struct ComparisonReport<'a> {
     search: Option<SearchReport>,
 }
 
-/// How a kind of variant trained.
 #[derive(Serialize)]
 struct TrainedVariant<'a> {
     variant: &'static str,
-    /// The steps of one seed: of all nodes together, or of one machine.
+    /// For one seed: of all nodes, or of one machine.
     steps: u64,
     values: &'a Hyperparameters,
 }
 
-/// What a node had.
 #[derive(Serialize)]
 struct NodeRecordings<'a> {
     name: &'a str,
@@ -52,7 +50,7 @@ struct NodeRecordings<'a> {
     held_out_episodes: &'a [String],
 }
 
-/// Writes the results of these runs into the folder of the comparison, and prints them.
+/// Writes and prints the results.
 pub fn report(
     options: &CompareOptions,
     setting: &ComparisonSetting,

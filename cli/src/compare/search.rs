@@ -1,4 +1,4 @@
-//! The search for values before a comparison. Its trials are measured on validation episodes, which are not those that the comparison reports on.
+//! The search for values before a comparison, on validation episodes outside its report.
 
 use crate::compare::kept::ComparisonFolder;
 use crate::compare::options::CompareOptions;
@@ -15,7 +15,7 @@ use zk0_simulate::robots::error::SimulationError;
 use zk0_simulate::rounds;
 use zk0_smolvla::ExpertWeights;
 
-/// The seed of all trials: one that no comparison has.
+/// No comparison has this seed.
 const SEED: u64 = u32::MAX as u64;
 
 /// What a search did.
@@ -23,13 +23,13 @@ const SEED: u64 = u32::MAX as u64;
 pub struct SearchReport {
     /// What it tried.
     pub space: Space,
-    /// The validation episodes of each node.
+    /// Each node's validation episodes.
     pub validation_episodes: Vec<Vec<String>>,
-    /// The trials of each kind, in the order in which they were made.
+    /// In the order made.
     pub trials: Vec<Trial>,
 }
 
-/// Makes the trials that are not made yet, and gives the values of each kind, in the order of [`VariantKind::ALL`].
+/// Makes the missing trials, and returns each kind's values, in the order of [`VariantKind::ALL`].
 pub fn search(
     options: &CompareOptions,
     prepared: &PreparedRuns,
@@ -73,7 +73,7 @@ pub fn search(
     Ok((values, searched))
 }
 
-/// Makes trials until there are enough, or the time is over. Each kind gets as many as the others.
+/// Equally many of each kind, until there are enough or the time is over.
 fn make(
     options: &CompareOptions,
     prepared: &PreparedRuns,
@@ -92,7 +92,7 @@ fn make(
             .collect();
         rounds::parallel(missing.len(), prepared.threads, |number| {
             let kind = missing[number];
-            // Trials come from disk, so that it makes no difference whether the search was interrupted.
+            // From disk, as after an interruption.
             let before = kept.trials(kind, made)?;
             let values = space.next(kind, options.federation.seed, &before);
             kept.keep_trial(made, &trial(kind, values, setting, &start)?)
@@ -104,7 +104,7 @@ fn make(
     Ok(made)
 }
 
-/// Trains with some values. Training that diverges is a result, too.
+/// Divergence is a result, too.
 fn trial(
     kind: VariantKind,
     values: Hyperparameters,

@@ -1,4 +1,4 @@
-//! The option that gives a recording's cameras other names.
+//! The option that renames a recording's cameras.
 
 use zk0_lerobot::dataset::RenameMap;
 

@@ -1,4 +1,4 @@
-//! `zk0 dataset inspect`: shows what a recording holds, as a table or as JSON.
+//! `zk0 dataset inspect`: shows a recording as a table or JSON.
 
 use super::RecordingName;
 use crate::output::{print, println};
@@ -7,7 +7,7 @@ use serde::Serialize;
 use zk0_lerobot::dataset::{Dataset, Frame, JointUnit, Normalizer, VectorFeature, VideoReader};
 use zk0_protocol::counted::counted;
 
-/// Prints what `recording` holds.
+/// Prints the content of `recording`.
 pub fn run(recording: &RecordingName, chunk: usize, json: bool) -> Result<()> {
     let dataset = Dataset::open(recording.locate()?)?;
     let summary = RecordingSummary::of(&dataset, chunk)?;
@@ -19,7 +19,6 @@ pub fn run(recording: &RecordingName, chunk: usize, json: bool) -> Result<()> {
     Ok(())
 }
 
-/// What a recording holds.
 #[derive(Serialize)]
 struct RecordingSummary {
     folder: String,
@@ -27,26 +26,25 @@ struct RecordingSummary {
     robot: Option<String>,
     fps: u32,
     episodes: usize,
-    /// Frames of the shortest and of the longest episode.
+    /// The shortest and the longest.
     episode_frames: [usize; 2],
     frames: usize,
     seconds: f64,
     cameras: Vec<CameraSummary>,
-    /// Features with distances, which are not read.
+    /// Distances, which are not read.
     depth_maps: Vec<String>,
     joint_unit: JointUnit,
-    /// What the unit was concluded from.
     joint_unit_because: String,
     state: Vec<JointSummary>,
     action: Vec<JointSummary>,
     tasks: Vec<Task>,
     repairs: Vec<String>,
-    /// Episodes that are no part of the frames, because they have fewer pictures than rows.
+    /// Because they have fewer pictures than rows.
     left_out: Vec<String>,
     sample: SampleSummary,
 }
 
-/// In place of a codec, where pictures are stored one by one, as PNG or JPEG.
+/// In place of a codec, for single PNG or JPEG pictures.
 const PICTURES: &str = "pictures";
 
 #[derive(Serialize)]
@@ -56,11 +54,10 @@ struct CameraSummary {
     width: usize,
     /// Or [`PICTURES`].
     codec: &'static str,
-    /// The average distance of the first video's key frames, in frames.
+    /// Average distance of the first video's key frames.
     frames_per_key: f64,
 }
 
-/// One dimension of the state or the action: its statistics as normalisation uses them, and the range of its values.
 #[derive(Serialize)]
 struct JointSummary {
     name: String,
@@ -76,7 +73,6 @@ struct Task {
     task: String,
 }
 
-/// What training sees of the first frame.
 #[derive(Serialize)]
 struct SampleSummary {
     task: String,
@@ -88,7 +84,6 @@ struct TensorSummary {
     name: String,
     dtype: &'static str,
     shape: Vec<usize>,
-    /// Smallest and largest value.
     range: [f32; 2],
 }
 
@@ -283,8 +278,7 @@ fn joints<'a>(
         .collect()
 }
 
-/// The first frame as training sees it. The pictures have their own size, because the policy resizes them. States and actions are
-/// normalised.
+/// Normalised. The policy itself resizes pictures.
 fn sample(dataset: &Dataset, mut frame: Frame) -> SampleSummary {
     let stats = dataset.stats();
     stats.state.normalize(&mut frame.state);
@@ -324,7 +318,6 @@ fn sample(dataset: &Dataset, mut frame: Frame) -> SampleSummary {
     }
 }
 
-/// Smallest and largest of the values.
 fn range(values: impl Iterator<Item = f32>) -> [f32; 2] {
     values.fold([f32::INFINITY, f32::NEG_INFINITY], |[min, max], v| {
         [min.min(v), max.max(v)]

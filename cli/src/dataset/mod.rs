@@ -1,4 +1,4 @@
-//! `zk0 dataset`: look at recordings, check them, and save those that ended too early, before training on them.
+//! `zk0 dataset`: shows and checks recordings before training, and saves those that ended too early.
 
 mod camera_names;
 mod inspect;

@@ -1,4 +1,4 @@
-//! A recording, as the command line names it.
+//! A recording's name on the command line.
 
 use anyhow::{bail, Error, Result};
 use std::convert::Infallible;
@@ -15,16 +15,14 @@ use zk0_node::state_files;
 #[derive(Clone, Debug)]
 pub struct RecordingName(String);
 
-/// The file in the state folder of a node that names the commit of its recording on the Hub.
+/// The Hub commit of a node's recording.
 const COMMIT_FILE: &str = "recording-commit.json";
 
-/// Largest such file that is read, in bytes.
 const MAX_COMMIT_BYTES: u64 = 4 << 10;
 
-/// The commit of a recording on the Hub that a node uses.
 #[derive(serde::Deserialize, serde::Serialize)]
 struct NodeCommit {
-    /// The recording, as its operator named it.
+    /// As the operator named it.
     recording: String,
     commit: String,
 }
@@ -44,7 +42,7 @@ impl fmt::Display for RecordingName {
 }
 
 impl RecordingName {
-    /// The recording's folder. A recording on the Hub is downloaded, unless it is in the Hub's cache already.
+    /// The recording's folder, downloaded unless it is in the cache.
     pub fn locate(&self) -> Result<PathBuf> {
         match self.on_hub()? {
             Some(name) => Ok(fetched(&name, &HubOptions::from_env()?)?.folder),
@@ -52,8 +50,7 @@ impl RecordingName {
         }
     }
 
-    /// The recording's folder, for the node with this state folder. A node that has registered keeps the commit of its recording on the Hub, and
-    /// does not ask the Hub for it again.
+    /// The recording's folder for a node. A registered node keeps the Hub commit in `state`, and does not ask the Hub again.
     pub fn locate_for_node(&self, state: &Path) -> Result<PathBuf> {
         match self.on_hub()? {
             Some(name) => kept(name, state, &HubOptions::from_env()?),
@@ -72,7 +69,7 @@ impl RecordingName {
         opened.map_err(|error| of_recording(error, self))
     }
 
-    /// Opens recordings that are used together, with their cameras renamed. Episodes that are there twice are warned of.
+    /// Opens recordings together, with renamed cameras. Warns of repeated episodes.
     pub fn open_together<'a>(
         names: impl IntoIterator<Item = &'a Self>,
         rename_map: &RenameMap,
@@ -86,7 +83,6 @@ impl RecordingName {
     }
 }
 
-/// The folder of a recording on the Hub for a node, at the commit that the node has registered.
 fn kept(name: HubRecording, state: &Path, options: &HubOptions) -> Result<PathBuf> {
     let path = state.join(COMMIT_FILE);
     let named = name.to_string();
@@ -109,7 +105,6 @@ fn kept(name: HubRecording, state: &Path, options: &HubOptions) -> Result<PathBu
     Ok(folder)
 }
 
-/// Fetches a recording on the Hub.
 fn fetched(name: &HubRecording, options: &HubOptions) -> Result<Fetched> {
     let mut progress = None;
     let fetched = fetch(name, options, &mut |at| {
@@ -127,7 +122,7 @@ fn fetched(name: &HubRecording, options: &HubOptions) -> Result<Fetched> {
     Ok(fetched)
 }
 
-/// Adds the name of a recording to an error, unless the error has it already: most name a file, and so its folder.
+/// Adds a recording's name to an error that lacks it. Most errors name a file in its folder.
 pub fn of_recording(error: Error, recording: impl fmt::Display) -> Error {
     let (name, said) = (recording.to_string(), format!("{error:#}"));
     let folder = name.trim_end_matches('/');
@@ -142,7 +137,7 @@ pub fn of_recording(error: Error, recording: impl fmt::Display) -> Error {
     }
 }
 
-/// Refuses a recording with episodes that were left out: `--whole-recordings`.
+/// `--whole-recordings`: refuses a recording with left-out episodes.
 pub fn refuse_left_out(dataset: &Dataset) -> Result<()> {
     match dataset.left_out().first() {
         Some(left_out) => {
@@ -193,7 +188,7 @@ mod tests {
     #[test]
     fn a_node_stays_with_the_commit_that_it_has_registered() {
         let (cache, state) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-        // The Hub cannot be reached. What is in the cache is complete.
+        // The Hub cannot be reached. The cache is complete.
         let options = HubOptions {
             endpoint: "http://127.0.0.1:1".into(),
             token: None,
@@ -218,13 +213,12 @@ mod tests {
         };
         is_at("main", &commits[0]);
         assert_eq!(found("robots/arm"), commits[0]);
-        // Nothing is registered yet, so the node follows the branch.
+        // Nothing is registered yet: the node follows the branch.
         is_at("main", &commits[1]);
         assert_eq!(found("robots/arm"), commits[1]);
         fs::write(state.path().join("registration"), "").unwrap();
         is_at("main", &commits[0]);
         assert_eq!(found("robots/arm"), commits[1]);
-        // The operator names another one.
         let named = format!("robots/arm@{}", commits[0]);
         assert_eq!(found(&named), commits[0]);
         assert_eq!(found("robots/arm@main"), commits[0]);

@@ -1,4 +1,4 @@
-//! `zk0 dataset recover`: saves what is whole of a recording that ended too early, or whose videos and metadata do not fit.
+//! `zk0 dataset recover`: saves what is whole of a recording that ended too early, or whose videos do not fit.
 
 use crate::output::print;
 use anyhow::{Context, Result};
@@ -6,7 +6,7 @@ use std::path::Path;
 use zk0_lerobot::dataset::{recover, Recovered};
 use zk0_protocol::counted::counted;
 
-/// Writes the new folder, and prints what was saved and what was lost.
+/// Writes the new folder, and prints what was saved and lost.
 pub fn run(folder: &Path, out: &Path) -> Result<()> {
     let recovered = recover(folder, out).context("nothing was saved")?;
     print!("{}", text(&recovered, out));

@@ -7,8 +7,8 @@ use zk0_lerobot::dataset::{CopiedEpisodes, Dataset};
 use zk0_node::progress::Progress;
 use zk0_protocol::counted::counted;
 
-/// Checks one recording after another, and then whether they have the same episodes. Returns `false` if any has a fault. A recording with
-/// copies of its own episodes has one. Copies of another recording's are named; they are no fault of either.
+/// Checks each recording, and whether they share episodes. Returns `false` if any has a fault, such as copies of its own episodes. Copies
+/// of another recording's are only named.
 pub fn run(recordings: &[RecordingName]) -> Result<bool> {
     let mut sound = true;
     let mut opened = Vec::new();
@@ -26,12 +26,10 @@ pub fn run(recordings: &[RecordingName]) -> Result<bool> {
     Ok(sound)
 }
 
-/// What was found in one recording.
 #[derive(Default)]
 struct ValidationReport {
-    /// What the recording holds, if it could be opened.
     size: Option<String>,
-    /// Faults that zk0 repairs while it reads, because there is only one right way to do so.
+    /// Repaired while reading, because only one repair is right.
     repairs: Vec<String>,
     faults: Vec<String>,
 }

@@ -1,4 +1,4 @@
-//! The losses of a network's global weights, on the recordings of its nodes and on one that no node has.
+//! Losses of a network's global weights on its nodes' recordings, and on one that no node has.
 
 use anyhow::Result;
 use serde::Serialize;
@@ -17,14 +17,13 @@ use zk0_smolvla::policy::policy_file;
 use zk0_smolvla::{ExpertWeights, PolicyConfig};
 use zk0_weights::Format;
 
-/// Largest file of weights that the demo reads.
 const MAX_WEIGHTS: u64 = 1 << 30;
 
 /// A recording to evaluate on.
 pub struct EvaluationRecording {
     /// The recording.
     pub path: PathBuf,
-    /// The node that it is the recording of; `None` if it is no node's.
+    /// Its node, if any.
     pub node: Option<String>,
     /// Whether the node trains on it, as honest nodes do.
     pub trains: bool,
@@ -37,22 +36,22 @@ pub struct RoundResult {
     pub round: u64,
     /// SHA-256 of the new weights.
     pub weights: String,
-    /// How many updates were averaged.
+    /// Number of averaged updates.
     pub contributors: usize,
-    /// The losses on each recording.
+    /// Losses on each recording.
     pub losses: Vec<GlobalLoss>,
-    /// What the ledger records of the result on the network's public samples, in fixed point.
+    /// The ledger's losses on the public samples, in fixed point.
     pub recorded: Option<PublicLosses>,
 }
 
-/// Mean float32 losses of the round's base and of its result, with the same noise and times in all rounds.
+/// Mean float32 losses before and after a round. Noise and times are the same in all rounds.
 #[derive(Serialize)]
 pub struct GlobalLoss {
-    /// The name of the recording's folder.
+    /// Name of the recording's folder.
     pub recording: String,
-    /// The node that it is the recording of; `None` if it is no node's.
+    /// Its node, if any.
     pub node: Option<String>,
-    /// Whether the node trains on it, as honest nodes do.
+    /// Whether the node trains on it.
     pub trains: bool,
     /// Under the base.
     pub before: f64,
@@ -61,7 +60,7 @@ pub struct GlobalLoss {
 }
 
 impl GlobalLoss {
-    /// Whose recording it is, in a word or two.
+    /// Whose it is, in a word or two.
     pub fn whose(&self) -> String {
         match &self.node {
             Some(node) if self.trains => node.clone(),
@@ -71,7 +70,7 @@ impl GlobalLoss {
     }
 }
 
-/// The global weights of a ledger, as LeRobot reads them.
+/// A ledger's global weights, as LeRobot reads them.
 pub struct GlobalWeights<'a> {
     blobs: &'a Blobs,
     format: Format,
@@ -79,7 +78,7 @@ pub struct GlobalWeights<'a> {
 }
 
 impl<'a> GlobalWeights<'a> {
-    /// Those of the network that `genesis` founded, from its blobs.
+    /// Those of the network that `genesis` founded.
     pub fn of(genesis: &Genesis, blobs: &'a Blobs) -> Result<Self> {
         blobs.check(&genesis.policy)?;
         Ok(Self {
@@ -91,7 +90,7 @@ impl<'a> GlobalWeights<'a> {
         })
     }
 
-    /// Reads the weights whose file has this digest.
+    /// Reads the weights with this digest.
     pub fn read(&self, weights: &Digest) -> Result<ExpertWeights> {
         let file = self.blobs.get(weights, MAX_WEIGHTS)?;
         Ok(Base::read(&self.format, &self.config, &file)?.weights)
@@ -145,7 +144,6 @@ pub fn global(
     Ok(global)
 }
 
-/// A recording, with fixed noise and times.
 struct PreparedRecording {
     name: String,
     node: Option<String>,

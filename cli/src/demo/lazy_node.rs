@@ -1,6 +1,4 @@
-//! The demo's lazy node: it submits the base weights, with somebody else's proof. The network refuses that.
-//!
-//! It is a program of the demo. A node of `zk0 node join` cannot do this.
+//! The demo's lazy node submits the base weights with another node's proof. The network refuses that. `zk0 node join` cannot do this.
 
 use crate::network::Membership;
 use anyhow::{Context, Result};
@@ -12,7 +10,7 @@ use zk0_node::error::ParticipantError;
 use zk0_node::turn::Turn;
 use zk0_protocol::entries::refusal::Refusal;
 
-/// Largest proof that is read. A compressed proof has 1.3 MB.
+/// A compressed proof has 1.3 MB.
 const MAX_PROOF_BYTES: u64 = 16 << 20;
 
 /// What the demo tells its lazy node.
@@ -25,7 +23,7 @@ pub struct LazyNodeOptions {
     stolen_proof: PathBuf,
 }
 
-/// Takes part in the rounds. The demo expects a refusal, so a refusal is logged and is not an error.
+/// Takes part in the rounds. The expected refusal is only logged.
 pub async fn run(options: &LazyNodeOptions) -> Result<()> {
     let proof = bounded_file::read(&options.stolen_proof, MAX_PROOF_BYTES)
         .with_context(|| format!("reading the proof {}", options.stolen_proof.display()))?;
@@ -43,7 +41,7 @@ async fn play(
 ) -> Result<Option<Refusal>, ParticipantError> {
     let base = turn.base(node).await?;
     let expected = turn.commit(node, &base.quantised).await?;
-    // It claims that the loss is half of what it was.
+    // It claims half the loss.
     let losses = match expected.disclosure {
         Disclosure::Nothing => Losses::Hidden,
         Disclosure::Losses => Losses::Disclosed {

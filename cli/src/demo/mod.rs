@@ -1,6 +1,5 @@
-//! `zk0 demo`: a whole network on one machine. An aggregator, a proving service and the nodes run as processes of their own, and speak gRPC
-//! within this machine. Each node has its own recording. All nodes are honest except the last one, which submits the base weights with
-//! somebody else's proof. At the end the ledger is audited, as an outsider would do it.
+//! `zk0 demo`: a whole network on one machine, as processes: an aggregator, a proving service, and nodes with their own recordings. The
+//! last node submits the base weights with another node's proof. At the end the ledger is audited, as an outsider would do it.
 
 mod global_losses;
 pub mod lazy_node;
@@ -19,12 +18,10 @@ use std::time::{Duration, SystemTime};
 use zk0_audit::verified_entries::network_id;
 use zk0_circuits::Mode;
 
-/// What the demo's rules ask of a claim. It is less than a network's rules should ask for (docs/samples.md), because each sample makes a
-/// proof longer.
+/// Networks should ask for more (docs/samples.md), but each sample makes a proof longer.
 const EVAL_SAMPLES: &str = "6";
 const CONFIDENCE: &str = "95%";
 
-/// How fast an honest node trains in a round.
 const LEARNING_RATE: &str = "1e-3";
 
 /// What to run.
@@ -63,7 +60,7 @@ pub struct DemoOptions {
     out: PathBuf,
 }
 
-/// Runs the demo. It is an error if the audit fails, if no contribution is accepted, or if the one that cheats is not refused.
+/// Runs the demo. It fails if the audit fails, no contribution is accepted, or the cheat is not refused.
 pub async fn run(options: &DemoOptions) -> Result<()> {
     let count = options.nodes as usize;
     if options.datasets.len() < count {
@@ -95,7 +92,7 @@ pub async fn run(options: &DemoOptions) -> Result<()> {
         ChildProcess::start(name, command, options, &console)
     };
     let free_port = ("--listen", &"127.0.0.1:0" as &dyn AsRef<OsStr>);
-    // The prover starts first, because it takes longest.
+    // The prover takes longest to start.
     let device = ("--device", &options.device as &dyn AsRef<OsStr>);
     let mut prover = start("prover", "prover serve", &[free_port, device])?;
 
@@ -108,7 +105,7 @@ pub async fn run(options: &DemoOptions) -> Result<()> {
     }
     let log_key = out.join("log.key");
     keys::generate(&log_key)?;
-    // One prover serves all nodes one after another, so the window has time for each of them.
+    // One prover serves all nodes in turn.
     let submit_minutes = (10 + 15 * count).to_string();
     let mode = options.mode.map(|mode| mode.to_string());
     let mut init: Vec<(&str, &dyn AsRef<OsStr>)> = vec![
@@ -123,11 +120,11 @@ pub async fn run(options: &DemoOptions) -> Result<()> {
     init.extend(first.map(|path| ("--recordings-like", path as _)));
     init.extend(enrol.iter().map(|node| ("--node", node as _)));
     init.extend(mode.iter().map(|mode| ("--mode", mode as _)));
-    // No node has the last of the other recordings. The network evaluates the result of each round on it.
+    // No node has this recording. Each round's result is measured on it.
     let unseen = options.datasets[count..].last();
     let unseen = unseen.filter(|path| path.exists());
     init.extend(unseen.map(|path| ("--public-recording", path as _)));
-    // The demo is over before anybody could vote.
+    // The demo ends before a vote could.
     init.push(("", &"--rules-never-change"));
     start("init", "aggregator init", &init)?.finish().await?;
 
@@ -202,14 +199,14 @@ pub async fn run(options: &DemoOptions) -> Result<()> {
 }
 
 async fn url(process: &mut ChildProcess) -> Result<String> {
-    // To start the prover takes minutes on a small machine.
+    // A small machine takes minutes.
     let address = tokio::time::timeout(Duration::from_secs(900), process.address())
         .await
         .context("waiting for a server")??;
     Ok(format!("http://{address}"))
 }
 
-/// UTC time as `2026-11-21T08-30-00`: sorts by name, safe in file names.
+/// Sorts by name, and is safe in file names: `2026-11-21T08-30-00`.
 fn timestamp() -> String {
     let now: chrono::DateTime<chrono::Utc> = SystemTime::now().into();
     now.format("%Y-%m-%dT%H-%M-%S").to_string()

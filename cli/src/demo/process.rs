@@ -1,4 +1,4 @@
-//! The demo's child processes. Each runs this binary, and its JSON log lines go to one log file and to the screen.
+//! The demo's child processes. Each runs this binary. Its JSON log goes to one file and the screen.
 
 use crate::logging::{ProgressBars, ProgressEvent, PROGRESS};
 use anyhow::{bail, Context, Result};
@@ -13,7 +13,7 @@ use tokio::io::{AsyncBufReadExt, BufReader};
 use tokio::process::{Child, Command};
 use tokio::sync::watch;
 
-/// The log file and the screen, which all processes share.
+/// The log file and the screen.
 #[derive(Clone, Debug)]
 pub struct Console(Arc<Inner>);
 
@@ -25,7 +25,7 @@ struct Inner {
 }
 
 impl Console {
-    /// A console that writes the log to `log`.
+    /// Writes the log to `log`.
     pub fn new(log: File) -> Self {
         Self(Arc::new(Inner {
             log: Mutex::new(log),
@@ -54,14 +54,13 @@ impl Console {
     fn record(&self, process: &str, mut line: Map<String, Value>) {
         line.insert("process".into(), process.into());
         let mut log = self.0.log.lock().unwrap_or_else(PoisonError::into_inner);
-        // The log is only for people, so a full disk must not end the demo.
+        // A full disk must not end the demo.
         let _ = writeln!(log, "{}", Value::Object(line));
     }
 
-    /// Takes one line of a child's standard error.
     fn child_line(&self, process: &str, line: &str, last_progress: &mut (String, u64)) {
         let Ok(Value::Object(fields)) = serde_json::from_str(line) else {
-            // This is not a log line. It may be a panic, or a message of a library.
+            // A panic, or a library's message.
             self.record(
                 process,
                 Map::from_iter([("message".to_owned(), line.into())]),
@@ -80,7 +79,6 @@ impl Console {
         self.record(process, fields);
     }
 
-    /// Shows a bar on a terminal, and elsewhere a line for each tenth of the work.
     fn progress(&self, process: &str, progress: &ProgressEvent, last: &mut (String, u64)) {
         use std::io::IsTerminal;
         if std::io::stderr().is_terminal() {
@@ -117,8 +115,7 @@ pub struct ChildProcess {
 }
 
 impl ChildProcess {
-    /// Starts this binary with a command and its options. An option without a name is an argument. The process is killed when the value
-    /// is dropped.
+    /// Starts this binary. An option without a name is an argument. A drop kills the process.
     pub fn start(
         name: &str,
         command: &str,
@@ -161,7 +158,7 @@ impl ChildProcess {
         })
     }
 
-    /// The address the process says it listens on.
+    /// The address where it listens.
     pub async fn address(&mut self) -> Result<String> {
         let told = self
             .listening
@@ -177,7 +174,7 @@ impl ChildProcess {
         }
     }
 
-    /// Waits for a good end.
+    /// Waits for success.
     pub async fn finish(&mut self) -> Result<()> {
         let status = self
             .child
@@ -193,7 +190,7 @@ impl ChildProcess {
         Ok(())
     }
 
-    /// Waits until the process ends, which a server should not do by itself.
+    /// Waits for the end, which is an error of a server.
     pub async fn ended(&mut self) -> anyhow::Error {
         match self.child.wait().await {
             Ok(status) => anyhow::anyhow!(
@@ -204,13 +201,13 @@ impl ChildProcess {
         }
     }
 
-    /// Ends the process. A server loses nothing, because all that it acknowledged is on disk.
+    /// Ends the process. What servers acknowledged is on disk.
     pub async fn stop(mut self) {
         let _ = self.child.kill().await;
     }
 }
 
-/// The fields of an event besides its message, as ` (name value, …)`. Digests are shortened; the log file has them whole.
+/// Only the log file has whole digests.
 fn details(fields: &Map<String, Value>) -> String {
     const KNOWN: [&str; 5] = ["timestamp", "level", "target", "message", "listening"];
     let short = |value: &Value| {
@@ -236,7 +233,7 @@ fn details(fields: &Map<String, Value>) -> String {
     }
 }
 
-/// Servers log `listening` with their address.
+/// Servers log their address as `listening`.
 fn listening_address(line: &str) -> Option<String> {
     let fields: Map<String, Value> = serde_json::from_str(line).ok()?;
     Some(fields.get("listening")?.as_str()?.to_owned())

@@ -1,4 +1,4 @@
-//! The results of a demo: the audit's verdict, `metrics.json`, the chart, and `global.safetensors`.
+//! A demo's results: the audit's verdict, `metrics.json`, the chart, and `global.safetensors`.
 
 use super::global_losses::{global, EvaluationRecording, GlobalLoss, GlobalWeights, RoundResult};
 use super::process::Console;
@@ -20,7 +20,7 @@ use zk0_protocol::counted::counted;
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::entries::signed::{Signed, Submission};
 
-/// A point of a training curve is the mean of this many steps.
+/// Steps averaged in each point.
 const WINDOW: usize = 20;
 
 #[derive(Serialize)]
@@ -39,15 +39,14 @@ struct ContributionResult {
     accepted: bool,
     reason: Option<String>,
     dataset_samples: u64,
-    /// SHA-256 of the proof, its name among the ledger's blobs.
+    /// SHA-256, its name among the blobs.
     proof: String,
-    /// What the claim says; proven if it was accepted.
+    /// Proven if the claim was accepted.
     loss_before: Option<f64>,
     loss_after: Option<f64>,
 }
 
-/// Audits the ledger, writes the results, and prints the summary. It is an error if the audit fails, or if no contribution is accepted, or
-/// none is refused.
+/// Audits the ledger, and writes and prints the results.
 pub fn finish(
     out: &Path,
     network: &Path,
@@ -167,7 +166,7 @@ fn contribution(
     }
 }
 
-/// The training losses of the nodes, smoothed. Each curve goes through all rounds.
+/// Smoothed. Each curve spans all rounds.
 fn training_curves(nodes: &Path, names: &[String]) -> Result<Vec<Curve>> {
     let mut curves = Vec::new();
     for name in names {
@@ -196,7 +195,7 @@ fn training_curves(nodes: &Path, names: &[String]) -> Result<Vec<Curve>> {
     Ok(curves)
 }
 
-/// The losses of the global weights: a group for each recording, a bar for the first weights and for each round's result.
+/// Groups are recordings. Bars are the first weights and each round's result.
 fn global_bars(global: &[RoundResult]) -> Bars {
     let losses =
         |of: fn(&GlobalLoss) -> f64, one: &RoundResult| one.losses.iter().map(of).collect();

@@ -1,4 +1,4 @@
-//! `zk0 export check`: whether a policy folder is what a ledger says.
+//! `zk0 export check`: compares a policy folder with a ledger.
 
 use super::closing::ClosingProof;
 use super::receipt::ExportReceipt;
@@ -26,7 +26,7 @@ pub struct ExportCheckOptions {
     trust: TrustOptions,
 }
 
-/// Compares them. Returns `false` if the folder does not hold the policy that its receipt names.
+/// Compares them. Returns `false` if the folder does not hold its receipt's policy.
 pub fn run(options: &ExportCheckOptions) -> Result<bool> {
     let receipt = ExportReceipt::read(&options.folder)?;
     let trust = options.trust.read()?;
@@ -47,7 +47,6 @@ pub fn run(options: &ExportCheckOptions) -> Result<bool> {
     Ok(wrong.is_empty())
 }
 
-/// What is not as the ledger says.
 fn wrong(
     options: &ExportCheckOptions,
     receipt: &ExportReceipt,

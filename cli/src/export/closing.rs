@@ -1,4 +1,4 @@
-//! The entry that closes a round, and the proof that it is in the log.
+//! The entry that closes a round, and its inclusion proof.
 
 use anyhow::{bail, Context, Result};
 use std::path::Path;
@@ -12,14 +12,14 @@ use zk0_protocol::{Entry, Genesis};
 pub struct ClosingProof {
     /// The network's first entry.
     pub genesis: Genesis,
-    /// What the entry says.
+    /// The entry's content.
     pub closed: RoundClosed,
-    /// That it is in the log.
+    /// Its inclusion proof.
     pub proof: TlogProof,
 }
 
 impl ClosingProof {
-    /// Finds the closing of `round` in the ledger's folder `dir`, among the entries that the newest checkpoint covers.
+    /// Finds the closing of `round` under the newest checkpoint in `dir`.
     ///
     /// # Errors
     /// The log cannot be read, its checkpoint is not signed as `trust` wants it, or the round has not closed.
@@ -33,7 +33,7 @@ impl ClosingProof {
                         Body::Genesis(first) if index == 0 => genesis = Some(first),
                         Body::RoundClosed(closed) if closed.round == round => {
                             let proof = log.prove(index)?;
-                            // Only a proof that holds is handed out.
+                            // Only a valid proof is handed out.
                             proof.verify(key, policy)?;
                             return Ok(Self {
                                 genesis: genesis
@@ -55,7 +55,7 @@ impl ClosingProof {
         })
     }
 
-    /// SHA-256 of the blob with the global weights after the round.
+    /// SHA-256 of the global weights' blob.
     pub fn weights(&self) -> Digest {
         self.closed.global.blob
     }

@@ -1,4 +1,4 @@
-//! `zk0 export`: the policy of a round as a LeRobot policy folder, with a receipt that ties its files to the log.
+//! `zk0 export`: a round's policy as a LeRobot folder, with a receipt that ties its files to the log.
 
 mod check;
 mod closing;
@@ -19,7 +19,7 @@ pub enum ExportCommand {
     Check(check::ExportCheckOptions),
 }
 
-/// Runs the command. Returns `false` if a folder does not hold what its receipt says.
+/// Runs the command. Returns `false` if a folder does not match its receipt.
 pub fn run(command: &ExportCommand) -> Result<bool> {
     match command {
         ExportCommand::Lerobot(options) => lerobot::run(options).map(|()| true),

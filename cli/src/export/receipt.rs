@@ -1,4 +1,4 @@
-//! The receipt of an exported policy folder: which entry of which log names its weights, and the SHA-256 of each of its files.
+//! The receipt of an exported policy folder: the log's entry with its weights, and each file's SHA-256.
 
 use super::closing::ClosingProof;
 use anyhow::{Context, Result};
@@ -11,15 +11,15 @@ use std::path::Path;
 use zk0_circuits::Digest;
 use zk0_files::{atomic_file, bounded_file};
 
-/// The receipt's name in the folder.
+/// The receipt's file name.
 pub const RECEIPT: &str = "receipt.json";
-/// The name of the proof beside it, which `zk0 audit verify-proof` checks.
+/// The proof beside it, for `zk0 audit verify-proof`.
 pub const PROOF: &str = "receipt.tlog-proof";
 
-/// Longest receipt that is read, in bytes. One of ten files takes two thousand.
+/// In bytes. Ten files take two thousand.
 const MAX_RECEIPT: u64 = 1 << 20;
 
-/// What a receipt says.
+/// The content of a receipt.
 #[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ExportReceipt {
@@ -27,20 +27,20 @@ pub struct ExportReceipt {
     pub network: String,
     /// The log's name.
     pub log: String,
-    /// The round after which the network had these weights.
+    /// The round that ended with these weights.
     pub round: u64,
-    /// The entry of the log that closes the round.
+    /// The log's entry that closes the round.
     pub entry: u64,
-    /// SHA-256 of the file of int16 weights that the entry names.
+    /// SHA-256 of the entry's int16 weights.
     pub weights_sha256: String,
-    /// SHA-256 of the policy file that the network was founded with.
+    /// SHA-256 of the founding policy file.
     pub policy_sha256: String,
-    /// SHA-256 of each other file of the folder.
+    /// SHA-256 of each other file.
     pub files_sha256: BTreeMap<String, String>,
 }
 
 impl ExportReceipt {
-    /// The receipt of the files that are in `folder`.
+    /// The receipt of the files in `folder`.
     ///
     /// # Errors
     /// A file cannot be read.
@@ -82,7 +82,7 @@ impl ExportReceipt {
     }
 }
 
-/// SHA-256 of each file in `folder`, but for the receipt and its proof.
+/// Except the receipt and its proof.
 fn files(folder: &Path) -> Result<BTreeMap<String, String>> {
     let mut files = BTreeMap::new();
     let reading = |path: &Path| format!("reading {}", path.display());

@@ -1,5 +1,5 @@
-//! `zk0 fidelity`: compares the fixed-point loss with the float32 loss, on untrained and on trained weights, with the default ranges and
-//! with ranges that are calibrated on the untrained weights, as a network's founder does it.
+//! `zk0 fidelity`: compares the fixed-point with the float32 loss, on untrained and trained weights. Ranges are the default, or calibrated
+//! on untrained weights.
 
 mod report;
 
@@ -48,12 +48,12 @@ pub struct FidelityOptions {
     ranges: bool,
 }
 
-/// Noises and times are drawn from this.
+/// Decides noises and times.
 const CHALLENGE: Digest = Digest([0xf1; 32]);
 
-/// How much work is done with a policy. It depends on the policy's size.
+/// Depends on the policy's size.
 struct Effort {
-    /// Frames taken of each recording.
+    /// Frames of each recording.
     frames: usize,
     /// Samples compared.
     samples: usize,
@@ -83,7 +83,7 @@ impl Effort {
     }
 }
 
-/// Runs the command. It is an error if a comparison fails or is beyond the limit.
+/// Runs the command. It fails if a comparison fails or is beyond the limit.
 pub fn run(options: &FidelityOptions) -> Result<()> {
     if options.profiles.is_empty() && options.folders.is_empty() {
         bail!("zk0 fidelity needs a policy: add --profile NAME or --lerobot DIR");
@@ -116,7 +116,7 @@ pub fn run(options: &FidelityOptions) -> Result<()> {
     }
 }
 
-/// The four rows of a policy: untrained and trained, with default and with calibrated ranges. Also tells how it was trained.
+/// Untrained and trained, with default and calibrated ranges. Also states how it was trained.
 fn compare(
     options: &FidelityOptions,
     name: &str,
@@ -125,7 +125,6 @@ fn compare(
     let effort = Effort::of(&file.policy, options);
     tracing::info!("{name}: preparing samples");
     let all = samples(&file, &options.datasets, effort.frames)?;
-    // The frozen half is not needed any more.
     let Policy { config, expert, .. } = file.policy;
     let (mut ours, mut others) = (Vec::new(), Vec::new());
     for (index, sample) in all.into_iter().enumerate() {
@@ -178,7 +177,6 @@ fn compare(
     Ok((rows, training))
 }
 
-/// Trains the expert.
 fn fit(
     name: &str,
     config: &PolicyConfig,

@@ -1,4 +1,4 @@
-//! What `zk0 fidelity` prints: JSON lines to standard output, tables for people to standard error.
+//! Output of `zk0 fidelity`: JSON lines to standard output, tables to standard error.
 
 use crate::output::{eprintln, println};
 use serde::Serialize;
@@ -14,7 +14,7 @@ pub struct ComparisonRow {
     pub weights: &'static str,
     /// `default` or `calibrated`.
     pub ranges: &'static str,
-    /// The outcome of the comparison.
+    /// The outcome.
     #[serde(flatten)]
     pub outcome: ComparisonOutcome,
 }
@@ -23,7 +23,7 @@ pub struct ComparisonRow {
 #[derive(Clone, Debug, Serialize)]
 #[serde(untagged)]
 pub enum ComparisonOutcome {
-    /// The losses, their differences as fractions, and the least headroom as a factor.
+    /// Losses, differences as fractions, and the least headroom as a factor.
     Compared {
         samples: usize,
         float32_loss: f64,
@@ -33,11 +33,10 @@ pub enum ComparisonOutcome {
         least_headroom: f64,
         least_headroom_at: String,
     },
-    /// A value does not fit into its range. The error names the place.
+    /// A value exceeds its range. The error names the place.
     Failed { error: String },
 }
 
-/// One line of `--ranges`.
 #[derive(Serialize)]
 struct RangeLine<'a> {
     policy: &'a str,
@@ -50,7 +49,7 @@ struct RangeLine<'a> {
 }
 
 impl ComparisonOutcome {
-    /// The outcome of a measurement that succeeded or failed.
+    /// From a measurement that succeeded or failed.
     pub fn of(measured: &Result<Fidelity, FidelityError>) -> Self {
         let fidelity = match measured {
             Ok(fidelity) => fidelity,
@@ -71,7 +70,7 @@ impl ComparisonOutcome {
         }
     }
 
-    /// Whether the mean losses differ by no more than `limit`, a fraction.
+    /// Whether the mean losses differ by at most `limit`, a fraction.
     pub fn is_within(&self, limit: f64) -> bool {
         match self {
             Self::Compared {
@@ -83,7 +82,7 @@ impl ComparisonOutcome {
     }
 }
 
-/// Prints a JSON line for each place to standard output, and for each kind of place a line about its tightest layer to standard error.
+/// Prints a JSON line for each place to standard output, and each kind's tightest layer to standard error.
 pub fn print_ranges(row: &ComparisonRow, ranges: &[ObservedRange]) -> serde_json::Result<()> {
     let mut kinds: Vec<(String, ObservedRange)> = Vec::new();
     for range in ranges {
@@ -125,7 +124,7 @@ pub fn print_ranges(row: &ComparisonRow, ranges: &[ObservedRange]) -> serde_json
     Ok(())
 }
 
-/// A table of all rows, for people.
+/// A table of all rows.
 pub fn table(rows: &[ComparisonRow]) -> String {
     let mut text = format!(
         "{:<13} {:<9} {:<10} {:>7} {:>9} {:>11} {:>10} {:>12}  {}\n",

@@ -76,7 +76,7 @@ pub enum DisputeVerdict {
 }
 
 impl Change {
-    /// The change as it goes on the ledger of a network that proves in mode `mode`.
+    /// The change as a ledger's action, in this proving mode.
     pub fn action(&self, mode: Mode) -> Result<Action> {
         Ok(match self {
             Self::Rules { file } => {

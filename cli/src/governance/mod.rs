@@ -161,7 +161,7 @@ async fn answer(command: &GovernanceCommand) -> Result<()> {
         GovernanceCommand::RotateKey { signer, new_key } => {
             let new = keys::read(new_key)?;
             let (entry, identity) = signer.connect().await?.rotate_key(&new).await?;
-            println!("entry {entry}: the node is {identity} from now on; join with its new key");
+            println!("entry {entry}: this member is {identity} from now on; use its new key");
         }
     }
     Ok(())

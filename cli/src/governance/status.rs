@@ -7,7 +7,7 @@ use zk0_protocol::entries::proposal::Action;
 use zk0_protocol::entries::signed::Proposal;
 use zk0_protocol::rpc::federation::OpenProposal;
 
-/// The rules and the guest program in force, and the open proposals, for people.
+/// The rules, the guest program, and open proposals.
 pub fn status(info: &GovernanceInfo) -> Result<String> {
     let mut text = serde_json::to_string_pretty(&info.rules)? + "\n\n";
     text.push_str(&format!("guest program: {}\n\n", info.program));
@@ -20,7 +20,7 @@ pub fn status(info: &GovernanceInfo) -> Result<String> {
     Ok(text)
 }
 
-/// An open proposal and how its votes stand, for people.
+/// An open proposal and its votes.
 pub fn proposal(proposal: &Proposal, open: &OpenProposal, now_ms: u64) -> Result<String> {
     let left = |until: u64| format!("{} s", until.saturating_sub(now_ms).div_ceil(1000));
     let phase = match now_ms {
@@ -52,7 +52,7 @@ pub fn proposal(proposal: &Proposal, open: &OpenProposal, now_ms: u64) -> Result
     Ok(text)
 }
 
-/// What a proposal would do. New rules are shown as a whole.
+/// New rules are shown whole.
 fn would(action: &Action) -> Result<String> {
     Ok(match action {
         Action::ChangeRules(rules) => format!("rules: {}", serde_json::to_string(rules)?),

@@ -1,4 +1,4 @@
-//! Where a command finds the blobs that it only reads.
+//! Where a command finds blobs to read.
 
 #[cfg(feature = "full")]
 use crate::blob_store::BlobStoreOptions;
@@ -15,7 +15,7 @@ pub struct KeptBlobsOptions {
 }
 
 impl KeptBlobsOptions {
-    /// The blobs of the ledger in `dir`. Its aggregator may be running.
+    /// The blobs of the ledger in `dir`, whose aggregator may be running.
     ///
     /// # Errors
     /// Those of `BlobStoreOptions::blobs`.

@@ -30,7 +30,7 @@ use zk0_ledger::replay::Severity;
 use zk0_ledger::{folder, Blobs, LedgerError};
 use zk0_protocol::counted::counted;
 
-/// The exit code where everything is done, and files are missing that the open round cannot close without.
+/// All is done, but files are missing that the open round needs to close.
 const FILES_MISSING: u8 = 5;
 
 /// What to do.
@@ -300,7 +300,6 @@ fn import(options: &Import) -> Result<()> {
     Ok(())
 }
 
-/// Names the blobs that are damaged, which ends the command with an error.
 fn name_damaged(damaged: &[DamagedBlob]) -> Result<()> {
     for blob in damaged {
         tracing::error!("a blob was not copied: {blob}");
@@ -329,7 +328,7 @@ fn copied(done: &Mirrored) {
     }
 }
 
-/// Names the files that the open round of the ledger in `dir` cannot close without, and that are missing.
+/// Names missing files that the open round needs to close.
 fn name_missing(dir: &Path, kept: &KeptBlobsOptions) -> Result<ExitCode> {
     let missing = missing_files(dir, &kept.blobs(dir)?)?;
     let Some(first) = missing.first() else {
@@ -347,7 +346,6 @@ fn name_missing(dir: &Path, kept: &KeptBlobsOptions) -> Result<ExitCode> {
     Ok(ExitCode::from(FILES_MISSING))
 }
 
-/// Prints whether the ledger in `dir` is whole.
 fn check(dir: &Path) -> bool {
     let found = fsck(dir);
     match &found.published {

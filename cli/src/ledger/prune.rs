@@ -1,4 +1,4 @@
-//! `zk0 ledger prune`: says which blobs of a ledger's folder no audit of the chosen depth needs, and deletes them.
+//! `zk0 ledger prune`: shows and deletes the blobs in a ledger's folder that no audit of the chosen depth needs.
 
 use crate::blob_store::BlobStoreOptions;
 use crate::keys;
@@ -42,7 +42,6 @@ pub struct Prune {
     store: BlobStoreOptions,
 }
 
-/// What the lines about deleted blobs call them.
 const KINDS: [(Reason, &str, &str); 5] = [
     (Reason::Update, "update", "updates"),
     (Reason::Proof, "proof", "proofs"),
@@ -83,7 +82,7 @@ pub fn prune(options: &Prune) -> Result<()> {
         return Ok(());
     };
     let kept = options.store.blobs(&options.dir)?;
-    // While the ledger is open here, no aggregator can open it.
+    // Meanwhile no aggregator can open the ledger.
     let ledger = Ledger::open_with(&options.dir, None, keys::read(key)?, kept, &mut ())?;
     let plan = PrunePlan::of(&ledger, &keep, now_ms)?;
     say(&plan);
@@ -99,7 +98,6 @@ pub fn prune(options: &Prune) -> Result<()> {
     Ok(())
 }
 
-/// Prints what would be deleted and kept, and what nobody can audit afterwards.
 fn say(plan: &PrunePlan) {
     println!("closed       {}", counted(plan.closed, "round", "rounds"));
     match plan.longer {

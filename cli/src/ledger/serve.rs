@@ -1,4 +1,4 @@
-//! `zk0 ledger serve`: a ledger's files over HTTP, for reading.
+//! `zk0 ledger serve`: a ledger's files over HTTP.
 
 use crate::blob_store::BlobStoreOptions;
 use crate::certificate::CertificateOptions;
@@ -36,7 +36,7 @@ pub fn serve(options: &LedgerServeOptions) -> Result<()> {
         server = server.with_blob_cache(bytes);
     }
     match server.newest() {
-        // A log that the witnesses have not cosigned yet can be served as soon as they have.
+        // A log is served once witnesses have cosigned it.
         Ok(_) | Err(PublicationError::NotCosigned(_)) => {}
         Err(error) => return Err(error.into()),
     }

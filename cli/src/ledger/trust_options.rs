@@ -1,4 +1,4 @@
-//! The options that say whom the user trusts.
+//! The options for whom the user trusts.
 
 use anyhow::Result;
 use std::path::{Path, PathBuf};

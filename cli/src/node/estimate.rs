@@ -1,4 +1,4 @@
-//! `zk0 node estimate`: what a claim will cost on this machine.
+//! `zk0 node estimate`: the cost of a claim on this machine.
 
 use crate::dataset::{CameraNames, RecordingName};
 use crate::output::{eprintln, print, println};
@@ -76,7 +76,6 @@ pub async fn run(options: &EstimateOptions) -> Result<()> {
     Ok(())
 }
 
-/// Checks that claims over `samples` samples can be made of the recording.
 fn check_fit(
     recording: &RecordingName,
     rename_map: &RenameMap,
@@ -91,7 +90,6 @@ fn check_fit(
     refuse_unfit(config, &[dataset])
 }
 
-/// The estimate, for people.
 fn table(model: &str, estimate: &measure::Estimate) -> String {
     const GIB: f64 = (1u64 << 30) as f64;
     let memory = if estimate.fits() {
@@ -135,7 +133,6 @@ fn table(model: &str, estimate: &measure::Estimate) -> String {
     )
 }
 
-/// Whether a claim about a policy of this size can evaluate so many samples in this mode.
 fn check_samples(mode: Mode, spec: &EvalSpec, samples: u32) -> Result<()> {
     let most = most_samples(mode, spec);
     if samples > most {

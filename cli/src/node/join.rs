@@ -1,4 +1,4 @@
-//! `zk0 node join`: take part in the rounds of a network.
+//! `zk0 node join`: takes part in a network's rounds.
 
 use crate::network::Membership;
 use crate::otlp::OtlpOptions;
@@ -82,7 +82,7 @@ pub async fn run(options: &Join) -> Result<()> {
         },
         curves: curves.map(Arc::new),
     };
-    // With one seed for all rounds, the cache holds the variants from the first round on.
+    // The seed is fixed, so the cache holds all variants from the start.
     let variants = options.transforms.variants(0)?;
     let (participant, mut node) = options.member.begin().await?;
     let participant = Participant {
@@ -90,7 +90,7 @@ pub async fn run(options: &Join) -> Result<()> {
         ..participant
     };
     if options.member.rounds == 0 {
-        // Nothing is proven, so no proving service has to run.
+        // Without proofs, no proving service is needed.
         return Ok(participant
             .rounds(&mut node, 0, async |_, _| Ok(None))
             .await?);
@@ -102,13 +102,12 @@ pub async fn run(options: &Join) -> Result<()> {
         .await?)
 }
 
-/// Reads the name of a device. Whether this machine can use the device may change, so that is seen when the node begins.
+/// Whether this machine can use the device is checked when the node begins.
 fn device_name(text: &str) -> Result<String, PolicyError> {
     check_name(text)?;
     Ok(text.to_owned())
 }
 
-/// Reads a learning rate.
 fn rate(text: &str) -> Result<f64> {
     let rate: f64 = text.parse()?;
     ensure!(
@@ -118,7 +117,6 @@ fn rate(text: &str) -> Result<f64> {
     Ok(rate)
 }
 
-/// Reads the strength of FedProx.
 fn mu(text: &str) -> Result<f64> {
     let mu: f64 = text.parse()?;
     ensure!(
@@ -128,14 +126,12 @@ fn mu(text: &str) -> Result<f64> {
     Ok(mu)
 }
 
-/// Reads the α of FedCM.
 fn alpha(text: &str) -> Result<f64> {
     let alpha: f64 = text.parse()?;
     check_alpha(alpha)?;
     Ok(alpha)
 }
 
-/// Reads the factor of a boost of the learning rate.
 fn boost(text: &str) -> Result<Boost> {
     let boost = Boost {
         factor: text.parse()?,

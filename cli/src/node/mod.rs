@@ -36,7 +36,7 @@ pub enum NodeCommand {
 }
 
 impl NodeCommand {
-    /// The traces of the command, if it has any.
+    /// The command's traces.
     pub fn traces(&self) -> Result<Option<Traces>> {
         match self {
             Self::Join(options) => options.otlp.traces("zk0-node"),

@@ -1,14 +1,14 @@
-//! The options that say where prepared samples are kept.
+//! The options for the cache of prepared samples.
 
 use anyhow::{bail, ensure, Context, Result};
 use std::env;
 use std::path::{Path, PathBuf};
 use zk0_smolvla::frames::prefix_cache::{CacheError, DiskCache};
 
-/// The default budget, in gigabytes.
+/// In gigabytes.
 const DEFAULT_BUDGET: f64 = 20.0;
 
-/// The default budget of a node. Together with an evaluation set of 512 samples it takes less than 4 GiB.
+/// In gigabytes. With an evaluation set of 512 samples it takes less than 4 GiB.
 const NODE_BUDGET: f64 = 2.0;
 
 /// Where prepared samples are kept.
@@ -27,12 +27,12 @@ pub struct CacheOptions {
 }
 
 impl CacheOptions {
-    /// Opens the cache; `None` if the user wants none. The default is the user's own cache.
+    /// Opens the cache, by default the user's own; `None` if turned off.
     pub fn open(&self) -> Result<Option<DiskCache>> {
         self.open_or(DEFAULT_BUDGET, default_folder)
     }
 
-    /// As [`Self::open`], for a node with this state folder: the cache is in it by default, and smaller.
+    /// As [`Self::open`], for a node: by default smaller, and in the state folder.
     pub fn open_in(&self, state: &Path) -> Result<Option<DiskCache>> {
         self.open_or(NODE_BUDGET, || Ok(state.join("prefix-cache")))
     }
@@ -57,7 +57,6 @@ impl CacheOptions {
     }
 }
 
-/// Reads a budget.
 fn gigabytes(text: &str) -> Result<f64> {
     let budget: f64 = text.parse()?;
     ensure!(
@@ -78,7 +77,7 @@ fn default_folder() -> Result<PathBuf> {
     }
 }
 
-/// Adds what the operator can do when the cache fails.
+/// Adds advice to an error of the cache.
 pub fn cache_failed(error: CacheError) -> anyhow::Error {
     match error {
         CacheError::Prepare(error) => error.into(),

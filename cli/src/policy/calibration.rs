@@ -1,5 +1,4 @@
-//! Samples from recordings, and the ranges of fixed-point numbers that are chosen from them, for `zk0 fidelity` and
-//! `zk0 aggregator init --calibrate`.
+//! Samples from recordings, and fixed-point ranges chosen from them.
 
 use crate::dataset::{of_recording, RecordingName};
 use anyhow::{Context, Result};
@@ -11,10 +10,10 @@ use zk0_smolvla::measure::fixed_point::dims;
 use zk0_smolvla::policy::policy_file::PolicyFile;
 use zk0_smolvla::{ExpertWeights, PolicyConfig};
 
-/// The number of noises and times with which each sample is evaluated.
+/// Noises and times for each sample.
 const DRAWS: usize = 2;
 
-/// `frames` frames of each recording, or all if it has no more, evenly spaced, through the frozen half of a policy.
+/// At most `frames` evenly spaced frames of each recording, through the policy's frozen half.
 pub fn samples(
     file: &PolicyFile,
     recordings: &[RecordingName],
@@ -24,7 +23,7 @@ pub fn samples(
     samples_of(file, each)
 }
 
-/// As [`samples`], with a number of frames for each recording. At least one frame of each is taken.
+/// As [`samples`], with a number for each recording, at least one.
 pub fn samples_of<'a>(
     file: &PolicyFile,
     recordings: impl Iterator<Item = (&'a RecordingName, usize)>,
@@ -42,20 +41,20 @@ pub fn samples_of<'a>(
     Ok(samples)
 }
 
-/// `count` of `len` frames, evenly spaced, or all frames if there are no more.
+/// At most `count`, evenly spaced.
 fn evenly(len: usize, count: usize) -> impl ExactSizeIterator<Item = usize> {
     let count = count.min(len);
     (0..count).map(move |place| place * len / count)
 }
 
-/// The evaluation whose ranges hold all values that `weights` compute from `samples`, with headroom.
+/// The evaluation whose ranges hold all values of `weights` on `samples`, with headroom.
 pub fn calibrated(
     config: &PolicyConfig,
     weights: &ExpertWeights,
     samples: &[PreparedSample],
 ) -> Result<EvalSpec> {
     let dims = dims(config)?;
-    // Any challenge will do, except one that a comparison of losses uses, too.
+    // Not the challenge of a comparison of losses.
     let draws = draws(
         &EvalSpec::new(dims),
         &Digest([0xca; 32]),

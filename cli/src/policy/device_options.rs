@@ -1,4 +1,4 @@
-//! The options that say where `zk0 train` and `zk0 eval` compute.
+//! The options for the device of `zk0 train` and `zk0 eval`.
 
 use anyhow::Result;
 use zk0_smolvla::policy::device::device;
@@ -19,7 +19,7 @@ impl DeviceOptions {
     /// Opens the device.
     ///
     /// # Errors
-    /// There is no device of that name, or this build or machine cannot use it.
+    /// No device has that name, or this build or machine cannot use it.
     pub fn open(&self) -> Result<FrozenPlace> {
         let device = device(&self.device)?;
         Ok(FrozenPlace::on(device, self.frozen_precision))

@@ -1,4 +1,4 @@
-//! What the commands that train and evaluate share: where the policy comes from, where it computes, and where samples are kept.
+//! What commands that train and evaluate share.
 
 mod cache_options;
 pub mod calibration;

@@ -1,4 +1,4 @@
-//! The policy folder that a network was founded with, and copies of it with the weights of a round.
+//! A network's founding policy folder, and copies with a round's weights.
 
 use crate::dataset::RecordingName;
 use crate::policy::whole_folder;
@@ -15,21 +15,21 @@ use zk0_smolvla::Policy;
 use zk0_tensors::{encode, TensorSet};
 use zk0_weights::Format;
 
-/// The policy folder that a network was founded with.
+/// The founding policy folder.
 pub struct NetworkFolder {
     source: PolicyFolder,
-    /// Statistics that the copies get instead of the folder's.
+    /// Of the copies, instead of the folder's.
     stats: Option<Stats>,
     format: Format,
     blobs: Blobs,
 }
 
 impl NetworkFolder {
-    /// Opens `policy`, and compares it with the policy of the network. The copies get the statistics of the recording `statistics_of`.
+    /// Opens `policy`, and compares it with the network's. Copies get the statistics of the recording `statistics_of`.
     ///
     /// # Errors
-    /// The policy folder is not the one that the network was founded with, or cannot be read; it has no statistics, and no recording is named;
-    /// or the recording cannot be read or does not fit.
+    /// The policy folder cannot be read or is not the founding one; it has no statistics, and no recording is named; or the recording
+    /// cannot be read or does not fit.
     pub fn open(
         policy: &Path,
         genesis: &Genesis,
@@ -65,7 +65,7 @@ impl NetworkFolder {
         })
     }
 
-    /// Writes a copy of the founding folder with the weights of the blob `weights` to the new or empty folder `to`.
+    /// Writes a copy with the weights of the blob `weights` to the new or empty folder `to`.
     ///
     /// # Errors
     /// The weights cannot be read, or the folder cannot be written.
@@ -80,11 +80,10 @@ impl NetworkFolder {
         Ok(())
     }
 
-    /// Writes the folder `name` in `out`, whole or not at all: a copy of the founding one with the weights of the blob `weights`. `more` may
-    /// add files before it has its name.
+    /// Writes such a copy as the folder `name` in `out`, whole or not at all. `more` may add files first.
     ///
     /// # Errors
-    /// The weights cannot be read, or the folder cannot be written.
+    /// Those of [`Self::write_to`] and of `more`.
     pub fn write(
         &self,
         out: &Path,
@@ -101,26 +100,26 @@ impl NetworkFolder {
     /// Whether the policy folder `copy` holds the weights of the blob `weights`.
     ///
     /// # Errors
-    /// The weights or the policy folder cannot be read.
+    /// The weights or the folder cannot be read.
     pub fn is_copy_with(&self, copy: &Path, weights: &Digest) -> Result<bool> {
         let copy = PolicyFolder::open(copy)?;
         Ok(other_tensors(&self.format, &copy, &self.blobs, weights)?.is_empty())
     }
 }
 
-/// The policy that the genesis names.
+/// The genesis's policy.
 ///
 /// # Errors
-/// Its blob is not there, is damaged, or holds no policy.
+/// Its blob is missing, is damaged, or holds no policy.
 pub fn founded_with(genesis: &Genesis, blobs: &Blobs) -> Result<Policy> {
     blobs.check(&genesis.policy)?;
     Ok(policy_file::load(&blobs.path(&genesis.policy))?.policy)
 }
 
-/// The weights of the blob `weights` in float32, for the policy of `folder`.
+/// In float32.
 ///
 /// # Errors
-/// The blob is not there, is damaged, or holds other weights.
+/// The blob is missing, is damaged, or holds other weights.
 fn weights_of(
     format: &Format,
     folder: &PolicyFolder,
@@ -132,10 +131,10 @@ fn weights_of(
     Ok(base.weights.into_tensors())
 }
 
-/// The tensors of `folder` that are not those of the blob `weights`, in the types that the folder has them in.
+/// Names the tensors of `folder` that differ from the blob `weights` in the folder's types.
 ///
 /// # Errors
-/// The blob is not there, is damaged, or holds other weights; or the folder lacks a tensor or cannot be read.
+/// The blob is missing, is damaged, or holds other weights; or the folder lacks a tensor or cannot be read.
 pub fn other_tensors(
     format: &Format,
     folder: &PolicyFolder,

@@ -5,8 +5,8 @@ use zk0_lerobot::dataset::{refuse_different, Dataset};
 use zk0_smolvla::frames::cameras::camera_slots;
 use zk0_smolvla::PolicyConfig;
 
-/// Refuses recordings that differ from one another (in their frames per second, joints or cameras), or that do not fit the policy, before
-/// minutes are spent on them. Cameras that the policy does not take are warned of.
+/// Refuses recordings that differ in frames per second, joints or cameras, or do not fit the policy, before minutes are spent. Warns of
+/// cameras that the policy does not take.
 pub fn refuse_unfit(config: &PolicyConfig, datasets: &[Dataset]) -> Result<()> {
     refuse_different(datasets.iter().map(|d| (d.root(), d.info())))?;
     datasets

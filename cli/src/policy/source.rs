@@ -21,7 +21,7 @@ pub enum PolicySource {
 }
 
 impl PolicySource {
-    /// Reads or makes the policy, with the tokenizer that reads its instructions.
+    /// Reads or makes the policy, with its tokenizer.
     pub fn load(&self) -> Result<PolicyFile> {
         match self {
             Self::Path(path) => read(path),
@@ -38,10 +38,10 @@ impl PolicySource {
         }
     }
 
-    /// How the policy is used: among others, the statistics that it was trained with, if it has any. This reads no weights.
+    /// How the policy is used, with any statistics of its training. Reads no weights.
     ///
     /// # Errors
-    /// The policy cannot be read, or it normalises in a way that zk0 does not implement.
+    /// The policy cannot be read, or zk0 does not implement its normalisation.
     pub fn inference(&self) -> Result<Inference> {
         match self {
             Self::Path(path) if path.is_dir() => folder_inference(path),
@@ -50,7 +50,7 @@ impl PolicySource {
         }
     }
 
-    /// The LeRobot policy folder, if the policy comes from one.
+    /// The LeRobot policy folder, if there is one.
     pub fn lerobot(&self) -> Result<Option<PolicyFolder>> {
         match self {
             Self::Path(path) if path.is_dir() && !is_reference(path) => {
@@ -60,7 +60,7 @@ impl PolicySource {
         }
     }
 
-    /// The name of the policy, for people.
+    /// The policy's name, for people.
     pub fn name(&self) -> String {
         match self {
             Self::Path(path) => path.display().to_string(),
@@ -71,9 +71,9 @@ impl PolicySource {
     }
 }
 
-/// Reads a policy file or a folder. The folder is one that LeRobot's `save_pretrained` wrote, or a reference with policy_config.json,
-/// vlm_config.json and weights.safetensors. The tokenizer is the file's, or the folder's tokenizer.json, or that of the repository which the
-/// folder names, from the Hub's cache. Where none is named, words are hashed, which suits policies that start at random.
+/// Reads a policy file, a folder of LeRobot's `save_pretrained`, or a reference with policy_config.json, vlm_config.json and
+/// weights.safetensors. The tokenizer is the file's, the folder's tokenizer.json, or that of the repository which the folder names, from
+/// the Hub's cache. Without one, words are hashed, which suits policies that start at random.
 pub fn read(path: &Path) -> Result<PolicyFile> {
     if !path.is_dir() {
         return policy_file::load(path)
@@ -84,7 +84,6 @@ pub fn read(path: &Path) -> Result<PolicyFile> {
     Ok(PolicyFile { policy, tokenizer })
 }
 
-/// Whether a folder is a reference, and not a LeRobot policy folder.
 fn is_reference(folder: &Path) -> bool {
     folder.join("policy_config.json").exists()
 }
@@ -94,7 +93,7 @@ fn read_folder(path: &Path) -> Result<Policy> {
         return Ok(Policy::from_folder(&PolicyFolder::open(path)?)?);
     }
     let mut config = reference_config(path)?.dims;
-    // A reference has no processors that could rename cameras: they go by the recording's names.
+    // A reference does not rename cameras: the recording's names count.
     config.camera_names.clear();
     Policy::from_safetensors(&config, &file(path, "weights.safetensors")?)
         .with_context(|| format!("reading the policy {}", path.display()))
@@ -152,7 +151,7 @@ fn folder_tokenizer(folder: &Path, config: &PolicyConfig) -> Result<PolicyTokeni
     }
 }
 
-/// The policy that the options name, in one of two ways.
+/// The policy that one of two options names.
 pub fn one(path: Option<&PathBuf>, profile: Option<Profile>, seed: u64) -> Result<PolicySource> {
     match (path, profile) {
         (Some(path), None) => Ok(PolicySource::Path(path.clone())),
@@ -182,7 +181,6 @@ mod tests {
         serde_json::to_vec(&definition).unwrap()
     }
 
-    /// LeRobot's fixture as a reference folder.
     fn folder() -> (tempfile::TempDir, PolicySource) {
         let fixture = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures/smolvla_tiny");
         let dir = tempfile::tempdir().unwrap();
@@ -209,7 +207,7 @@ mod tests {
         let file = dir.path().join("tokenizer.json");
         fs::write(&file, definition()).unwrap();
         assert_eq!(tokens(&source), [2, 3]);
-        // A file that cannot be used is an error. It is never passed over.
+        // An unusable file is an error.
         fs::write(&file, "{}").unwrap();
         assert!(source.load().is_err());
     }

@@ -1,4 +1,4 @@
-//! The options that transform the pictures of training frames.
+//! The options for transforms of training pictures.
 
 use anyhow::{bail, Context, Result};
 use serde::Serialize;
@@ -8,10 +8,8 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use zk0_smolvla::frames::image_transforms::{ImageTransformsConfig, Variants};
 
-/// The default number of variants of a frame.
 const DEFAULT_VARIANTS: usize = 4;
 
-/// Largest configuration that is read, in bytes.
 const MAX_CONFIG: u64 = 1 << 20;
 
 /// Which transforms training frames get.
@@ -37,21 +35,19 @@ pub struct TransformOptions {
     image_variants: Option<usize>,
 }
 
-/// What a run's report says about transforms.
+/// A run report's entry about transforms.
 #[derive(Clone, Debug, Serialize)]
 pub struct Transforms {
-    /// LeRobot's configuration.
     #[serde(flatten)]
     config: ImageTransformsConfig,
-    /// The variants of each frame.
     variants: usize,
 }
 
 impl TransformOptions {
-    /// The transforms; `None` if pictures stay as they are recorded.
+    /// The transforms; `None` if pictures stay as recorded.
     ///
     /// # Errors
-    /// The configuration cannot be read or used, or options are given that are of no use without transforms.
+    /// The configuration cannot be read or used, or options have no use without transforms.
     pub fn transforms(&self) -> Result<Option<Transforms>> {
         let mut config = match &self.image_transforms_config {
             Some(path) => read(path)
@@ -83,7 +79,7 @@ impl TransformOptions {
         }))
     }
 
-    /// What makes the variants of training frames.
+    /// Makes variants of training frames.
     ///
     /// # Errors
     /// As [`Self::transforms`].
@@ -97,7 +93,7 @@ impl TransformOptions {
     }
 }
 
-/// Reads the configuration of transforms, or the configuration of LeRobot's training that contains it.
+/// Also reads a configuration of LeRobot's training that contains them.
 fn read(path: &Path) -> Result<ImageTransformsConfig> {
     let mut text = String::new();
     File::open(path)?
@@ -110,7 +106,7 @@ fn read(path: &Path) -> Result<ImageTransformsConfig> {
     if value.get("dataset").is_none() {
         return Ok(serde_json::from_str(&text)?);
     }
-    /// The order of the transforms counts, so they are read from the text.
+    /// Read from the text, because the order counts.
     #[derive(serde::Deserialize)]
     struct Training {
         dataset: Dataset,

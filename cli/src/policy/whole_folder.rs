@@ -5,13 +5,17 @@ use std::fs::{self, File};
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
-/// Writes the folder `name` in `out` by `write`, which gets an empty place to write to. A folder of that name is replaced. If writing fails,
-/// or the process is killed, the folder of that name is what it was before.
+/// Has `write` fill a new folder, which then replaces `name` in `out`. After a failure or a kill, `name` is what it was before. A kill between
+/// the two renames leaves it as `name.replaced`, which the next call puts back first.
 pub fn write(out: &Path, name: &str, write: impl FnOnce(&Path) -> Result<()>) -> Result<PathBuf> {
     let folder = out.join(name);
     let aside = |suffix: &str| out.join(format!("{name}.{suffix}"));
     let (unfinished, replaced) = (aside("unfinished"), aside("replaced"));
-    // A killed process may have left these.
+    if replaced.exists() && !folder.exists() {
+        let back = fs::rename(&replaced, &folder);
+        back.with_context(|| format!("putting {} back", folder.display()))?;
+    }
+    // A killed process may leave these.
     remove(&unfinished)?;
     remove(&replaced)?;
     write(&unfinished)?;
@@ -52,7 +56,7 @@ mod tests {
             }
         };
         let read = || fs::read_to_string(out.join("folder/file")).unwrap();
-        // A process was killed while it wrote.
+        // A process was killed while writing.
         fs::create_dir(out.join("folder.unfinished")).unwrap();
         fs::write(out.join("folder.unfinished/file"), "half").unwrap();
         write(out, "folder", content("first")).unwrap();
@@ -61,6 +65,11 @@ mod tests {
             content("second")(to)?;
             bail!("the disk is full")
         });
+        assert!(failed.is_err());
+        assert_eq!(read(), "first");
+        // A process was killed between the two renames.
+        fs::rename(out.join("folder"), out.join("folder.replaced")).unwrap();
+        let failed = write(out, "folder", |_| bail!("the disk is full"));
         assert!(failed.is_err());
         assert_eq!(read(), "first");
         write(out, "folder", content("third")).unwrap();

@@ -1,4 +1,4 @@
-//! `zk0 publish hub`: the policy of a round, on the Hugging Face Hub.
+//! `zk0 publish hub`: a round's policy on the Hugging Face Hub.
 
 use crate::dataset::RecordingName;
 use crate::output::println;
@@ -59,7 +59,7 @@ impl Hub {
             );
             return Ok(());
         }
-        // A missing token is said before minutes are spent.
+        // A missing token is named before minutes are spent.
         let target = target(to, self.private)?;
         let folder = tempfile::tempdir().context("a folder for the policy (TMPDIR says where)")?;
         self.write(folder.path())?;
@@ -72,7 +72,6 @@ impl Hub {
         Ok(())
     }
 
-    /// Writes what is to be published into a new or empty folder.
     fn write(&self, folder: &Path) -> Result<()> {
         let (genesis, facts) = facts(&self.ledger, self.network.as_ref(), self.round)?;
         let blobs = Blobs::at(&self.ledger);
@@ -88,7 +87,7 @@ pub fn summary(round: u64) -> String {
     format!("Round {round}")
 }
 
-/// The repository on the Hub that the environment names, by the token that it holds, or that `hf auth login` has left.
+/// The repository on the environment's Hub, with its token or that of `hf auth login`.
 ///
 /// # Errors
 /// There is no token.
@@ -102,10 +101,10 @@ pub fn target(repository: &Repository, private: bool) -> Result<PublishTarget> {
     })
 }
 
-/// The genesis of the ledger in `dir`, and what the ledger says of `round`.
+/// The genesis and the facts about `round` of the ledger in `dir`.
 ///
 /// # Errors
-/// The ledger is of another network or has faults, or the round has not closed.
+/// The ledger is another network's or has faults, or the round has not closed.
 pub fn facts(dir: &Path, network: Option<&Digest>, round: u64) -> Result<(Genesis, RoundFacts)> {
     let report = zk0_ledger::replay(dir, network, &mut ());
     let faults = report.findings.iter();

@@ -1,4 +1,4 @@
-//! `zk0 publish`: what a network has trained, for those who look for it elsewhere.
+//! `zk0 publish`: publishes what a network has trained.
 
 mod hub;
 pub mod model_card;

@@ -1,4 +1,4 @@
-//! The model card of a policy folder on the Hub: `README.md`, with the header that the Hub reads.
+//! A policy folder's model card: `README.md` with the Hub's header.
 
 use crate::publish::round_facts::{AcceptedContribution, RoundFacts};
 use anyhow::{bail, Context, Result};
@@ -24,7 +24,7 @@ pub struct CardOptions {
     hf_datasets: Vec<String>,
 }
 
-/// What goes into the header as it is.
+/// Goes into the header as it is.
 fn identifier(text: &str) -> Result<String> {
     let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"._-/".contains(&byte);
     if !text.is_empty() && text.len() <= 200 && text.bytes().all(plain) {
@@ -35,7 +35,7 @@ fn identifier(text: &str) -> Result<String> {
 }
 
 impl CardOptions {
-    /// Writes the card into the policy folder `folder`, which is published as `to`. A card that is there is replaced.
+    /// Writes or replaces the card in `folder`, which is published as `to`.
     ///
     /// # Errors
     /// The weights cannot be read, or the card cannot be written.
@@ -154,7 +154,7 @@ fn table(contributions: &[AcceptedContribution]) -> String {
     table + "\n"
 }
 
-/// A name that others chose, without what Markdown or HTML would take for theirs.
+/// Others chose the name: it must not act as Markdown or HTML.
 fn plain(name: &str) -> String {
     let shown = |c: char| {
         if c.is_alphanumeric() || " .-/:".contains(c) {

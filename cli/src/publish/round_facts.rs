@@ -1,4 +1,4 @@
-//! What a ledger says of one round, for those who read a model card.
+//! A ledger's facts about one round, for model cards.
 
 use anyhow::{Context, Result};
 use std::collections::BTreeMap;
@@ -7,20 +7,20 @@ use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::entries::genesis::Genesis;
 use zk0_protocol::{Body, Entry};
 
-/// A round that has closed.
+/// A closed round.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RoundFacts {
     /// The network's name.
     pub network: String,
     /// Its id.
     pub id: Digest,
-    /// The verifier key of its log.
+    /// Its log's verifier key.
     pub log_key: String,
     /// The round.
     pub round: u64,
     /// The entry that closed it.
     pub closed_entry: u64,
-    /// The file of the global weights that it closed with.
+    /// The file of the new global weights.
     pub weights: Digest,
     /// Whether the contributions changed the global weights.
     pub is_taken: bool,
@@ -33,15 +33,15 @@ pub struct RoundFacts {
 pub struct AcceptedContribution {
     /// The node.
     pub node: NodeId,
-    /// What it is called; empty if the ledger does not say it.
+    /// Its name; empty if the ledger has none.
     pub name: String,
     /// The entry that accepted it.
     pub entry: u64,
-    /// The proven mean squared errors before and after, if the claim discloses them.
+    /// The proven mean squared errors before and after, if disclosed.
     pub losses: Option<(f64, f64)>,
 }
 
-/// Collects the facts from a ledger's entries, in their order.
+/// Collects the facts from a ledger's entries, in order.
 pub struct Collector {
     genesis: Genesis,
     spec: EvalSpec,
@@ -52,10 +52,10 @@ pub struct Collector {
 }
 
 impl Collector {
-    /// For `round` of the network with this genesis.
+    /// For `round` of this genesis's network.
     ///
     /// # Errors
-    /// The network's evaluation specification cannot be read.
+    /// The evaluation specification cannot be read.
     pub fn new(genesis: &Genesis, round: u64) -> Result<Self> {
         Ok(Self {
             genesis: genesis.clone(),
@@ -67,7 +67,7 @@ impl Collector {
         })
     }
 
-    /// A node is called `name`.
+    /// Names a node.
     pub fn named(&mut self, node: NodeId, name: &str) {
         self.names.insert(node, name.into());
     }

@@ -1,27 +1,26 @@
-//! A file of settings: TOML with one key for each setting, and no tables.
+//! A TOML file with one key for each setting, and no tables.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use toml::{Spanned, Value};
 use zk0_files::bounded_file;
 
-/// Largest file that is read, in bytes.
 const MAX_FILE_BYTES: u64 = 1 << 20;
 
 /// The file, as errors name it.
 #[derive(Default)]
 pub(super) struct SettingsFile(PathBuf);
 
-/// What the file says of one setting.
+/// One setting in the file.
 pub(super) struct FileSetting {
     pub key: String,
-    /// Where the file says it, counted from 1.
+    /// Counted from 1.
     pub line: usize,
     value: Value,
 }
 
 impl SettingsFile {
-    /// Reads the settings of the file, in the order of their lines. The error says what is wrong with it, and where.
+    /// Reads the settings in the order of lines. The error states what is wrong, and where.
     pub fn read(path: &Path) -> Result<(Self, Vec<FileSetting>), String> {
         let named = |why: &dyn std::fmt::Display| format!("{}: {why}", path.display());
         let bytes = bounded_file::read(path, MAX_FILE_BYTES).map_err(|error| named(&error))?;
@@ -53,13 +52,13 @@ impl SettingsFile {
 }
 
 impl FileSetting {
-    /// The value of a setting that is on or off.
+    /// The value of a switch.
     pub fn flag(&self) -> Result<bool, &'static str> {
         let wrong = "this setting is true or false, without quotation marks";
         self.value.as_bool().ok_or(wrong)
     }
 
-    /// The values of a setting that may have several.
+    /// The values of a list.
     pub fn list(&self) -> Result<Vec<String>, &'static str> {
         let wrong = "this setting is a list, such as [\"one\", \"other\"]";
         let values = self.value.as_array().ok_or(wrong)?;
@@ -69,7 +68,7 @@ impl FileSetting {
             .collect()
     }
 
-    /// The value of any other setting, as a flag would have it.
+    /// Any other value, as a flag has it.
     pub fn value(&self) -> Result<String, &'static str> {
         text(&self.value).ok_or("this setting is one text in quotation marks, or one number")
     }

@@ -1,8 +1,8 @@
-//! Settings of the commands that run until they are told to end. Each setting is a flag, an environment variable and a key of the file that
-//! `--config` names. A flag counts before a variable, a variable before the file, and the file before the default.
+//! Settings of the commands that run until they are told to end. Each is a flag, an environment variable and a key of the file of
+//! `--config`. Flags come first, then variables, the file, the default.
 //!
-//! Nothing is listed twice: the variables are added to the flags that a command declares, and what the file says is put among the arguments,
-//! unless a flag or a variable says it already. So one parser checks all values, wherever they come from.
+//! Nothing is listed twice: variables are added to flags, and the file's settings to the arguments, unless they are given already. So one
+//! parser checks all values.
 
 mod file;
 
@@ -13,7 +13,7 @@ use std::env;
 use std::ffi::OsString;
 use std::path::PathBuf;
 
-/// The commands that have settings. The first word is part of the names of their variables.
+/// The first word is in the names of their variables.
 const SERVICES: [[&str; 2]; 6] = [
     ["aggregator", "serve"],
     ["node", "join"],
@@ -23,21 +23,19 @@ const SERVICES: [[&str; 2]; 6] = [
     ["audit", "watch"],
 ];
 
-/// The flag that names the file.
 const CONFIG: &str = "config";
 
-/// What `--help` says at its end.
 const ORDER: &str = "\
 Each setting is a flag, an environment variable and a key of the file that --config names (TOML). A flag counts before the variable, the \
 variable before the file, and the file before the default. In the file, a setting has the name of its flag without the dashes, or of its \
 argument in small letters.";
 
-/// Parses the process's arguments. If they are wrong, this prints why, and ends the process with exit code 2.
+/// Parses the process's arguments. If they are wrong, prints why, and exits with code 2.
 pub fn parse<T: CommandFactory + FromArgMatches>() -> T {
     parse_from(env::args_os().collect()).unwrap_or_else(|error| error.exit())
 }
 
-/// Parses these arguments, of which the first is the name of the program.
+/// Parses these arguments; the first is the program's name.
 ///
 /// # Errors
 /// The arguments, a variable or the file is wrong, or help is asked for.
@@ -52,7 +50,7 @@ pub fn parse_from<T: CommandFactory + FromArgMatches>(
             from_variables(&command, matches),
             from_file(&mut command, matches, &arguments)?,
         ),
-        // The parser below says what is wrong.
+        // The parser below reports the error.
         Err(_) => Default::default(),
     };
     let mut command = each_service(command, |service, _| service.mut_args(without_false));
@@ -73,11 +71,11 @@ pub fn parse_from<T: CommandFactory + FromArgMatches>(
     T::from_arg_matches(&matches).map_err(|error| error.format(&mut command))
 }
 
-/// Changes the services. What changes them is also told the first word of each.
+/// `change` also gets each service's first word.
 fn each_service(mut command: Command, change: impl Fn(Command, &str) -> Command) -> Command {
     for [group, name] in SERVICES {
         let services = command.find_subcommand(group);
-        // An auditor's light build has fewer.
+        // A light build has fewer.
         if services.is_some_and(|services| services.find_subcommand(name).is_some()) {
             command = command.mut_subcommand(group, |services| {
                 services.mut_subcommand(name, |service| change(service, group))
@@ -87,7 +85,7 @@ fn each_service(mut command: Command, change: impl Fn(Command, &str) -> Command)
     command
 }
 
-/// Adds the variables and `--config` to a service.
+/// Adds the variables and `--config`.
 fn settable(service: Command, group: &str) -> Command {
     let file = Arg::new(CONFIG)
         .long(CONFIG)
@@ -98,7 +96,7 @@ fn settable(service: Command, group: &str) -> Command {
     service.mut_args(|arg| {
         let name = format!("ZK0_{group}_{}", key(&arg)).replace('-', "_");
         let name = name.to_uppercase();
-        // clap wants names that live as long as the process. There are some dozen.
+        // clap needs static names. There are some dozen.
         let arg = arg.env(&*name.leak()).hide_env_values(true);
         match arg.get_action() {
             ArgAction::Append => arg.value_delimiter(','),
@@ -107,7 +105,7 @@ fn settable(service: Command, group: &str) -> Command {
     })
 }
 
-/// A parser that only finds out which service is meant, and which of its settings are given. It accepts any value, and lacks none.
+/// Finds only the service and the settings given. Accepts any value.
 fn probe(command: &Command) -> Command {
     let lenient = |arg: Arg| match arg.get_action() {
         ArgAction::Set | ArgAction::Append => arg
@@ -119,7 +117,7 @@ fn probe(command: &Command) -> Command {
     each_service(probe, |service, _| service.mut_args(lenient))
 }
 
-/// Takes the variable from a switch that it turns off. clap would count the switch as given, and ask for what it needs.
+/// Removes a variable that turns the switch off: clap would count the switch as given, and ask for what it needs.
 fn without_false(arg: Arg) -> Arg {
     let said = arg.get_env().and_then(env::var_os);
     if same(arg.get_action(), &ArgAction::SetTrue) && said.is_some_and(|said| said == "false") {
@@ -129,13 +127,12 @@ fn without_false(arg: Arg) -> Arg {
     }
 }
 
-/// A setting that a variable says, with its flag as clap names it in errors.
 struct FromVariable {
     name: String,
     shown: String,
 }
 
-/// The settings that variables say and no flag does.
+/// Settings with a variable and no flag.
 fn from_variables(command: &Command, matches: &ArgMatches) -> Vec<FromVariable> {
     let Some(names @ [group, name]) = service_of(matches) else {
         return Vec::new();
@@ -147,7 +144,7 @@ fn from_variables(command: &Command, matches: &ArgMatches) -> Vec<FromVariable> 
         return Vec::new();
     };
     let said = service.get_arguments().filter(|arg| {
-        // `--config` is in no file, but it may be a variable.
+        // No file has `--config`, but a variable may.
         (is_setting(arg) || arg.get_id() == CONFIG) && !is_flag_given(arg, given)
     });
     said.filter_map(|arg| {
@@ -160,20 +157,17 @@ fn from_variables(command: &Command, matches: &ArgMatches) -> Vec<FromVariable> 
     .collect()
 }
 
-/// What the arguments say of this service.
 fn given<'a>(matches: &'a ArgMatches, [group, name]: [&str; 2]) -> Option<&'a ArgMatches> {
     matches
         .subcommand_matches(group)
         .and_then(|matches| matches.subcommand_matches(name))
 }
 
-/// What a file adds to the arguments.
 #[derive(Default)]
 struct FromFile {
-    /// Before the argument of this number.
+    /// Before this argument.
     at: usize,
     file: SettingsFile,
-    /// The settings that count, with their flags as clap names them in errors.
     counting: Vec<CountingSettings>,
 }
 
@@ -183,7 +177,6 @@ struct CountingSettings {
     arguments: Vec<OsString>,
 }
 
-/// Reads the file that the arguments or the environment name, if there is one.
 fn from_file(
     command: &mut Command,
     matches: &ArgMatches,
@@ -251,7 +244,6 @@ fn from_file(
     })
 }
 
-/// The service that the arguments name.
 fn service_of(matches: &ArgMatches) -> Option<[&'static str; 2]> {
     let (group, services) = matches.subcommand()?;
     let named = [group, services.subcommand_name()?];
@@ -268,12 +260,10 @@ fn same(one: &ArgAction, other: &ArgAction) -> bool {
     std::mem::discriminant(one) == std::mem::discriminant(other)
 }
 
-/// What a setting is called in the file.
 fn key(arg: &Arg) -> &str {
     arg.get_long().unwrap_or(arg.get_id().as_str())
 }
 
-/// Whether a flag or a variable says it.
 fn is_given(arg: &Arg, matches: &ArgMatches) -> bool {
     is_flag_given(arg, matches)
         || arg
@@ -281,13 +271,11 @@ fn is_given(arg: &Arg, matches: &ArgMatches) -> bool {
             .is_some_and(|name| env::var_os(name).is_some())
 }
 
-/// Whether a flag says it.
 fn is_flag_given(arg: &Arg, matches: &ArgMatches) -> bool {
     let source = matches.value_source(arg.get_id().as_str());
     source == Some(clap::parser::ValueSource::CommandLine)
 }
 
-/// The arguments that say the same as the file.
 fn arguments_of(arg: &Arg, setting: &FileSetting) -> Result<Vec<OsString>, &'static str> {
     let said = |value: String| match arg.get_long() {
         Some(long) => format!("--{long}={value}").into(),
@@ -304,7 +292,7 @@ fn arguments_of(arg: &Arg, setting: &FileSetting) -> Result<Vec<OsString>, &'sta
     }
 }
 
-/// Where the arguments after the names of the service begin. Nothing but the format of the log comes before them.
+/// Only the log's format comes before the service's names.
 fn after_name(arguments: &[OsString], names: [&str; 2]) -> usize {
     let mut at = 1;
     for name in names {
@@ -320,14 +308,12 @@ impl FromFile {
         all.flat_map(|setting| setting.arguments.clone()).collect()
     }
 
-    /// The line of the file that says this argument, if one does.
     fn place(&self, arg: &str) -> Option<String> {
         let setting = self.counting.iter().find(|one| one.shown == arg)?;
         Some(format!("{}, line {}", self.file.name(), setting.line))
     }
 }
 
-/// The argument that an error is about, as clap names it.
 fn about(error: &clap::Error) -> Option<&str> {
     match error.get(ContextKind::InvalidArg) {
         Some(ContextValue::String(arg)) => Some(arg),
@@ -335,7 +321,6 @@ fn about(error: &clap::Error) -> Option<&str> {
     }
 }
 
-/// The error with the place that says what is wrong.
 fn placed(command: &mut Command, error: &clap::Error, place: &str) -> clap::Error {
     let text = error.render().to_string();
     let why = text.split("\n\n").next().unwrap_or_default();

@@ -1,5 +1,5 @@
-//! The curves of a simulation, for TensorBoard: a folder for the global weights, for each node and for each unseen recording, so that TensorBoard
-//! draws them as runs. Their steps are the optimiser steps that a node makes in the rounds so far.
+//! A simulation's curves for TensorBoard: a run for the global weights, each node and each unseen recording. Steps are a node's optimiser
+//! steps.
 
 use anyhow::{bail, Context, Result};
 use std::collections::BTreeMap;
@@ -7,12 +7,11 @@ use std::path::Path;
 use zk0_simulate::robots::outcome::{SimulatedRound, TrainedNode};
 use zk0_tensorboard::{metrics, EventFile};
 
-/// Each node has an open file, and more would be no use in TensorBoard.
+/// Each node has an open file.
 const MAX_NODES: usize = 500;
 
-/// The files.
+/// The curves' files.
 pub struct CurveFiles {
-    /// Optimiser steps of a round.
     steps: u64,
     global: EventFile,
     nodes: Vec<EventFile>,
@@ -20,10 +19,10 @@ pub struct CurveFiles {
 }
 
 impl CurveFiles {
-    /// In `folder`, of a simulation with these nodes and unseen recordings. One that goes on goes on with its curves.
+    /// Opens `folder`. A resumed simulation continues its curves.
     ///
     /// # Errors
-    /// There are too many nodes, the folder holds the curves of another run, or it cannot be written to.
+    /// There are too many nodes, or the folder holds another run's curves or cannot be written to.
     pub fn open<'n>(
         folder: &Path,
         goes_on: bool,
@@ -56,7 +55,7 @@ impl CurveFiles {
         })
     }
 
-    /// Adds what a round came to.
+    /// Adds a round's results.
     pub fn add(&self, round: &SimulatedRound) {
         let step = round.round.saturating_mul(self.steps);
         let number = (metrics::ROUND, round.round as f64);
@@ -81,7 +80,6 @@ impl CurveFiles {
     }
 }
 
-/// The means over a node's steps in a round.
 fn trained(told: &TrainedNode) -> Vec<(&'static str, f64)> {
     let mut values = vec![
         (metrics::LOSS, told.loss),

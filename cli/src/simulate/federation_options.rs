@@ -1,4 +1,4 @@
-//! The federation that `zk0 simulate` and `zk0 compare` make on this machine: its data, its policy, and how its nodes train.
+//! The federation of `zk0 simulate` and `zk0 compare`: data, policy, and training.
 
 use crate::dataset::{of_recording, CameraNames, RecordingName};
 use crate::policy::{self, CacheOptions, PolicySource};
@@ -68,7 +68,7 @@ pub struct FederationOptions {
     cache: CacheOptions,
 }
 
-/// The policy to start from, and the recordings as its samples.
+/// The initial policy, and the recordings as samples.
 pub struct StartingPoint {
     /// The policy.
     pub file: PolicyFile,
@@ -78,7 +78,7 @@ pub struct StartingPoint {
     pub unseen: Vec<SampledRecording>,
 }
 
-/// Reads a strategy as the options take it.
+/// Reads a strategy from an option.
 pub fn strategy(given: &str) -> Result<Strategy, String> {
     let given = given.trim();
     let value = if given.starts_with(['{', '"']) {
@@ -92,7 +92,7 @@ pub fn strategy(given: &str) -> Result<Strategy, String> {
 }
 
 impl FederationOptions {
-    /// The policy to start from, with random weights of this seed if there is no other policy.
+    /// The initial policy, by default with random weights of this seed.
     pub fn source(&self, seed: u64) -> Result<PolicySource> {
         let profile = match self.policy {
             None => self.profile.or(Some(Profile::Micro)),
@@ -138,7 +138,7 @@ impl FederationOptions {
         }
     }
 
-    /// Which data nodes get, where each holds out this share of its episodes.
+    /// The nodes' data. Each holds out this share of its episodes.
     pub fn dealing(&self, held_out: f64) -> Dealing {
         Dealing {
             nodes: self.nodes.map(|nodes| nodes as usize),
@@ -149,14 +149,14 @@ impl FederationOptions {
         }
     }
 
-    /// How many nodes of a policy with these weights train at a time.
+    /// How many nodes train at a time.
     pub fn threads(&self, expert: &ExpertWeights) -> usize {
         let tensors = expert.tensors().values();
         let weights: usize = tensors.map(|tensor| tensor.data.len()).sum();
         let cores = || thread::available_parallelism().map_or(1, usize::from);
         match self.threads {
             Some(threads) => threads as usize,
-            // A large policy keeps all cores busy by itself.
+            // A large policy keeps all cores busy.
             None if weights > 1_000_000 => 1,
             None => cores(),
         }

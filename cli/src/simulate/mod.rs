@@ -1,5 +1,4 @@
-//! `zk0 simulate`: a federation on one machine, without proofs. A run may be stopped at any moment and resumed: the results are the same, byte
-//! for byte.
+//! `zk0 simulate`: a federation on one machine, without proofs. A resumed run gives the same results, byte for byte.
 
 mod curves;
 pub mod federation_options;
@@ -29,7 +28,6 @@ use zk0_smolvla::measure::fixed_point::dims;
 use zk0_smolvla::ExpertWeights;
 use zk0_weights::Format;
 
-/// Said at the beginning and at the end.
 const NOT_PROVEN: &str =
     "nothing in this simulation is proven, signed or recorded: `zk0 demo` and real networks do that";
 
@@ -63,14 +61,13 @@ pub fn run(options: &SimulateOptions) -> Result<()> {
     Ok(())
 }
 
-/// What is simulated.
 struct Simulation<'a> {
     options: &'a SimulateOptions,
     robots: Robots,
     unseen: Vec<NodeData>,
-    /// What the first round starts from, before it is rounded.
+    /// The start, before rounding.
     expert: ExpertWeights,
-    /// What the simulation is of: policy, recordings and options.
+    /// Of policy, recordings and options.
     of: Digest,
     threads: usize,
     curves: Option<CurveFiles>,
@@ -118,7 +115,6 @@ impl<'a> Simulation<'a> {
         })
     }
 
-    /// The rounds that are done, and what the next one starts from.
     fn begin(&self) -> Result<(u64, GlobalState)> {
         let out = &self.options.out;
         if saved::exists(out) {
@@ -144,7 +140,6 @@ impl<'a> Simulation<'a> {
         Ok((0, start))
     }
 
-    /// Makes a round, and keeps what it came to.
     fn round(&self, round: u64, global: GlobalState) -> Result<GlobalState> {
         let count = self.robots.nodes.len();
         let chosen = rounds::sample(
@@ -160,7 +155,6 @@ impl<'a> Simulation<'a> {
         Ok(global)
     }
 
-    /// Keeps what `rounds` rounds came to.
     fn keep(&self, rounds: u64, global: &GlobalState, moved: Option<f64>) -> Result<()> {
         let weights = &global.base.weights;
         let all: Vec<&NodeData> = self.robots.nodes.iter().chain(&self.unseen).collect();

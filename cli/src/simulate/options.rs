@@ -34,7 +34,7 @@ pub struct SimulateOptions {
 }
 
 impl SimulateOptions {
-    /// Refuses what makes no sense.
+    /// Refuses invalid options.
     pub fn check(&self) -> Result<()> {
         if !(self.share > 0.0 && self.share <= 1.0) {
             bail!(
@@ -45,12 +45,12 @@ impl SimulateOptions {
         Ok(())
     }
 
-    /// Which data nodes get.
+    /// The nodes' data.
     pub fn dealing(&self) -> Dealing {
         self.federation.dealing(self.eval_episodes)
     }
 
-    /// Where the curves go, if the user wants them.
+    /// The curves' files, if wanted.
     pub fn curves(&self, robots: &Robots, unseen: &[NodeData]) -> Result<Option<CurveFiles>> {
         let Some(folder) = &self.tensorboard else {
             return Ok(None);
@@ -66,7 +66,7 @@ impl SimulateOptions {
         .map(Some)
     }
 
-    /// What decides the results besides the recordings and the policy's weights.
+    /// What decides the results, besides recordings and weights.
     pub fn identity(&self) -> String {
         let identity = json!([
             self.federation.strategy,

@@ -1,4 +1,4 @@
-//! The results of a simulation as files.
+//! A simulation's results as files.
 
 use crate::chart::{self, Curve};
 use crate::output::println;
@@ -8,7 +8,7 @@ use zk0_files::{atomic_file, bounded_file};
 use zk0_simulate::robots::outcome::SimulatedRound;
 use zk0_smolvla::ExpertWeights;
 
-/// Largest file of a round that is read. A hundred thousand nodes take some tens of megabytes.
+/// A hundred thousand nodes take tens of megabytes.
 const MAX_ROUND_BYTES: u64 = 256 << 20;
 
 fn path(out: &Path, round: u64) -> PathBuf {
@@ -70,7 +70,7 @@ pub fn finish(out: &Path, history: &[SimulatedRound]) -> Result<()> {
     Ok(())
 }
 
-/// The Euclidean norm of the difference of two sets of weights.
+/// The Euclidean distance of two sets of weights.
 pub fn distance(before: &ExpertWeights, after: &ExpertWeights) -> f64 {
     let pairs = before.tensors().values().zip(after.tensors().values());
     let squares = pairs.flat_map(|(before, after)| {

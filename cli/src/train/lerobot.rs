@@ -1,5 +1,4 @@
-//! `lerobot/` in the folder of a run: the LeRobot policy folder that the run started from, with the trained weights. LeRobot's
-//! `from_pretrained` loads it.
+//! `lerobot/` in a run's folder: the initial LeRobot policy folder with the trained weights.
 
 use crate::policy::{whole_folder, PolicySource};
 use anyhow::{bail, Result};
@@ -8,10 +7,9 @@ use zk0_lerobot::dataset::Stats;
 use zk0_lerobot::policy_folder::Precision;
 use zk0_tensors::TensorSet;
 
-/// Its name in the run's folder.
 const FOLDER: &str = "lerobot";
 
-/// Checks before the first step that the folder can be written after the last one.
+/// Checks before the first step that the folder can be written.
 pub fn check(source: &PolicySource, out: &Path, stats: &Stats, resumes: bool) -> Result<()> {
     let Some(policy_folder) = source.lerobot()? else {
         return Ok(());
@@ -26,7 +24,7 @@ pub fn check(source: &PolicySource, out: &Path, stats: &Stats, resumes: bool) ->
             out.display()
         );
     }
-    // A run that goes on replaces its own folder. This one could belong to another run.
+    // This folder could be another run's.
     if !resumes && folder.exists() {
         bail!(
             "{} exists already: add --resume to go on with the run that wrote it, or choose another --out",
@@ -36,8 +34,7 @@ pub fn check(source: &PolicySource, out: &Path, stats: &Stats, resumes: bool) ->
     Ok(())
 }
 
-/// Writes the folder, whole or not at all. It replaces the folder that the run has written before. `None` if the run did not start from a
-/// LeRobot policy folder.
+/// Writes or replaces the folder, whole or not at all. `None` if the run did not start from a LeRobot policy folder.
 pub fn write(
     source: &PolicySource,
     out: &Path,

@@ -1,4 +1,4 @@
-//! `metrics.jsonl`: a line for each step, and a line for each evaluation. TensorBoard gets the same.
+//! `metrics.jsonl`: a line for each step and each evaluation. TensorBoard gets the same.
 
 use crate::chart::Curve;
 use anyhow::{Context, Result};
@@ -10,7 +10,7 @@ use zk0_files::atomic_file;
 use zk0_smolvla::train::TrainingStep;
 use zk0_tensorboard::{metrics, EventFile};
 
-/// A point of the training curve is the mean of this many steps, or of more: a long run has at most 400 points.
+/// Steps averaged in each point, or more: a long run has at most 400 points.
 const WINDOW: usize = 10;
 
 /// A line of the file.
@@ -34,7 +34,7 @@ pub enum MetricsLine {
         /// Samples through it per second.
         samples_per_second: f64,
     },
-    /// An evaluation of the held-out episodes after a step.
+    /// An evaluation of the held-out episodes.
     Eval {
         /// Steps made.
         step: usize,
@@ -48,7 +48,7 @@ pub enum MetricsLine {
 }
 
 impl MetricsLine {
-    /// The line of a step of `samples` samples that took `seconds`.
+    /// The line of a step of `samples` samples in `seconds`.
     pub fn of(step: &TrainingStep, samples: usize, seconds: f64) -> Self {
         Self::Step {
             step: step.step,
@@ -61,7 +61,6 @@ impl MetricsLine {
         }
     }
 
-    /// The values as curves.
     fn curves(&self) -> Vec<(&'static str, f64)> {
         match *self {
             Self::Step {
@@ -109,8 +108,7 @@ pub struct MetricsFile {
 }
 
 impl MetricsFile {
-    /// Opens `path` for a run that has made `step` steps. Lines of later steps are removed, and so is a line that a stopped process left
-    /// unfinished. TensorBoard reads `events`.
+    /// Opens `path` after `step` steps. Removes later lines, and an unfinished one. TensorBoard reads `events`.
     pub fn open(path: &Path, step: usize, events: Option<EventFile>) -> Result<Self> {
         let kept: Vec<MetricsLine> = match step {
             0 => Vec::new(),
@@ -146,7 +144,7 @@ impl MetricsFile {
     }
 }
 
-/// All whole lines of the file; none if there is no file.
+/// All whole lines; none without a file.
 pub fn read(path: &Path) -> Result<Vec<MetricsLine>> {
     if !path.exists() {
         return Ok(Vec::new());
@@ -158,7 +156,7 @@ pub fn read(path: &Path) -> Result<Vec<MetricsLine>> {
         .collect())
 }
 
-/// The loss curves: training, smoothed, and the held-out episodes, if there are any.
+/// Loss curves: training, smoothed, and any held-out episodes.
 pub fn curves(lines: &[MetricsLine]) -> Vec<Curve> {
     let step = |line: &MetricsLine| match line {
         MetricsLine::Step { step, loss, .. } => Some((*step as f64, *loss)),

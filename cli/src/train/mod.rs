@@ -1,5 +1,4 @@
-//! `zk0 train`: trains a policy on recordings, on this machine. A run may be stopped at any moment and resumed: the result is the same,
-//! byte for byte.
+//! `zk0 train`: trains a policy on recordings. A resumed run gives the same result, byte for byte.
 
 mod lerobot;
 mod metrics;
@@ -86,7 +85,7 @@ fn train<S: SampleKind>(options: &TrainRunOptions) -> Result<()> {
     };
     let data = digest_of(trained_on.iter().map(|frame| frame.key));
 
-    // At the published size the frozen half has 1.4 GB, so nothing holds more of it, or for longer, than it needs.
+    // At the published size the frozen half has 1.4 GB: nothing keeps more than it needs.
     let frozen = mem::take(&mut policy.frozen);
     let frozen = options.train_state_proj.then(|| state_part(frozen));
     let maker = FrameMaker::new(&datasets, config.chunk_size, || {
@@ -110,7 +109,7 @@ fn train<S: SampleKind>(options: &TrainRunOptions) -> Result<()> {
     let prepare =
         |frames| samples::while_training::<S>(cache.as_ref(), &maker, frames).map_err(cache_failed);
     let ours = prepare(trained_on)?;
-    // Losses are measured on frames as they are recorded.
+    // Losses are measured on untransformed frames.
     let recorded = if variants.is_some() && options.lr_boost.is_some() {
         Some(prepare(chosen.train)?)
     } else {
@@ -185,7 +184,7 @@ fn train<S: SampleKind>(options: &TrainRunOptions) -> Result<()> {
     } = S::samples(&ours).ahead(run)?;
 
     let precision = options.lerobot_precision();
-    // If this fails, the trained policy is saved all the same.
+    // If this fails, the trained policy is still saved.
     let lerobot = lerobot::write(&source, out, &values, &stats, precision);
     let mut policy = source.policy()?;
     put_into(&mut policy, values)?;
@@ -199,18 +198,15 @@ fn train<S: SampleKind>(options: &TrainRunOptions) -> Result<()> {
     Ok(())
 }
 
-/// What making the steps gave.
 struct TrainingRun {
-    /// The trained tensors.
     values: TensorSet,
     report: TrainingReport,
-    /// Steps made, without those of the run that was resumed.
+    /// Without those of the resumed run.
     steps: usize,
     seconds: f64,
     evaluated: Option<HeldOutLosses>,
 }
 
-/// The frames of all recordings that are trained on, and those that are held out.
 struct Chosen {
     train: Vec<FrameRef>,
     held_out: Vec<FrameRef>,
@@ -248,7 +244,7 @@ impl Chosen {
     }
 }
 
-/// The split with the numbers that the recording's files give the episodes.
+/// With the recording's own episode numbers.
 fn recorded(split: Split, episodes: &[Episode]) -> Split {
     let numbers = |some: Vec<usize>| some.into_iter().map(|one| episodes[one].recorded).collect();
     Split {
@@ -257,7 +253,7 @@ fn recorded(split: Split, episodes: &[Episode]) -> Split {
     }
 }
 
-/// The samples of the held-out episodes. Each has a noise and a time that stay the same at every evaluation.
+/// Each sample keeps its noise and time at every evaluation.
 struct HeldOut<'c, 'a, S> {
     samples: PreparedFrames<'c, 'a, S>,
     draws: Vec<FlowDraw>,
@@ -275,7 +271,7 @@ impl<S: SampleKind> HeldOut<'_, '_, S> {
     }
 }
 
-/// Makes the steps that are left. Returns the losses on the held-out episodes after the last one.
+/// Makes the steps left. Returns the held-out losses.
 fn steps<S: SampleKind>(
     options: &TrainRunOptions,
     trainer: &mut Trainer,
@@ -306,7 +302,7 @@ fn steps<S: SampleKind>(
         evaluate(trainer, metrics)?;
     }
     if trainer.is_done() {
-        // The run was stopped between the last step and its end.
+        // Stopped between the last step and the end.
         return held_out
             .map(|held_out| held_out.evaluate(trainer))
             .transpose();
@@ -333,7 +329,7 @@ fn steps<S: SampleKind>(
     Ok(last)
 }
 
-/// Locks the folder for this process. The system releases the lock when the process ends, however it ends.
+/// Until the process ends, however it ends.
 fn lock(out: &Path) -> Result<File> {
     let path = out.join(".lock");
     let file = File::create(&path).with_context(|| format!("creating {}", path.display()))?;
@@ -351,8 +347,8 @@ fn lock(out: &Path) -> Result<File> {
     }
 }
 
-/// Normalises all recordings with the same statistics, those of all their frames, because the policy has one normaliser for states and one
-/// for actions when it is used. Returns the statistics.
+/// Normalises all recordings with the statistics of all frames, which it returns: a policy has one normaliser for states and one for
+/// actions.
 fn normalise(
     config: &PolicyConfig,
     inference: &Inference,
@@ -368,7 +364,7 @@ fn normalise(
     Ok(stats)
 }
 
-/// The factor for the learning rate of a client whose loss is high.
+/// The learning rate's factor.
 fn boosted(options: &TrainRunOptions, trainer: &Trainer, samples: TrainingSamples) -> Result<f64> {
     let (Some(factor), Some(prior)) = (options.lr_boost, options.prior_loss) else {
         return Ok(1.0);
@@ -385,7 +381,6 @@ fn boosted(options: &TrainRunOptions, trainer: &Trainer, samples: TrainingSample
     Ok(boosted)
 }
 
-/// Puts trained tensors into the policy they were trained from.
 fn put_into(policy: &mut Policy, mut values: TensorSet) -> Result<()> {
     let expert = expert_layout(&policy.config);
     let besides: Vec<String> = values

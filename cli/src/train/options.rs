@@ -131,7 +131,7 @@ enum Course {
 }
 
 impl TrainRunOptions {
-    /// The policy to start from.
+    /// The initial policy.
     pub fn source(&self) -> Result<PolicySource> {
         policy::one(self.policy.as_ref(), self.profile, self.seed)
     }
@@ -150,7 +150,7 @@ impl TrainRunOptions {
         Ok(Trend::of(&self.round_losses)?)
     }
 
-    /// How to train, before a boost of the learning rate.
+    /// How to train, before a boost.
     pub fn training(&self) -> Result<TrainOptions> {
         let rates = Rates {
             mu: self.fedprox_mu,
@@ -186,7 +186,7 @@ impl TrainRunOptions {
         Ok(options)
     }
 
-    /// Where the curves go, if the user wants them.
+    /// The curves' file, if wanted.
     pub fn event_file(&self) -> Result<Option<EventFile>> {
         let open = if self.resume {
             EventFile::go_on

@@ -1,4 +1,4 @@
-//! `run.json`: what was trained, on which recordings, how, and with which result.
+//! `run.json`: what was trained, on which recordings, how, and the result.
 
 use super::TrainRunOptions;
 use crate::policy::Transforms;
@@ -20,35 +20,34 @@ pub struct TrainingReport {
     version: &'static str,
     policy: String,
     scope: TrainScope,
-    /// How it trains. These numbers contain the trend and the boost already.
+    /// With trend and boost.
     options: TrainOptions,
     device: String,
-    /// The type to which the factors in the frozen half are rounded.
+    /// The frozen half's factors are rounded to it.
     frozen_precision: FrozenPrecision,
-    /// The trend of the global policy's loss, by `--round-losses`.
+    /// Of the global policy's loss, by `--round-losses`.
     trend: Trend,
-    /// The factor for the learning rate because of a high loss at the start.
+    /// For a high loss at the start.
     lr_boost: f64,
     recordings: Vec<TrainingRecording>,
-    /// How the pictures of training frames are transformed, if they are.
     image_transforms: Option<Transforms>,
-    /// How the policy is used afterwards. It contains the statistics that samples are normalised with.
+    /// With the samples' statistics.
     inference: Inference,
     identity: RunIdentity,
-    /// The result, once all steps are made.
+    /// After all steps.
     ended: Option<Ended>,
 }
 
-/// One recording and how it was split.
+/// One recording and its split.
 #[derive(Serialize)]
 pub struct TrainingRecording {
     /// Its folder.
     pub path: String,
-    /// Frames of the episodes trained on.
+    /// Frames trained on.
     pub train_frames: usize,
-    /// Frames of the episodes held out.
+    /// Frames held out.
     pub eval_frames: usize,
-    /// Which episodes are trained on, and which are held out.
+    /// Episodes trained on and held out.
     pub episodes: Split,
 }
 
@@ -66,11 +65,10 @@ pub struct HeldOutLosses {
 pub struct Ended {
     /// SHA-256 of `model.safetensors`.
     model_sha256: String,
-    /// The folder for LeRobot, if the run started from one.
     lerobot: Option<PathBuf>,
-    /// Steps that the process made that ended the run.
+    /// Of the process that ended the run.
     steps: usize,
-    /// How long these steps took, with evaluations and snapshots.
+    /// Of these steps, with evaluations and snapshots.
     seconds: f64,
     held_out: Option<HeldOutLosses>,
 }
@@ -122,7 +120,7 @@ impl TrainingReport {
         })
     }
 
-    /// All steps are made.
+    /// Adds the result.
     pub fn ended(&mut self, ended: Ended) {
         self.ended = Some(ended);
     }

@@ -31,12 +31,15 @@ impl Serving {
         arguments: &[&str],
         variables: &[(impl AsRef<OsStr>, impl AsRef<OsStr>)],
     ) -> Self {
-        let mut process = zk0(&["--log", "json"])
-            .args(arguments)
-            .envs(variables.iter().map(|(name, value)| (name, value)))
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let mut command = zk0(&["--log", "json"]);
+        command.args(arguments);
+        command.envs(variables.iter().map(|(name, value)| (name, value)));
+        Self::of(command)
+    }
+
+    /// Starts a command that runs the binary with a log of JSON lines, and waits until it says where it listens.
+    pub fn of(mut command: Command) -> Self {
+        let mut process = command.stderr(Stdio::piped()).spawn().unwrap();
         let mut log = BufReader::new(process.stderr.take().unwrap());
         let address = (&mut log)
             .lines()

@@ -1,4 +1,4 @@
-//! `zk0 node leave`: a node leaves through a running aggregator, and may be enrolled again.
+//! A node leaves through a running aggregator, and may be enrolled again. The operator suspends and reinstates it.
 
 use crate::harness::network::LocalNetwork;
 use crate::harness::serving::Serving;
@@ -8,7 +8,7 @@ use zk0::keys;
 use zk0_protocol::Body;
 
 #[test]
-fn a_node_leaves_and_is_enrolled_again() {
+fn a_node_leaves_is_enrolled_again_and_suspended() {
     let network = LocalNetwork::new();
     network.found(&[]);
     let id = network.genesis().network_id().to_string();
@@ -33,7 +33,18 @@ fn a_node_leaves_and_is_enrolled_again() {
     let refused = fails(&[&["node", "leave", "--key", &stranger], &of[..]].concat());
     assert!(refused.contains("is not enrolled"), "{refused}");
     logs(&enrol);
-    assert_eq!(prints(&leave), "entry 4: the node has left\n");
+    let identity_text = identity.to_string();
+    let decide = |command| {
+        let decide = ["aggregator", command, "--key", &log_key, &identity_text];
+        prints(&[&decide[..], &of[..]].concat())
+    };
+    let suspended = format!("entry 4: node {identity} is suspended\n");
+    assert_eq!(decide("suspend"), suspended);
+    let refused = fails(&leave);
+    assert!(refused.contains("suspended by the operator"), "{refused}");
+    let reinstated = format!("entry 5: node {identity} is reinstated\n");
+    assert_eq!(decide("reinstate"), reinstated);
+    assert_eq!(prints(&leave), "entry 6: the node has left\n");
     assert!(aggregator.terminate().success());
 
     let left =
@@ -42,5 +53,5 @@ fn a_node_leaves_and_is_enrolled_again() {
     let places: Vec<_> = (0..entries.len())
         .filter(|at| left(&entries[*at].body))
         .collect();
-    assert_eq!(places, [2, 4]);
+    assert_eq!(places, [2, 6]);
 }

@@ -8,14 +8,13 @@ use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::request_head::{Method, RequestHead};
 use zk0_protocol::Signed;
 
-/// What stays the same in all heads of one request, however often it is made.
+/// What all heads of one request share.
 pub(super) struct About {
     method: Method,
     round: Option<u64>,
     body: Digest,
 }
 
-/// The aggregator that heads are for.
 pub(super) struct For {
     pub network: Digest,
     /// The aggregator's run. A restart changes it.
@@ -24,14 +23,12 @@ pub(super) struct For {
     pub clock: Box<dyn Fn() -> u64 + Send + Sync>,
 }
 
-/// The clock of this machine, in Unix milliseconds.
 pub(super) fn system_clock() -> u64 {
     let now = SystemTime::now().duration_since(UNIX_EPOCH);
     now.map_or(0, |now| now.as_millis() as u64)
 }
 
 impl About {
-    /// A request whose message carries this statement.
     pub fn message(method: Method, statement: &[u8]) -> Self {
         Self {
             method,
@@ -40,7 +37,6 @@ impl About {
         }
     }
 
-    /// The statement is about `round`.
     pub fn in_round(self, round: u64) -> Self {
         Self {
             round: Some(round),
@@ -50,7 +46,7 @@ impl About {
 }
 
 impl For {
-    /// A new head of a request of the holder of `key`.
+    /// A new head, signed with `key`.
     pub fn head(&self, about: &About, key: &SigningKey) -> Result<Signed<RequestHead>, NodeError> {
         let mut nonce = [0; 16];
         getrandom::fill(&mut nonce).map_err(NodeError::Random)?;
@@ -68,7 +64,6 @@ impl For {
     }
 }
 
-/// The run that an aggregator names.
 pub(super) fn run(bytes: &[u8]) -> Result<[u8; 16], NodeError> {
     bytes.try_into().map_err(|_| NodeError::Unexpected {
         expected: "a run of the aggregator, of 16 bytes".into(),

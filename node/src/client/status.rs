@@ -1,4 +1,4 @@
-//! How an aggregator is doing, as it says itself. Only the checkpoint is signed; the rest is for people, and nothing is decided by it.
+//! How an aggregator is doing. Only the checkpoint is signed. No decision uses the rest.
 
 use crate::client::watching::FollowedRound;
 use crate::client::NodeClient;
@@ -22,7 +22,7 @@ impl NodeClient {
         Ok(status?.into_inner())
     }
 
-    /// The newest published checkpoint. The log's key has signed it.
+    /// The newest published checkpoint, with the log's signature verified.
     pub async fn checkpoint(&mut self) -> Result<Checkpoint, NodeError> {
         let info = self.client.get_network(rpc::GetNetworkRequest {}).await;
         let note = info?.into_inner().checkpoint;

@@ -1,7 +1,7 @@
-//! Puts an update straight into the aggregator's store, at an address that the aggregator gives (HTTP, `PUT`).
+//! Puts an update into the aggregator's store by HTTP `PUT`, at an address that the aggregator gives.
 //!
-//! The node sends there what the aggregator gets anyway, and believes nothing that comes from there: whether the update has arrived, the
-//! aggregator says. So the node looks only whether what it sends is as secret on its way as it is on the way to the aggregator.
+//! The node sends only what the aggregator gets anyway, and trusts no answer of the store: the aggregator tells whether the update has
+//! arrived. So the node checks only that the way there is as secret as the way to the aggregator.
 
 use std::io::Read;
 use std::time::Duration;
@@ -11,44 +11,42 @@ use ureq::Agent;
 use zk0_tls::authorities::{causes, tls_error, Authorities};
 use zk0_tls::service_address::ServiceAddress;
 
-/// Longest address that is used.
 const MAX_ADDRESS_BYTES: usize = 8 << 10;
 
-/// How long a connection may take. A network that does not let the node through is often silent.
+/// A network that blocks the node often gives no answer.
 const CONNECTING: Duration = Duration::from_secs(10);
 
-/// How long the store may take nothing of the update, or may take until it answers.
+/// Limit for a store that takes no byte, or gives no answer.
 const SILENCE: Duration = Duration::from_secs(60);
 
-/// How long all of it may take.
+/// Limit for the whole `PUT`.
 const LONGEST: Duration = Duration::from_secs(3600);
 
-/// How much of a store's answer is read, in bytes.
+/// Bytes of the store's answer that are read.
 const MAX_ANSWER_BYTES: u64 = 2 << 10;
 
-/// How much of it is shown, in characters.
+/// Characters of it that are shown.
 const SHOWN: usize = 200;
 
-/// The option that names other authorities.
 const CA: &str = "--ca";
 
-/// Azure's stores ask which kind of object this is. The others ignore it.
+/// Azure's stores require it. Others ignore it.
 const KIND: (&str, &str) = ("x-ms-blob-type", "BlockBlob");
 
-/// A store that refuses the update says so before the node sends hundreds of megabytes. If it does not know this header, the node sends them
-/// after a second.
+/// Lets a store refuse the update before hundreds of megabytes are sent. If it does not know this header, the node sends them after a
+/// second.
 const FIRST_ASK: (&str, &str) = ("expect", "100-continue");
 
 /// Why an update cannot be put at an address.
 #[derive(Debug, thiserror::Error)]
 pub enum StoredUpdateError {
-    /// The text is not an address of HTTP.
+    /// The text is not an HTTP address.
     #[error("the aggregator gave something that is not the address of a store")]
     NoAddress,
-    /// What travels to the address is not encrypted, and what travels to the aggregator is.
+    /// The connection to the aggregator is encrypted, and the one to the store is not.
     #[error("the aggregator's own connection is encrypted, and the address of its store, http://{0}, is not")]
     NotEncrypted(String),
-    /// Nobody answers, or whoever answers does not show the right certificate.
+    /// No answer, or a wrong certificate.
     #[error("the store at {host} cannot be reached: {why}")]
     Unreachable {
         /// Its host.
@@ -56,27 +54,26 @@ pub enum StoredUpdateError {
         /// What is wrong.
         why: String,
     },
-    /// The store answers that it does not take it.
+    /// The store refuses the update.
     #[error("the store at {host} does not take the update: {why}")]
     Refused {
         /// Its host.
         host: String,
-        /// What it answered.
+        /// Its answer.
         why: String,
     },
 }
 
-/// Puts updates into the store of an aggregator.
+/// Puts updates into an aggregator's store.
 #[derive(Clone, Debug)]
 pub struct StoreClient {
-    /// Whether the connection to the aggregator is encrypted.
     encrypted: bool,
-    /// Whose certificates count for the aggregator.
+    /// For the aggregator's certificate.
     authorities: Authorities,
 }
 
 impl StoreClient {
-    /// A client for the store of the aggregator at `address`.
+    /// A client for the aggregator's store.
     pub fn beside(address: &ServiceAddress) -> Self {
         Self {
             encrypted: address.is_encrypted(),
@@ -84,14 +81,14 @@ impl StoreClient {
         }
     }
 
-    /// The host in an address at which an update may be put.
+    /// The host, if the address is allowed.
     fn host(&self, address: &str) -> Result<String, StoredUpdateError> {
         if address.len() > MAX_ADDRESS_BYTES {
             return Err(StoredUpdateError::NoAddress);
         }
         let uri: Uri = address.parse().map_err(|_| StoredUpdateError::NoAddress)?;
         let authority = uri.authority().ok_or(StoredUpdateError::NoAddress)?;
-        // An address may have a password before its host.
+        // A password may come before the host.
         let host = authority.as_str().rsplit('@').next().unwrap_or_default();
         match uri.scheme_str() {
             Some("https") => Ok(host.into()),
@@ -118,7 +115,6 @@ impl StoreClient {
             return Ok(());
         }
         let mut said = Vec::new();
-        // What cannot be read is not shown.
         let _ = answer
             .body_mut()
             .as_reader()
@@ -130,7 +126,7 @@ impl StoreClient {
     }
 
     fn agent(&self) -> Agent {
-        // A store has a certificate of a public authority, or of the one that the aggregator's operator runs.
+        // The certificate is of a public authority or the operator's own.
         let system = Authorities::of_system(CA).certificates();
         let own = match self.authorities.file() {
             Some(_) => self.authorities.certificates(),
@@ -147,9 +143,9 @@ impl StoreClient {
             .build();
         let config = Agent::config_builder()
             .tls_config(tls)
-            // Nobody leads the node elsewhere.
+            // No store may redirect the node.
             .max_redirects(0)
-            // An answer with an error status is an answer, and not an error of the client.
+            // An error status is an answer, too.
             .http_status_as_error(false)
             .timeout_global(Some(LONGEST))
             .timeout_connect(Some(CONNECTING))
@@ -160,7 +156,6 @@ impl StoreClient {
     }
 }
 
-/// Why there is no answer.
 fn why(error: &ureq::Error) -> String {
     let of_tls = match error {
         ureq::Error::Rustls(error) => Some(error),
@@ -175,7 +170,7 @@ fn why(error: &ureq::Error) -> String {
     }
 }
 
-/// Text of others in one short line, without characters that move the cursor.
+/// Text of others in one line, without characters that move the cursor.
 fn one_line(text: &str) -> String {
     let shown = text.chars().map(|c| if c.is_control() { ' ' } else { c });
     let line: String = shown.take(SHOWN).collect();

@@ -1,4 +1,4 @@
-//! Uploads and downloads, which go on where they were cut.
+//! Uploads and downloads, which go on after an interruption.
 
 use crate::client::heads::About;
 use crate::client::waits::Waits;
@@ -19,7 +19,7 @@ use zk0_protocol::rpc::federation::upload_chunk::Part;
 /// Bytes in one message of an upload. The aggregator reserves memory for messages over 32 KiB.
 const CHUNK_BYTES: usize = 16 << 10;
 
-/// The attempts of a transfer. One that comes further than those before begins the waits again.
+/// The attempts of a transfer. Progress begins the waits again.
 struct Attempts {
     what: &'static str,
     furthest: u64,
@@ -35,7 +35,6 @@ impl Attempts {
         }
     }
 
-    /// Waits before the next attempt, which begins at byte `begins`.
     async fn again(
         &mut self,
         node: &mut NodeClient,
@@ -60,8 +59,7 @@ impl NodeClient {
         Ok(bytes)
     }
 
-    /// Downloads a public blob, as [`Self::download`] does, and writes it to `out` piece by piece. What was written is the blob only if
-    /// this returns without an error.
+    /// Writes a public blob to `out` piece by piece. It is whole only if this returns without an error.
     #[instrument(name = "download", skip_all)]
     pub async fn download_to(
         &mut self,
@@ -90,7 +88,7 @@ impl NodeClient {
         }
     }
 
-    /// Downloads what follows the first `held` bytes, until all has come or the connection is lost.
+    /// Downloads what follows the first `held` bytes, until the end or a lost connection.
     async fn download_part(
         &mut self,
         blob: &Digest,
@@ -118,10 +116,10 @@ impl NodeClient {
         Ok(())
     }
 
-    /// Uploads an update. It stays private until the round closes. What the aggregator has of it is not sent again.
+    /// Uploads an update, from the byte where the aggregator's copy ends. It stays private until the round closes.
     #[instrument(name = "upload", skip_all)]
     pub async fn upload(&mut self, round: u64, update: Vec<u8>) -> Result<(), NodeError> {
-        // It is not copied: an update of the published size has hundreds of megabytes.
+        // An update of the published size has hundreds of megabytes.
         let update = Arc::new(update);
         let request = UploadRequest {
             network: self.heads.network,
@@ -133,13 +131,13 @@ impl NodeClient {
         let signed = encode(&Signed::new(request, &self.key));
         let about = About::message(Method::Upload, &signed).in_round(round);
         let mut attempts = Attempts::of("upload");
-        // The store is tried once, and an upload begins again once.
+        // The store is tried once; an upload begins again once.
         let (mut held, mut stored, mut begun_again) = (0, false, false);
         loop {
             let part = self.upload_part(&about, &signed, &update, &mut held, &mut stored);
             match part.await {
                 Ok(()) => break,
-                // What the aggregator had was damaged, and it has removed all of it.
+                // The aggregator's part was damaged, and is removed.
                 Err(NodeError::Refused(status))
                     if held > 0 && status.code() == Code::InvalidArgument && !begun_again =>
                 {
@@ -154,8 +152,8 @@ impl NodeClient {
         Ok(())
     }
 
-    /// Asks how many bytes the aggregator has, and sends the others. If the aggregator has nothing and gives an address, the update goes there,
-    /// unless it was `stored` already, or could not be.
+    /// Sends the bytes that the aggregator lacks. If it has none and gives an address, the update goes there, unless that was tried before
+    /// (`stored`).
     async fn upload_part(
         &mut self,
         about: &About,
@@ -175,7 +173,6 @@ impl NodeClient {
                 Ok(()) => return Ok(()),
                 Err(why) => tracing::warn!("the update goes through the aggregator: {why}"),
             }
-            // What the aggregator has read of it is not sent again.
             *held = self.client.get_upload(request).await?.into_inner().held;
         }
         let first = rpc::UploadChunk {
@@ -195,7 +192,6 @@ impl NodeClient {
         Ok(())
     }
 
-    /// Puts the update at `address`, and tells the aggregator that it is there.
     async fn store_update(
         &mut self,
         about: &About,

@@ -1,5 +1,5 @@
-//! How long a node waits before it asks again: longer with each attempt, and at least as long as the aggregator tells. The waits of many nodes
-//! differ, so they do not all ask an aggregator that comes back at the same moment.
+//! How long a node waits before it asks again: longer with each attempt, and at least as long as the aggregator tells. The waits are
+//! random, so that nodes do not all ask at once.
 
 use crate::progress;
 use std::error::Error as _;
@@ -10,7 +10,6 @@ use zk0_protocol::growing_waits::GrowingWaits;
 use zk0_protocol::rpc::federation::turned_down::Remedy;
 use zk0_protocol::rpc::federation::TurnedDown;
 
-/// The waits between two attempts.
 const WAITS: GrowingWaits = GrowingWaits {
     first: Duration::from_secs(1),
     longest: Duration::from_secs(60),
@@ -19,21 +18,19 @@ const WAITS: GrowingWaits = GrowingWaits {
 /// The longest wait that an aggregator can ask for.
 const MOST_TOLD: Duration = Duration::from_secs(60);
 
-/// What a wait is called on a terminal.
 const PHASE: &str = "waiting for the aggregator";
 
-/// The waits until a request is answered, or until a connection brings something again.
+/// The waits until an answer, or until a connection transfers bytes again.
 #[derive(Default)]
 pub(crate) struct Waits {
     attempt: u32,
     since: Option<Instant>,
-    /// The code of the failure that the log knows.
+    /// The last failure in the log.
     logged: Option<Code>,
 }
 
 impl Waits {
-    /// Waits before the next attempt after this failure. Returns the failure if it does not pass, or if the waits would take longer than `limit`
-    /// together.
+    /// Waits after this failure. Returns it if it does not pass, or if all waits would take longer than `limit`.
     pub async fn again(&mut self, failure: Status, limit: Option<Duration>) -> Result<(), Status> {
         let waited = self.since.get_or_insert_with(Instant::now).elapsed();
         let Some(pause) = self.next(&failure, waited, limit) else {
@@ -51,14 +48,14 @@ impl Waits {
         Ok(())
     }
 
-    /// Waits a moment before the node asks for what has ended as it should.
+    /// Waits a moment after something has ended as it should.
     pub async fn shortly(&mut self) {
         let pause = WAITS.wait(self.attempt, random(), Duration::ZERO);
         self.attempt = self.attempt.saturating_add(1);
         sleep(pause).await;
     }
 
-    /// The aggregator has answered. The next failure begins with a short wait.
+    /// Makes the next wait short, after an answer.
     pub fn end(&mut self) {
         if let Some(since) = self.since {
             progress::report(PHASE, 1, 1, 0);
@@ -68,7 +65,7 @@ impl Waits {
         *self = Self::default();
     }
 
-    /// The wait after this failure, when the node has waited for `waited`; `None` if it gives up.
+    /// The next wait, after `waited` so far; `None` if the node gives up.
     fn next(
         &mut self,
         failure: &Status,
@@ -85,13 +82,13 @@ impl Waits {
     }
 }
 
-/// Draws a wait. Without a random number, the wait is the longest.
+/// Without a random number, the wait is the longest.
 fn random() -> u32 {
     getrandom::u32().unwrap_or(u32::MAX)
 }
 
-/// Whether the same request may be granted later. The aggregator tells that with what it turns down. All else comes from the connection, or from
-/// what is between.
+/// Whether the same request may be granted later. The aggregator tells that when it turns a request down. Other failures come from the
+/// network.
 pub(crate) fn may_pass(failure: &Status) -> bool {
     match TurnedDown::of(failure).remedy() {
         Remedy::AskAgain => true,
@@ -102,19 +99,17 @@ pub(crate) fn may_pass(failure: &Status) -> bool {
             | Code::Internal
             | Code::DeadlineExceeded
             | Code::Aborted => true,
-            // What somebody answers has no source.
+            // An answer has no source.
             Code::Unknown | Code::Cancelled => failure.source().is_some(),
             _ => false,
         },
     }
 }
 
-/// How long the aggregator wants the node to wait.
 fn told(failure: &Status) -> Duration {
     Duration::from_millis(TurnedDown::of(failure).after_ms).min(MOST_TOLD)
 }
 
-/// Why the node waits.
 fn why(failure: &Status) -> String {
     let message = failure.message();
     match failure.source() {
@@ -150,7 +145,7 @@ mod tests {
         let told = Duration::from_secs(2);
         assert_eq!(WAITS.wait(0, 0, told), told);
         assert_eq!(WAITS.wait(0, u32::MAX, told), 2 * told);
-        // Later, the node waits longer than that by itself.
+        // Later waits are longer than that.
         assert_eq!(WAITS.wait(20, 0, told), Duration::from_secs(30));
         let details = |after_ms| TurnedDown {
             after_ms,

@@ -1,4 +1,4 @@
-//! Following a round: the aggregator tells the node when a round has come further, and the node asks again when the connection is lost.
+//! Following a round: the aggregator tells the node when a round has come further.
 
 use crate::client::heads::About;
 use crate::client::waits::Waits;
@@ -11,7 +11,7 @@ use zk0_protocol::entries::program::Program;
 use zk0_protocol::request_head::Method;
 use zk0_protocol::rpc::federation as rpc;
 
-/// A round that the node follows, or whichever is the last one.
+/// A given round, or the last one.
 pub(crate) struct FollowedRound {
     request: rpc::GetRoundRequest,
     stream: Option<Streaming<rpc::RoundInfo>>,
@@ -19,7 +19,6 @@ pub(crate) struct FollowedRound {
 }
 
 impl FollowedRound {
-    /// Follows `round`, or the last round, for the node `node` if it wants to know whether it may contribute.
     pub fn of(round: Option<u64>, node: Vec<u8>) -> Self {
         Self {
             request: rpc::GetRoundRequest { round, node },
@@ -29,33 +28,32 @@ impl FollowedRound {
     }
 }
 
-/// A node that waits until a round is closed.
+/// The wait for a round's close.
 pub struct WaitForClose {
     round: u64,
     followed: FollowedRound,
 }
 
-/// What a node that waits for the close of a round learns.
+/// The result of waiting for a round's close.
 #[derive(Clone, Debug)]
 pub enum Waited {
-    /// The round is closed, like this.
+    /// The round is closed.
     Closed(Box<RoundClosed>),
-    /// The aggregator has lost a file of the node's contribution, and the round cannot close without it.
+    /// The aggregator has lost a file of the node's contribution, without which the round cannot close.
     Lost,
 }
 
-/// A round that is open, and to which the node may contribute.
+/// An open round to which the node may contribute.
 #[derive(Clone, Debug)]
 pub struct OpenRound {
     /// How it opened.
     pub opened: RoundOpened,
-    /// The guest program that its proofs are of, as the aggregator says.
+    /// The guest program of its proofs, as the aggregator states it.
     pub program: Program,
 }
 
 impl NodeClient {
-    /// Waits until `round` is open, and returns its opening. If the round has closed meanwhile, or the rules do not let this node
-    /// contribute to it, this waits for a later one.
+    /// Waits until `round` is open, or a later one if it has closed, or the rules do not let this node contribute to it.
     pub async fn wait_for_round(&mut self, round: u64) -> Result<OpenRound, NodeError> {
         let mut left_out = None;
         let mut watch = FollowedRound::of(None, self.id().0.to_vec());
@@ -81,7 +79,7 @@ impl NodeClient {
         }
     }
 
-    /// Waits until `round` is closed, and returns its close, or until the aggregator names files of this node's contribution that it has lost.
+    /// Waits until `round` is closed, or until the aggregator names lost files of this node's contribution.
     pub async fn wait_for_close(&mut self, watch: &mut WaitForClose) -> Result<Waited, NodeError> {
         loop {
             let info = self.next_stage(&mut watch.followed).await?;
@@ -107,14 +105,14 @@ impl NodeClient {
         }
     }
 
-    /// Whether `round` takes no more commitments, as the aggregator says. It may have closed.
+    /// Whether the aggregator states that `round` takes no more commitments.
     pub(crate) async fn commits_no_more(&mut self, round: u64) -> Result<bool, NodeError> {
         let mut watch = FollowedRound::of(Some(round), Vec::new());
         let info = self.next_stage(&mut watch).await?;
         Ok(info.commitments_closed.is_some() || info.closed.is_some())
     }
 
-    /// How long the round that has opened like this still takes submissions, as the aggregator says: no time if it has closed.
+    /// How long the aggregator still takes submissions for this round, as it states: no time after the close.
     pub(crate) async fn submissions_end_in(
         &mut self,
         opened: &RoundOpened,
@@ -126,7 +124,7 @@ impl NodeClient {
             (Some(_), _) => 0,
             (None, Some(drawn)) => {
                 let drawn_ms = self.entry(drawn)?.1.time_ms;
-                let ends_ms = drawn_ms.saturating_add(window_ms);
+                let ends_ms = drawn_ms.saturating_add(window_ms).saturating_add(info.moved_ms);
                 ends_ms.saturating_sub(info.now_ms)
             }
             (None, None) => window_ms,
@@ -134,7 +132,6 @@ impl NodeClient {
         Ok(Duration::from_millis(left_ms))
     }
 
-    /// How a round opened and closed that is over.
     pub(crate) async fn closed_round(
         &mut self,
         round: u64,
@@ -155,7 +152,7 @@ impl NodeClient {
         }
     }
 
-    /// The request that follows the round. If the node names itself, it shows that it is present.
+    /// A node that names itself shows that it is present.
     fn watching(
         &self,
         watch: &FollowedRound,
@@ -172,7 +169,7 @@ impl NodeClient {
         self.headed(&about, message)
     }
 
-    /// Waits until the round of `watch` has come further, and returns how far. The first call returns at once.
+    /// Waits until the round of `watch` has come further. The first call returns at once.
     pub(crate) async fn next_stage(
         &mut self,
         watch: &mut FollowedRound,
@@ -202,7 +199,7 @@ impl NodeClient {
                 Some(failure) => self.again(&mut watch.waits, failure).await?,
                 None => {
                     watch.waits.shortly().await;
-                    // If it was started again and does not answer yet, the next request shows that.
+                    // If the aggregator does not answer yet, the next request shows that.
                     let _ = self.learn_run().await;
                 }
             }

@@ -1,4 +1,4 @@
-//! Whether a recording agrees with the others of its network, as far as the network's rules ask for that.
+//! Whether a recording fits the rules of its network.
 
 use crate::error::ParticipantError;
 use crate::recording::OpenRecording;
@@ -8,7 +8,7 @@ use zk0_protocol::recording_rules::{AgreedUnit, RecordingRules};
 use zk0_smolvla::PolicyConfig;
 
 impl OpenRecording<'_> {
-    /// Checks that the recording is what the rules ask for. What the recording does not show is warned of.
+    /// Checks the recording against the rules. Warns of what the recording does not show.
     ///
     /// # Errors
     /// [`ParticipantError::OtherRecording`] names everything that differs.
@@ -17,7 +17,7 @@ impl OpenRecording<'_> {
     }
 }
 
-/// The same of a recording that is open, for a policy of this configuration.
+/// [`OpenRecording::check`] of an open dataset, for a policy of this configuration.
 ///
 /// # Errors
 /// As [`OpenRecording::check`].
@@ -35,7 +35,7 @@ pub fn check(
     }
 }
 
-/// Everything in which a recording differs, in words. A policy that names its cameras leaves other cameras out (`leaves_out`).
+/// All differences, in words. A policy that names its cameras leaves others out (`leaves_out`).
 fn differences(rules: &RecordingRules, dataset: &Dataset, leaves_out: bool) -> Vec<String> {
     let mut found = Vec::new();
     if let Some(fps) = rules.fps.filter(|fps| *fps != dataset.fps()) {

@@ -1,6 +1,5 @@
-//! The samples that a node's claims are about: those of the frames that a hash of the recording's episodes draws, in fixed point.
-//!
-//! They stay on disk. One is made at a time, and one is read at a time.
+//! The samples that a node's claims are about, in fixed point. A hash of the recording's episodes draws their frames. They stay on disk;
+//! one at a time is made or read.
 
 use crate::error::ParticipantError;
 use crate::progress::Progress;
@@ -32,9 +31,9 @@ use zk0_smolvla::PolicyError;
 pub struct EvaluationSetSpec {
     /// The network.
     pub network: Digest,
-    /// How its claims are proven. It determines what is committed to of a sample.
+    /// How claims are proven: it determines what is committed to.
     pub mode: Mode,
-    /// How many frames are drawn.
+    /// Number of drawn frames.
     pub frames: u32,
     /// What hides the samples.
     pub secret: RegistrationSecret,
@@ -44,9 +43,9 @@ pub struct EvaluationSetSpec {
 pub struct EvaluationSet {
     /// What the network learns about it.
     pub commitment: DatasetCommitment,
-    /// The specification of the evaluation, at whose scales the samples are.
+    /// The specification of the evaluation, at the samples' scales.
     pub spec: EvalSpec,
-    /// Digest of the drawn samples' names in prefix caches. It stays the same under another secret.
+    /// Digest of the drawn samples' cache names. It does not depend on the secret.
     pub drawn_names: Digest,
     by: EvaluationSetSpec,
     episodes: Vec<RegisteredEpisode>,
@@ -54,12 +53,11 @@ pub struct EvaluationSet {
     leaves: Vec<Digest>,
     /// In the order of the leaves.
     samples: Vec<DrawnSample>,
-    /// The drawn frames, counted in the recording, in ascending order.
+    /// The drawn frames in ascending order, counted in the recording.
     frames: Vec<usize>,
     files: SampleFiles,
 }
 
-/// Where a sample comes from, and what it is.
 struct DrawnSample {
     /// Its frame in the recording.
     frame: usize,
@@ -68,8 +66,7 @@ struct DrawnSample {
 }
 
 impl EvaluationSet {
-    /// Draws the frames, and makes the samples that are not in `folder` yet: one at a time, from `samples`, which are all frames of the
-    /// recording.
+    /// Draws the frames, and makes the samples that `folder` lacks, one at a time, from `samples`, which are all frames.
     ///
     /// # Errors
     /// The frames cannot be drawn, or a sample cannot be made, does not fit the specification, or cannot be written.
@@ -138,7 +135,7 @@ impl EvaluationSet {
         })
     }
 
-    /// The registration of the dataset by `node`, and the list of drawn frames that it names.
+    /// The registration by `node`, and the list of drawn frames that it names.
     pub fn registration(&self, node: NodeId) -> (DatasetRegistration, Vec<u8>) {
         let list = list_bytes(&self.list);
         let registration = DatasetRegistration {
@@ -157,7 +154,7 @@ impl EvaluationSet {
         &self.by.secret
     }
 
-    /// The drawn frames of the recording as samples for measuring a loss, of all frames as samples.
+    /// The drawn frames as samples for measuring a loss, from `all` frames.
     pub fn drawn<'a>(&'a self, all: &'a dyn SampleSource<PreparedSample>) -> EvaluationSamples<'a> {
         EvaluationSamples {
             frames: &self.frames,
@@ -165,11 +162,11 @@ impl EvaluationSet {
         }
     }
 
-    /// All that is needed to prove `expected`: the challenged samples with their paths, and both sets of weights. The samples stay on the
-    /// disk. One that is damaged is made again, from `all` frames of the recording.
+    /// The private input for proving `expected`: the challenged samples with their paths, and both sets of weights. The samples stay on
+    /// disk. A damaged one is made again, from `all` frames.
     ///
     /// # Errors
-    /// The challenge asks for more samples than there are. A sample is damaged, and cannot be made again.
+    /// The challenge asks for more samples than there are, or a damaged sample cannot be made again.
     pub fn private_input(
         &self,
         all: &dyn SampleSource<PreparedSample>,
@@ -207,7 +204,7 @@ impl EvaluationSet {
         })
     }
 
-    /// Checks the file of a sample, and makes it again if it is damaged.
+    /// Checks a sample's file. Makes a damaged sample again.
     fn check(
         &self,
         all: &dyn SampleSource<PreparedSample>,
@@ -217,7 +214,7 @@ impl EvaluationSet {
             Err(damaged @ ParticipantError::BrokenFile { .. }) => damaged,
             other => return other.map(drop),
         };
-        // The node has committed to its update. Without the sample it could not keep its promise.
+        // Without the sample, the node cannot prove what it has committed to.
         tracing::warn!("{damaged}; the node makes the sample again");
         let sample = quantise_sample(&self.spec, all.sample(kept.frame)?.as_ref())?;
         let blind = self.by.secret.blind();
@@ -233,7 +230,7 @@ impl EvaluationSet {
     }
 }
 
-/// The frames of an evaluation set, as samples for measuring a loss.
+/// The frames of an evaluation set, for measuring a loss.
 pub struct EvaluationSamples<'a> {
     frames: &'a [usize],
     all: &'a dyn SampleSource<PreparedSample>,

@@ -1,12 +1,12 @@
 //! A node's own recording. It trains on all frames, and commits to the samples of those that are drawn.
 //!
-//! - [`OpenRecording`]: the recording, open, and its frames as samples. Each sample is made when it is needed, or read from the cache.
+//! - [`OpenRecording`]: the recording and its frames as samples, made when needed or read from the cache.
 //! - [`evaluation_set`]: the drawn samples in fixed point, and the commitment to them; [`sample_files`]: these samples on disk;
-//!   [`opened_samples`]: those that a claim is about.
-//! - [`secret`]: what hides the samples, and how often they were opened; [`registering`]: puts the commitment on the ledger, and another one before the secret
-//!   is worn out.
-//! - [`agreement`]: whether the recording is what the network's rules ask for.
-//! - [`recompute`]: what an auditor does who has the recording.
+//!   [`opened_samples`]: those of a claim.
+//! - [`secret`]: what hides the samples, and how often they were opened; [`registering`]: puts the commitment on the ledger, and another
+//!   one before the secret is worn out.
+//! - [`agreement`]: whether the recording fits the network's rules.
+//! - [`recompute`]: an auditor's check of a registration.
 
 pub mod agreement;
 pub mod evaluation_set;
@@ -34,7 +34,7 @@ use zk0_smolvla::policy::policy_file::{self, PolicyFile};
 use zk0_smolvla::policy::tokenizer::PolicyTokenizer;
 use zk0_smolvla::{PolicyConfig, PolicyError};
 
-/// A recording that is open, with the policy that makes samples of its frames.
+/// An open recording, with the policy that makes samples of its frames.
 pub struct OpenRecording<'c> {
     dataset: Dataset,
     policy: PathBuf,
@@ -45,7 +45,6 @@ pub struct OpenRecording<'c> {
     episodes: Vec<Placed>,
 }
 
-/// An episode, and where it is.
 struct Placed {
     episode: RegisteredEpisode,
     /// Its first frame, as registrations count frames.
@@ -55,8 +54,8 @@ struct Placed {
 }
 
 impl<'c> OpenRecording<'c> {
-    /// Opens the LeRobotDataset in `path`, whose frames the policy in the file `policy` makes into samples. The policy's tokenizer reads
-    /// the instructions. Samples that are in `cache` are not computed again; they are the same bits.
+    /// Opens the LeRobotDataset in `path`. The policy in the file `policy` makes samples of its frames; its tokenizer reads the
+    /// instructions. Samples in `cache` are not computed again; they are the same bits.
     ///
     /// # Errors
     /// The recording, the policy or the cache cannot be read.
@@ -68,7 +67,7 @@ impl<'c> OpenRecording<'c> {
         Self::of(Dataset::open(path)?, policy, cache)
     }
 
-    /// The same of a recording that is open already.
+    /// [`Self::open`] for an open dataset.
     ///
     /// # Errors
     /// The policy or the cache cannot be read.
@@ -83,7 +82,7 @@ impl<'c> OpenRecording<'c> {
         let file = policy_file::load(policy)?;
         let frames = named_frames(&dataset, &file, cache)?;
         let episodes = placed(&dataset)?;
-        // The weights are read again when the first sample has to be made. They take gigabytes.
+        // The weights take gigabytes, and are read again for the first sample.
         let PolicyFile {
             policy: weights,
             tokenizer,
@@ -99,7 +98,7 @@ impl<'c> OpenRecording<'c> {
         })
     }
 
-    /// The dimensions of the policy.
+    /// The policy's configuration.
     pub fn config(&self) -> &PolicyConfig {
         &self.config
     }
@@ -109,12 +108,12 @@ impl<'c> OpenRecording<'c> {
         self.frames.len()
     }
 
-    /// Whether there are no frames. A recording without frames cannot be opened, so this is `false`.
+    /// Always `false`: a recording without frames cannot be opened.
     pub fn is_empty(&self) -> bool {
         self.frames.is_empty()
     }
 
-    /// Its episodes as a registration names them: in ascending order of their digests, and each once.
+    /// Its episodes as a registration names them: in ascending order of their digests, each once.
     pub fn episodes(&self) -> Vec<RegisteredEpisode> {
         self.episodes.iter().map(|placed| placed.episode).collect()
     }
@@ -124,7 +123,7 @@ impl<'c> OpenRecording<'c> {
         Digest(self.dataset.feature_spec_digest(self.config.chunk_size))
     }
 
-    /// The frame of the recording that registrations call `frame`; `None` if there is no such frame.
+    /// The recording's frame that registrations call `frame`; `None` if there is no such frame.
     pub fn frame(&self, frame: u64) -> Option<usize> {
         let at = self
             .episodes
@@ -139,12 +138,12 @@ impl<'c> OpenRecording<'c> {
         (within < u64::from(episode.frames)).then(|| start + within as usize)
     }
 
-    /// The name of a frame's sample, which says everything that decides the sample.
+    /// A name of all that decides the sample.
     fn key(&self, frame: usize) -> CacheKey {
         self.frames[frame].key
     }
 
-    /// What makes samples of frames. It reads the frozen half of the policy when the first sample has to be made.
+    /// Makes samples of frames. The first one reads the frozen half of the policy.
     pub fn maker(&self) -> FrameMaker<'_> {
         let load = move || {
             let file = policy_file::load(&self.policy)?;
@@ -153,8 +152,7 @@ impl<'c> OpenRecording<'c> {
         FrameMaker::new(slice::from_ref(&self.dataset), self.config.chunk_size, load)
     }
 
-    /// All frames as samples, one at a time: from the cache as far as they are in it, or else made, and kept there as far as its
-    /// budget goes.
+    /// All frames as samples, one at a time: from the cache, or else made, and kept there up to its budget.
     pub fn samples<'m, 's>(
         &'s self,
         maker: &'m FrameMaker<'s>,
@@ -165,7 +163,7 @@ impl<'c> OpenRecording<'c> {
         FrameSource::new(self.cache, maker, self.frames.clone())
     }
 
-    /// The frames to train on, as [`Self::samples`] gives them, or their `variants`, which `maker` has to make.
+    /// The frames to train on: [`Self::samples`], or `variants` that `maker` makes of them.
     pub fn training_samples<'m, 's>(
         &'s self,
         maker: &'m FrameMaker<'s>,
@@ -209,7 +207,7 @@ fn placed(dataset: &Dataset) -> Result<Vec<Placed>, ParticipantError> {
     Ok(placed.collect())
 }
 
-/// All frames of a recording, with their names in caches.
+/// All frames, with their cache names.
 fn named_frames(
     dataset: &Dataset,
     file: &PolicyFile,
@@ -222,7 +220,7 @@ fn named_frames(
     Ok(names.frames(0, dataset, &all)?)
 }
 
-/// All frames of the recording as samples in memory, for small recordings. Samples that are in `cache` are not computed again.
+/// All frames as samples in memory, for small recordings. Samples in `cache` are not computed again.
 pub fn prepare_samples(
     dataset: &Dataset,
     file: &PolicyFile,

@@ -1,4 +1,4 @@
-//! A claim's private input whose samples stay on disk until somebody reads them.
+//! A claim's private input, with samples that stay on disk until they are read.
 
 use super::sample_files::SampleFiles;
 use std::borrow::Cow;
@@ -19,13 +19,13 @@ pub struct OpenedSample {
     pub file: PathBuf,
 }
 
-/// All that is needed to prove a claim. Whoever made it has checked the samples' files.
+/// All that is needed to prove a claim. The samples' files have been checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OpenedSamples {
     pub(super) header: Header,
     pub(super) base: QuantisedWeights,
     pub(super) update: QuantisedWeights,
-    /// In the order the challenge draws them.
+    /// In the order of the challenge.
     pub(super) openings: Vec<OpenedSample>,
 }
 
@@ -45,7 +45,7 @@ impl ClaimSource for OpenedSamples {
             .collect()
     }
 
-    /// Reads the file. A file that holds another sample since it was checked gives a claim that does not hold.
+    /// A file that was changed after its check gives a claim that does not hold.
     fn sample(&self, position: usize) -> io::Result<Cow<'_, Sample>> {
         self.read(position).map(|(sample, _)| Cow::Owned(sample))
     }

@@ -1,4 +1,4 @@
-//! What an auditor does who has a node's recording and its secret: draws the frames, makes their samples, and compares the leaves.
+//! An auditor with a node's recording and secret draws the frames, makes their samples, and compares the leaves.
 
 use crate::error::ParticipantError;
 use crate::progress::Progress;
@@ -13,34 +13,33 @@ use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::sample::PreparedSample;
 use zk0_smolvla::measure::fixed_point::quantise_sample;
 
-/// Most differing frames that are named.
 const NAMED: usize = 8;
 
 /// What an auditor found.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Recomputed {
-    /// All samples of the registration are those of the recording.
+    /// All samples agree.
     Same {
-        /// How many frames were drawn and compared.
+        /// Frames compared.
         frames: u64,
     },
-    /// None of the secrets is the one that the node has registered with.
+    /// None of the secrets is the registration's.
     OtherSecret,
-    /// The recording has other features than the registration says.
+    /// The recording has other features.
     OtherFeatures {
         /// Those of the recording.
         found: Digest,
     },
-    /// The recording has other episodes than the registration names.
+    /// The recording has other episodes.
     OtherEpisodes {
-        /// Registered, but not in the recording with this number of frames.
+        /// Registered, but not in the recording with this many frames.
         missing: Vec<Digest>,
-        /// In the recording, but not registered with this number of frames.
+        /// In the recording, but not registered with this many frames.
         extra: Vec<Digest>,
     },
     /// Frames of the recording give other samples.
     OtherSamples {
-        /// The first of the differing frames, as the registration counts them.
+        /// The first differing frames, as the registration counts them.
         frames: Vec<u64>,
         /// How many differ.
         differ: u64,
@@ -49,8 +48,8 @@ pub enum Recomputed {
     },
 }
 
-/// Compares a registration, whose checked list of drawn frames is `list`, with the recording. The network proves in `mode`. `samples` are all frames of the recording. One
-/// sample is in memory at a time.
+/// Compares a registration, whose checked list of drawn frames is `list`, with the recording. `samples` are all its frames; one is in
+/// memory at a time.
 ///
 /// # Errors
 /// The recording or the policy cannot be read, or a sample does not fit the specification.

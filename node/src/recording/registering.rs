@@ -1,8 +1,9 @@
-//! Puts the commitment to a recording on the ledger: when the node starts, and again under a fresh secret before the present one is worn out.
+//! Puts the commitment to a recording on the ledger: when the node starts, and again under a fresh secret before the present one is worn
+//! out.
 //!
-//! A node registers again while it has committed in the open round. Its claim there stays about the dataset that it has committed with, and the next round
-//! is about the new one, so no round is lost. A node that was killed at any point goes on: the fresh secret is on disk before the ledger knows of it, the
-//! newest secret is registered whenever the node starts, and what was begun under the one before is ended under it.
+//! A node registers again while it has committed in the open round. Its claim there stays about the old dataset, and the next round is
+//! about the new one, so no round is lost. A node that was killed goes on: a fresh secret is on disk before the ledger has its commitment,
+//! each start registers the newest secret, and what began under the one before ends under it.
 
 use crate::client::NodeClient;
 use crate::error::ParticipantError;
@@ -20,7 +21,7 @@ use zk0_protocol::entries::signed::DatasetRegistration;
 use zk0_smolvla::frames::batch::SampleSource;
 use zk0_smolvla::frames::sample::PreparedSample;
 
-/// The file in which a node keeps what it has registered last.
+/// The file of the last registration.
 const REGISTRATION: &str = "registration";
 
 /// Whether the node with this state folder has registered a recording.
@@ -44,7 +45,7 @@ impl Registering<'_> {
     /// The evaluation set under the newest secret, which is on the ledger when this returns.
     ///
     /// # Errors
-    /// The secret of a recording that was registered is lost; or the recording, the aggregator or the file system fails.
+    /// The secret of a registered recording is lost; or the recording, the aggregator or the file system fails.
     pub async fn enter(&self, node: &mut NodeClient) -> Result<EvaluationSet, ParticipantError> {
         let secret = self.secret(node)?;
         let set = self.set(node, secret).await?;
@@ -52,8 +53,7 @@ impl Registering<'_> {
         Ok(set)
     }
 
-    /// Registers the recording again, under a fresh secret, if that of `present` is worn. The set `present` stays in use in the open round, in which
-    /// the node has committed with it.
+    /// Registers the recording again, under a fresh secret, if that of `present` is worn. The open round still uses `present`.
     ///
     /// # Errors
     /// Those of [`Self::enter`].
@@ -68,7 +68,7 @@ impl Registering<'_> {
         if done || !secrets.is_worn(present.secret(), most_uses(self.spec)) {
             return Ok(());
         }
-        // There is one already if it could not be registered before.
+        // It exists already if registering it failed before.
         let secret = match secrets.newest() {
             Some(newest) if newest != present.secret() => newest.clone(),
             _ => self.fresh(secrets)?,
@@ -80,8 +80,8 @@ impl Registering<'_> {
         self.register(node, &set).await
     }
 
-    /// The evaluation set for `round`, if it is another one than `present`: that with which the node has begun the round, or else that which it has
-    /// registered last.
+    /// The evaluation set for `round`, if it is not `present`: the one with which the node has begun the round, or else the last registered
+    /// one.
     ///
     /// # Errors
     /// Those of [`Self::enter`].
@@ -112,7 +112,7 @@ impl Registering<'_> {
         }
     }
 
-    /// The newest secret. There is a fresh one for a recording that was not registered yet.
+    /// The newest secret: a fresh one before the first registration.
     fn secret(&self, node: &NodeClient) -> Result<RegistrationSecret, ParticipantError> {
         if let Some(registered) = self.registered(node)? {
             let secrets = Secrets::of_registered(self.state)?;
@@ -122,7 +122,7 @@ impl Registering<'_> {
         let secrets = Secrets::read(self.state)?.unwrap_or_default();
         let kept = self.kept()?;
         let of_kept = kept.and_then(|kept| secrets.of(&kept.dataset));
-        // A node that was interrupted before it could register goes on with the samples that it has made.
+        // An interrupted node goes on with its samples.
         let newest = secrets
             .newest()
             .filter(|newest| secrets.is_unused(newest) && of_kept != Some(newest));
@@ -132,7 +132,7 @@ impl Registering<'_> {
         }
     }
 
-    /// A fresh secret. It is on disk when this returns.
+    /// It is on disk when this returns.
     fn fresh(&self, mut secrets: Secrets) -> Result<RegistrationSecret, ParticipantError> {
         let fresh = RegistrationSecret::fresh()?;
         secrets.add(fresh.clone());
@@ -140,7 +140,6 @@ impl Registering<'_> {
         Ok(fresh)
     }
 
-    /// Prepares the evaluation set under a secret.
     async fn set(
         &self,
         node: &mut NodeClient,
@@ -151,7 +150,7 @@ impl Registering<'_> {
         let by = EvaluationSetSpec {
             network: *node.network(),
             mode: node.genesis().mode,
-            // What is registered keeps its number. For another registration, the rules in force say it.
+            // A registration keeps its number. A new one follows the rules in force.
             frames: match own {
                 Some(own) => own.evaluation_frames,
                 None => node.governance().await?.rules.evaluation_frames,
@@ -165,7 +164,7 @@ impl Registering<'_> {
         Ok(set)
     }
 
-    /// Puts the commitment on the ledger. A node that was restarted gets the same receipt again.
+    /// A node that was restarted gets the same receipt again.
     async fn register(
         &self,
         node: &mut NodeClient,
@@ -185,7 +184,7 @@ impl Registering<'_> {
         Ok(())
     }
 
-    /// What the node has registered last, perhaps under another key, if it is of this recording in this network.
+    /// The last registration of this recording in this network, perhaps under another key.
     fn registered(
         &self,
         node: &NodeClient,
@@ -195,7 +194,6 @@ impl Registering<'_> {
         Ok(kept.filter(|kept| kept.network == *node.network() && kept.episodes == episodes))
     }
 
-    /// What the node has registered last.
     fn kept(&self) -> Result<Option<DatasetRegistration>, ParticipantError> {
         let path = self.state.join(REGISTRATION);
         let bytes = state_files::read(&path, MAX_ENTRY_BYTES as u64)?;

@@ -1,11 +1,11 @@
-//! The samples of an evaluation set on disk: one file each.
+//! The samples of an evaluation set on disk, one file each.
 //!
-//! `FRAME-SAMPLE.sample`, where FRAME is a hash of the node's secret and of the frame's name in prefix caches, and SAMPLE is the digest that the node commits
-//! to. So a node that starts again knows all samples by their names, and reads only those that a claim needs. A node that has another secret commits to other
-//! digests, and finds no file.
+//! `FRAME-SAMPLE.sample`: FRAME is a hash of the node's secret and of the frame's name in prefix caches, and SAMPLE is the digest that the
+//! node commits to. So a restarted node knows its samples by their names, and reads only those of a claim. Under another secret, it finds
+//! no file.
 //!
-//! A file holds the sample, what is kept of its commitment so that no claim has to hash the sample again, how many bytes that is (a u64, little-endian), and the
-//! SHA-256 of all of it, which is checked whenever the file is read.
+//! A file holds the sample, the part of its commitment that saves hashing it again, that part's length (a u64, little-endian), and the
+//! SHA-256 of all of it, which each reading checks.
 
 use crate::error::ParticipantError;
 use crate::recording::secret::RegistrationSecret;
@@ -30,16 +30,16 @@ pub struct SampleFiles {
     mode: Mode,
     spec: EvalSpec,
     secret: RegistrationSecret,
-    /// What was there when it was opened, by FRAME.
+    /// By FRAME, as of opening.
     known: HashMap<Digest, Digest>,
 }
 
 impl SampleFiles {
-    /// Opens `folder`, which is made if it is not there. Its samples are of this evaluation, and committed to as `mode` asks, under `secret`. What a
-    /// killed process has left unfinished is removed.
+    /// Opens or makes `folder`, for samples of this evaluation, committed to as `mode` asks, under `secret`. Unfinished files of a killed
+    /// process are removed.
     ///
     /// # Errors
-    /// The folder cannot be made, or not be read.
+    /// The folder cannot be made or read.
     pub fn open(
         folder: &Path,
         mode: Mode,
@@ -64,12 +64,12 @@ impl SampleFiles {
         })
     }
 
-    /// The digest of a frame's sample, if its file was there when the folder was opened.
+    /// The digest of a frame's sample, if its file was there at opening.
     pub fn find(&self, key: &CacheKey) -> Option<Digest> {
         self.known.get(&self.secret.name(key)).copied()
     }
 
-    /// Writes a sample. It is on disk when this returns. Returns its digest.
+    /// Writes a sample to disk. Returns its digest.
     ///
     /// # Errors
     /// It cannot be written.
@@ -86,7 +86,7 @@ impl SampleFiles {
     /// Reads a sample, and checks its digest.
     ///
     /// # Errors
-    /// The file cannot be read. [`ParticipantError::BrokenFile`]: it is not there, or holds another sample.
+    /// The file cannot be read. [`ParticipantError::BrokenFile`]: it is missing, or holds another sample.
     pub fn read(&self, key: &CacheKey, digest: &Digest) -> Result<Sample, ParticipantError> {
         let path = self.path(key, digest);
         let (sample, kept) = Self::read_file(&self.spec.dims, &path)?;
@@ -96,10 +96,10 @@ impl SampleFiles {
         }
     }
 
-    /// Reads a sample, and what is kept of its commitment. Which sample it is is not checked.
+    /// Reads a sample and the kept part of its commitment, without a check of which sample it is.
     ///
     /// # Errors
-    /// The file cannot be read. [`ParticipantError::BrokenFile`]: it is not there, or is not what was written.
+    /// The file cannot be read. [`ParticipantError::BrokenFile`]: it is missing or damaged.
     pub fn read_file(dims: &Dims, path: &Path) -> Result<(Sample, Vec<u8>), ParticipantError> {
         let most = Sample::byte_len(dims, dims.max_prefix as usize) as u64 + MOST_KEPT;
         let bytes = state_files::read(path, most)?
@@ -194,7 +194,7 @@ mod tests {
         let longer = vec![0; MOST_KEPT as usize + (1 << 20)];
         let other = files.put(&CacheKey([8; 32]), &sample(0.5)).unwrap();
         let other = fs::read(files.path(&CacheKey([8; 32]), &other)).unwrap();
-        // What is not a sample, with a SHA-256 that fits
+        // No sample, but a SHA-256 that fits
         let of = |bytes: &[u8]| [bytes, &Sha256::digest(bytes)[..]].concat();
         for (bytes, why) in [
             (&flipped, "SHA-256"),

@@ -1,9 +1,9 @@
-//! What hides a node's samples. The file `secret` of its state folder has one secret for each registration of the recording, and how often each leaf was
-//! opened under it.
+//! What hides a node's samples. The file `secret` of its state folder has one secret for each registration, and counts how often each leaf
+//! was opened under it.
 //!
-//! An argument opens a few rows of the commitment to each sample that it is about. A sample stays hidden as long as no more arguments than
-//! [`zk0_argument::claim::most_uses`] open it. So an argument is counted, and the count is on disk, before anybody makes it. A node that has lost its counts
-//! does not begin to count anew: it stops, and says how to register the recording again, under a fresh secret.
+//! An argument opens a few rows of the commitment to each of its samples. A sample stays hidden as long as no more than
+//! [`zk0_argument::claim::most_uses`] arguments open it. So the count is on disk before the argument is made. A node that has lost its
+//! counts stops, and explains how to register the recording under a fresh secret.
 
 use crate::error::ParticipantError;
 use crate::state_files::{self, at};
@@ -17,14 +17,12 @@ use zk0_circuits::{DatasetCommitment, Digest};
 use zk0_files::atomic_file;
 use zk0_smolvla::frames::prefix_cache::CacheKey;
 
-/// How the file begins.
 const MAGIC: &[u8] = b"zk0-node-secret/1\n";
-/// What the checksum at its end is tagged with.
 const CHECKSUM: &str = "zk0/node-secret/checksum/v1";
-/// Largest file that is read. A registration of 512 samples takes 6 KB.
+/// A registration of 512 samples takes 6 KB.
 pub const MAX_BYTES: u64 = 16 << 20;
 
-/// 32 bytes that nobody can guess, for one registration.
+/// 32 random bytes for one registration.
 #[derive(Clone, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct RegistrationSecret([u8; 32]);
 
@@ -59,7 +57,7 @@ impl RegistrationSecret {
         salt_commitment(&self.salt()) == dataset.salt_commitment
     }
 
-    /// The name of a frame's sample on disk. Under another secret it has another one.
+    /// It differs under another secret.
     pub(super) fn name(&self, frame: &CacheKey) -> Digest {
         self.derived("zk0/node-secret/sample-file/v1", &frame.0)
     }
@@ -73,19 +71,16 @@ impl RegistrationSecret {
 #[derive(Default, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Secrets(Vec<Used>);
 
-/// A secret, and what it was used for.
 #[derive(PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 struct Used {
     secret: RegistrationSecret,
-    /// How many arguments were made about a leaf, by its index. The others have been in none.
+    /// Arguments by leaf. A missing leaf was in none.
     opened: BTreeMap<u64, u32>,
 }
 
-/// Why an argument is not counted.
 enum Uncounted {
-    /// So many arguments have opened this leaf, and no further one may.
+    /// No more arguments may open this leaf.
     WornOut { leaf: u64, opened: u32 },
-    /// The file does not have the secret.
     Unknown,
 }
 
@@ -95,24 +90,24 @@ impl Secrets {
         state.join("secret")
     }
 
-    /// That of the last registration, or of the one to come.
+    /// The secret of the last registration, or of the next one.
     pub fn newest(&self) -> Option<&RegistrationSecret> {
         self.0.last().map(|used| &used.secret)
     }
 
-    /// That of the registration before the newest.
+    /// The one before the newest.
     pub fn before(&self) -> Option<&RegistrationSecret> {
         let before = self.0.len().checked_sub(2)?;
         self.0.get(before).map(|used| &used.secret)
     }
 
-    /// That of this registered dataset.
+    /// The secret of this registered dataset.
     pub fn of(&self, dataset: &DatasetCommitment) -> Option<&RegistrationSecret> {
         let mut secrets = self.0.iter().map(|used| &used.secret);
         secrets.find(|secret| secret.is_of(dataset))
     }
 
-    /// Adds one, which is the newest then.
+    /// Adds one, which is then the newest.
     pub fn add(&mut self, secret: RegistrationSecret) {
         self.0.push(Used {
             secret,
@@ -120,7 +115,7 @@ impl Secrets {
         });
     }
 
-    /// Whether no argument was made under this secret.
+    /// Whether no argument was made under it.
     pub fn is_unused(&self, secret: &RegistrationSecret) -> bool {
         self.find(secret).is_none_or(|used| used.opened.is_empty())
     }
@@ -139,7 +134,7 @@ impl Secrets {
     /// Counts an argument about these leaves, each of which `most` arguments may open.
     ///
     /// # Errors
-    /// A leaf has been in as many already. Then nothing is counted.
+    /// A leaf is worn out. Then nothing is counted.
     fn count(
         &mut self,
         secret: &RegistrationSecret,
@@ -170,7 +165,7 @@ impl Secrets {
     /// Reads what [`Self::encode`] has written.
     ///
     /// # Errors
-    /// It is something else. The text says what is wrong.
+    /// Other bytes. The text states what is wrong.
     pub fn decode(bytes: &[u8]) -> Result<Self, String> {
         if !bytes.starts_with(MAGIC) {
             return Err("it does not begin as a file of secrets does".into());
@@ -185,7 +180,7 @@ impl Secrets {
         borsh::from_slice(secrets).map_err(|error| error.to_string())
     }
 
-    /// Reads the file of a state folder; `None` if it is not there.
+    /// Reads the file; `None` if it is missing.
     ///
     /// # Errors
     /// It cannot be read, or is damaged.
@@ -200,10 +195,10 @@ impl Secrets {
         secrets.transpose().map_err(damaged)
     }
 
-    /// Reads the file, which has to be there: the node has registered its recording.
+    /// Reads the file of a registered recording.
     ///
     /// # Errors
-    /// Those of [`Self::read`], and it is not there.
+    /// Those of [`Self::read`], and it is missing.
     pub fn of_registered(state: &Path) -> Result<Self, ParticipantError> {
         Self::read(state)?.ok_or_else(|| {
             let path = Self::path(state);
@@ -211,7 +206,7 @@ impl Secrets {
         })
     }
 
-    /// Writes the file, for its owner alone. It is on disk when this returns.
+    /// Writes the file, for its owner alone.
     ///
     /// # Errors
     /// It cannot be written.
@@ -221,11 +216,11 @@ impl Secrets {
     }
 }
 
-/// Counts an argument about these leaves, each of which `most` arguments may open. The count is on disk when this returns. An argument that comes to nothing
-/// counts, too.
+/// Counts an argument about these leaves, each of which `most` arguments may open. The count is on disk when this returns. A failed
+/// argument counts, too.
 ///
 /// # Errors
-/// A leaf is worn out; or the file is lost or damaged, or cannot be written. Then nobody may make the argument.
+/// A leaf is worn out; or the file fails. Then the argument must not be made.
 pub fn count(
     state: &Path,
     secret: &RegistrationSecret,
@@ -246,7 +241,7 @@ pub fn count(
     secrets.keep(state)
 }
 
-/// The error for a file that holds other secrets than that of the registered dataset.
+/// The error for a file without the secret of the registered dataset.
 pub fn of_another(state: &Path) -> ParticipantError {
     let path = Secrets::path(state);
     let why = format!(

@@ -1,4 +1,4 @@
-//! The lock of a state folder. Two nodes on one folder would write over each other's update, and a commitment would stay unanswered.
+//! The lock of a state folder. Two nodes on one folder would overwrite each other's update, and a commitment would stay unanswered.
 
 use crate::error::ParticipantError;
 use crate::state_files::at;
@@ -6,7 +6,7 @@ use std::fs::{File, OpenOptions, TryLockError};
 use std::io;
 use std::path::Path;
 
-/// The lock, held while a node uses its state folder. The system releases it when the process ends, however it ends.
+/// The lock. The system releases it when the process ends.
 #[derive(Debug)]
 pub struct StateLock {
     _file: File,
@@ -30,8 +30,8 @@ impl StateLock {
     }
 }
 
-/// Opens the lock file. It is opened for writing, because network file systems lock no other file. It may belong to another user, such as root
-/// who has once started the node by hand: on a local disk, it is enough to read it.
+/// Opens the lock file for writing, because network file systems lock no other file. If it belongs to another user, such as root, reading
+/// is enough on a local disk.
 fn open(path: &Path) -> io::Result<File> {
     let mut options = OpenOptions::new();
     let opened = options

@@ -1,5 +1,4 @@
-//! Control variates on the node's disk, so that it need not download all rounds again before each round. The file is a cache: the ledger gives the
-//! same numbers without it.
+//! Control variates on the node's disk: a cache that saves downloading all rounds before each round. The ledger gives the same numbers.
 
 use crate::error::ParticipantError;
 use crate::state_files::{self, at};
@@ -13,7 +12,7 @@ use zk0_protocol::rules::network_rules::Scaffold;
 use zk0_smolvla::train::scaffold::ControlVariates;
 use zk0_smolvla::{ExpertWeights, PolicyConfig};
 
-/// Room in the file for its other fields and for the identities of nodes.
+/// Room for other fields and for the identities of nodes.
 const FIELDS_BYTES: u64 = 64 << 20;
 /// Bytes of the file for each byte of weights that travel: two float32 numbers for an int16.
 const OF_WEIGHTS: u64 = 4;
@@ -35,7 +34,7 @@ pub struct KeptVariates {
     pub first: u64,
     /// The first round after those that count.
     pub next: u64,
-    /// Who contributed in these rounds.
+    /// The contributors of these rounds.
     pub contributed: BTreeSet<NodeId>,
     /// What follows from them.
     pub variates: ControlVariates,
@@ -63,7 +62,7 @@ impl KeptVariates {
         }
     }
 
-    /// What is on the disk, if it is whole and is `whose`. Weights that travel have at most `limit` bytes.
+    /// Reads the file, if it is whole and is `whose`. Weights that travel have at most `limit` bytes.
     ///
     /// # Errors
     /// The file system fails.
@@ -90,7 +89,7 @@ impl KeptVariates {
         }))
     }
 
-    /// What a file holds; `None` if it is of another network, key or rule. The error says what is wrong with it.
+    /// The content of a file; `None` if it is of another network, key or rule. The error states what is wrong with it.
     fn of_bytes(
         bytes: &[u8],
         whose: &Whose,
@@ -118,7 +117,7 @@ impl KeptVariates {
         }))
     }
 
-    /// Writes them to the disk.
+    /// Writes them to disk.
     ///
     /// # Errors
     /// The file system fails.

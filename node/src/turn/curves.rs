@@ -1,4 +1,4 @@
-//! The curves of a node's training and claims, for TensorBoard. Their steps are the optimiser steps that the node has made in all rounds.
+//! The TensorBoard curves of a node's training and claims, over the optimiser steps of all rounds.
 
 use crate::training_history::TrainingHistory;
 use std::path::Path;
@@ -6,29 +6,27 @@ use std::time::Instant;
 use zk0_smolvla::train::TrainingStep;
 use zk0_tensorboard::{metrics, EventFile};
 
-/// The curves in one round.
 pub(super) struct Curves<'a> {
-    /// `None` if the operator wants no curves.
     file: Option<&'a EventFile>,
     round: u64,
-    /// The steps that the node has made before.
+    /// Steps made before this round.
     before: u64,
     /// When the last step ended.
     clock: Instant,
 }
 
 impl<'a> Curves<'a> {
-    /// Of a round whose training begins.
+    /// For a round whose training begins.
     pub fn of(file: Option<&'a EventFile>, state: &Path, round: u64) -> Self {
         Self::from(file, state, round, round)
     }
 
-    /// Of a round in which the node has trained.
+    /// For a round in which the node has trained.
     pub fn after(file: Option<&'a EventFile>, state: &Path, round: u64) -> Self {
         Self::from(file, state, round, round.saturating_add(1))
     }
 
-    /// The steps of the rounds before `end` are made.
+    /// Counts the steps before the round `end`.
     fn from(file: Option<&'a EventFile>, state: &Path, round: u64, end: u64) -> Self {
         Self {
             file,
@@ -38,7 +36,6 @@ impl<'a> Curves<'a> {
         }
     }
 
-    /// After a step.
     pub fn stepped(&mut self, step: &TrainingStep) {
         let Some(file) = self.file else {
             return;

@@ -1,4 +1,4 @@
-//! The last global step, for FedCM: what the round before started from. The ledger names it, and the node verifies the entries that say so.
+//! The last global step, for FedCM. The node verifies the ledger entries that name it.
 
 use crate::client::NodeClient;
 use crate::error::ParticipantError;
@@ -7,9 +7,8 @@ use crate::turn::Turn;
 use zk0_smolvla::ExpertWeights;
 
 impl Turn<'_> {
-    /// The weights that the round before started from. It is `None` where there is no last global step: in the first round, in a round
-    /// whose base a vote restored, and in a round after one that kept its base. A file that cannot be downloaded is no reason to leave a round
-    /// out, so it is `None` then, too.
+    /// The weights that the round before started from. `None` without a last global step (in the first round, on a base that a vote
+    /// restored, and after a round that kept its base), and if the file cannot be downloaded.
     pub(super) async fn earlier(
         &self,
         node: &mut NodeClient,

@@ -1,4 +1,4 @@
-//! Prepares a claim for the proving service: what takes minutes on this machine in mode `succinct`, before SP1 starts.
+//! Prepares a claim for the proving service: in mode `succinct`, minutes of work before SP1 starts.
 
 use crate::error::ParticipantError;
 use crate::progress::Progress;
@@ -13,12 +13,10 @@ use zk0_circuits::Mode;
 use zk0_prover::program::PreparedClaim;
 use zk0_smolvla::policy::memory::KeepFreed;
 
-/// Units of the progress that is reported.
 const UNITS: f64 = 1000.0;
 
-/// Prepares the claim that `input` proves, and reports how far it is. It computes on a thread of its own, so that the connections of the node
-/// stay alive. `state` is the node's state folder: values of samples are in files there meanwhile. `secret` is what hides the samples. In mode
-/// `succinct` the argument is counted there before it is made, whatever becomes of it.
+/// Prepares the claim that `input` proves, on a thread of its own, so that the node's connections stay alive. Files in the state folder
+/// `state` hold values of samples meanwhile. `secret` hides the samples. In mode `succinct` the argument is counted before it is made.
 ///
 /// # Errors
 /// The claim does not hold, or cannot be proven in this mode. The argument cannot be counted: a sample is worn out, or the file fails.
@@ -34,7 +32,7 @@ pub async fn prepare(
             let leaves: Vec<_> = input.places().iter().map(|(leaf, _)| *leaf).collect();
             count(&state, &secret, &leaves, most_uses(&input.header().spec))?;
         }
-        // The argument's steps free gigabytes and ask for as much again.
+        // The argument's steps free gigabytes and allocate as much again.
         let _memory = KeepFreed::new();
         let mut progress = Progress::start("making the argument", UNITS as u64);
         let tell = &mut |share| progress.reached((UNITS * share) as u64);

@@ -1,4 +1,5 @@
-//! Has a claim proven. A commitment cannot be taken back, so a node whose proving service is full or gone asks again for as long as a proof counts.
+//! Has a claim proven. A commitment cannot be taken back, so the node asks a full or absent proving service again for as long as a proof
+//! counts.
 
 use crate::client::NodeClient;
 use crate::error::{NoProof, ParticipantError};
@@ -11,17 +12,15 @@ use zk0_prover::program::GuestInput;
 use zk0_prover::rpc;
 use zk0_prover::service::ProvingClient;
 
-/// Time until the service is asked for the second time. Each further pause is twice as long.
+/// Each further pause is twice as long.
 const FIRST_PAUSE: Duration = Duration::from_secs(1);
-/// The longest of these pauses.
 const LONGEST_PAUSE: Duration = Duration::from_secs(30);
 
-/// Has the claim of `input` proven in the round that has opened like this. If the proving service cannot do it now, the node asks again for
-/// as long as the round takes submissions. It waits no longer for the proof either: whoever is late for this round must not be late for the next
-/// one, and leaves the queue of the service to others.
+/// Has the claim of `input` proven in this round. The node asks again, and waits for the proof, only as long as the round takes
+/// submissions: it must not be late for the next round, and leaves the service's queue to others.
 ///
 /// # Errors
-/// The service refuses the claim, or it gives no proof in time; or the aggregator fails.
+/// The service refuses the claim, or gives no proof in time; or the aggregator fails.
 pub async fn have_proven(
     prover: &mut ProvingClient,
     node: &mut NodeClient,
@@ -51,7 +50,7 @@ pub async fn have_proven(
             Err(error) => return Err(error.into()),
         };
         if taken {
-            // The service was well meanwhile, so this is another trouble than the one before.
+            // The service worked meanwhile: this is another failure.
             (pause, said) = (FIRST_PAUSE, None);
         }
         // A further pause would end too late.
@@ -73,7 +72,7 @@ pub async fn have_proven(
     }
 }
 
-/// Ready when the round takes no more submissions. An aggregator that is away costs no proof: the round takes none after its whole window.
+/// Ready when the round takes no more submissions: after its whole window, if the aggregator is away.
 async fn submissions_end(node: &mut NodeClient, opened: &RoundOpened) {
     let whole = Duration::from_millis(opened.rules.submit_window_ms);
     if let Ok(left) = timeout(whole, node.submissions_end_in(opened)).await {
@@ -81,12 +80,11 @@ async fn submissions_end(node: &mut NodeClient, opened: &RoundOpened) {
     }
 }
 
-/// Reports how far the proving service is with a claim.
 fn report(event: rpc::Progress) {
     let phase = match event.phase() {
         rpc::progress::Phase::Queued => "waiting for the prover",
         rpc::progress::Phase::Proving => "proving",
-        // This phase takes a second, and the time of the proof is not known yet.
+        // This phase takes a second, before the proof's time is known.
         _ => return,
     };
     let total = event.estimated_total_ms.max(event.elapsed_ms + 1);

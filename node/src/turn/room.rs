@@ -1,4 +1,4 @@
-//! Whether this machine has room for a round. A node checks it before it trains, because training takes long.
+//! Whether this machine has room for a round. A node checks it before the long training.
 
 use crate::error::ParticipantError;
 use crate::state_files::at;
@@ -8,7 +8,7 @@ use zk0_circuits::{EvalSpec, Mode};
 use zk0_prover::machine::{check_disk, check_memory, free_disk, Resources};
 use zk0_weights::Format;
 
-/// Checks that there is room to keep an update of this format in the node's state folder.
+/// Checks the room for an update of this format in the node's state folder.
 ///
 /// # Errors
 /// The disk of the folder is too full.
@@ -20,7 +20,6 @@ pub fn check_room_of_update(format: &Format, state: &Path) -> Result<(), Partici
     )
 }
 
-/// Checks that `free` bytes of disk in a folder suffice for the file of an update.
 fn check_update(needed: u64, folder: &Path, free: u64) -> Result<(), ParticipantError> {
     if needed <= free {
         Ok(())
@@ -33,8 +32,8 @@ fn check_update(needed: u64, folder: &Path, free: u64) -> Result<(), Participant
     }
 }
 
-/// Checks that there is room for the argument that the node makes in this mode when it has trained, also if the base saturates. Too little memory is a warning, because
-/// it may be free by then.
+/// Checks the room for the argument that follows the training, also if the base saturates. Too little memory is a warning, because it may
+/// be free by then.
 ///
 /// # Errors
 /// The disk of the node's state folder is too full.

@@ -1,9 +1,9 @@
-//! A round by SCAFFOLD: the node trains by SGD, with as many steps and at the rate that the rules say. Its control variates follow from the rounds
-//! before, whose entries it verifies and whose weights it downloads by their digests. So nobody sends control variates, and a node computes the
-//! same ones again when it comes back without its files.
+//! A round by SCAFFOLD: the node trains by SGD, with the steps and the rate of the rules. Its control variates follow from earlier rounds,
+//! whose entries it verifies and whose weights it downloads by their digests. So no control variates travel, and a node that has lost its
+//! files computes the same ones again.
 //!
-//! The rounds that count are those up to this one in an unbroken row: by the same strategy with the same numbers, each starting from what the
-//! one before ended with, back to the round in which the rules let the control variates begin with 0. A round whose result was not taken counts
+//! The rounds that count form an unbroken row up to this one: by the same strategy with the same numbers, each starting from the result of
+//! the one before, back to the round in which the rules let the control variates begin with 0. A round whose result was not taken counts
 //! for nothing.
 
 use crate::client::NodeClient;
@@ -22,7 +22,7 @@ use zk0_smolvla::train::{train_by_sgd, TrainOptions, TrainingSamples};
 use zk0_smolvla::ExpertWeights;
 
 impl LocalTraining {
-    /// Refuses options that would change the steps of a round by SCAFFOLD. The control variates would be wrong then.
+    /// Refuses options that would make the control variates wrong.
     pub(super) fn check_beside_scaffold(&self, round: u64) -> Result<(), ParticipantError> {
         let options = [
             ("--fedprox-mu", self.fedprox_mu != 0.0),
@@ -38,7 +38,6 @@ impl LocalTraining {
 }
 
 impl Turn<'_> {
-    /// Trains as the rules of SCAFFOLD say.
     pub(super) fn train_by_scaffold(
         &self,
         rule: &Scaffold,
@@ -69,7 +68,6 @@ impl Turn<'_> {
         })
     }
 
-    /// The node's control variates for this round.
     pub(super) async fn control_variates(
         &self,
         rule: &Scaffold,
@@ -111,7 +109,6 @@ impl Turn<'_> {
             }
             known.next = opened.round + 1;
         }
-        // The next attempt goes on after what is kept.
         if known.next > before {
             if let Err(error) = known.keep(self.state, &whose, config) {
                 tracing::warn!("round {round}: the control variates are not kept, and the node computes them again from the ledger: {error}");
@@ -128,7 +125,7 @@ impl Turn<'_> {
         Ok(known.variates)
     }
 
-    /// Takes a round into account. `held` are the weights that it starts from, if they are here.
+    /// Takes a round into account. It starts from the weights `held`, if they are here.
     async fn observe(
         &self,
         known: &mut KeptVariates,
@@ -156,7 +153,7 @@ impl Turn<'_> {
         let contributors: Vec<_> = closed.contributors.iter().map(|one| one.node).collect();
         let own = if contributors.contains(&node.id()) {
             let update = match node.accepted_update(opened.round).await {
-                // A round may have opened meanwhile for which the earlier ones count no more.
+                // A round may have opened meanwhile for which the earlier ones no longer count.
                 Err(NodeError::Unexpected { .. })
                     if node.commits_no_more(self.opened.round).await? =>
                 {
@@ -185,7 +182,6 @@ impl Turn<'_> {
         Ok(())
     }
 
-    /// Public weights of this digest.
     async fn weights(
         &self,
         node: &mut NodeClient,

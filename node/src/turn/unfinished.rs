@@ -1,5 +1,5 @@
-//! What a node keeps of a round that is open. A node that was interrupted goes on with it when it starts again in the same round: it cannot
-//! commit to another update there, and what is decided is decided once.
+//! What a node keeps of an open round. A node that restarts goes on with it: it cannot commit to another update in the round, and a
+//! decision is final.
 
 use crate::error::ParticipantError;
 use crate::state_files::{self, at, broken};
@@ -13,11 +13,11 @@ use zk0_prover::program::PreparedClaim;
 
 /// A [`RoundParticipation`] at the beginning of a file.
 const PART_BYTES: u64 = 3 * 32 + 8;
-/// Room for the other fields of a file beside an update.
+/// Room for the fields beside an update.
 const FIELDS_BYTES: u64 = 1 << 10;
-/// Largest file of a claim that is read, with what proves it. The argument about 256 samples at the published size has a few megabytes.
+/// The argument about 256 samples at the published size has a few megabytes.
 const MAX_CLAIM_BYTES: u64 = 256 << 20;
-/// Largest file of a decision that is read. The texts of a refusal have some hundred bytes.
+/// The texts of a refusal have some hundred bytes.
 const MAX_DECIDED_BYTES: u64 = 1 << 20;
 
 /// An update that the node has committed to, or is about to commit to.
@@ -25,7 +25,7 @@ const MAX_DECIDED_BYTES: u64 = 1 << 20;
 pub struct UnfinishedUpdate {
     /// Where it belongs.
     pub of: RoundParticipation,
-    /// On how many samples it is to be evaluated.
+    /// Samples on which it is evaluated.
     pub eval_samples: u32,
     /// The update, as it travels.
     pub file: Vec<u8>,
@@ -49,7 +49,7 @@ impl UnfinishedUpdate {
         state.join("unfinished-update")
     }
 
-    /// The update of this part that was kept, if there is one. Its file has at most `limit` bytes.
+    /// The kept update of this part, of at most `limit` bytes.
     pub fn read(
         state: &Path,
         of: &RoundParticipation,
@@ -59,13 +59,13 @@ impl UnfinishedUpdate {
         Ok(kept.filter(|kept| kept.of == *of))
     }
 
-    /// Keeps the update. It is on disk when this returns.
+    /// Keeps the update on disk.
     pub fn keep(&self, state: &Path) -> Result<(), ParticipantError> {
         keep(&Self::path(state), self)
     }
 }
 
-/// What the aggregator has decided on a node's contribution.
+/// The aggregator's decision on a node's contribution.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Decided {
     /// What the contribution belongs to.
@@ -79,7 +79,7 @@ impl Decided {
         state.join("decided")
     }
 
-    /// What was decided on this part, if anything was.
+    /// The decision on this part, if there is one.
     pub fn read(state: &Path, of: &RoundParticipation) -> Result<Option<Self>, ParticipantError> {
         let kept: Option<Self> = read(&Self::path(state), MAX_DECIDED_BYTES)?;
         Ok(kept.filter(|kept| kept.of == *of))
@@ -91,14 +91,14 @@ impl Decided {
     }
 }
 
-/// The root of the dataset with which the node has begun its part in a round, if it has begun it.
+/// The root of the dataset with which the node has begun the round, if it has.
 pub fn begun(
     state: &Path,
     network: &Digest,
     round: u64,
 ) -> Result<Option<Digest>, ParticipantError> {
     for path in [Decided::path(state), UnfinishedUpdate::path(state)] {
-        // Both files begin with the part. The update after it may be large.
+        // Both files begin with the part. The update may be large.
         let start = bounded_file::start_if_there(&path, PART_BYTES).map_err(at(&path))?;
         let part = start.map(|start| borsh::from_slice::<RoundParticipation>(&start));
         let part = part
@@ -112,7 +112,7 @@ pub fn begun(
     Ok(None)
 }
 
-/// The claim of these terms that was kept, if there is one, and if its argument is whole.
+/// The kept claim of these terms, if its argument is whole.
 pub fn read_claim(state: &Path, terms: &Terms) -> Result<Option<PreparedClaim>, ParticipantError> {
     let kept: Option<PreparedClaim> = read(&claim_path(state), MAX_CLAIM_BYTES)?;
     Ok(kept.filter(|kept| {
@@ -120,12 +120,12 @@ pub fn read_claim(state: &Path, terms: &Terms) -> Result<Option<PreparedClaim>, 
     }))
 }
 
-/// Keeps a claim. It is on disk when this returns.
+/// Keeps a claim on disk.
 pub fn keep_claim(state: &Path, claim: &PreparedClaim) -> Result<(), ParticipantError> {
     keep(&claim_path(state), claim)
 }
 
-/// A claim with its proof, as they are submitted.
+/// A claim with its proof, as submitted.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct ProvenClaim {
     /// The claim.
@@ -139,13 +139,13 @@ impl ProvenClaim {
         state.join("unfinished-proof")
     }
 
-    /// The claim of these terms that was kept with its proof, if there is one.
+    /// The kept claim of these terms.
     pub fn read(state: &Path, terms: &Terms) -> Result<Option<Self>, ParticipantError> {
         let kept: Option<Self> = read(&Self::path(state), MAX_CLAIM_BYTES)?;
         Ok(kept.filter(|kept| kept.claim.terms == *terms))
     }
 
-    /// The claim of this part that was kept with its proof, if there is one.
+    /// The kept claim of this part.
     pub fn in_round(
         state: &Path,
         of: &RoundParticipation,
@@ -164,13 +164,13 @@ impl ProvenClaim {
         }))
     }
 
-    /// Keeps the claim with its proof. They are on disk when this returns.
+    /// Keeps claim and proof on disk.
     pub fn keep(&self, state: &Path) -> Result<(), ParticipantError> {
         keep(&Self::path(state), self)
     }
 }
 
-/// Removes the update, the claim and the proof of a round that has closed.
+/// Removes the update, the claim and the proof of a closed round.
 pub fn remove(state: &Path) -> Result<(), ParticipantError> {
     for path in [
         UnfinishedUpdate::path(state),

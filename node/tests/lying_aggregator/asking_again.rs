@@ -1,24 +1,21 @@
 //! A node asks an aggregator again that cannot answer now, as long as the aggregator does not advise against it.
 
-use super::{Failures, Lying, Told};
+use super::{Failures, Told};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::time::timeout;
 use tonic::{Code, Status};
 use zk0_node::client::status::RoundWatch;
+use zk0_node::client::NodeClient;
 use zk0_node::client_error::NodeError;
 use zk0_protocol::rpc::federation as rpc;
 use zk0_protocol::rpc::federation::turned_down::Remedy;
 use zk0_protocol::rpc::federation::TurnedDown;
+use zk0_protocol::rpc::PROTOCOL;
+use zk0_testkit::network::key;
 
 /// Longer than this, no test waits for a node that asks again.
 const PATIENCE: Duration = Duration::from_secs(30);
-
-impl Lying {
-    pub(super) fn fail(&self) -> Result<(), Status> {
-        self.failures.lock().unwrap().pop().map_or(Ok(()), Err)
-    }
-}
 
 fn failures(all: &[Status]) -> Failures {
     Arc::new(Mutex::new(all.to_vec()))
@@ -81,4 +78,20 @@ async fn a_client_with_a_limit_gives_up() {
     let answered = answered.expect("the node waits on");
     assert!(matches!(answered, Err(NodeError::Refused(_))));
     assert!(failing.lock().unwrap().len() > 900);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_aggregator_of_another_protocol_is_not_asked_and_its_release_is_shown() {
+    let told = Told::new();
+    let network = *told.chain.state.network();
+    for protocol in [0, PROTOCOL + 1] {
+        let round = told.round(None);
+        let (url, server) = told.served(round, Failures::default(), protocol).await;
+        let refused = NodeClient::connect(url, network, key(0)).await.map(drop);
+        let refused = refused.unwrap_err().to_string();
+        for part in [&format!("speaks protocol {protocol},"), "it is zk0 9.0"] {
+            assert!(refused.contains(part), "{refused}");
+        }
+        server.abort();
+    }
 }

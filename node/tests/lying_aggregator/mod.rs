@@ -2,19 +2,19 @@
 //! key, and shows the node whatever a test makes up.
 
 mod asking_again;
+mod lying;
 mod proof_in_time;
 
+use lying::Lying;
 use std::fs;
-use std::pin::Pin;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
 use tokio_stream::wrappers::TcpListenerStream;
-use tokio_stream::{Stream, StreamExt};
 use tonic::transport::Server;
-use tonic::{Request, Response, Status, Streaming};
+use tonic::Status;
 use zk0_node::client::NodeClient;
 use zk0_node::client_error::NodeError;
 use zk0_node::error::ParticipantError;
@@ -30,7 +30,8 @@ use zk0_protocol::challenge::vrf::VrfProof;
 use zk0_protocol::entries::entry::{RandomnessDrawn, RoundOpened};
 use zk0_protocol::entries::proposal::{Action, Ballot};
 use zk0_protocol::rpc::federation as rpc;
-use zk0_protocol::rpc::federation::federation_server::{Federation, FederationServer};
+use zk0_protocol::rpc::federation::federation_server::FederationServer;
+use zk0_protocol::rpc::PROTOCOL;
 use zk0_protocol::{Body, Entry, Receipt, Signed, TlogProof};
 use zk0_testkit::micro_network::{pickplace, Setting};
 use zk0_testkit::network::log::MemoryLog;
@@ -127,6 +128,19 @@ impl Told {
         round: rpc::RoundInfo,
         failures: Failures,
     ) -> (NodeClient, JoinHandle<()>) {
+        let (url, server) = self.served(round, failures, PROTOCOL).await;
+        let network = *self.chain.state.network();
+        let node = NodeClient::connect(url, network, key(0)).await.unwrap();
+        (node, server)
+    }
+
+    /// The address of an aggregator that shows this round, and the aggregator.
+    async fn served(
+        &self,
+        round: rpc::RoundInfo,
+        failures: Failures,
+        protocol: u32,
+    ) -> (String, JoinHandle<()>) {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let url = format!("http://{}", listener.local_addr().unwrap());
         let whole = MemoryLog::of(&self.leaves);
@@ -137,14 +151,13 @@ impl Told {
             round,
             governance: self.governance(),
             failures,
+            protocol,
         };
         let serving = Server::builder()
             .add_service(FederationServer::new(lying))
             .serve_with_incoming(TcpListenerStream::new(listener));
         let server = tokio::spawn(async move { serving.await.unwrap() });
-        let network = *self.chain.state.network();
-        let node = NodeClient::connect(url, network, key(0)).await.unwrap();
-        (node, server)
+        (url, server)
     }
 
     /// The challenge that node 0 derives from what it is shown, or why it derives none.
@@ -164,85 +177,6 @@ impl Told {
 
 /// Failures that an aggregator has before it.
 type Failures = Arc<Mutex<Vec<Status>>>;
-
-struct Lying {
-    genesis: Vec<u8>,
-    checkpoint: String,
-    round: rpc::RoundInfo,
-    governance: rpc::GovernanceInfo,
-    failures: Failures,
-}
-
-type Answer<T> = Result<Response<T>, Status>;
-
-/// What the tests never ask for.
-fn not_asked<T>() -> Answer<T> {
-    Err(Status::unimplemented("no test asks for this"))
-}
-
-#[tonic::async_trait]
-impl Federation for Lying {
-    async fn get_network(&self, _: Request<rpc::GetNetworkRequest>) -> Answer<rpc::NetworkInfo> {
-        Ok(Response::new(rpc::NetworkInfo {
-            run: vec![7; 16],
-            genesis: self.genesis.clone(),
-            checkpoint: self.checkpoint.clone(),
-        }))
-    }
-
-    async fn get_round(&self, _: Request<rpc::GetRoundRequest>) -> Answer<rpc::RoundInfo> {
-        Ok(Response::new(self.round.clone()))
-    }
-
-    type WatchRoundStream = Pin<Box<dyn Stream<Item = Result<rpc::RoundInfo, Status>> + Send>>;
-
-    async fn watch_round(
-        &self,
-        _: Request<rpc::GetRoundRequest>,
-    ) -> Answer<Self::WatchRoundStream> {
-        self.fail()?;
-        let told = tokio_stream::once(Ok(self.round.clone()));
-        Ok(Response::new(Box::pin(told.chain(tokio_stream::pending()))))
-    }
-
-    async fn get_status(&self, _: Request<rpc::GetStatusRequest>) -> Answer<rpc::StatusInfo> {
-        not_asked()
-    }
-
-    type DownloadStream = Pin<Box<dyn Stream<Item = Result<rpc::Chunk, Status>> + Send>>;
-
-    /// Sends far more than weights have.
-    async fn download(&self, _: Request<rpc::DownloadRequest>) -> Answer<Self::DownloadStream> {
-        let data = vec![0; 64 << 10];
-        let chunks = std::iter::repeat_n(rpc::Chunk { data }, 256);
-        let chunks = tokio_stream::iter(chunks.map(Ok::<_, Status>));
-        Ok(Response::new(Box::pin(chunks)))
-    }
-
-    async fn upload(&self, _: Request<Streaming<rpc::UploadChunk>>) -> Answer<rpc::UploadReply> {
-        not_asked()
-    }
-
-    async fn get_upload(&self, _: Request<rpc::GetUploadRequest>) -> Answer<rpc::UploadInfo> {
-        not_asked()
-    }
-
-    async fn submit(&self, _: Request<rpc::SubmitRequest>) -> Answer<rpc::SubmitReply> {
-        not_asked()
-    }
-
-    async fn record(&self, _: Request<rpc::RecordRequest>) -> Answer<rpc::Receipt> {
-        not_asked()
-    }
-
-    async fn get_governance(
-        &self,
-        _: Request<rpc::GetGovernanceRequest>,
-    ) -> Answer<rpc::GovernanceInfo> {
-        self.fail()?;
-        Ok(Response::new(self.governance.clone()))
-    }
-}
 
 fn wrong(result: Result<zk0_circuits::Digest, NodeError>) -> RandomnessError {
     match result {

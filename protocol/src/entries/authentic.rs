@@ -126,6 +126,7 @@ fn check_body(body: &Body, keys: &KnownKeys) -> Result<(), RuleViolation> {
         Body::Voted(signed) => verify(signed, keys)?,
         Body::Disputed(signed) => verify(signed, keys)?,
         Body::NodeLeft(signed) => verify(signed, keys)?,
+        Body::OperatorDecided(signed) => verify(signed, keys)?,
         Body::NodeEnrolled(enrolled) => {
             let node = enrolled.node;
             if keys.key(&node).is_none() {
@@ -143,7 +144,8 @@ fn check_body(body: &Body, keys: &KnownKeys) -> Result<(), RuleViolation> {
         | Body::RandomnessDrawn(_)
         | Body::MomentsComputed(_)
         | Body::FilesLost(_)
-        | Body::ContributionLeftOut(_) => {}
+        | Body::ContributionLeftOut(_)
+        | Body::DeadlinesMoved(_) => {}
     }
     Ok(())
 }

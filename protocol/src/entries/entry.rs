@@ -7,8 +7,8 @@ use crate::entries::proposal::Outcome;
 use crate::entries::refusal::code::{self, RefusalCode};
 use crate::entries::round_result::{EvaluatedResult, ResultOutcome};
 use crate::entries::signed::{
-    DatasetRegistration, Dispute, KeyRotation, KeyTakeover, Leaving, Proposal, Signed, Submission,
-    UpdateCommitment, Vote,
+    DatasetRegistration, Dispute, KeyRotation, KeyTakeover, Leaving, OperatorDecision, Proposal,
+    Signed, Submission, UpdateCommitment, Vote,
 };
 use crate::rules::network_rules::{Participation, Rules};
 use borsh::{BorshDeserialize, BorshSerialize};
@@ -86,6 +86,19 @@ pub enum Body {
     FilesLost(LostContribution),
     /// The file has not come back in the rules' time. The round closes without the contribution.
     ContributionLeftOut(LostContribution),
+    /// The operator suspended a node, or ended that.
+    OperatorDecided(Signed<OperatorDecision>),
+    /// The open round's deadlines moved by an outage.
+    DeadlinesMoved(DeadlinesMoved),
+}
+
+/// The aggregator or its witnesses were away while a round was open.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct DeadlinesMoved {
+    /// The open round.
+    pub round: u64,
+    /// By how many milliseconds: at most the time since the last entry.
+    pub by_ms: u64,
 }
 
 /// An accepted contribution with a lost update or proof.

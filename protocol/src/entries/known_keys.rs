@@ -69,6 +69,7 @@ fn used_after(entry: &Entry) -> Option<NodeId> {
         Body::Voted(signed) => Some(signed.statement.voter),
         Body::Disputed(signed) => Some(signed.statement.disputer),
         Body::NodeLeft(signed) => Some(signed.statement.node),
+        Body::OperatorDecided(signed) => Some(signed.statement.operator),
         Body::Genesis(_)
         | Body::RoundOpened(_)
         | Body::RoundClosed(_)
@@ -78,7 +79,8 @@ fn used_after(entry: &Entry) -> Option<NodeId> {
         | Body::RandomnessDrawn(_)
         | Body::MomentsComputed(_)
         | Body::FilesLost(_)
-        | Body::ContributionLeftOut(_) => None,
+        | Body::ContributionLeftOut(_)
+        | Body::DeadlinesMoved(_) => None,
     }
 }
 

@@ -23,6 +23,8 @@ pub enum Standing {
     Revoked,
     /// The node has left. It may be enrolled again.
     Left,
+    /// Suspended by the operator, until the operator or a vote reinstates the node.
+    SuspendedByOperator,
 }
 
 impl std::fmt::Display for Standing {
@@ -32,6 +34,7 @@ impl std::fmt::Display for Standing {
             Self::Suspended => "suspended",
             Self::Revoked => "revoked",
             Self::Left => "gone: it has left",
+            Self::SuspendedByOperator => "suspended by the operator",
         })
     }
 }

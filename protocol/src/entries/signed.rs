@@ -227,6 +227,21 @@ pub struct Leaving {
     pub round: u64,
 }
 
+/// The operator suspends a node, or ends the suspension that it made. Only where the rules let it enrol nodes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
+pub struct OperatorDecision {
+    /// The network.
+    pub network: Digest,
+    /// The operator: the log's key.
+    pub operator: NodeId,
+    /// The node.
+    pub node: NodeId,
+    /// Whether the node is suspended from now on.
+    pub suspended: bool,
+    /// Its number, from 0, so that it is recorded only once.
+    pub number: u64,
+}
+
 /// Somebody disputes an accepted contribution.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Dispute {
@@ -271,3 +286,4 @@ statement!(KeyRotation, "zk0:key-rotation:v1", node);
 statement!(KeyTakeover, "zk0:key-takeover:v1", rotation.with);
 statement!(Dispute, "zk0:dispute:v1", disputer);
 statement!(Leaving, "zk0:leaving:v1", node);
+statement!(OperatorDecision, "zk0:operator-decision:v1", operator);

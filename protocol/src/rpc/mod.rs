@@ -5,6 +5,9 @@ pub mod conversions;
 pub mod head_metadata;
 mod turned_down;
 
+/// The number of the protocol that this release speaks. A change that an older node or aggregator would misread raises it.
+pub const PROTOCOL: u32 = 1;
+
 /// The generated messages, the client and the server.
 #[allow(missing_docs, clippy::all)]
 pub mod federation {

@@ -85,6 +85,16 @@ impl Governance {
         }
     }
 
+    /// Gives a governor another key.
+    pub(crate) fn rename(&mut self, old: &NodeId, new: &NodeId) {
+        for governor in &mut self.governors {
+            if governor.key == *old {
+                governor.key = *new;
+            }
+        }
+        self.governors.sort_by_key(|governor| governor.key);
+    }
+
     /// Checks every value. The error names a bad one.
     pub fn check(&self) -> Result<(), String> {
         let rule = "rule governance";

@@ -110,6 +110,8 @@ pub fn named_blobs(body: &Body) -> Vec<NamedBlob> {
         | Body::RandomnessDrawn(_)
         | Body::FilesLost(_)
         | Body::ContributionLeftOut(_)
-        | Body::NodeLeft(_) => Vec::new(),
+        | Body::NodeLeft(_)
+        | Body::OperatorDecided(_)
+        | Body::DeadlinesMoved(_) => Vec::new(),
     }
 }

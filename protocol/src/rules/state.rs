@@ -46,6 +46,7 @@ pub struct State {
     pub(crate) results: RoundResults,
     pub(crate) earlier_base: Option<WeightsDigest>,
     pub(crate) moments: Option<ServerMoments>,
+    pub(crate) next_decision: u64,
 }
 
 /// An enrolled node.
@@ -105,7 +106,7 @@ pub struct RegisteredDataset {
 /// The open round.
 #[derive(Clone, Debug, PartialEq, Eq, BorshSerialize, BorshDeserialize)]
 pub struct Round {
-    /// Its opening.
+    /// Its opening, with the deadline that its commitments have by now.
     pub opened: RoundOpened,
     /// Index of the opening entry.
     pub entry: u64,
@@ -121,6 +122,8 @@ pub struct Round {
     pub moments: Option<Digest>,
     /// When the aggregator first requested a lost file, in Unix milliseconds, by the node of the contribution.
     pub lost: BTreeMap<NodeId, u64>,
+    /// By how much its deadlines have moved in all, in milliseconds.
+    pub moved_ms: u64,
 }
 
 /// The randomness of the open round.
@@ -255,6 +258,11 @@ impl State {
         self.next_proposal
     }
 
+    /// The number of the operator's next decision about a node.
+    pub fn next_decision(&self) -> u64 {
+        self.next_decision
+    }
+
     /// Accepted contributions that may still be disputed, by the accepting entry.
     pub fn contributions(&self) -> &BTreeMap<u64, Contribution> {
         &self.contributions
@@ -358,10 +366,10 @@ impl State {
         *self.retired.get(id).unwrap_or(id)
     }
 
-    /// The state's digest: [`tagged_sha256`] of its borsh encoding under `zk0/state/v7`. Equal histories give equal digests.
+    /// The state's digest: [`tagged_sha256`] of its borsh encoding under `zk0/state/v8`. Equal histories give equal digests.
     pub fn digest(&self) -> Digest {
         let bytes = borsh::to_vec(self).expect("writing to a Vec cannot fail");
-        tagged_sha256("zk0/state/v7", &[&bytes])
+        tagged_sha256("zk0/state/v8", &[&bytes])
     }
 }
 

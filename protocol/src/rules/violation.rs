@@ -2,6 +2,7 @@
 
 use crate::challenge::drawing::RandomnessError;
 use crate::entries::codec::EntryError;
+use crate::entries::member::Standing;
 use crate::entries::refusal::code::RefusalCode;
 use crate::entries::refusal::Refusal;
 use zk0_circuits::{Digest, NodeId};
@@ -94,6 +95,21 @@ pub enum RuleViolation {
     /// The operator cannot enrol nodes here.
     #[error("the operator cannot enrol node {0}: by the rules, only a vote can")]
     EnrolmentByVote(NodeId),
+    /// The operator cannot suspend nodes here.
+    #[error("the operator cannot suspend or reinstate node {0}: by the rules, only a vote can")]
+    SuspensionByVote(NodeId),
+    /// Somebody else decides as the operator.
+    #[error("{0} is not the operator: its key is not the one that the genesis names")]
+    NotOperator(NodeId),
+    /// The operator's decision has another number.
+    #[error("the operator's decision has number {number}, but the next one has number {next}: sign again")]
+    OtherDecision { number: u64, next: u64 },
+    /// The node has committed in the open round.
+    #[error("node {node} cannot be suspended yet: it has committed an update in round {round}, which is open; ask again when the round is over")]
+    SuspendedInRound { node: NodeId, round: u64 },
+    /// The operator ends only its own suspensions.
+    #[error("the operator cannot reinstate node {node}: it is {standing}, and the operator ends only its own suspensions")]
+    NotReinstated { node: NodeId, standing: Standing },
     /// The two halves of a key rotation differ.
     #[error("node {0}'s key cannot be rotated: the new key signed another rotation")]
     OtherTakeover(NodeId),
@@ -113,8 +129,14 @@ pub enum RuleViolation {
         nodes: usize,
         least: usize,
     },
-    /// The node has changed its key too often.
-    #[error("node {node} has changed its key {limit} times: only a vote can give it another")]
+    /// The new key is a governor's.
+    #[error("{0} is the key of a governor already: make another key")]
+    GovernorsKey(NodeId),
+    /// The governor's key was replaced before, and a vote named it again.
+    #[error("the key {0} was replaced once: only a vote can replace it again")]
+    KeyRetired(NodeId),
+    /// The key was changed too often.
+    #[error("{node} has changed its key {limit} times: only a vote can give it another")]
     TooManyKeys { node: NodeId, limit: usize },
     /// The proposal is not possible.
     #[error("proposal {number}: {why}")]
@@ -164,6 +186,16 @@ pub enum RuleViolation {
     /// A dispute prevents the round's opening.
     #[error("the dispute of entry {0} has to be decided before a round opens")]
     DisputeUndecided(u64),
+    /// The open round waits for no deadline.
+    #[error("round {0} has no deadline that could move: all that it waits for is decided")]
+    NoDeadline(u64),
+    /// The deadlines move by more than the outage, or than all outages of a round may.
+    #[error("the deadlines of round {round} cannot move by {by_ms} ms: {most_ms} ms have passed since the last entry, or are left of 30 days for all outages of a round")]
+    MovedTooFar {
+        round: u64,
+        by_ms: u64,
+        most_ms: u64,
+    },
     /// The deadlines do not fit in 64 bits.
     #[error("round {0}'s deadlines do not fit in 64 bits")]
     EndOfTime(u64),

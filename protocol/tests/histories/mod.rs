@@ -93,7 +93,7 @@ fn name(reason: &RuleViolation) -> String {
 }
 
 /// All that an accepted entry can be. Each must occur in random histories, because otherwise they do not test it.
-const ALL: [&str; 42] = [
+const ALL: [&str; 43] = [
     "enrolled",
     "registered",
     "opened to all",
@@ -136,6 +136,7 @@ const ALL: [&str; 42] = [
     "weights restored",
     "a node's vote",
     "rotated in a round",
+    "deadlines moved",
 ];
 
 /// Returns what an accepted entry was, in the words of [`ALL`].
@@ -169,6 +170,11 @@ fn happened(body: &Body, before: &State, after: &State) -> Vec<&'static str> {
             what
         }
         Body::NodeLeft(_) => vec!["left"],
+        Body::OperatorDecided(signed) => match signed.statement.suspended {
+            true => vec!["suspended by the operator"],
+            false => vec!["reinstated by the operator"],
+        },
+        Body::DeadlinesMoved(_) => vec!["deadlines moved"],
         Body::MomentsComputed(_) => vec!["moments"],
         Body::FilesLost(_) => vec!["files lost"],
         Body::ContributionLeftOut(_) => vec!["left out"],

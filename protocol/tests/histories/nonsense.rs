@@ -8,8 +8,8 @@ use zk0_circuits::{Claim, Digest, Losses, NodeId, Terms, WeightsDigest};
 use zk0_protocol::challenge::drawing::Drawing;
 use zk0_protocol::challenge::vrf::VrfProof;
 use zk0_protocol::entries::entry::{
-    CommitmentsClosed, Contributor, DisputeResolved, LostContribution, ProposalSettled,
-    RandomnessDrawn, RoundClosed, RoundOpened, ENTRY_VERSION,
+    CommitmentsClosed, Contributor, DeadlinesMoved, DisputeResolved, LostContribution,
+    ProposalSettled, RandomnessDrawn, RoundClosed, RoundOpened, ENTRY_VERSION,
 };
 use zk0_protocol::entries::member::NodeEnrolled;
 use zk0_protocol::entries::program::Program;
@@ -332,6 +332,8 @@ fn any_body() -> impl Strategy<Value = Body> {
                 Body::FilesLost(lost)
             }
         }),
+        1 => (any_u64(), any_u64())
+            .prop_map(|(round, by_ms)| Body::DeadlinesMoved(DeadlinesMoved { round, by_ms })),
         1 => (any_u64(), any_drawing())
             .prop_map(|(round, drawing)| Body::RandomnessDrawn(RandomnessDrawn { round, drawing })),
         1 => (any_u64(), any_weights(), contributors).prop_map(|(round, global, contributors)| {

@@ -47,6 +47,7 @@ pub enum Step {
     Accept(u8, u8),
     Reject(u8),
     Lose(u8, bool),
+    Move,
     Close(u8),
     Propose(u8, u8, u8),
     Vote(u8, u8, Ballot),
@@ -78,6 +79,7 @@ fn sensible() -> impl Strategy<Value = Step> {
         32 => two().prop_map(|(by, gain)| Step::Accept(by, gain)),
         4 => any::<u8>().prop_map(Step::Reject),
         12 => (any::<u8>(), any::<bool>()).prop_map(|(by, out)| Step::Lose(by, out)),
+        3 => Just(Step::Move),
         12 => any::<u8>().prop_map(Step::Close),
         16 => (any::<u8>(), 0..21u8, any::<u8>()).prop_map(|(by, what, whom)| Step::Propose(by, what, whom)),
         80 => (any::<u8>(), 0..6u8, ballot).prop_map(|(by, which, ballot)| Step::Vote(by, which, ballot)),
@@ -282,6 +284,7 @@ fn round(step: &Step, state: &State, now: u64) -> Option<Body> {
                 Body::FilesLost(lost)
             }
         }
+        Step::Move => Body::DeadlinesMoved(state.next_move(now, u64::MAX)?),
         Step::Close(global) => {
             let (evaluated, contributed) = (
                 state.rules().public_samples.is_some(),

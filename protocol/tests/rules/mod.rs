@@ -10,6 +10,8 @@ mod founding;
 mod full_rounds;
 mod lost_files;
 mod members;
+mod operator;
+mod outages;
 mod presence;
 mod required_witnesses;
 mod rounds;

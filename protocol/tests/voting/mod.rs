@@ -1,5 +1,6 @@
 //! Only a vote changes the rules. Every way to cheat is refused, and every vote has the right outcome.
 
+mod governors_keys;
 mod programs;
 mod proposals;
 mod restoring;

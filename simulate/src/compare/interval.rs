@@ -1,9 +1,9 @@
-//! A mean with its confidence interval, by Student's t distribution.
+//! A mean with its confidence interval.
 
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// 95 in 100 intervals hold the true mean, if the values are normally distributed and independent.
+/// For normally distributed and independent values.
 pub const CONFIDENCE: f64 = 0.95;
 
 /// A mean and its interval.
@@ -18,8 +18,8 @@ pub struct Interval {
 }
 
 impl Interval {
-    /// The mean of some values and its 95 % confidence interval: the mean plus or minus the standard error times the 97.5 % quantile of
-    /// Student's t distribution with `values.len() - 1` degrees of freedom. `None` for fewer than two values.
+    /// The mean of some values and its 95 % confidence interval: plus or minus the standard error times the 97.5 % quantile of Student's t
+    /// distribution with `values.len() - 1` degrees of freedom. `None` for fewer than two values.
     pub fn of(values: &[f64]) -> Option<Self> {
         let freedom = values.len().checked_sub(1).filter(|freedom| *freedom > 0)? as f64;
         let count = values.len() as f64;

@@ -1,5 +1,5 @@
-//! One run of a comparison: a variant trains with a seed and is measured along the way. All variants have the same first weights, samples,
-//! evaluated frames, noise and times, and are measured as int16 weights.
+//! One run: a variant trains with a seed and is measured along the way, as int16 weights. All variants have the same first weights,
+//! samples, evaluated frames, noise and times.
 
 use crate::compare::variant::{Hyperparameters, SameSteps, Variant, VariantKind};
 use crate::robots::data::NodeData;
@@ -17,7 +17,7 @@ use zk0_smolvla::train::{TrainOptions, Trainer, TrainingSamples};
 use zk0_smolvla::{ExpertWeights, PolicyConfig, PolicyError};
 use zk0_weights::Format;
 
-/// What all runs of a comparison share.
+/// What all runs share.
 pub struct ComparisonSetting {
     /// The policy's dimensions.
     pub config: PolicyConfig,
@@ -29,18 +29,18 @@ pub struct ComparisonSetting {
     pub unseen: Vec<NodeData>,
     /// The federation's rounds.
     pub rounds: u64,
-    /// How a node trains in a round. A run sets the learning rate, μ and the seed.
+    /// How a node trains, but for learning rate, μ and seed.
     pub training: Training,
-    /// Centralised training's number of steps.
+    /// Centralised training's steps.
     pub same_steps: SameSteps,
-    /// Losses are measured after these rounds, in ascending order: 0 is before the first, and the last is the final round.
+    /// The rounds to measure after, in ascending order, from 0 to the final one.
     pub measured: Vec<u64>,
 }
 
 /// Losses after some rounds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CurvePoint {
-    /// The rounds; without rounds, the steps that stand for them.
+    /// The rounds, or the steps that stand for them.
     pub round: u64,
     /// Losses on each node's held-out frames, then on each unseen recording.
     pub losses: Vec<f64>,
@@ -57,11 +57,11 @@ pub struct Run {
     pub values: Hyperparameters,
     /// The steps of all who trained.
     pub steps: u64,
-    /// The losses along the way. The last are after the last step.
+    /// The losses along the way.
     pub points: Vec<CurvePoint>,
 }
 
-/// The rounds to measure after: the first, the last, and some between, evenly spread.
+/// The first and last round, and some between, evenly spread.
 pub fn measured_rounds(rounds: u64, most: u64) -> Vec<u64> {
     let between = rounds.min(most);
     (0..=between).map(|one| one * rounds / between).collect()
@@ -128,7 +128,7 @@ impl ComparisonSetting {
         })
     }
 
-    /// The mean final loss of a kind of variant on the nodes' held-out frames: each node alone on its own, the others on all nodes'.
+    /// The mean final loss on held-out frames: of each node alone on its own, of the others on all nodes'.
     ///
     /// # Errors
     /// Those of [`Self::run`].
@@ -179,7 +179,7 @@ impl ComparisonSetting {
         Ok(points)
     }
 
-    /// Trains without a federation: one optimiser and one schedule for all steps, as in `zk0 train`.
+    /// One optimiser and one schedule for all steps, as in `zk0 train`.
     fn in_one_go(
         &self,
         robots: &Robots,
@@ -198,11 +198,11 @@ impl ComparisonSetting {
             steps: steps * self.rounds as usize,
             batch_size: self.training.batch_size,
             learning_rate: values.learning_rate,
-            // As in the first round of a federation.
+            // As in a federation's first round.
             seed: seed << 32,
             ..TrainOptions::default()
         };
-        // Rounded weights, as in a federation.
+        // As in a federation.
         let start = robots.start(start)?.base.weights;
         let mut trainer = Trainer::new(
             &self.config,
@@ -243,7 +243,7 @@ impl ComparisonSetting {
     }
 }
 
-/// A run's loss on the held-out frames of those who trained: one node's, or the mean over all.
+/// A run's mean loss on the held-out frames of those who trained.
 pub fn own(variant: &Variant, losses: &[f64], nodes: usize) -> f64 {
     match variant {
         Variant::Alone(node) => losses[*node],

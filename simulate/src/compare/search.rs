@@ -1,5 +1,5 @@
 //! Chooses learning rates, FedProx's μ and strategies by trials, with the tree-structured Parzen estimator (Bergstra et al. 2011) of the
-//! crate `tpe`. The next trial depends only on the seed and earlier trials, so a stopped search can go on.
+//! crate `tpe`. The next trial depends only on the seed and earlier trials: a stopped search can go on.
 
 use crate::compare::variant::{Hyperparameters, VariantKind};
 use rand_0_10::rngs::StdRng;
@@ -10,10 +10,9 @@ use tpe::range::Range;
 use tpe::{TpeOptimizer, TpeOptimizerBuilder};
 use zk0_protocol::rules::network_rules::Strategy;
 
-/// A kind's random trials after the first, which the estimator needs.
+/// A kind's random trials after the first.
 pub const AT_RANDOM: usize = 4;
 
-/// The part of the trials that counts as good.
 const GOOD: f64 = 0.25;
 
 /// What a search tries. Each kind's first trial has the user's values.
@@ -21,11 +20,11 @@ const GOOD: f64 = 0.25;
 pub struct Space {
     /// The user's values.
     pub given: Hyperparameters,
-    /// Learning rates lie between the given one divided by this factor and the given one times it.
+    /// Learning rates differ from the given one by at most this factor.
     pub factor: f64,
-    /// The choices for FedProx's μ.
+    /// Choices for FedProx's μ.
     pub mus: Vec<f64>,
-    /// The choices for the strategy.
+    /// Choices for the strategy.
     pub strategies: Vec<Strategy>,
 }
 
@@ -43,7 +42,7 @@ pub struct Trial {
 }
 
 impl Trial {
-    /// What the search minimises. A failed trial is worst.
+    /// A failed trial is worst.
     fn score(&self) -> f64 {
         let finite = self.loss.filter(|loss| loss.is_finite());
         finite.unwrap_or(f64::INFINITY)
@@ -57,7 +56,7 @@ struct SearchedValue {
 }
 
 impl Space {
-    /// A kind's next values, after these trials of it.
+    /// A kind's next values, after its trials.
     pub fn next(&self, kind: VariantKind, seed: u64, trials: &[Trial]) -> Hyperparameters {
         if trials.is_empty() {
             return self.given(kind);
@@ -80,7 +79,7 @@ impl Space {
             estimator: tpe::parzen_estimator,
         });
         if let Some(rate) = rate {
-            // As many digits as are printed, so that the printed rate gives the same result.
+            // The printed digits give the same result.
             let digits = format!("{:.3e}", rate.exp());
             values.learning_rate = digits.parse().unwrap_or(values.learning_rate);
         }
@@ -114,7 +113,7 @@ impl Space {
         }
     }
 
-    /// Logarithms of the learning rates; `None` for only one.
+    /// Logarithms; `None` for only one.
     fn rates(&self) -> Option<Range> {
         let (given, factor) = (self.given.learning_rate.ln(), self.factor.ln());
         tpe::range(given - factor, given + factor).ok()
@@ -128,7 +127,7 @@ impl Space {
             .ok()?;
         for trial in known {
             let value = (searched.of)(&trial.values, self);
-            // A value outside the range gives no information about it.
+            // A value outside the range gives no information.
             let _ = optimizer.tell(value.unwrap_or(f64::NAN), trial.score());
         }
         optimizer.ask(rng).ok()
@@ -140,7 +139,7 @@ fn place<T: PartialEq>(all: &[T], one: &T) -> Option<f64> {
     Some(place as f64)
 }
 
-/// The first of the trials with the least loss; `None` if all failed.
+/// The first trial with the least loss; `None` if all failed.
 pub fn best(trials: &[Trial]) -> Option<&Trial> {
     let ended = trials.iter().filter(|trial| trial.score().is_finite());
     ended.min_by(|one, other| one.score().total_cmp(&other.score()))

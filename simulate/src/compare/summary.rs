@@ -1,4 +1,4 @@
-//! Sums up the runs of several seeds: means, and differences between the federation and the others, seed by seed.
+//! Sums up the runs of several seeds: means, and the federation's differences seed by seed.
 
 use crate::compare::interval::Interval;
 use crate::compare::run::{own, Run};
@@ -7,12 +7,12 @@ use crate::robots::data::NodeData;
 use crate::robots::error::SimulationError;
 use serde::Serialize;
 
-/// A kind of variant's loss.
+/// A kind's loss.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Loss {
     /// What it is measured on.
     pub on: String,
-    /// What trained. For `alone`, the mean over the nodes.
+    /// What trained: for `alone`, a mean over the nodes.
     pub variant: &'static str,
     /// The mean over the seeds.
     pub loss: Interval,
@@ -20,7 +20,7 @@ pub struct Loss {
     pub by_seed: Vec<f64>,
 }
 
-/// The federation's loss minus another's, at the same seed: below 0 where the federation is better.
+/// The federation's loss minus another's: below 0 where the federation is better.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Difference {
     /// What it is measured on.
@@ -47,12 +47,12 @@ pub enum FederationVerdict {
     NoDifferenceShown,
 }
 
-/// Losses along the way, on the held-out episodes of those who trained.
+/// Losses along the way, on own held-out episodes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LossProgress {
     /// What trained.
     pub variant: &'static str,
-    /// Rounds, each with the mean over the seeds.
+    /// Rounds, with means over the seeds.
     pub points: Vec<(u64, Interval)>,
 }
 
@@ -61,7 +61,7 @@ pub struct LossProgress {
 pub struct ComparisonSummary {
     /// The losses at the end.
     pub losses: Vec<Loss>,
-    /// The federation against centralised training and nodes alone, on average over the nodes.
+    /// The federation against the others, on average over the nodes.
     pub differences: Vec<Difference>,
     /// The federation against each node alone.
     pub each_node: Vec<Difference>,
@@ -71,16 +71,15 @@ pub struct ComparisonSummary {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Measure {
-    /// The held-out episodes of the node that trained, or of all nodes.
+    /// Held-out episodes of those that trained.
     Own,
-    /// The held-out episodes of the nodes that did not train; of all if all trained.
+    /// Held-out episodes of the others; of all if all trained.
     Others,
     /// The unseen recording with this number.
     Unseen(usize),
 }
 
 impl Measure {
-    /// A run's loss, from its losses on all frames.
     fn of(self, variant: &Variant, losses: &[f64], nodes: usize) -> f64 {
         match (self, variant) {
             (Self::Others, Variant::Alone(node)) => {
@@ -100,7 +99,7 @@ struct Runs<'a> {
 }
 
 impl Runs<'_> {
-    /// Per seed, the mean loss of the runs that `which` selects, after the point with this number from the end.
+    /// Per seed, the mean loss of the selected runs, counted from the end.
     fn by_seed(
         &self,
         which: &dyn Fn(&Variant) -> bool,
@@ -219,7 +218,7 @@ pub fn summary(
             });
         }
     }
-    // Where all nodes train, their own and the others' episodes are the same.
+    // Where all nodes train, both measures are the same.
     differences.retain(|one| {
         !(one.on == measures[1].1 && one.federated_minus == VariantKind::Centralised.name())
     });
@@ -367,7 +366,7 @@ mod tests {
         };
         let own = of("held-out episodes of the node itself", "centralised");
         assert_eq!(own.by_seed, [0.5, 0.5]);
-        // The losses vary between the seeds; their differences do not.
+        // Only the losses vary between the seeds.
         assert_eq!((own.difference.low, own.difference.high), (0.5, 0.5));
         assert_eq!(own.shows, FederationVerdict::FederationIsWorse);
         let others = of("held-out episodes of the other nodes", "alone");

@@ -8,7 +8,7 @@ use zk0_protocol::rules::network_rules::Strategy;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Variant {
-    /// All nodes, each on its own frames. Each round combines their updates.
+    /// All nodes, each on its own frames. Rounds combine their updates.
     Federated,
     /// One machine with the frames of all nodes.
     Centralised,
@@ -45,7 +45,7 @@ impl Variant {
     }
 }
 
-/// Variants that train with the same values.
+/// Variants with the same values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum VariantKind {
@@ -93,7 +93,7 @@ pub enum SameSteps {
 }
 
 impl SameSteps {
-    /// A variant's steps per round in a federation of `nodes` nodes with `steps` steps each.
+    /// A variant's steps per round.
     pub fn in_a_round(self, variant: Variant, nodes: usize, steps: usize) -> usize {
         match (variant, self) {
             (Variant::Federated, _) | (Variant::Centralised, Self::Total) => nodes * steps,

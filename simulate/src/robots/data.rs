@@ -1,4 +1,4 @@
-//! The data of simulated nodes: a recording each, or the episodes of some recordings, dealt out.
+//! The data of simulated nodes: a recording each, or episodes dealt out.
 
 use crate::robots::error::SimulationError;
 use sha2::{Digest as _, Sha256};
@@ -18,33 +18,32 @@ pub struct NodeData {
     pub name: String,
     /// Its recordings' names.
     pub recordings: Vec<String>,
-    /// The episodes that only losses are measured on, such as `so100_pickplace episode 3`.
+    /// The episodes for losses only, such as `so100_pickplace episode 3`.
     pub held_out: Vec<String>,
     /// The frames to train on.
     pub trained_on: Vec<PreparedSample>,
     /// The frames to measure losses on.
     pub evaluated: Vec<PreparedSample>,
-    /// Noise and time for each of these, the same in all rounds.
+    /// Noise and time for each of these, in all rounds.
     pub draws: Vec<FlowDraw>,
 }
 
 /// How data is dealt to nodes.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Dealing {
-    /// The number of nodes; `None` for one per recording.
+    /// Nodes; `None` for one per recording.
     pub nodes: Option<usize>,
-    /// The share of each node's episodes that is held out.
+    /// The held-out share of a node's episodes.
     pub held_out: f64,
-    /// The share of each node's episodes set aside before, neither for training nor for measuring: those that this share and the same seed
-    /// hold out.
+    /// The share set aside before, for neither: those that this share and the same seed hold out.
     pub set_aside: f64,
-    /// The most frames per node to measure losses on.
+    /// Most frames per node for losses.
     pub evaluated: usize,
     /// Chooses held-out episodes, noise and times.
     pub seed: u64,
 }
 
-/// A recording with all its frames as samples.
+/// A recording with samples of all frames.
 pub struct SampledRecording {
     /// Its folder's name.
     pub name: String,
@@ -57,7 +56,7 @@ pub struct SampledRecording {
 }
 
 impl SampledRecording {
-    /// Makes samples of all frames with the policy of `file`, as a node does.
+    /// Makes samples of all frames with the policy of `file`.
     ///
     /// # Errors
     /// A frame cannot be read.
@@ -122,7 +121,7 @@ pub fn deal(
     nodes.collect()
 }
 
-/// A recording that no node has, for measuring losses.
+/// A recording that no node has.
 pub fn unseen(recorded: &SampledRecording, file: &PolicyFile, dealing: &Dealing) -> NodeData {
     let evaluated = spread(&recorded.samples, dealing.evaluated);
     NodeData {
@@ -167,7 +166,7 @@ fn divided(
     Ok((of(&rest, &split.train), of(&rest, &split.eval)))
 }
 
-/// Each node's episodes. With a number of nodes, all recordings' episodes are counted through: number `i` goes to node `i % nodes`.
+/// With a number of nodes, episode `i` of all recordings goes to node `i % nodes`.
 fn shares(
     recordings: &[SampledRecording],
     nodes: Option<usize>,
@@ -200,7 +199,6 @@ fn frames(recordings: &[SampledRecording], episodes: &[Dealt]) -> Vec<PreparedSa
     frames.cloned().collect()
 }
 
-/// At most `most` samples, evenly spread.
 fn spread(samples: &[PreparedSample], most: usize) -> Vec<PreparedSample> {
     let count = samples.len().min(most.max(1));
     let places = (0..count).map(|number| number * samples.len() / count);

@@ -20,10 +20,10 @@ pub enum SimulationError {
         /// The cause.
         error: Box<ParticipantError>,
     },
-    /// The policy, a recording or an option does not fit.
+    /// A policy, recording or option does not fit.
     #[error(transparent)]
     Policy(#[from] PolicyError),
-    /// A network cannot have these weights.
+    /// No network accepts these weights.
     #[error(transparent)]
     Participant(Box<ParticipantError>),
     /// A weight file cannot be made.
@@ -41,7 +41,7 @@ pub enum SimulationError {
     /// The nodes' data is not usable.
     #[error("{0}")]
     Data(String),
-    /// A saved simulation has other options, or is damaged.
+    /// A saved simulation is another one, or damaged.
     #[error("{0}")]
     Saved(String),
     /// A file cannot be read or written.

@@ -31,15 +31,15 @@ pub struct Training {
     pub batch_size: usize,
     /// Learning rate.
     pub learning_rate: f64,
-    /// FedProx's pull towards the round's base.
+    /// FedProx's pull towards the base.
     pub fedprox_mu: f64,
     /// FedCM: the node's own part of each step; 1 for all.
     pub fedcm_alpha: f64,
-    /// Decides the order of samples, noise and times; 0 for a network's.
+    /// For samples, noise and times; 0 for a network's.
     pub seed: u64,
 }
 
-/// Nodes with their data, and how to combine their updates.
+/// Nodes with their data and strategy.
 pub struct Robots {
     /// The policy's dimensions.
     pub config: PolicyConfig,
@@ -50,7 +50,7 @@ pub struct Robots {
     pub nodes: Arc<[NodeData]>,
 }
 
-/// The weights after some rounds, and what else the next needs.
+/// What the next round starts from.
 pub struct GlobalState {
     /// The weights, in int16 and float32.
     pub base: Base,
@@ -69,7 +69,7 @@ pub struct Update {
 }
 
 impl Robots {
-    /// Nodes of a network whose policy has these dimensions.
+    /// Nodes of a network of these dimensions.
     ///
     /// # Errors
     /// There is no node, or no network accepts the strategy or the dimensions.
@@ -107,7 +107,7 @@ impl Robots {
         &self.format
     }
 
-    /// The first round's start, rounded once as in founding a network.
+    /// The first round's start, rounded as in founding a network.
     ///
     /// # Errors
     /// A weight is too large for every scale.
@@ -226,7 +226,7 @@ impl Robots {
     }
 }
 
-/// A simulated node's identity, for strategies that break ties.
+/// For strategies that break ties.
 fn id(node: usize) -> NodeId {
     let mut id = [0; 32];
     id[24..].copy_from_slice(&(node as u64).to_be_bytes());
@@ -236,7 +236,7 @@ fn id(node: usize) -> NodeId {
 impl Federation for Robots {
     type Global = GlobalState;
     type Update = Update;
-    /// All updates, at 2 bytes a weight, because some exact strategies need all.
+    /// At 2 bytes a weight: some exact strategies need all.
     type Collected = (Vec<(usize, QuantisedWeights)>, Vec<TrainedNode>);
     type Error = SimulationError;
 

@@ -53,16 +53,16 @@ impl TrainedNode {
     }
 }
 
-/// A loss on a node's evaluation samples, or on a recording that no node has.
+/// A loss on a node's evaluation samples, or on an unseen recording.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EvaluationLoss {
     /// The node or the recording.
     pub name: String,
-    /// The flow-matching loss: a mean squared error.
+    /// The flow-matching loss, a mean squared error.
     pub loss: f64,
 }
 
-/// The reports on a round, together.
+/// A round's reports together.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Aggregated {
     /// The mean training loss.
@@ -73,9 +73,9 @@ pub struct Aggregated {
     pub avg_client_proximal_loss: f64,
     /// The mean gradient norm.
     pub avg_client_grad_norm: f64,
-    /// The number of nodes that took part.
+    /// The number of nodes in the round.
     pub num_clients: usize,
-    /// The Euclidean norm of the global weights' change.
+    /// Euclidean norm of the global weights' change.
     pub param_update_norm: f64,
 }
 
@@ -86,22 +86,22 @@ pub struct SimulatedRound {
     pub round: u64,
     /// Always false: a simulation proves nothing.
     pub proven: bool,
-    /// The global weights' mean loss over all nodes.
+    /// The mean loss over all nodes.
     pub mean_loss: f64,
-    /// Their loss on each node's evaluation samples.
+    /// Loss on each node's evaluation samples.
     pub nodes: Vec<EvaluationLoss>,
-    /// Their loss on recordings that no node has.
+    /// Loss on recordings that no node has.
     pub unseen: Vec<EvaluationLoss>,
     /// The reports together.
     pub aggregated_client_metrics: Option<Aggregated>,
     /// Each node's report.
     pub individual_client_metrics: Vec<TrainedNode>,
-    /// SHA-256 of the global weights, as in a network's ledger.
+    /// SHA-256 of the global weights, as in the ledger.
     pub weights: String,
 }
 
 impl Aggregated {
-    /// Sums up the reports; `None` if there are none.
+    /// `None` if there are no reports.
     pub fn of(trained: &[TrainedNode], param_update_norm: f64) -> Option<Self> {
         if trained.is_empty() {
             return None;

@@ -1,4 +1,4 @@
-//! A simulation on disk, so that a stopped one can go on.
+//! A simulation on disk.
 
 use crate::robots::error::SimulationError;
 use crate::robots::federation::{GlobalState, Robots};
@@ -9,12 +9,12 @@ use zk0_files::{atomic_file, bounded_file};
 use zk0_node::exchanged_weights::Base;
 use zk0_protocol::rules::closing::server_moments::ServerMoments;
 
-/// Room for all but weight files and moments (8 bytes a weight).
+/// For all but weight files and moments (8 bytes a weight).
 const FIELDS_BYTES: u64 = 1 << 20;
 
 #[derive(BorshSerialize, BorshDeserialize)]
 struct SavedRound {
-    /// Digest of what is simulated.
+    /// Of what is simulated.
     of: Digest,
     rounds: u64,
     base: Vec<u8>,
@@ -31,7 +31,7 @@ pub fn exists(out: &Path) -> bool {
     path(out).exists()
 }
 
-/// Saves a simulation after `rounds` rounds, on disk when this returns. `of` identifies policy, recordings and options.
+/// Saves a simulation after `rounds` rounds to disk. `of` identifies policy, recordings and options.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -55,7 +55,7 @@ pub fn keep(
     written.map_err(|error| failed(&path, error))
 }
 
-/// Reads the simulation in `out`: the finished rounds, and the next one's start.
+/// The finished rounds in `out`, and the next one's start.
 ///
 /// # Errors
 /// The file cannot be read, or belongs to another simulation than `of`.

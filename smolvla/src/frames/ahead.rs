@@ -1,11 +1,11 @@
 //! Makes samples in the background, before their steps.
 //!
 //! [`ahead`] gives its work a source of the same samples. When the work announces samples ([`SampleSource::expect`]), two threads make them
-//! in order: the first reads the cache and decodes frames, the second runs the policy's frozen half. The caller waits only for unfinished
-//! samples. On a GPU, only decoding is in the background, and the caller's thread runs the frozen half.
+//! in order: the first reads the cache and decodes frames, the second runs the policy's frozen half. On a GPU, the caller's thread runs the
+//! frozen half.
 //!
-//! When as many samples are ready as the work takes at once, the threads wait, with at most three more. Samples and errors are the same as
-//! without this, in the same order.
+//! The threads wait when as many samples are ready as the work takes at once, with at most three more. Samples, errors and their order stay
+//! the same.
 
 use std::borrow::Cow;
 use std::cell::RefCell;
@@ -17,7 +17,7 @@ use crate::error::Result;
 use crate::frames::batch::SampleSource;
 use crate::frames::making::{Begun, Coming, MakesSamples};
 
-/// Does `work` with the samples of `source`, and makes expected samples in the background if `source` makes any.
+/// Does `work` with the samples of `source`, and makes expected ones in the background.
 pub fn ahead<S, R>(source: &dyn SampleSource<S>, work: impl FnOnce(&dyn SampleSource<S>) -> R) -> R
 where
     S: Clone + Send + 'static,
@@ -25,7 +25,7 @@ where
     let Some(maker) = source.makes() else {
         return work(source);
     };
-    // When `work` ends or fails, the threads finish their current frames.
+    // At the end of `work`, the threads finish their current frames.
     thread::scope(|scope| {
         work(&Ahead {
             source,
@@ -43,18 +43,17 @@ struct Ahead<'scope, 'env, S> {
     expected: RefCell<Option<Expected<'scope, S>>>,
 }
 
-/// A sample's number, and what is made of it.
 type Next<S> = (usize, Result<Begun<S>>);
 
 struct Expected<'scope, S> {
     ready: Receiver<Next<S>>,
-    /// Taken from `ready`, not yet asked for.
+    /// Taken, not yet asked for.
     next: Option<Next<S>>,
     threads: Vec<ScopedJoinHandle<'scope, ()>>,
 }
 
 impl<S> Expected<'_, S> {
-    /// Waits for the next sample; `None` unless its number is `index`.
+    /// The next sample; `None` unless its number is `index`.
     fn take(&mut self, index: usize) -> Option<Result<Begun<S>>> {
         if self.next.is_none() {
             self.next = self.ready.recv().ok();
@@ -106,7 +105,6 @@ impl<'scope, S: Clone + Send + 'static> Ahead<'scope, '_, S> {
         }
     }
 
-    /// Waits until the threads have ended.
     fn end(&self) {
         if let Some(expected) = self.expected.take() {
             expected.end();

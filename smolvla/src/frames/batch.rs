@@ -10,7 +10,7 @@ use crate::frames::making::{Coming, MakesSamples};
 use crate::frames::sample::{FromFrame, ObservedSample, PreparedSample};
 use crate::policy::model::key_values::PrefixCache;
 
-/// Samples by number: in memory, or read from a [cache](crate::frames::prefix_cache) one at a time.
+/// Samples by number: in memory, or from a [cache](crate::frames::prefix_cache).
 pub trait SampleSource<S: Clone> {
     /// The number of samples.
     fn len(&self) -> usize;
@@ -26,13 +26,13 @@ pub trait SampleSource<S: Clone> {
     /// The sample cannot be made.
     fn sample(&self, index: usize) -> Result<Cow<'_, S>>;
 
-    /// Frees what only making samples needs.
+    /// Frees what making samples needs.
     fn rest(&self) {}
 
-    /// Announces the next samples, `at_once` at a time, for a source of [`ahead`](crate::frames::ahead::ahead).
+    /// Announces the next samples, `at_once` at a time, for [`ahead`](crate::frames::ahead::ahead).
     fn expect(&self, _coming: Coming, _at_once: usize) {}
 
-    /// The maker of the samples, for other threads; `None` if there is nothing to make.
+    /// The maker of the samples, for other threads; `None` if there is none.
     fn makes(&self) -> Option<&dyn MakesSamples<S>> {
         None
     }
@@ -79,7 +79,7 @@ pub fn pick<'a, S: Clone>(
     indices.iter().map(|index| source.sample(*index)).collect()
 }
 
-/// Samples as tensors. Shorter prefixes are filled up and masked.
+/// Samples as tensors. Shorter prefixes are masked.
 pub struct Batch {
     /// The prefix.
     pub cache: PrefixCache,
@@ -175,7 +175,6 @@ fn check<S: FromFrame>(config: &PolicyConfig, samples: &[&S], numbers: &[usize])
     Ok(())
 }
 
-/// Rows in order, each zero-padded to `length`.
 fn filled_up<'a>(rows: impl Iterator<Item = &'a [f32]>, length: usize, count: usize) -> Vec<f32> {
     let mut all = Vec::with_capacity(count * length);
     for (i, row) in rows.enumerate() {

@@ -1,4 +1,4 @@
-//! Which of a recording's cameras fills which of the policy's slots, as in LeRobot's `prepare_images`.
+//! A recording's cameras for the policy's slots, as in LeRobot's `prepare_images`.
 
 use zk0_lerobot::config::PolicyConfig;
 use zk0_lerobot::policy_folder::IMAGES;
@@ -8,12 +8,12 @@ use crate::error::{PolicyError, Result};
 /// The prefix's cameras in order: indices into `found` (a recording's or batch's camera names), or `None` for a blank one.
 ///
 /// The policy's `rename_map` renames cameras. They come in the policy's order, without those that it lacks; up to `empty_cameras` blank
-/// ones stand for missing ones. As in `lerobot-train`, a policy without a map takes a recording with missing or with extra cameras, but not
-/// with both. A policy without camera names takes the order of the recording's names. The prefix `observation.images.` is optional.
+/// ones stand for missing ones. As in `lerobot-train`, a policy without a map takes a recording with missing or extra cameras, but not with
+/// both. A policy without camera names takes the recording's order. The prefix `observation.images.` is optional.
 ///
 /// # Errors
-/// [`PolicyError::Sample`]: none of the policy's cameras is found, two have one slot, some are missing and others extra, or a policy
-/// without names has too few slots.
+/// [`PolicyError::Sample`]: no camera of the policy is found, two have one slot, some are missing and others extra, or there are too few
+/// slots.
 pub fn camera_slots(
     config: &PolicyConfig,
     empty_cameras: usize,

@@ -1,4 +1,4 @@
-//! Resizes camera frames for the vision tower, as LeRobot's `resize_with_pad`.
+//! Resizes camera frames, as LeRobot's `resize_with_pad`.
 
 /// Resizes planes (channels, height, width) to fit into `size` (height, width) with the same aspect, by bilinear interpolation (no
 /// antialiasing, corners not aligned). Fills the rest **above and to the left** with 0.
@@ -35,7 +35,7 @@ pub fn resize_with_pad(
     out
 }
 
-/// An 8-bit RGB picture (3, height, width) for the vision tower: (3, size, size) in [-1, 1], padding at -1.
+/// An 8-bit RGB picture (3, height, width) as (3, size, size) in [-1, 1], padding at -1.
 pub fn vision_input(pixels: &[u8], shape: (usize, usize), size: usize) -> Vec<f32> {
     let unit: Vec<f32> = pixels.iter().map(|p| f32::from(*p) / 255.0).collect();
     unit_vision_input(&unit, shape, size)

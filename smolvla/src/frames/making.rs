@@ -1,4 +1,4 @@
-//! Makes samples in two parts, which may run on two threads.
+//! Makes samples in two parts, possibly on two threads.
 
 use zk0_lerobot::dataset::Frame;
 
@@ -38,6 +38,6 @@ pub trait MakesSamples<S>: Sync {
     /// The sample cannot be made.
     fn finish(&self, index: usize, begun: Begun<S>) -> Result<S>;
 
-    /// Whether only the thread that asks for samples may [finish](Self::finish) them.
+    /// Whether only the thread that asks may [finish](Self::finish) samples.
     fn finished_by_asker(&self) -> bool;
 }

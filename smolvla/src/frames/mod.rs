@@ -1,12 +1,12 @@
 //! Frames of recordings as samples.
 //!
 //! - [`sample`]: turns a frame into a [`sample::PreparedSample`]: tokenizes the instruction, resizes the pictures ([`image`]), assigns them
-//!   to the policy's camera slots ([`cameras`]), and runs the policy's frozen half once.
-//! - [`recording`]: prepares a recording's frames, normalised by its statistics.
+//!   to camera slots ([`cameras`]), and runs the policy's frozen half.
+//! - [`recording`]: prepares a recording's frames.
 //! - [`prefix_cache`]: keeps samples on disk.
 //! - [`image_transforms`]: changes training pictures at random.
 //! - [`batch`]: makes tensors of several samples.
-//! - [`ahead`]: makes samples in the background, through the interface in [`making`].
+//! - [`ahead`]: makes samples in the background, through [`making`].
 
 pub mod ahead;
 pub mod batch;

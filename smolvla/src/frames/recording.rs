@@ -1,4 +1,4 @@
-//! Prepares whole recordings: the bridge from [`zk0_lerobot::dataset`] to [`crate::frames::sample`].
+//! Prepares whole recordings: from [`zk0_lerobot::dataset`] to [`crate::frames::sample`].
 
 use zk0_lerobot::dataset::{Dataset, DatasetError, Frame, Loader};
 
@@ -79,7 +79,7 @@ impl Preparer<'_> {
     }
 }
 
-/// Normalises state and actions to mean 0 and standard deviation 1, by the recording's own or given statistics.
+/// To mean 0 and standard deviation 1.
 pub(crate) fn normalise(dataset: &Dataset, frame: &mut Frame) {
     dataset.normalisation().state.normalize(&mut frame.state);
     dataset.normalisation().action.normalize(&mut frame.actions);

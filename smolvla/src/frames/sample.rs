@@ -1,10 +1,9 @@
 //! Prepared samples: what one frame contributes to training and to a claim.
 //!
-//! The policy's frozen half runs once per frame. It leaves the key/value cache without padding tokens (they influence nothing), the
+//! The policy's frozen half runs once per frame. A sample has its key/value cache without padding tokens (they influence nothing), the
 //! normalised action chunk, and which of its frames are padding.
 //!
-//! If the state projection is trained too, the state's token changes at each step. No other token sees it: a frame is then an
-//! [`ObservedSample`].
+//! For training the state projection, a frame is an [`ObservedSample`]: the state's token, which no other token sees, changes at each step.
 
 use candle_core::{Device, Tensor};
 use zk0_lerobot::config::PolicyConfig;
@@ -34,7 +33,7 @@ pub struct PreparedSample {
     pub is_pad: Vec<bool>,
 }
 
-/// One frame with its state apart, for training the state projection.
+/// One frame with its state apart.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ObservedSample {
     /// The prepared sample without the state's token, the last.
@@ -51,7 +50,7 @@ pub trait FromFrame: Clone + Send + 'static {
     /// Those of [`Preparer::prepare`].
     fn from_frame(preparer: &Preparer, observation: &Observation) -> Result<Self>;
 
-    /// Checks that the sample fits the policy and all values are finite.
+    /// Checks that the sample fits the policy and is finite.
     ///
     /// # Errors
     /// What is wrong.
@@ -163,7 +162,7 @@ impl Pixels<'_> {
     }
 }
 
-/// One frame of a recording, with normalised state and actions.
+/// One frame of a recording, normalised.
 pub struct Observation<'a> {
     /// All of the recording's cameras. [`camera_slots`] chooses.
     pub cameras: Vec<CameraImage<'a>>,
@@ -185,7 +184,7 @@ pub struct Preparer<'a> {
 }
 
 impl<'a> Preparer<'a> {
-    /// For the frozen half of `policy`, computed as dataset commitments need it.
+    /// For the frozen half of `policy`, as in dataset commitments.
     pub fn new(policy: &Policy, tokenizer: &'a dyn Tokenizer) -> Result<Self> {
         let place = FrozenPlace::default();
         let parameters = PolicyParameters::load(&policy.frozen, &place.device)?;
@@ -239,7 +238,7 @@ impl<'a> Preparer<'a> {
     /// Prepares one frame.
     ///
     /// # Errors
-    /// [`PolicyError::Sample`]: what does not fit, or which value is not a number.
+    /// [`PolicyError::Sample`] names the value.
     pub fn prepare(&self, observation: &Observation) -> Result<PreparedSample> {
         let c = &self.config;
         check_chunk(c, observation)?;
@@ -275,7 +274,7 @@ impl<'a> Preparer<'a> {
     /// Those of [`Self::prepare`].
     pub fn observe(&self, observation: &Observation) -> Result<ObservedSample> {
         let c = &self.config;
-        // Only the state's token, the last, sees the state.
+        // Only the state's token sees the state.
         let mut observed = self.prepare(observation)?;
         observed.prefix_tokens -= 1;
         let values = observed.prefix_tokens * c.kv_width();
@@ -287,7 +286,7 @@ impl<'a> Preparer<'a> {
         })
     }
 
-    /// The prefix cache of the robot's view, as a batch of one: cameras, normalised state (state_dim) and instruction.
+    /// The prefix cache of the robot's view: cameras, normalised state (state_dim) and instruction. A batch of one.
     ///
     /// # Errors
     /// Those of [`Self::prepare`].
@@ -302,7 +301,7 @@ impl<'a> Preparer<'a> {
         let device = self.device();
         let size = c.vision.image_size;
         let names: Vec<&str> = cameras.iter().map(|camera| camera.name).collect();
-        // No token attends to blank cameras, so they can be omitted.
+        // No token attends to blank cameras.
         let slots = camera_slots(c, 0, &names)?;
         let cameras = slots.into_iter().flatten().map(|i| {
             let camera = &cameras[i];

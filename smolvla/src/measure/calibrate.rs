@@ -2,11 +2,11 @@
 //! there.
 //!
 //! With `b` fraction bits, a value is an int16 in units of 2^-b, so it must stay below 2^(15-b). [`calibrate`] gives each scale the most
-//! fraction bits that leave its places a headroom of 2^[`HEADROOM_BITS`] for training. A scale may have several places: queries before and
-//! after rotation, a residual stream and its additions, and in self-attention layers the keys (and values) of prefix and action tokens.
+//! fraction bits that leave a headroom of 2^[`HEADROOM_BITS`] for training. A scale may have several places: queries before and after
+//! rotation, a residual stream and its additions, and in self-attention layers the keys (and values) of prefix and action tokens.
 //!
 //! Weights need no calibration: their values decide a tensor's fraction bits. A matrix has at most 16 bits more than its outputs have over
-//! its inputs, which costs little: its rounding moves a sum by about as much as the output's.
+//! its inputs: its rounding moves a sum by about as much as the output's.
 
 use std::fmt;
 
@@ -19,8 +19,8 @@ use crate::measure::evaluate::{evaluate_each, FlowDraw, LossTotal};
 use crate::policy::model::observe::Site;
 use crate::policy::weights::ExpertWeights;
 
-/// Headroom in bits: values may grow eightfold. The first forty steps from a random start double the residual stream (`docs/fidelity.md`);
-/// one bit more costs little of the 0.5 % that losses may differ.
+/// Headroom in bits. The first forty steps from a random start double the residual stream (`docs/fidelity.md`); one bit more costs little
+/// of the 0.5 % that losses may differ.
 pub const HEADROOM_BITS: u32 = 3;
 
 /// A place whose values must fit a scale.
@@ -54,7 +54,7 @@ impl fmt::Display for CalibrationPoint {
 }
 
 impl CalibrationPoint {
-    /// The place's scale. `None` for attention scores, whose scale follows from queries and keys, and for a layer that `spec` lacks.
+    /// `None` for attention scores (their scale follows from queries and keys), and for a layer that `spec` lacks.
     fn scale(self, spec: &mut EvalSpec) -> Option<&mut u8> {
         use CalibrationPoint::*;
         let joint = |layer| spec.dims.is_self_attention(layer);
@@ -97,7 +97,7 @@ impl CalibrationPoint {
         })
     }
 
-    /// The limits of its scale's fraction bits, as in [`EvalSpec::validate`].
+    /// Limits of its scale's fraction bits, as in [`EvalSpec::validate`].
     fn limits(self) -> (u8, u8) {
         match self {
             Self::Actions | Self::Noise => (1, 12),
@@ -109,13 +109,12 @@ impl CalibrationPoint {
     }
 }
 
-/// The largest magnitude at every place, in the evaluation's order.
+/// The largest magnitudes, in the evaluation's order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Magnitudes(Vec<(CalibrationPoint, f32)>);
 
 impl Magnitudes {
-    /// Float32 passes of `weights` over samples with their draws, and their results by pair. Padding counts, though the fixed-point
-    /// evaluation omits most of it.
+    /// Float32 passes of `weights` over samples with their draws, and their results by pair. Padding counts.
     ///
     /// # Errors
     /// Those of [`crate::measure::evaluate::evaluate`].
@@ -168,7 +167,7 @@ fn largest(values: &[f32]) -> f32 {
     values.iter().map(magnitude).fold(0.0, f32::max)
 }
 
-/// A place's range in a specification, and what was seen there.
+/// A place's range, and what was seen there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ObservedRange {
     /// The place.
@@ -180,13 +179,13 @@ pub struct ObservedRange {
 }
 
 impl ObservedRange {
-    /// How often the largest magnitude fits; below 1, it does not.
+    /// How often the largest magnitude fits.
     pub fn headroom(&self) -> f64 {
         self.holds / f64::from(self.largest)
     }
 }
 
-/// The ranges in the evaluation's order, without places that `spec` lacks.
+/// The ranges in the evaluation's order, of places in `spec`.
 pub fn ranges(spec: &EvalSpec, magnitudes: &Magnitudes) -> Vec<ObservedRange> {
     let mut spec = spec.clone();
     let held = |(place, largest): &(CalibrationPoint, f32)| {
@@ -209,7 +208,6 @@ pub fn ranges(spec: &EvalSpec, magnitudes: &Magnitudes) -> Vec<ObservedRange> {
 const VALUE_LIMIT: f64 = i16::MAX as f64;
 const SCORE_LIMIT: f64 = i32::MAX as f64;
 
-/// What integers up to `limit` hold with `bits` fraction bits.
 fn most(limit: f64, bits: i32) -> f64 {
     limit * 2f64.powi(-bits)
 }
@@ -235,7 +233,7 @@ pub enum CalibrateError {
 /// The finest scales for `dims` that leave every magnitude a headroom of 2^[`HEADROOM_BITS`]. Unseen places get default scales.
 ///
 /// # Errors
-/// [`CalibrateError::TooLarge`] names a place whose values no scale can hold.
+/// [`CalibrateError::TooLarge`] names a place.
 pub fn calibrate(dims: Dims, magnitudes: &Magnitudes) -> Result<EvalSpec, CalibrateError> {
     let mut spec = EvalSpec::new(dims);
     spec.validate()?;
@@ -256,7 +254,7 @@ pub fn calibrate(dims: Dims, magnitudes: &Magnitudes) -> Result<EvalSpec, Calibr
             (scales.key, scales.value) = (scales.cache_key, scales.cache_value);
         }
     }
-    // Scores come last. Their fraction bits are the sum of those of queries and keys. Only queries can give way: keys may share the cache's
+    // Scores come last. Their fraction bits are those of queries and keys together. Only queries can give way: keys may share the cache's
     // scale.
     for &(place, largest) in &magnitudes.0 {
         if let CalibrationPoint::Evaluation(Site::Scores(layer)) = place {
@@ -362,7 +360,7 @@ mod tests {
                     );
                     assert_eq!(held, failing, "{site}: fails at {at}");
                 }
-                // The samples' cache shares the scale, so quantising may fail first.
+                // The samples' cache shares the scale.
                 Err(FidelityError::Quantise(error)) => {
                     assert!(matches!(
                         site,

@@ -1,4 +1,4 @@
-//! The flow-matching loss at given noise and times: the float32 side of a claim.
+//! The flow-matching loss at given noise and times: a claim's float32 side.
 
 use std::iter::Sum;
 
@@ -17,7 +17,6 @@ use crate::policy::model::PolicyParameters;
 use crate::policy::random::{flow_time, normal};
 use crate::policy::weights::ExpertWeights;
 
-/// Samples in one pass of the expert.
 const BATCH: usize = 64;
 
 /// The random part of one loss evaluation.
@@ -30,7 +29,7 @@ pub struct FlowDraw {
 }
 
 impl FlowDraw {
-    /// A draw as in training: first the time, then the noise.
+    /// A draw as in training.
     pub fn random(config: &PolicyConfig, rng: &mut impl RngCore) -> Self {
         let time = flow_time(rng);
         Self {
@@ -40,7 +39,7 @@ impl FlowDraw {
     }
 }
 
-/// `count` draws from a seed, for comparing weights.
+/// `count` draws from a seed.
 pub fn fixed_draws(config: &PolicyConfig, count: usize, seed: u64) -> Vec<FlowDraw> {
     let mut rng = ChaCha20Rng::seed_from_u64(seed);
     (0..count)
@@ -118,7 +117,7 @@ pub fn evaluate_each(
     Ok(all)
 }
 
-/// A sample's squared errors, for both means of LeRobot's releases.
+/// A sample's squared errors, for both LeRobot means.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SampleErrors {
     /// Real action dimensions of frames that are not padding: LeRobot 0.6's `loss_valid_only`, as in a claim.

@@ -1,4 +1,4 @@
-//! Fidelity: how far the fixed-point loss is from the float32 loss on the same inputs, and the ranges' headroom.
+//! The fixed-point loss against the float32 loss on the same inputs, and the ranges' headroom.
 
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::model::eval::{Evaluator, Overflow};
@@ -36,7 +36,7 @@ impl Fidelity {
         (self.fixed_point_loss / self.float32_loss - 1.0).abs()
     }
 
-    /// The range with the least headroom, without noise and time embedding, which never grow.
+    /// The range with the least headroom, without noise and time embedding.
     pub fn tightest(&self) -> Option<&ObservedRange> {
         let bounded = |range: &&ObservedRange| {
             matches!(
@@ -63,12 +63,12 @@ pub enum FidelityError {
     /// A sample or weight does not fit.
     #[error(transparent)]
     Quantise(#[from] QuantiseError),
-    /// The fixed-point evaluation fails: [`EvalError::OutOfRange`] names the place.
+    /// [`EvalError::OutOfRange`] names the place.
     #[error(transparent)]
     Evaluation(#[from] EvalError),
 }
 
-/// The draws of `count` evaluations under a challenge: exactly the fixed-point numbers.
+/// The draws of `count` evaluations under a challenge, exact in fixed point.
 pub fn draws(spec: &EvalSpec, challenge: &Digest, count: usize) -> Vec<FlowDraw> {
     let unit = 1.0 / f32::from(1u16 << spec.action.min(15));
     (0..count as u32)
@@ -82,11 +82,11 @@ pub fn draws(spec: &EvalSpec, challenge: &Digest, count: usize) -> Vec<FlowDraw>
         .collect()
 }
 
-/// Evaluates `weights` in float32 and in fixed point `count` times, on the samples in turn, with successive draws of `challenge`. The
-/// float32 side rounds nothing.
+/// Evaluates `weights` in float32, without rounding, and in fixed point `count` times, on the samples in turn, with successive draws of
+/// `challenge`.
 ///
 /// # Errors
-/// There is no sample, `spec` has other dimensions than the policy, or a value does not fit.
+/// There is no sample, `spec` has other dimensions, or a value does not fit.
 pub fn measure(
     spec: &EvalSpec,
     config: &PolicyConfig,

@@ -14,7 +14,7 @@ use crate::error::Result;
 use crate::frames::sample::PreparedSample;
 use crate::policy::weights::ExpertWeights;
 
-/// The time embedding's periods in every [`EvalSpec::new`].
+/// Of the time embedding in every [`EvalSpec::new`].
 const PERIODS: (f64, f64) = (0.004, 4.0);
 
 /// The dimensions of a policy's expert and samples.
@@ -96,7 +96,7 @@ pub fn quantise_weights(
     })
 }
 
-/// Expert weights of the specification `spec` in float32, for LeRobot and training. Exact: an int16 times a power of two is a float32.
+/// Expert weights in float32, for LeRobot and training. An int16 times a power of two is exact there.
 ///
 /// # Errors
 /// The specification has other dimensions than the policy.
@@ -129,7 +129,7 @@ mod tests {
     use crate::policy::profile::Profile;
     use zk0_circuits::model::layout::TensorSpec;
 
-    /// Nodes train from dequantised weights, and an untrained update must be the base.
+    /// An untrained update must be the base.
     #[test]
     fn float32_weights_made_of_quantised_ones_quantise_to_the_same() {
         let config = Profile::Micro.config();

@@ -19,14 +19,14 @@ pub fn device(name: &str) -> Result<Device> {
             "device `{name}`: this build of zk0 trains on the CPU alone; `make cuda` makes one for NVIDIA GPUs"
         )));
     }
-    // Loads CUDA's libraries; cudarc panics if one is missing.
+    // cudarc panics if a CUDA library is missing.
     let opened = quietly(|| Device::new_cuda(number).map_err(|error| error.to_string()));
     opened
         .and_then(|opened| opened)
         .map_err(|cause| PolicyError::Options(format!("device `{name}` cannot be used: {cause}")))
 }
 
-/// Checks a device's name. Only [`device`] finds out whether this build and machine can use it.
+/// Checks a device's name, not that it can be used.
 ///
 /// # Errors
 /// [`PolicyError::Options`] lists the names.
@@ -49,7 +49,7 @@ fn gpu(name: &str) -> Result<Option<usize>> {
     }
 }
 
-/// The result of `work`, or its panic's message, which is not printed.
+/// The result of `work`, or its panic's message, unprinted.
 fn quietly<T>(work: impl FnOnce() -> T + UnwindSafe) -> std::result::Result<T, String> {
     let hook = panic::take_hook();
     panic::set_hook(Box::new(|_| ()));

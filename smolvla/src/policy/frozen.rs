@@ -1,14 +1,12 @@
-//! Where and in which precision a policy's frozen half is computed.
-//!
-//! Both decide the last digits of keys and values, so both are part of a prefix cache's keys.
+//! Device and precision of a policy's frozen half. Both decide the last digits of keys and values, and are part of a prefix cache's keys.
 
 use candle_core::{DType, Device};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{PolicyError, Result};
 
-/// What the operands of the frozen half's products (linear maps, attention) are rounded to. Sums, norms, softmax, activations and residual
-/// streams stay `f32`, as under PyTorch's autocast.
+/// Rounding of the operands of products (linear maps, attention). Sums, norms, softmax, activations and residual streams stay `f32`, as
+/// under PyTorch's autocast.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FrozenPrecision {
@@ -51,7 +49,7 @@ impl FrozenPrecision {
     }
 }
 
-/// The frozen half's device and precision: by default CPU and `f32`, as in dataset commitments.
+/// By default CPU and `f32`, as in dataset commitments.
 #[derive(Clone, Debug)]
 pub struct FrozenPlace {
     /// The device.
@@ -70,7 +68,7 @@ impl Default for FrozenPlace {
 }
 
 impl FrozenPlace {
-    /// On `device`, in the given precision; by default `bf16` on a GPU, `f32` on the CPU.
+    /// On `device`; by default `bf16` on a GPU, `f32` on the CPU.
     pub fn on(device: Device, precision: Option<FrozenPrecision>) -> Self {
         let usual = if device.is_cpu() {
             FrozenPrecision::F32
@@ -83,7 +81,7 @@ impl FrozenPlace {
         }
     }
 
-    /// The kind of device and the precision. Equal names give equal numbers, or nearly so on different GPUs.
+    /// The kind of device and the precision: equal names give equal numbers, nearly so on different GPUs.
     pub fn name(&self) -> String {
         let device = match &self.device {
             Device::Cpu => "cpu",

@@ -1,7 +1,7 @@
 //! Random weights for a whole policy: a seed gives the same bits on every machine.
 //!
-//! No pretrained weights have the micro profile's size. Its frozen half is a fixed random feature map, scaled so that layers pass values of
-//! about unit size and the expert can learn. [`Policy::from_folder`] reads pretrained weights.
+//! No pretrained weights have the micro profile's size. Its frozen half is a fixed random feature map, scaled so that values have about
+//! unit size and the expert can learn.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
@@ -15,9 +15,7 @@ use crate::error::Result;
 use crate::policy::random::uniform;
 use crate::policy::weights::Policy;
 
-/// A policy with random weights.
-///
-/// Each tensor has its own ChaCha20 stream, keyed by the seed and its name, so new tensors do not change it.
+/// A policy with random weights. Each tensor has its own ChaCha20 stream, keyed by the seed and its name: new tensors do not change it.
 ///
 /// # Errors
 /// The configuration is not valid.
@@ -45,7 +43,7 @@ pub fn init_policy(config: &PolicyConfig, seed: u64) -> Result<Policy> {
 
 enum Start {
     Constant(f32),
-    /// Uniform around zero with this standard deviation; exact, unlike a normal.
+    /// With this standard deviation; exact, unlike a normal.
     Uniform(f32),
 }
 
@@ -63,13 +61,13 @@ impl Start {
         Self::Uniform(if name.contains("position_embedding") {
             0.5
         } else if name.contains("embed_tokens") || name.contains("connector") {
-            // Embeddings are multiplied by sqrt(width), to about unit size.
+            // Embeddings are multiplied by sqrt(width).
             unit.min(1.0 / text_width.sqrt())
         } else if name.contains("action_out_proj") {
-            // A small first prediction: the loss starts near that of v = 0.
+            // The loss starts near that of v = 0.
             0.1 * unit
         } else if name.ends_with("o_proj.weight") || name.ends_with("down_proj.weight") {
-            // With these residual branches, the sum over layers keeps unit size.
+            // Keeps unit size of the sum over layers.
             unit / (2.0 * config.text.layers as f32).sqrt()
         } else {
             unit

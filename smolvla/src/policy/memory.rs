@@ -1,7 +1,5 @@
-//! The allocator of training programs, and when it keeps freed memory.
-//!
-//! A training step frees and needs gigabytes. Returning them in between takes up to a third of the step, because the system clears pages
-//! again.
+//! The allocator of training programs. A training step frees and needs gigabytes. Returning them in between takes up to a third of the
+//! step, because the system clears pages again.
 
 use std::sync::Mutex;
 
@@ -13,18 +11,18 @@ pub use mimalloc::MiMalloc as Allocator;
 /// mimalloc 3's `mi_option_purge_delay`, in milliseconds. The bindings name only stable options.
 pub const PURGE_DELAY: mi_option_t = 15;
 
-/// A day. With mimalloc's "never" (-1), memory would not be returned later either.
+/// A day. mimalloc's "never" (-1) would keep memory forever.
 pub const KEPT_FOR: i64 = 86_400_000;
 
 /// The number of [`KeepFreed`], and the delay before the first.
 static KEEPING: Mutex<(usize, i64)> = Mutex::new((0, 0));
 
-/// While one exists, [`Allocator`] keeps freed memory. Dropping the last returns it.
+/// While one exists, [`Allocator`] keeps freed memory.
 #[derive(Debug)]
 pub struct KeepFreed(());
 
 impl KeepFreed {
-    /// Keeps freed memory from now on, with this allocator only.
+    /// Keeps freed memory from now on.
     #[must_use = "memory is given back once this is dropped"]
     #[allow(clippy::new_without_default)]
     pub fn new() -> Self {

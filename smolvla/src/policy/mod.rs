@@ -3,10 +3,10 @@
 //! - [`profile`]: named sets of dimensions. [`init`]: random weights from a seed.
 //! - [`weights`]: plain `f32` weights, frozen and expert.
 //! - [`model`]: the policy in candle. [`device`] finds GPUs, [`frozen`] sets the frozen half's place and precision, and [`memory`] keeps
-//!   freed memory for the next step.
+//!   freed memory.
 //! - [`tokenizer`]: reads instructions, with a trained tokenizer or hashed words.
 //! - [`policy_file`]: a whole policy as one file.
-//! - [`random`]: random numbers of initialisation and training.
+//! - [`random`]: random numbers.
 
 pub mod device;
 pub mod frozen;

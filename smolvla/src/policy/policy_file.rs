@@ -1,10 +1,10 @@
 //! A whole policy as one safetensors file with LeRobot's names.
 //!
 //! Its metadata hold the policy's dimensions as JSON and the text of its `tokenizer.json`, if any. A network's genesis names this file by
-//! its digest, so all nodes read instructions in the same way.
+//! its digest, so all nodes read instructions alike.
 //!
 //! A file from `zk0 train` also holds the policy's use ([`Inference`]) with its training's statistics. In a network, each node normalises
-//! with its own recording's.
+//! with its own.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -29,7 +29,7 @@ pub use zk0_tensors::WrittenTensors;
 pub const CONFIG_KEY: &str = "zk0.config";
 /// Metadata key of the tokenizer. Without it, words are hashed.
 pub const TOKENIZER_KEY: &str = "zk0.tokenizer";
-/// Metadata key of the use. Without it, the policy has no statistics.
+/// Metadata key of the use and its statistics.
 pub const INFERENCE_KEY: &str = "zk0.inference";
 
 /// The content of a policy file.
@@ -41,7 +41,7 @@ pub struct PolicyFile {
 }
 
 impl PolicyFile {
-    /// For a policy without its own tokenizer: words are hashed.
+    /// Words are hashed.
     pub fn hashing_words(policy: Policy) -> Self {
         Self {
             tokenizer: PolicyTokenizer::word_hash(&policy.config),
@@ -49,7 +49,7 @@ impl PolicyFile {
         }
     }
 
-    /// Writes the file for [`read`], piece by piece: at the published size it has 1.8 GB. Equal policies and tokenizers give equal bytes.
+    /// Writes the file for [`read`] piece by piece (1.8 GB at the published size). Equal policies give equal bytes.
     ///
     /// # Errors
     /// Those of `out`, or the tokenizer is too long for the metadata.
@@ -93,7 +93,7 @@ pub fn read(bytes: &[u8]) -> Result<PolicyFile> {
     Ok(PolicyFile { policy, tokenizer })
 }
 
-/// Reads the file `path` through a memory map, without a copy of up to 1.8 GB.
+/// Reads the file `path` through a memory map, without a copy.
 ///
 /// # Errors
 /// Those of [`read`], and [`StoredPolicyError::AtPath`].
@@ -127,7 +127,7 @@ pub fn inference(path: &Path) -> Result<Inference> {
     Ok(inference)
 }
 
-/// Writes the file for [`load`], whole or not at all, with a trained policy's `inference` for [`inference()`]. Returns its SHA-256.
+/// Writes the file for [`load`], whole or not at all, with a trained policy's `inference`. Returns its SHA-256.
 ///
 /// # Errors
 /// [`StoredPolicyError::AtPath`].

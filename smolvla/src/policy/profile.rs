@@ -15,7 +15,7 @@ use crate::error::Result;
 pub enum Profile {
     /// The dimensions of the fixture `smolvla_tiny`.
     Tiny,
-    /// Small enough for a proven evaluation of about two million guest cycles.
+    /// For a proven evaluation of about two million guest cycles.
     Micro,
     /// The published model (lerobot/smolvla_base) with two cameras on an SO-100 or SO-101.
     Full,
@@ -25,7 +25,7 @@ impl Profile {
     /// All profiles.
     pub const ALL: [Self; 3] = [Self::Tiny, Self::Micro, Self::Full];
 
-    /// The profile of a command line's or ledger's name.
+    /// The profile of a name.
     pub fn from_name(name: &str) -> Result<Self> {
         let named = Self::ALL.into_iter().find(|profile| profile.name() == name);
         named.ok_or_else(|| {

@@ -43,7 +43,7 @@ impl Tokenizer for PolicyTokenizer {
     }
 }
 
-/// One token a word, by hash, for policies without a trained tokenizer (the micro profile).
+/// One token a word, for policies without a trained tokenizer.
 ///
 /// Words are maximal runs of letters and digits, lowercased. An id is the first 8 bytes of the word's SHA-256, big-endian, modulo
 /// `vocabulary - 1`: the last id is padding. Words after `max_language_tokens` are dropped.
@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn ids_are_what_the_rule_says() {
-        // The first 8 bytes of sha256("red") are b1f51a511f1da0cd.
+        // sha256("red") begins with b1f51a511f1da0cd.
         let tokenizer = WordHash::new(&Profile::Micro.config());
         assert_eq!(tokenizer.tokens("red").unwrap(), [78]);
     }

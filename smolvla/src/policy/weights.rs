@@ -1,6 +1,5 @@
-//! A policy's weights as plain numbers: frozen half and expert.
-//!
-//! Reading checks names, shapes and types against the configuration, and that numbers are finite. Equal weights give equal bytes.
+//! A policy's weights as plain numbers: frozen half and expert. Reading checks names, shapes, types and finite numbers. Equal weights give
+//! equal bytes.
 
 use std::collections::BTreeMap;
 
@@ -14,8 +13,8 @@ use zk0_tensors::{
 
 use crate::error::Result;
 
-/// The tensors that training changes and nodes exchange: the expert's layers and final norm, and the action and time projections. Always
-/// complete, well-shaped and finite.
+/// The tensors that training changes and nodes exchange: the expert's layers and final norm, and the action and time projections. Complete,
+/// well-shaped and finite.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExpertWeights(TensorSet);
 
@@ -29,7 +28,7 @@ impl ExpertWeights {
         Ok(Self(file.read_exactly(&expert_layout(config), &[])?))
     }
 
-    /// Takes tensors, such as the average of updates, with the same checks.
+    /// Takes tensors, with the same checks.
     pub fn from_tensors(config: &PolicyConfig, tensors: TensorSet) -> Result<Self> {
         check_layout(&tensors, &expert_layout(config))?;
         Ok(Self(tensors))
@@ -51,7 +50,7 @@ impl ExpertWeights {
     }
 }
 
-/// A whole policy: the frozen half and the expert.
+/// A whole policy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Policy {
     /// Its dimensions.
@@ -63,7 +62,7 @@ pub struct Policy {
 }
 
 impl Policy {
-    /// Reads LeRobot's `policy.state_dict()` as safetensors bytes, with or without the language model's unused `lm_head`.
+    /// Reads LeRobot's `policy.state_dict()` as safetensors bytes, with or without the unused `lm_head`.
     ///
     /// # Errors
     /// Those of [`ExpertWeights::from_safetensors`].
@@ -82,7 +81,6 @@ impl Policy {
         Ok(Self::split(&folder.config().dims, folder.tensors()?))
     }
 
-    /// Splits a complete, checked set into its halves.
     pub(crate) fn split(config: &PolicyConfig, all: TensorSet) -> Self {
         let trainable = expert_layout(config);
         let (expert, frozen) = all

@@ -1,11 +1,11 @@
 //! How a node's proximal weight and learning rate follow losses: the Python zk0's rules (<https://github.com/ivelin/zk0>,
-//! `src/training/scheduler_utils.py`), as functions of values.
+//! `src/training/scheduler_utils.py`).
 //!
 //! - **Dynamic mu.** When the global loss stalls, mu and the learning rate shrink by a fifth; when it grows, they grow by a tenth
 //!   ([`Trend`], [`follow`]).
 //! - **Learning-rate boost.** A client with a loss far above its average trains at a higher rate ([`boost`]).
 //!
-//! [`adapted`] does both for a node that measures its loss.
+//! [`adapted`] does both.
 
 use std::fmt;
 
@@ -13,11 +13,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{PolicyError, Result};
 
-/// A trend's number of rounds.
 const WINDOW: usize = 3;
-/// A larger share of growth diverges.
+/// More growth diverges.
 const DIVERGING: f64 = -0.05;
-/// A smaller share of reduction stalls.
+/// Less reduction stalls.
 const STALLED: f64 = 0.01;
 
 /// The course of the global model's loss.
@@ -79,7 +78,7 @@ pub struct Rates {
 /// Bounds of a trend's learning rate: (least, most).
 pub const LEARNING_RATES: (f64, f64) = (1e-5, 1e-3);
 
-/// The next round's rates. A learning rate beyond [`LEARNING_RATES`] stays.
+/// The next rates. A learning rate beyond [`LEARNING_RATES`] stays.
 pub fn follow(rates: Rates, trend: Trend) -> Rates {
     let (least, most) = LEARNING_RATES;
     let (factor, now) = (trend.factor(), rates.learning_rate);
@@ -176,13 +175,12 @@ pub struct Adapted {
     pub trend: Option<Trend>,
     /// The mean of earlier losses, if any.
     pub average: Option<f64>,
-    /// The learning rate's factor in this round, if boosts are allowed.
+    /// The learning rate's factor, if boosts are allowed.
     pub boosted: Option<f64>,
 }
 
 /// A node's rates for the next round, from `start`. `losses` are those of the rounds' base weights on its samples, oldest first, the next
-/// round's last. With [`Adaptation::follow`], every round so far changes the rates by [`follow`]; a boost is for one round. Only the
-/// arguments decide the result.
+/// round's last. With [`Adaptation::follow`], every round so far changes the rates by [`follow`]; a boost is for one round.
 ///
 /// # Errors
 /// [`PolicyError::Options`] if there is no loss, or one is negative or not a number, or as [`Boost::check`].

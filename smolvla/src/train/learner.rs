@@ -22,10 +22,10 @@ use crate::policy::model::PolicyParameters;
 use crate::policy::weights::ExpertWeights;
 use crate::train::options::TrainScope;
 
-/// The state projection, which [`TrainScope::ExpertAndState`] trains besides the expert.
+/// The state projection, for [`TrainScope::ExpertAndState`].
 pub const STATE_PROJECTION: [&str; 2] = ["model.state_proj.weight", "model.state_proj.bias"];
 
-/// The less than half of a frozen half that training its state projection needs.
+/// The part of a frozen half that training its state projection needs.
 pub fn state_part(mut frozen: TensorSet) -> TensorSet {
     frozen.retain(|name, _| STATE_PROJECTION.contains(&name.as_str()) || StateToken::needs(name));
     frozen
@@ -62,7 +62,7 @@ impl TrainingSamples<'_> {
         self.len() == 0
     }
 
-    /// Does `work` with the same samples, and makes the next ones in the background if needed.
+    /// Does `work` with the same samples, made in the background.
     pub fn ahead<R>(self, work: impl FnOnce(TrainingSamples<'_>) -> R) -> R {
         match self {
             Self::Prepared(source) => {
@@ -74,7 +74,6 @@ impl TrainingSamples<'_> {
         }
     }
 
-    /// As [`SampleSource::expect`].
     pub(super) fn expect(&self, coming: Coming, at_once: usize) {
         match self {
             Self::Prepared(source) => source.expect(coming, at_once),
@@ -89,8 +88,7 @@ pub struct Learner {
     models: EvaluationModels,
 }
 
-/// A [`Learner`]'s or an untrained policy's models. Those of [`Learner::evaluation_models`] share its memory: use them before the next
-/// step.
+/// Models of a [`Learner`] or an untrained policy. Those of [`Learner::evaluation_models`] share its memory: use them before the next step.
 pub struct EvaluationModels {
     config: PolicyConfig,
     device: Device,
@@ -168,7 +166,7 @@ impl Learner {
         all.map(|(name, v)| Ok((name.clone(), plain(v)?))).collect()
     }
 
-    /// A batch with the current variables, which gradients reach.
+    /// A batch with the current variables.
     ///
     /// # Errors
     /// Those of [`EvaluationModels::batch`].

@@ -9,13 +9,13 @@ use crate::policy::weights::ExpertWeights;
 use crate::train::learner::{EvaluationModels, TrainingSamples};
 use crate::train::trainer::evaluate_samples;
 
-/// The most samples a loss is measured on.
+/// Most samples.
 const MEASURED: usize = 256;
 
-/// The `loss_valid_only` of `models` on at most 256 evenly spaced `samples`, with noise and times from `seed`. Comparable between weights.
+/// The `loss_valid_only` of `models` on at most 256 evenly spaced `samples`, with noise and times from `seed`.
 ///
 /// # Errors
-/// [`PolicyError::Sample`] if there is no sample, or one cannot be made or does not fit.
+/// [`PolicyError::Sample`] for no samples, or one that does not fit.
 pub fn measured_loss(
     models: &EvaluationModels,
     samples: TrainingSamples,

@@ -2,12 +2,12 @@
 //!
 //! - [`options`]: how to train, by default LeRobot's preset. [`schedule`]: learning rates.
 //! - [`order`]: samples and noise, from the seed and the step's number. So variables, moments and that number describe a run fully.
-//! - [`learner`]: the trainable variables and a batch's loss, for either [`TrainScope`].
+//! - [`learner`]: the trainable variables and a batch's loss.
 //! - [`optimizer`]: AdamW with FedProx and FedCM, and SGD for SCAFFOLD.
-//! - [`scaffold`]: SCAFFOLD's control variates, from earlier rounds.
+//! - [`scaffold`]: SCAFFOLD's control variates.
 //! - [`trainer`]: makes steps. [`train_on`] makes all of them.
 //! - [`snapshots`]: a run on disk. A stopped run resumes from the newest and ends with the same bytes.
-//! - [`measured_loss`]: the loss that learning rates follow. [`adaptive`]: how a federation's losses change rates.
+//! - [`measured_loss`], [`adaptive`]: rates that follow losses.
 //! - [`split`]: holds out episodes for evaluation.
 //!
 //! The same start, samples and options give the same bits on the same CPU.

@@ -13,11 +13,11 @@ pub enum TrainScope {
     /// The expert, and the action and time projections, which nodes exchange. The rest is computed once per frame.
     #[default]
     Expert,
-    /// Also the state projection, as LeRobot does by default. Its token runs through the frozen language layers at every step, both ways.
+    /// Also the state projection, as LeRobot by default. Its token runs through the frozen language layers at every step, both ways.
     ExpertAndState,
 }
 
-/// How to train, by default as LeRobot's preset for SmolVLA.
+/// How to train, by default LeRobot's preset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrainOptions {
     /// Optimiser steps.
@@ -32,7 +32,7 @@ pub struct TrainOptions {
     pub adamw: AdamWOptions,
     /// Weight of FedProx's proximal term; 0 for none.
     pub fedprox_mu: f64,
-    /// Decides the order of samples, the times and the noise.
+    /// Decides the samples' order, times and noise.
     pub seed: u64,
 }
 
@@ -54,7 +54,7 @@ impl TrainOptions {
     /// Refuses useless options.
     ///
     /// # Errors
-    /// [`PolicyError::Options`] names the option and its value.
+    /// [`PolicyError::Options`] names the option.
     pub fn check(&self) -> Result<()> {
         let wrong = |what: String| Err(PolicyError::Options(what));
         if self.steps == 0 {

@@ -1,6 +1,5 @@
-//! A step's samples, noise and times.
-//!
-//! No state has to be saved: step `k` and epoch `e`, a fresh shuffle of all samples, have their own random streams.
+//! A step's samples, noise and times. Without saved state: step `k` and epoch `e`, a fresh shuffle of all samples, have their own random
+//! streams.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha20Rng;
@@ -26,7 +25,7 @@ impl Order {
         }
     }
 
-    /// The samples of step `step` (from 0), with `size` samples a step.
+    /// The `size` samples of step `step` (from 0).
     pub fn batch(&mut self, step: usize, size: usize) -> Vec<usize> {
         let first = step as u64 * size as u64;
         (first..first + size as u64).map(|at| self.at(at)).collect()
@@ -63,7 +62,7 @@ pub(super) fn shuffle(count: usize, rng: &mut ChaCha20Rng) -> Vec<usize> {
     order
 }
 
-/// One of a seed's independent streams: even for steps, odd for epochs.
+/// Even numbers for steps, odd for epochs.
 fn stream(seed: u64, number: u64) -> ChaCha20Rng {
     let mut rng = ChaCha20Rng::seed_from_u64(seed);
     rng.set_stream(number);

@@ -94,7 +94,7 @@ pub fn train_by_sgd(
     })
 }
 
-/// Prepared samples always come from the CPU.
+/// Prepared samples come from the CPU.
 fn place(device: &Device) -> FrozenPlace {
     FrozenPlace {
         device: device.clone(),

@@ -8,7 +8,7 @@
 //!   over S is `Δ = (x − x⁺) / (K·η)`. With U the earlier contributors, `c⁺ = (|U ∖ S|·c + |S|·Δ) / |U ∪ S|`. For S within U, this is the
 //!   paper's `c + (|S| / N)·mean(cᵢ⁺ − cᵢ)`, where N is |U|.
 //! - Before its first contribution, a node has cᵢ = c: it joins without a change of the mean, and its first round has no correction. In the
-//!   first round all are 0, as in the paper.
+//!   first round all are 0.
 //!
 //! x⁺ is rounded to int16, so each round moves c from the mean of the cᵢ by up to half a unit of the last place, divided by K·η. Therefore,
 //! and because nodes leave with their cᵢ, control variates must restart at 0 after some rounds.
@@ -38,9 +38,9 @@ pub struct PastRound<'a> {
     pub result: &'a TensorSet,
     /// The node's own accepted update, if any.
     pub own: Option<&'a TensorSet>,
-    /// The number of contributors, |S|.
+    /// Contributors, |S|.
     pub contributed: usize,
-    /// The number of earlier contributors absent from this round, |U ∖ S|.
+    /// Earlier contributors absent from this round, |U ∖ S|.
     pub sat_out: usize,
     /// Local steps times their learning rate, K·η.
     pub way: f64,

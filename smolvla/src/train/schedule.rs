@@ -13,7 +13,7 @@ pub enum Schedule {
     /// The same at every step.
     Constant,
     /// LeRobot's `cosine_decay_with_warmup`: linear over `warmup` steps from `peak / (warmup + 1)`, then a cosine, counted from step 0, to
-    /// `floor` at `decay`, then constant. A run shorter than `decay` shrinks both lengths in proportion.
+    /// `floor` at `decay`, then constant. A run shorter than `decay` shrinks both lengths.
     WarmupCosine {
         /// The peak's step.
         warmup: usize,
@@ -42,7 +42,7 @@ impl Schedule {
         floor: 0.025,
     };
 
-    /// The learning rate of `step` (from 0) of `steps`, with this `peak`.
+    /// The learning rate of `step` (from 0) of `steps`.
     pub fn learning_rate(self, peak: f64, step: usize, steps: usize) -> f64 {
         match self {
             Self::Constant => peak,
@@ -127,14 +127,14 @@ mod tests {
         let rates: Vec<f64> = (0..29)
             .map(|step| schedule.learning_rate(2.0, step, 29))
             .collect();
-        // The periods 0..4, 4..12 and 12..28.
+        // The periods' starts.
         for start in [0, 4, 12, 28] {
             assert_eq!(rates[start], 2.0, "step {start}");
         }
         for middle in [2, 8, 20] {
             assert!((rates[middle] - 2.0 * 0.55).abs() < 1e-12, "step {middle}");
         }
-        // torch.optim.lr_scheduler.CosineAnnealingWarmRestarts gives (1 - 0.1) * (1 + cos(3 pi / 4)) / 2 + 0.1.
+        // torch.optim.lr_scheduler.CosineAnnealingWarmRestarts's value.
         let last = 2.0 * (0.9 * (1.0 + (0.75 * PI).cos()) / 2.0 + 0.1);
         assert!((rates[3] - last).abs() < 1e-12);
         assert!(rates.iter().all(|rate| (0.2..=2.0).contains(rate)));

@@ -24,9 +24,8 @@ const VERSION: u32 = 1;
 const WEIGHTS: &str = "weights.safetensors";
 const MOMENTS: &str = "moments.safetensors";
 const STATE: &str = "state.json";
-/// Begins names of folders that are not, or no longer, snapshots.
+/// Begins names of folders that are no snapshots.
 const UNFINISHED: &str = ".unfinished-";
-/// The largest `state.json`.
 const MAX_STATE: u64 = 1 << 20;
 
 /// Why a snapshot cannot be written or resumed from.
@@ -40,7 +39,7 @@ pub enum SnapshotError {
         /// The cause.
         source: io::Error,
     },
-    /// A whole snapshot of another run.
+    /// Of another run.
     #[error("{} is a snapshot of another run: its {what} is {theirs}, and this run has {ours}; resume with the same options and data, or train into another folder", path.display())]
     OtherRun {
         /// The snapshot.
@@ -93,7 +92,7 @@ impl RunIdentity {
         Ok(Self {
             start: hex::encode(hash.finalize()),
             data: hex::encode(data),
-            // Text, because a number read from JSON may differ from the written one.
+            // Text: a number may differ after JSON.
             options: serde_json::to_string(&options)
                 .map_err(|error| PolicyError::Options(error.to_string()))?,
         })
@@ -115,7 +114,6 @@ impl RunIdentity {
 #[serde(deny_unknown_fields)]
 struct RunState {
     version: u32,
-    /// Steps made; with the seed, they decide samples and noise.
     step: usize,
     optimizer_steps: u64,
     run: RunIdentity,
@@ -204,7 +202,7 @@ impl Snapshots {
         })
         .map_err(at(&path))?;
 
-        // An existing snapshot of this step is damaged or equal.
+        // A snapshot of this step is damaged or equal.
         self.remove(step)?;
         atomic_file::rename_folder(&unfinished, &whole).map_err(at(&whole))?;
 
@@ -218,7 +216,7 @@ impl Snapshots {
     /// Brings `trainer`, in the state of [`RunIdentity::of`], to the newest whole snapshot, and returns its step, if any.
     ///
     /// # Errors
-    /// [`SnapshotError::OtherRun`] if that snapshot is of another run.
+    /// [`SnapshotError::OtherRun`].
     pub fn resume(&self, trainer: &mut Trainer) -> Result<Option<usize>, SnapshotError> {
         for step in self.steps()?.into_iter().rev() {
             let path = self.path(step);
@@ -236,7 +234,6 @@ impl Snapshots {
         Ok(None)
     }
 
-    /// A snapshot's content, or why it is not whole.
     fn load(
         &self,
         path: &Path,
@@ -289,7 +286,6 @@ impl Snapshots {
         self.folder.join(format!("{step:06}"))
     }
 
-    /// Whole or damaged, in order.
     fn steps(&self) -> Result<Vec<usize>, SnapshotError> {
         let mut steps = Vec::new();
         for entry in fs::read_dir(&self.folder).map_err(at(&self.folder))? {
@@ -301,7 +297,7 @@ impl Snapshots {
         Ok(steps)
     }
 
-    /// Removes a step's snapshot, if any; half removed, it is not one.
+    /// A half removed snapshot is none.
     fn remove(&self, step: usize) -> Result<(), SnapshotError> {
         let (path, removed) = (
             self.path(step),

@@ -1,5 +1,5 @@
-//! Divides episodes for training and evaluation. Neighbouring frames are nearly the same, so a division by frames would show nothing about
-//! new episodes.
+//! Divides episodes for training and evaluation. Neighbouring frames are nearly the same: a division by frames would show nothing about new
+//! episodes.
 
 use std::ops::Range;
 

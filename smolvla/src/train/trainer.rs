@@ -16,7 +16,6 @@ use crate::train::optimizer::{check_alpha, AdamW, LastStep, Optimizer, Sgd};
 use crate::train::options::{TrainOptions, TrainScope};
 use crate::train::order::{draws, Order};
 
-/// Samples evaluated at once.
 const EVALUATED_AT_ONCE: usize = 16;
 
 /// A finished step.
@@ -36,16 +35,16 @@ pub struct TrainingStep {
     pub learning_rate: f64,
 }
 
-/// FedCM: a step's own part, and the last global step's origin.
+/// What FedCM needs.
 #[derive(Clone, Copy, Debug)]
 pub struct FedCm<'a> {
     /// α, above 0 and at most 1; 1 ignores the last global step.
     pub alpha: f64,
-    /// The last round's first weights, from which its global step led to this run's.
+    /// The last round's first weights.
     pub earlier: &'a ExpertWeights,
 }
 
-/// A training run. Its state is its variables, the optimiser's state, and the steps made.
+/// A training run.
 pub struct Trainer<'a, O = AdamW> {
     samples: TrainingSamples<'a>,
     options: TrainOptions,
@@ -53,7 +52,6 @@ pub struct Trainer<'a, O = AdamW> {
     optimizer: O,
     order: Order,
     step: usize,
-    /// Whether coming samples have been announced.
     announced: bool,
 }
 
@@ -137,8 +135,7 @@ impl<'a> Trainer<'a> {
 }
 
 impl<'a> Trainer<'a, Sgd> {
-    /// A run at `place` that trains the expert from `start` by SGD, with SCAFFOLD's `correction`, if any, added to each gradient. AdamW's
-    /// options do not count.
+    /// A run at `place` that trains the expert from `start` by SGD, with SCAFFOLD's `correction`, if any. AdamW's options do not count.
     ///
     /// # Errors
     /// Those of [`Trainer::new`], and [`PolicyError::Options`] for FedProx's term.
@@ -257,7 +254,7 @@ impl<'a, O: Optimizer> Trainer<'a, O> {
         self.samples.scope()
     }
 
-    /// The current trained tensors: the expert's, and the state projection's if trained.
+    /// The current trained tensors.
     pub fn values(&self) -> Result<TensorSet> {
         self.learner.values()
     }
@@ -265,7 +262,7 @@ impl<'a, O: Optimizer> Trainer<'a, O> {
     /// The current expert.
     ///
     /// # Errors
-    /// [`PolicyError::NotFinite`] if a step made a weight that is not a number.
+    /// [`PolicyError::NotFinite`] for a weight that is not a number.
     pub fn weights(&self) -> Result<ExpertWeights> {
         let config = self.learner.config();
         let expert = expert_layout(config);
@@ -280,7 +277,7 @@ impl<'a, O: Optimizer> Trainer<'a, O> {
     }
 }
 
-/// The loss of `models` on the samples at `indices`, each at its draw, by both of LeRobot's rules.
+/// The loss of `models` on the samples at `indices`, each at its draw, by both LeRobot rules.
 ///
 /// # Errors
 /// [`PolicyError::Sample`]: there is none, or a sample or draw does not fit.

@@ -1,4 +1,4 @@
-//! An aggregator without a service: a request takes all its steps at once.
+//! An aggregator without a service: requests take all steps at once.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -22,13 +22,13 @@ pub trait AtOnce {
     fn say(&mut self, body: &[u8]) -> Result<Receipt, RequestError>;
     /// Records an enrolment.
     fn let_in(&mut self, enrolment: &[u8]) -> Result<Receipt, RequestError>;
-    /// Records a dataset, with its list of drawn frames.
+    /// Records a dataset with drawn frames.
     fn register(&mut self, registration: &[u8], leaves: &[u8]) -> Result<Receipt, RequestError>;
-    /// Begins an upload, unless the aggregator has the blob.
+    /// Begins an upload, unless the blob is there.
     fn upload(&self, request: &[u8]) -> Result<Option<PartialBlob>, RequestError>;
     /// Records a commitment.
     fn commit(&mut self, commitment: &[u8]) -> Result<Receipt, RequestError>;
-    /// Decides about a submission.
+    /// Decides a submission.
     fn submit(
         &mut self,
         submission: &[u8],
@@ -36,7 +36,7 @@ pub trait AtOnce {
     ) -> Result<SubmissionAnswer, RequestError>;
     /// Polls the rounds.
     fn step(&mut self) -> Result<Polled, RequestError>;
-    /// Polls the rounds, and runs their jobs.
+    /// Polls, and runs jobs.
     fn go_on(&mut self) -> Result<Polled, RequestError>;
 }
 
@@ -103,12 +103,12 @@ impl AtOnce for Aggregator {
     }
 }
 
-/// Runs a job without servers of beacons.
+/// Runs a job without beacons.
 pub fn run_job(job: RoundJob) -> Result<Result<JobResult, Polled>, RequestError> {
     job.run(&BeaconServers::new(Vec::new(), Duration::ZERO))
 }
 
-/// The first bytes of entries that record a dataset and a commitment. The signed statements follow.
+/// First bytes of dataset and commitment entries, before the signed statements.
 const DATASET_COMMITTED: u8 = 2;
 const UPDATE_COMMITTED: u8 = 4;
 

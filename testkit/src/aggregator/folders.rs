@@ -1,4 +1,4 @@
-//! Folders that a test counts and copies.
+//! Folders to count and copy.
 
 use std::fs;
 use std::path::Path;
@@ -23,7 +23,7 @@ pub fn copy_of(folder: &Path) -> TempDir {
     dir
 }
 
-/// All files in a folder.
+/// Files in a folder.
 pub fn files(folder: &Path) -> usize {
     let Ok(entries) = std::fs::read_dir(folder) else {
         return 0;

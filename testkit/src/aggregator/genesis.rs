@@ -1,4 +1,4 @@
-//! What the tests' network begins with.
+//! The network's beginning.
 
 use super::{digest, weights, ManualClock, SigningNode, EVALUATION_FRAMES};
 use ed25519_dalek::SigningKey;
@@ -18,19 +18,19 @@ use zk0_verifier::blob_digest;
 
 /// When networks begin.
 pub const START_MS: u64 = 1_700_000_000_000;
-/// The seed of the governor's key.
+/// Seed of the governor's key.
 pub const GOVERNOR: u8 = 99;
-/// How long the governor may vote.
+/// Time for votes.
 pub const VOTING_MS: u64 = 1_000;
-/// How long nodes may commit.
+/// Time for commitments.
 pub const COMMIT_MS: u64 = 60_000;
-/// How long nodes may submit.
+/// Time for submissions.
 pub const SUBMIT_MS: u64 = 120_000;
-/// The largest update allowed.
+/// Largest update.
 pub const MAX_UPDATE_BYTES: u64 = 200_000;
-/// The largest proof allowed.
+/// Largest proof.
 pub const MAX_PROOF_BYTES: u64 = 100_000;
-/// The initial policy: bytes that take several messages.
+/// The initial policy, in several messages.
 pub const POLICY: &[u8] = &{
     let mut bytes = [0; 200_000];
     let mut at = 0;
@@ -87,7 +87,7 @@ pub fn genesis() -> Genesis {
     }
 }
 
-/// The founding of this genesis.
+/// Founds this genesis.
 pub fn founding(genesis: Genesis) -> Founding {
     Founding {
         name: genesis.name,
@@ -108,7 +108,7 @@ pub fn write_policy(out: &mut dyn Write) -> io::Result<[u8; 32]> {
     Ok(blob_digest(POLICY).0)
 }
 
-/// Founds the network of `genesis` in `dir`.
+/// Founds a network in `dir`.
 pub fn found(
     dir: &Path,
     genesis: Genesis,

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 use zk0_aggregator::Clock;
 
-/// A clock that only a test moves.
+/// Moves only by the test.
 #[derive(Debug, Default)]
 pub struct ManualClock {
     shown_ms: AtomicU64,
@@ -12,7 +12,7 @@ pub struct ManualClock {
 }
 
 impl ManualClock {
-    /// A clock that shows `now_ms`.
+    /// Shows `now_ms`.
     pub fn at(now_ms: u64) -> Self {
         Self {
             shown_ms: AtomicU64::new(now_ms),
@@ -26,7 +26,7 @@ impl ManualClock {
         self.set_forward(by_ms);
     }
 
-    /// Sets the clock forward or back.
+    /// Sets the clock.
     pub fn jump(&self, by_ms: i64) {
         let moved = |shown_ms: u64| Some(shown_ms.saturating_add_signed(by_ms));
         let _ = self

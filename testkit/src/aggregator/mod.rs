@@ -1,4 +1,4 @@
-//! An aggregator behind a real service on loopback, a manual clock, and nodes that sign anything.
+//! An aggregator on loopback, a manual clock, and nodes that sign anything.
 
 mod at_once;
 mod folders;

@@ -1,4 +1,4 @@
-//! An aggregator on loopback that a test can kill and restart.
+//! An aggregator on loopback, to kill and restart.
 
 use super::{
     files, found, genesis, log_key, with_leaves, ManualClock, SigningNode, COMMIT_MS, START_MS,
@@ -40,42 +40,42 @@ pub const LONG_BYTES: u64 = 8 << 20;
 
 /// A running aggregator.
 pub struct Network {
-    /// The ledger's folder.
+    /// Its folder.
     pub dir: TempDir,
-    /// The aggregator's clock.
+    /// Its clock.
     pub clock: Arc<ManualClock>,
-    /// The ledger's genesis.
+    /// Its genesis.
     pub genesis: Genesis,
-    /// How the aggregator holds rounds, from the next start on.
+    /// The operator's settings, from the next start.
     pub config: Config,
     service: Option<Service>,
     limits: Limits,
-    /// The policy of witnesses, from the next start on.
+    /// The policy of witnesses, from the next start.
     pub policy: Option<WitnessPolicy>,
-    /// Where the aggregator fetches beacons.
+    /// Servers of beacons.
     pub beacons: Option<BeaconServers>,
-    /// The aggregator's URL.
+    /// Its URL.
     pub address: String,
     kept: Box<dyn Fn(&Path) -> Blobs + Send + Sync>,
-    /// Most bytes of blobs in the folder, from the next start on.
+    /// Bytes of blobs in the folder, from the next start.
     pub blob_cache_bytes: Option<u64>,
-    /// How long addresses of the store are valid, from the next start on.
+    /// Validity of the store's addresses, from the next start.
     pub presigned: Option<Duration>,
     running: Option<(oneshot::Sender<()>, JoinHandle<()>)>,
 }
 
 impl Network {
-    /// Founds and serves a network with these nodes.
+    /// Founds and serves a network.
     pub async fn start(nodes: &[&SigningNode], config: Config) -> Self {
         Self::start_with(nodes, config, Limits::default()).await
     }
 
-    /// [`Self::start`] under these limits.
+    /// [`Self::start`] with limits.
     pub async fn start_with(nodes: &[&SigningNode], config: Config, limits: Limits) -> Self {
         Self::start_as(nodes, config, limits, genesis(), None, None).await
     }
 
-    /// [`Self::start_with`] for this genesis, with witnesses and beacons.
+    /// [`Self::start_with`] with genesis, witnesses and beacons.
     pub async fn start_as(
         nodes: &[&SigningNode],
         config: Config,
@@ -144,7 +144,7 @@ impl Network {
         self.running = Some((stop, task));
     }
 
-    /// Kills the aggregator and restarts it.
+    /// Kills and restarts the aggregator.
     pub async fn restart(&mut self) {
         let (stop, task) = self.running.take().unwrap();
         task.abort(); // The aggregator gets no time to end its work
@@ -160,9 +160,9 @@ impl Network {
         task.await.unwrap();
     }
 
-    /// Restarts an ended aggregator from disk.
+    /// Restarts from disk.
     pub async fn start_again(&mut self) {
-        // All clones of the old service must release the database first. Requests in progress hold clones.
+        // Requests in progress hold clones of the old service, and so the database.
         self.service = None;
         let aggregator = until_async("the database is free", async || match self.open() {
             Err(error) if error.to_string().contains("in use") => None,
@@ -184,7 +184,7 @@ impl Network {
         )
     }
 
-    /// Keeps blobs like this from the next start on.
+    /// Keeps blobs so from the next start.
     pub fn keep_blobs(&mut self, kept: impl Fn(&Path) -> Blobs + Send + Sync + 'static) {
         self.kept = Box::new(kept);
     }
@@ -194,7 +194,7 @@ impl Network {
         self.service.as_ref().unwrap()
     }
 
-    /// Lets the aggregator poll until nothing changes.
+    /// Polls until nothing changes.
     pub async fn settle(&self) {
         loop {
             match self.service().step().await {
@@ -205,7 +205,7 @@ impl Network {
         }
     }
 
-    /// Closes the commitments, past their deadline if a node may still commit, and draws the randomness.
+    /// Closes the commitments, if needed past their deadline, and draws the randomness.
     pub async fn drawn(&self) {
         self.settle().await;
         let waits = |aggregator: &mut Aggregator| {
@@ -236,14 +236,14 @@ impl Network {
         self.entries().await.pop().unwrap().body
     }
 
-    /// A client with its own connection.
+    /// A client's own connection.
     pub async fn client(&self) -> FederationClient<Channel> {
         FederationClient::connect(self.address.clone())
             .await
             .unwrap()
     }
 
-    /// A valid head for a message with this statement.
+    /// A valid head for this statement.
     pub fn head(
         &self,
         key: &SigningKey,
@@ -279,7 +279,7 @@ impl Network {
         with_head(message, &Signed::new(head, key))
     }
 
-    /// The signer's request to record `body`.
+    /// Its signer's request to record `body`.
     pub fn recording(&self, body: &Body) -> tonic::Request<proto::RecordRequest> {
         let signer = SentStatement::read(with_leaves(body, Vec::new())).map(|sent| sent.signer());
         let signers = signer.iter().flat_map(|signer| {
@@ -290,7 +290,7 @@ impl Network {
         self.stating(&key, body, Vec::new())
     }
 
-    /// The aggregator's report on this round, or the newest.
+    /// Report on this round, or the newest.
     pub async fn round(&self, round: Option<u64>) -> proto::RoundInfo {
         let request = proto::GetRoundRequest {
             round,
@@ -304,7 +304,7 @@ impl Network {
             .into_inner()
     }
 
-    /// Opens a receipt with only the genesis.
+    /// Opens a receipt by the genesis.
     pub fn opened(&self, receipt: proto::Receipt) -> (u64, Checkpoint, Entry) {
         let receipt = Receipt {
             index: receipt.index,
@@ -337,7 +337,7 @@ impl Network {
         Ok(bytes)
     }
 
-    /// A download of the policy's file, made 8 MiB long: more than a server and a slow client buffer. The server does not verify it.
+    /// A download of the policy's file, 8 MiB long: more than a server and a slow client buffer. The server does not verify it.
     pub fn long_download(&self) -> proto::DownloadRequest {
         let policy = self.genesis.policy;
         let path = Blobs::at(self.dir.path()).path(&policy);
@@ -363,7 +363,7 @@ impl Network {
         files(&self.dir.path().join("uploads"))
     }
 
-    /// A metric's value; `name` includes its labels.
+    /// A metric by name and labels.
     pub fn metric(&self, name: &str) -> u64 {
         let text = self.service().metrics().text().unwrap();
         let mut lines = text.lines();
@@ -371,14 +371,14 @@ impl Network {
         value.map_or(0, |value| value.parse().unwrap())
     }
 
-    /// Waits for this many requests of the method in progress.
+    /// Waits for so many open requests.
     pub async fn in_progress(&self, method: &str, requests: u64) {
         let name = format!("zk0_requests_in_progress{{method=\"{method}\"}}");
         let what = format!("{requests} requests {method} are in progress");
         until_async(what, async || self.metric(&name) == requests).await;
     }
 
-    /// Waits until a large message has its memory.
+    /// Waits until a large message has memory.
     pub async fn large_message(&self) {
         let bytes = async || self.metric("zk0_message_bytes_in_flight") > 0;
         until_async("a large message has its memory", bytes).await;
@@ -386,7 +386,7 @@ impl Network {
 }
 
 impl Drop for Network {
-    /// Ends the server at once. The runtime's end would interrupt its draining.
+    /// The runtime's end would interrupt the server's draining.
     fn drop(&mut self) {
         if let Some((_, task)) = self.running.take() {
             task.abort();

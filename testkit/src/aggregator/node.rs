@@ -1,4 +1,4 @@
-//! A node, and what it signs.
+//! A node and its statements.
 
 use super::digest;
 use ed25519_dalek::SigningKey;
@@ -14,24 +14,24 @@ use zk0_protocol::rpc::federation::RecordRequest;
 use zk0_protocol::rules::bindings::ExpectedClaim;
 use zk0_verifier::blob_digest;
 
-/// Frames drawn of each dataset.
+/// Drawn frames of a dataset.
 pub const EVALUATION_FRAMES: u32 = 10;
 
 /// A node that signs anything.
 pub struct SigningNode {
     /// The key.
     pub key: SigningKey,
-    /// The number that decides everything else.
+    /// Decides everything else.
     pub seed: u16,
 }
 
 impl SigningNode {
-    /// The node `seed`.
+    /// The node of this seed.
     pub fn new(seed: u8) -> Self {
         Self::numbered(seed.into())
     }
 
-    /// The node `seed`, of more than 256.
+    /// The node of a larger seed.
     pub fn numbered(seed: u16) -> Self {
         Self {
             key: SigningKey::from_bytes(&bytes_of(seed, 0)),
@@ -44,12 +44,12 @@ impl SigningNode {
         NodeId(self.key.verifying_key().to_bytes())
     }
 
-    /// The dataset's leaves.
+    /// Its dataset's leaves.
     pub fn leaves(&self) -> Vec<Digest> {
         (0..10).map(|at| Digest(bytes_of(self.seed, at))).collect()
     }
 
-    /// The dataset.
+    /// Its dataset.
     pub fn dataset(&self) -> DatasetCommitment {
         let leaves = self.leaves();
         DatasetCommitment {
@@ -60,7 +60,7 @@ impl SigningNode {
         }
     }
 
-    /// The dataset's registration in this network.
+    /// The dataset's registration.
     pub fn registration(&self, network: &Digest) -> Signed<DatasetRegistration> {
         let mut registration = DatasetRegistration {
             network: *network,
@@ -77,13 +77,13 @@ impl SigningNode {
         Signed::new(registration, &self.key)
     }
 
-    /// The list of drawn frames of [`Self::registration`], the same in all networks, because all frames are drawn.
+    /// Drawn frames of [`Self::registration`]: all, so the same in all networks.
     pub fn list(&self) -> Vec<u8> {
         let registration = self.registration(&Digest::default());
         list(&registration.statement, &self.leaves())
     }
 
-    /// The request to upload `bytes`.
+    /// A request to upload `bytes`.
     pub fn upload_request(&self, network: &Digest, round: u64, bytes: &[u8]) -> UploadRequest {
         UploadRequest {
             network: *network,
@@ -94,7 +94,7 @@ impl SigningNode {
         }
     }
 
-    /// The commitment to this update.
+    /// A commitment to this update.
     pub fn commitment(&self, network: &Digest, round: u64, update: &[u8]) -> UpdateCommitment {
         UpdateCommitment {
             network: *network,
@@ -106,7 +106,7 @@ impl SigningNode {
         }
     }
 
-    /// The expected claim, with losses for which it holds.
+    /// The claim, with losses that fulfil it.
     pub fn claim_of(&self, expected: ExpectedClaim) -> Claim {
         let mut claim = expected.with(Losses::Disclosed {
             before: 1000,
@@ -117,14 +117,14 @@ impl SigningNode {
         claim
     }
 
-    /// A signed submission of this claim and proof.
+    /// A signed submission.
     pub fn submission(&self, claim: Claim, proof: &[u8]) -> Signed<Submission> {
         let proof = blob_digest(proof);
         Signed::new(Submission { claim, proof }, &self.key)
     }
 }
 
-/// The list of a registration's drawn frames, with these leaves in order, perhaps too few.
+/// Drawn frames of a registration, with these leaves, perhaps too few.
 pub fn list(registration: &DatasetRegistration, leaves: &[Digest]) -> Vec<u8> {
     let DatasetRegistration {
         network,
@@ -145,7 +145,7 @@ fn bytes_of(seed: u16, number: u8) -> [u8; 32] {
     bytes
 }
 
-/// The message that records `body`, with these drawn frames.
+/// Records `body` with these drawn frames.
 pub fn with_leaves(body: &Body, leaves: Vec<u8>) -> RecordRequest {
     let body = borsh::to_vec(body).unwrap();
     RecordRequest {

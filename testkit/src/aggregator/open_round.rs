@@ -1,15 +1,15 @@
-//! An open round, and what nodes do in it first.
+//! An open round and its first steps.
 
 use super::{genesis, weights, Network, SigningNode};
 use zk0_aggregator::{Config, Limits};
 use zk0_protocol::entries::genesis::Genesis;
 
-/// Two nodes with datasets, in the open round 0.
+/// Two nodes with datasets in round 0.
 pub async fn open_round() -> (Network, SigningNode, SigningNode) {
     open_round_of(genesis()).await
 }
 
-/// [`open_round`] for this `genesis`.
+/// [`open_round`] for this genesis.
 pub async fn open_round_of(genesis: Genesis) -> (Network, SigningNode, SigningNode) {
     let (first, second) = (SigningNode::new(1), SigningNode::new(2));
     let config = Config {
@@ -24,7 +24,7 @@ pub async fn open_round_of(genesis: Genesis) -> (Network, SigningNode, SigningNo
     (network, first, second)
 }
 
-/// Uploads update `seed`, and commits to it.
+/// Uploads and commits update `seed`.
 pub async fn committed(network: &Network, node: &SigningNode, round: u64, seed: u32) -> Vec<u8> {
     let update = weights(seed);
     node.upload(network, round, &update).await.unwrap();
@@ -32,7 +32,7 @@ pub async fn committed(network: &Network, node: &SigningNode, round: u64, seed: 
     update
 }
 
-/// Both nodes commit. Returns the first one's update.
+/// Both commit. Returns the first update.
 pub async fn both_committed(
     network: &Network,
     first: &SigningNode,

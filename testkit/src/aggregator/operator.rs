@@ -1,4 +1,4 @@
-//! An operator who writes entries with the log's key. Only the ledger's rules stop them.
+//! An operator with the log's key, restrained by the ledger's rules alone.
 
 use super::{digest, log_key, weights, SigningNode, GOVERNOR, POLICY, START_MS, VOTING_MS};
 use std::fs;
@@ -18,15 +18,15 @@ use zk0_protocol::rules::state::State;
 use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::tree::Frontier;
 
-/// An operator and their ledger.
+/// An operator with a ledger.
 pub struct Operator {
-    /// The ledger, without an aggregator.
+    /// Without an aggregator.
     pub ledger: Ledger,
     /// The newest entry's time.
     pub time_ms: u64,
 }
 
-/// The governor's proposal.
+/// A proposal of the governor.
 pub fn proposed(state: &State, action: Action) -> Body {
     let governor = SigningNode::new(GOVERNOR);
     let proposal = Proposal {
@@ -55,7 +55,7 @@ pub fn voted(state: &State, ballot: Ballot) -> Body {
 }
 
 impl Operator {
-    /// Founds the network of `genesis` with these nodes and datasets.
+    /// Founds a network of these nodes and datasets.
     pub fn founds(dir: &Path, genesis: Genesis, nodes: &[&SigningNode]) -> Self {
         let (ledger, _) = Ledger::create(dir, genesis, log_key(), START_MS).unwrap();
         for blob in [&weights(0)[..], POLICY] {
@@ -89,7 +89,7 @@ impl Operator {
         self.ledger.append(self.time_ms, body).unwrap().index
     }
 
-    /// Has the governor propose and vote, and executes the action. Returns the index of the entry that puts it in force.
+    /// Proposes, votes, and executes. Returns the index of the entry that puts the action in force.
     pub fn decide(&mut self, action: Action) -> u64 {
         let number = self.state().next_proposal();
         self.append(proposed(self.state(), action));
@@ -108,7 +108,7 @@ impl Operator {
         self.append(Body::RoundOpened(opening));
     }
 
-    /// The claim of `node` about the update `seed`. A missing commitment or randomness comes first.
+    /// A claim about update `seed`, after a commitment and randomness.
     pub fn submission(
         &mut self,
         node: &SigningNode,
@@ -135,7 +135,7 @@ impl Operator {
         node.submission(claim, proof)
     }
 
-    /// Commits to this update.
+    /// Commits to an update.
     pub fn commit(&mut self, node: &SigningNode, update: &[u8]) {
         self.ledger.blobs().put(update).unwrap();
         let round = self.state().round().unwrap().number();
@@ -143,7 +143,7 @@ impl Operator {
         self.append(Body::UpdateCommitted(Signed::new(commitment, &node.key)));
     }
 
-    /// Closes the commitments, past their deadline if a node may still commit.
+    /// Closes the commitments, if needed past their deadline.
     pub fn close_commitments(&mut self) {
         let deadline_ms = self.state().round().unwrap().opened.commit_deadline_ms;
         if self
@@ -168,7 +168,7 @@ impl Operator {
         self.append(Body::RandomnessDrawn(drawn));
     }
 
-    /// Closes the open round with the weights `seed`.
+    /// Closes the round with the weights `seed`.
     pub fn close(&mut self, seed: u32) {
         let file = weights(seed);
         self.ledger.blobs().put(&file).unwrap();
@@ -182,7 +182,7 @@ impl Operator {
         self.append(Body::RoundClosed(closed));
     }
 
-    /// A round that accepts the update `seed` of `node` and takes it as the new weights. Returns the acceptance's index.
+    /// A round whose accepted update `seed` becomes the weights. Returns the acceptance's index.
     pub fn round(&mut self, node: &SigningNode, seed: u32, proof: &[u8]) -> u64 {
         self.open();
         let submission = self.submission(node, seed, proof);
@@ -191,7 +191,7 @@ impl Operator {
         accepted
     }
 
-    /// Appends an entry that the ledger's writer would refuse, and signs the tree.
+    /// Appends and signs a forbidden entry.
     pub fn forge(self, body: Body) {
         let dir = self.ledger.dir().to_path_buf();
         let size = self.ledger.size();

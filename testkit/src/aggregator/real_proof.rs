@@ -1,4 +1,4 @@
-//! A real proof, from the committed ledger.
+//! A proof in the committed ledger.
 
 use std::fs;
 use std::path::Path;
@@ -6,10 +6,10 @@ use zk0_audit::verified_entries::verified_entries;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::program::Program;
 
-/// A ledger with a real proof.
+/// The committed ledger.
 pub const REAL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/fixtures/ledger");
 
-/// The committed ledger's program, of this release, and the proof of its first accepted contribution.
+/// [`REAL`]'s program, of this release, and its first accepted proof.
 pub fn real_proof() -> (Program, Vec<u8>) {
     let (entries, _) = verified_entries(Path::new(REAL)).unwrap();
     let Body::Genesis(genesis) = &entries[0].body else {

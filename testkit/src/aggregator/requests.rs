@@ -1,4 +1,4 @@
-//! A node's requests, as the test chooses.
+//! Requests of a node, as the test chooses.
 
 use super::{list, with_leaves, Network, SigningNode};
 use ed25519_dalek::SigningKey;
@@ -14,7 +14,7 @@ use zk0_protocol::rpc::federation::record_request::Statement;
 use zk0_protocol::rpc::federation::upload_chunk::Part;
 
 impl Network {
-    /// The request that records `body`, signed with `key`, with these drawn frames.
+    /// Records `body`, signed with `key`, with these drawn frames.
     pub fn stating(
         &self,
         key: &SigningKey,
@@ -35,7 +35,7 @@ impl Network {
         )
     }
 
-    /// The request that enrols a node, signed with `key`.
+    /// Enrols a node, signed with `key`.
     pub fn enrolling(
         &self,
         key: &SigningKey,
@@ -51,7 +51,7 @@ impl Network {
 }
 
 impl SigningNode {
-    /// Registers the node's dataset.
+    /// Registers the dataset.
     pub async fn register(&self, network: &Network) -> Result<proto::Receipt, Status> {
         self.register_as(
             network,
@@ -61,7 +61,7 @@ impl SigningNode {
         .await
     }
 
-    /// Registers a dataset with these leaves.
+    /// Registers these leaves.
     pub async fn register_as(
         &self,
         network: &Network,
@@ -73,7 +73,7 @@ impl SigningNode {
         Ok(network.client().await.record(request).await?.into_inner())
     }
 
-    /// A request with this registration and list of drawn frames.
+    /// A request with this registration and drawn frames.
     pub fn registering(
         &self,
         network: &Network,
@@ -84,7 +84,7 @@ impl SigningNode {
         network.stating(&self.key, &body, leaves)
     }
 
-    /// A request that uploads `stream`, with the head of `request`.
+    /// Uploads `stream`, with the head of `request`.
     pub fn uploading<T>(
         &self,
         network: &Network,
@@ -105,7 +105,7 @@ impl SigningNode {
         self.upload_as(network, &request, bytes).await
     }
 
-    /// Uploads `bytes` with this request.
+    /// Uploads `bytes` by this request.
     pub async fn upload_as(
         &self,
         network: &Network,
@@ -115,7 +115,7 @@ impl SigningNode {
         self.go_on(network, request, bytes, 0).await
     }
 
-    /// Uploads `bytes` from byte `begins` on.
+    /// Uploads `bytes` from byte `begins`.
     pub async fn go_on(
         &self,
         network: &Network,
@@ -137,7 +137,7 @@ impl SigningNode {
         Ok(())
     }
 
-    /// The bytes of this upload that the aggregator has.
+    /// Bytes that the aggregator has.
     pub async fn held(
         &self,
         network: &Network,
@@ -146,7 +146,7 @@ impl SigningNode {
         Ok(self.upload_info(network, request).await?.held)
     }
 
-    /// What the aggregator reports about this upload.
+    /// The aggregator's report on this upload.
     pub async fn upload_info(
         &self,
         network: &Network,
@@ -159,7 +159,7 @@ impl SigningNode {
         Ok(info.into_inner())
     }
 
-    /// Reports that the update is in the store.
+    /// Reports an update in the store.
     pub async fn stored(
         &self,
         network: &Network,
@@ -174,7 +174,7 @@ impl SigningNode {
         Ok(())
     }
 
-    /// Commits to this update.
+    /// Commits to an update.
     pub async fn commit(
         &self,
         network: &Network,
@@ -199,7 +199,7 @@ impl SigningNode {
         Ok(network.client().await.record(request).await?.into_inner())
     }
 
-    /// Waits for the randomness. Returns the expected claim, with valid losses.
+    /// Waits for the randomness. Returns a claim with valid losses.
     pub async fn claim(&self, network: &Network) -> Claim {
         network.drawn().await;
         let node = self.id();
@@ -211,7 +211,7 @@ impl SigningNode {
         self.claim_of(expected)
     }
 
-    /// Submits this claim and proof.
+    /// Submits a claim with proof.
     pub async fn submit(
         &self,
         network: &Network,
@@ -222,7 +222,7 @@ impl SigningNode {
             .await
     }
 
-    /// Sends this submission and proof.
+    /// Sends this submission.
     pub async fn submit_as(
         &self,
         network: &Network,
@@ -240,7 +240,7 @@ impl SigningNode {
     }
 }
 
-/// Asserts a refusal with this code and these words.
+/// Asserts a refusal with code and words.
 #[track_caller]
 pub fn refused<T: std::fmt::Debug>(result: Result<T, Status>, code: Code, words: &str) {
     let status = result.unwrap_err();
@@ -248,10 +248,10 @@ pub fn refused<T: std::fmt::Debug>(result: Result<T, Status>, code: Code, words:
     assert!(status.message().contains(words), "{status}");
 }
 
-/// Why a submission was refused: the explanation of the ledger's code, and the aggregator's detail.
+/// Why a submission was refused: the code's explanation, and the aggregator's detail.
 ///
 /// # Panics
-/// The submission was accepted.
+/// It was accepted.
 pub fn reason(reply: &proto::SubmitReply) -> String {
     let receipt = reply.receipt.as_ref().expect("a decision has a receipt");
     match Entry::decode(&receipt.entry).expect("an entry").body {

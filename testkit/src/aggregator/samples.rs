@@ -1,11 +1,11 @@
-//! Public samples of the tests' network.
+//! Public samples for tests.
 
 use zk0_circuits::model::sample::SampleParts;
 use zk0_circuits::{EvalSpec, Sample};
 use zk0_protocol::rules::closing::public_samples::PublicSamples;
 use zk0_verifier::blob_digest;
 
-/// Three different samples without padding.
+/// Three samples without padding.
 pub fn public_samples() -> Vec<u8> {
     let spec = EvalSpec::micro();
     let dims = &spec.dims;
@@ -32,7 +32,7 @@ pub fn public_samples() -> Vec<u8> {
     samples.iter().flat_map(Sample::as_bytes).copied().collect()
 }
 
-/// The rule that names these samples.
+/// Names these samples.
 pub fn rule_of(samples: &[u8]) -> PublicSamples {
     PublicSamples {
         blob: blob_digest(samples),

@@ -1,11 +1,11 @@
-//! Files of expert weights.
+//! Expert weights as files.
 
 use zk0_circuits::{EvalSpec, Mode, WeightsDigest};
 use zk0_verifier::Evaluation;
 use zk0_weights::scale::narrowed;
 use zk0_weights::{Format, WeightFileError};
 
-/// Expert weights that differ with `seed`.
+/// Weights that differ with `seed`.
 pub fn weights(seed: u32) -> Vec<u8> {
     let format = Format::new(&EvalSpec::micro()).unwrap();
     let weights = format.assemble(|tensor| {
@@ -20,7 +20,7 @@ pub fn weights(seed: u32) -> Vec<u8> {
     format.write(&weights.unwrap())
 }
 
-/// The digests of a weights file.
+/// A file's digests.
 pub fn digest(file: &[u8]) -> WeightsDigest {
     let evaluation = Evaluation::new(&EvalSpec::micro(), Mode::Direct).unwrap();
     evaluation.digest(file, &evaluation.read(file).unwrap())

@@ -1,4 +1,4 @@
-//! Witnesses on loopback, and ledgers to cosign.
+//! Witnesses on loopback, with ledgers.
 
 use super::{genesis, log_key, ManualClock, SigningNode, START_MS};
 use crate::until_async;
@@ -25,7 +25,7 @@ pub fn log_verifier() -> VerifierKey {
     VerifierKey::new(Role::Log, &genesis().name, &genesis().log_key).unwrap()
 }
 
-/// Time that a witness has for [`cosigned`].
+/// A witness's time in [`cosigned`].
 pub const DEADLINE: Duration = Duration::from_secs(6);
 
 /// A witness on loopback.
@@ -38,7 +38,7 @@ pub struct Running {
 }
 
 impl Running {
-    /// Starts witness `number`, with an empty folder.
+    /// Starts witness `number` with an empty folder.
     pub async fn start(number: u8) -> Self {
         let mut witness = Self {
             number,
@@ -55,9 +55,9 @@ impl Running {
         Cosigner::new(&format!("witness.example/w{}", self.number), secret).unwrap()
     }
 
-    /// Starts the witness, at its former address if any.
+    /// Starts, at the former address if any.
     pub async fn on(&mut self) {
-        // The stopped witness releases its folder with its last request.
+        // Its last request releases the folder.
         let store = until_async(
             "the witness' folder is free",
             async || match WitnessStore::open(
@@ -86,14 +86,14 @@ impl Running {
         let _ = task.await;
     }
 
-    /// The policy's line for it.
+    /// Its line in the policy.
     pub fn line(&self) -> String {
         let key = self.cosigner().key().to_string();
         format!("witness W{} {key} http://{}\n", self.number, self.address)
     }
 }
 
-/// Three witnesses, and a policy that asks for two.
+/// Three witnesses, with a quorum of two.
 pub async fn three() -> ([Running; 3], WitnessPolicy) {
     let witnesses = [
         Running::start(0).await,
@@ -116,14 +116,14 @@ pub fn enrol(ledger: &mut Ledger, node: u8) {
         .unwrap();
 }
 
-/// A ledger with enrolments of these nodes.
+/// A ledger of enrolments.
 pub fn ledger(dir: &Path, nodes: &[u8]) -> Ledger {
     let (mut ledger, _) = Ledger::create(dir, genesis(), log_key(), START_MS).unwrap();
     nodes.iter().for_each(|node| enrol(&mut ledger, *node));
     ledger
 }
 
-/// The policy's cosignatures of the ledger's newest checkpoint.
+/// Cosignatures of the newest checkpoint.
 pub async fn cosigned(
     policy: &WitnessPolicy,
     ledger: &Arc<Ledger>,

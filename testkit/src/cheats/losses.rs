@@ -1,4 +1,4 @@
-//! Cheats with the right samples: other weights, no improvement, values that wrap.
+//! Cheats with the right samples: other weights, no improvement, wrapped values.
 
 use super::verifier::{direct, drawn, improves, loss, prove};
 use crate::claims::{calmer, louder, nudged, quantise, ClaimingNode, Random, Tensors};
@@ -6,18 +6,16 @@ use zk0_circuits::{Digest, EvalSpec, PrivateInput};
 
 const LAYERS: &str = "model.vlm_with_expert.lm_expert.layers";
 
-/// A node with eight drawn samples.
 fn node() -> ClaimingNode {
     ClaimingNode::new(&EvalSpec::micro(), 12, 8, 11)
 }
 
-/// Claims a false improvement.
 fn prove_node(node: &ClaimingNode) -> Result<(), String> {
     assert!(!improves(node, &drawn(node)));
     prove(node.honest().input).map(drop)
 }
 
-/// Evaluates what `evaluate` puts into the input in place of the named weights.
+/// Evaluates what `evaluate` puts in place of the named weights.
 fn evaluate_others(
     node: &ClaimingNode,
     evaluate: impl Fn(&mut PrivateInput),
@@ -29,7 +27,7 @@ fn evaluate_others(
     direct(&input, [&named.base, &named.update]).map(drop)
 }
 
-/// Contributes the base, and evaluates a calmer update.
+/// Contributes the base, evaluates a calmer update.
 pub fn other_update() -> Result<(), String> {
     let mut node = node();
     node.update = node.base.clone();
@@ -37,7 +35,7 @@ pub fn other_update() -> Result<(), String> {
     evaluate_others(&node, |input| input.update = other.clone())
 }
 
-/// Contributes the base, and evaluates a louder one as base.
+/// Contributes the base, evaluates a louder base.
 pub fn other_base() -> Result<(), String> {
     let mut node = node();
     node.update = node.base.clone();
@@ -45,14 +43,14 @@ pub fn other_base() -> Result<(), String> {
     evaluate_others(&node, |input| input.base = other.clone())
 }
 
-/// The update has a higher loss.
+/// A higher loss.
 pub fn worse() -> Result<(), String> {
     let mut node = node();
     node.update = louder(&node.base, 2.0);
     prove_node(&node)
 }
 
-/// The terms ask for any improvement.
+/// The terms ask for improvement.
 pub fn same() -> Result<(), String> {
     let mut node = node();
     node.update = node.base.clone();
@@ -60,14 +58,14 @@ pub fn same() -> Result<(), String> {
     prove_node(&node)
 }
 
-/// The update improves a little, but nine tenths are claimed.
+/// Improves a little, claims nine tenths.
 pub fn less() -> Result<(), String> {
     let mut node = node();
     node.test.min_improvement_bps = 9000;
     prove_node(&node)
 }
 
-/// By chance, the update looks better on the drawn samples. On all samples and under other challenges it is worse.
+/// By chance, the update looks better on the drawn samples; otherwise it is worse.
 pub fn by_chance() -> Result<(), String> {
     let mut node = node();
     let samples = drawn(&node);
@@ -101,7 +99,7 @@ fn scale(update: &mut Tensors, name: &str, factor: f32) {
     values.iter_mut().for_each(|value| *value *= factor);
 }
 
-/// The final norm is 200 times as large and a hundredth of it is used: twice the velocity. A wrapped norm gives nearly none.
+/// A hundredth of a 200 times larger final norm: twice the velocity. A wrapped norm gives nearly none.
 pub fn wrapped_norm() -> Result<(), String> {
     let mut node = node();
     node.update = node.base.clone();
@@ -114,7 +112,7 @@ pub fn wrapped_norm() -> Result<(), String> {
     prove_node(&node)
 }
 
-/// The velocity is calmer, but 32 too high: the full range of an int16.
+/// The velocity is calmer, but 32 too high: an int16's full range.
 pub fn wrapped_velocity() -> Result<(), String> {
     let mut node = node();
     let bias = node.update.get_mut("model.action_out_proj.bias").unwrap();
@@ -122,8 +120,8 @@ pub fn wrapped_velocity() -> Result<(), String> {
     prove_node(&node)
 }
 
-/// The update attends equally to six tokens with the largest values. Six equal attention weights round up to slightly more than 1, so the
-/// outputs wrap to the other sign.
+/// The update attends equally to six tokens with the largest values. Their weights round up to slightly more than 1, so the outputs wrap
+/// to the other sign.
 pub fn wrapped_outputs() -> Result<(), String> {
     let mut node = node();
     let width = node.spec.dims.kv_width();

@@ -1,14 +1,14 @@
 //! Cheats by name. Each tries to get a false claim accepted.
 //!
-//! A cheat plays a prover with its own code against the crate it is linked with. The test `deletion` of `zk0-circuits` plays each against
-//! the real crate, and against a copy without one check. It copies this folder and `claims`, so these use no other module.
+//! A cheat plays a prover with its own code against its linked crate. The test `deletion` of `zk0-circuits` plays each against the real
+//! crate, and against one without a check. It copies this folder and `claims`, so these use no other module.
 
 mod losses;
 mod samples;
 mod specification;
 mod verifier;
 
-/// `Ok` if a false claim was accepted. Panics if the claim is true, because then nothing was cheated.
+/// `Ok` if a false claim was accepted. Panics if the claim is true: nothing was cheated.
 pub type Cheat = fn() -> Result<(), String>;
 
 /// All cheats.
@@ -45,7 +45,7 @@ pub const CHEATS: &[(&str, Cheat)] = &[
     ("wraps the noise", specification::wrapped_noise),
 ];
 
-/// Tries the cheat of this name.
+/// Tries one by name.
 pub fn try_cheat(name: &str) -> Result<(), String> {
     let cheat = CHEATS.iter().find(|(other, _)| *other == name);
     let (_, cheat) = cheat.unwrap_or_else(|| panic!("there is no cheat '{name}'"));

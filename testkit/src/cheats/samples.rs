@@ -1,4 +1,4 @@
-//! Cheats that open other samples than those drawn, or misstate their data.
+//! Cheats that open other samples than drawn, or misstate their data.
 
 use super::verifier::{drawn, loss, loss_at, prove, share_of_quantile};
 use crate::claims::{nudged, ClaimingNode, FloatSample, Random, SALT};
@@ -9,7 +9,6 @@ use zk0_circuits::vm::digest::tagged_sha256;
 use zk0_circuits::vm::merkle;
 use zk0_circuits::{Digest, EvalSpec, Sample};
 
-/// A node with `samples` samples, of which `count` are drawn.
 fn node(samples: usize, count: u32) -> ClaimingNode {
     ClaimingNode::new(&EvalSpec::micro(), samples, count, 11)
 }
@@ -22,7 +21,7 @@ fn open(dataset: &[Sample], leaves: &[Digest], index: usize) -> Opening {
     }
 }
 
-/// Gives the node an update that passes the test on `some` (sample, position), and raises the loss on the drawn samples.
+/// An update that passes the test on `some` (sample, position), and raises the loss on the drawn samples.
 fn help_only(node: &mut ClaimingNode, some: &[(&FloatSample, usize)], drawn: &[FloatSample]) {
     let on_some = |node: &ClaimingNode, tensors: &_| -> Vec<f64> {
         let losses = some.iter();
@@ -35,7 +34,7 @@ fn help_only(node: &mut ClaimingNode, some: &[(&FloatSample, usize)], drawn: &[F
         node.update = nudged(&node.base, &mut Random(seed), amount);
         if loss(node, &node.update, drawn) > 1.02 * loss(node, &node.base, drawn) {
             let [before, after] = [&node.base, &node.update].map(|tensors| on_some(node, tensors));
-            // The guest's fixed-point losses differ slightly from these.
+            // The guest's fixed-point losses differ slightly.
             if share_of_quantile(node, &before, &after) > 1.1 {
                 return;
             }
@@ -44,7 +43,7 @@ fn help_only(node: &mut ClaimingNode, some: &[(&FloatSample, usize)], drawn: &[F
     panic!("no update helps only these samples");
 }
 
-/// The update helps on the first two drawn samples, and harms on all four.
+/// Helps on the first two drawn samples, harms on all four.
 pub fn fewer() -> Result<(), String> {
     let mut node = node(6, 4);
     let drawn = drawn(&node);
@@ -54,7 +53,7 @@ pub fn fewer() -> Result<(), String> {
     prove(input).map(drop)
 }
 
-/// The update helps only on samples not drawn.
+/// Helps only on samples not drawn.
 pub fn lucky() -> Result<(), String> {
     let mut node = node(6, 2);
     let indices = sample_indices(&node.challenge, 6, 2).unwrap();
@@ -73,7 +72,7 @@ pub fn lucky() -> Result<(), String> {
     prove(input).map(drop)
 }
 
-/// The update helps on samples outside the dataset, which replace those drawn.
+/// Helps on samples outside the dataset, which replace those drawn.
 pub fn invented() -> Result<(), String> {
     let mut node = node(6, 2);
     let drawn = drawn(&node);
@@ -86,10 +85,10 @@ pub fn invented() -> Result<(), String> {
     prove(input).map(drop)
 }
 
-/// The update helps on one of two samples. The node waits for a challenge that draws this one twice before the other.
+/// Helps on one of two samples, and waits for a challenge that draws this one twice before the other.
 pub fn twice() -> Result<(), String> {
     let mut node = node(2, 2);
-    // The first bit of each of a block's four little-endian words chooses the sample.
+    // The first bits of a block's four little-endian words choose the samples.
     let hits = |challenge: &Digest| {
         let block = tagged_sha256("zk0/indices/v1", &[&challenge.0, &0u64.to_le_bytes()]);
         [7, 15].map(|byte: usize| block.0[byte] as usize >> 7)
@@ -107,13 +106,13 @@ pub fn twice() -> Result<(), String> {
     prove(input).map(drop)
 }
 
-/// The dataset counts two samples. The second place holds the hash of two more, so that both indices lead to these, by paths that are too
-/// long. The update helps on them, and harms on the first sample.
+/// The dataset counts two samples. The second place holds the hash of two more, to which both indices lead, by too long paths. The update
+/// helps on them, and harms on the first sample.
 pub fn deeper() -> Result<(), String> {
     let mut node = node(3, 2);
     let drawn = sample_indices(&node.challenge, 2, 2).unwrap();
     let data = node.data.clone();
-    // Index 0 leads to sample 1, and index 1 to sample 2.
+    // Indices 0 and 1 lead to samples 1 and 2.
     let opened: Vec<usize> = drawn.iter().map(|index| *index as usize + 1).collect();
     let hidden = [(&data[opened[0]], 0), (&data[opened[1]], 1)];
     help_only(&mut node, &hidden, &data[..1]);
@@ -133,7 +132,7 @@ pub fn deeper() -> Result<(), String> {
     prove(input).map(drop)
 }
 
-/// The node has one sample. The dataset counts six, and each index leads to that sample.
+/// The dataset counts six, and each index leads to one sample.
 pub fn shallower() -> Result<(), String> {
     let node = node(1, 1);
     let honest = node.honest();
@@ -151,7 +150,7 @@ pub fn shallower() -> Result<(), String> {
     Ok(())
 }
 
-/// Two samples count as six, each under three salts. The node waits for a challenge that draws two samples under one salt.
+/// Two samples count as six, each under three salts. The node waits for a challenge that draws two under one salt.
 pub fn salted_copies() -> Result<(), String> {
     let mut node = node(6, 2);
     for copy in 2..6 {
@@ -174,7 +173,7 @@ pub fn salted_copies() -> Result<(), String> {
     refused
 }
 
-/// Claims a dataset whose leaves differ, though its samples do not: by their salts, or by what `copy` changes.
+/// Claims equal samples with different leaves: by their salts, or by what `copy` changes.
 fn claim_copies(
     node: &ClaimingNode,
     salts: [[u8; 32]; 6],
@@ -211,7 +210,7 @@ fn claim_copies(
     Ok(())
 }
 
-/// A dataset of six equal samples, apart from what `copy` changes.
+/// Six samples, equal but for `copy`.
 fn copies(copy: impl Fn(&Sample, usize) -> Result<Sample, String>) -> Result<(), String> {
     let mut node = node(3, 1);
     let one = node.data[2].clone();
@@ -219,13 +218,13 @@ fn copies(copy: impl Fn(&Sample, usize) -> Result<Sample, String>) -> Result<(),
     claim_copies(&node, [SALT; 6], copy)
 }
 
-/// Marks each copy's last frame, which is padding, with another number.
+/// Another number marks the last frame as padding.
 pub fn flagged_copies() -> Result<(), String> {
     let chunk = EvalSpec::micro().dims.chunk as usize;
     copies(|sample, index| with_value(sample, chunk, 1 + index as i16))
 }
 
-/// Marks another frame of each copy as padding, before real frames.
+/// Another frame, before real ones, is padding.
 pub fn masked_copies() -> Result<(), String> {
     let dims = EvalSpec::micro().dims;
     let (chunk, width) = (dims.chunk as usize, dims.max_action_dim as usize);
@@ -242,21 +241,21 @@ pub fn masked_copies() -> Result<(), String> {
     })
 }
 
-/// Changes an action in each copy's last frame, which is padding.
+/// Changes an action in the last frame, which is padding.
 pub fn written_copies() -> Result<(), String> {
     let dims = EvalSpec::micro().dims;
     let (chunk, width) = (dims.chunk as usize, dims.max_action_dim as usize);
     copies(|sample, index| with_value(sample, 1 + chunk + (chunk - 1) * width, index as i16))
 }
 
-/// Changes a number in an action dimension that no arm has.
+/// Changes a number in a dimension that no arm has.
 pub fn widened_copies() -> Result<(), String> {
     let dims = EvalSpec::micro().dims;
     let beyond = 1 + dims.chunk as usize + dims.action_dim as usize;
     copies(|sample, index| with_value(sample, beyond, index as i16))
 }
 
-/// Puts another number behind each copy's last value. Nothing reads it.
+/// Another number follows the last value. Nothing reads it.
 pub fn padded_copies() -> Result<(), String> {
     copies(|sample, index| {
         let last = sample.as_bytes().len() / 2 - 1;
@@ -264,7 +263,7 @@ pub fn padded_copies() -> Result<(), String> {
     })
 }
 
-/// The sample as the guest would read it, with another value at `at`.
+/// The sample as the guest reads it, with another value at `at`.
 fn with_value(sample: &Sample, at: usize, value: i16) -> Result<Sample, String> {
     let mut bytes = sample.as_bytes().to_vec();
     bytes[2 * at..][..2].copy_from_slice(&value.to_le_bytes());

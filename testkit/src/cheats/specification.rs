@@ -4,7 +4,7 @@ use super::verifier::{direct, drawn, improves, loss, prove};
 use crate::claims::{louder, nudged, ClaimingNode, Random};
 use zk0_circuits::EvalSpec;
 
-/// Claims updates without improvement, until one is accepted under `spec`. `prepare` changes a node's data and weights.
+/// Claims updates without improvement under `spec`, until one is accepted. `prepare` changes data and weights.
 fn tries(spec: &EvalSpec, prepare: impl Fn(&mut ClaimingNode)) -> Result<(), String> {
     spec.validate().map_err(|error| error.to_string())?;
     let mut node = ClaimingNode::new(spec, 12, 4, 16);
@@ -26,7 +26,7 @@ fn tries(spec: &EvalSpec, prepare: impl Fn(&mut ClaimingNode)) -> Result<(), Str
     refused
 }
 
-/// The evaluation reads the prefix's values as a quarter, and the action tokens' own values in full.
+/// Reads the prefix's values as a quarter, the action tokens' own in full.
 pub fn misread_cache() -> Result<(), String> {
     let mut spec = EvalSpec::micro();
     spec.layers[0].value = spec.layers[0].cache_value + 2;
@@ -45,7 +45,7 @@ pub fn wrapped_noise() -> Result<(), String> {
     })
 }
 
-/// The node's time embedding does not depend on the time. By this, one of many updates that do not improve looks better.
+/// Under a time embedding independent of time, one of many bad updates looks better.
 pub fn other_frequencies() -> Result<(), String> {
     let spec = EvalSpec::micro();
     let mut other = spec.clone();

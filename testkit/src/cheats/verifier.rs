@@ -1,4 +1,4 @@
-//! The other side of each cheat: whether a verifier with the files accepts the claim, and whether it is true in float64.
+//! A cheat's other side: whether a verifier with the files accepts the claim, and whether float64 confirms it.
 
 use crate::claims::{name_weights, reference, ClaimingNode, FloatSample, Tensors};
 use zk0_circuits::claim::private_input::Opening;
@@ -7,7 +7,7 @@ use zk0_circuits::claim::student::Confidence;
 use zk0_circuits::model::draw::draw;
 use zk0_circuits::{Claim, EvalSpec, Mode, PrivateInput, QuantisedWeights};
 
-/// Runs the guest program, and checks the claim against the files.
+/// Runs the guest, and checks the claim against the files.
 pub fn direct(input: &PrivateInput, files: [&QuantisedWeights; 2]) -> Result<Claim, String> {
     let read =
         PrivateInput::from_buffers(&input.to_buffers()).map_err(|error| error.to_string())?;
@@ -16,7 +16,7 @@ pub fn direct(input: &PrivateInput, files: [&QuantisedWeights; 2]) -> Result<Cla
     Ok(claim)
 }
 
-/// Claims what `input` states. Its weights are the files'.
+/// Claims what `input` states, with the files' weights.
 pub fn prove(mut input: PrivateInput) -> Result<Claim, String> {
     name_weights(&mut input);
     direct(&input, [&input.base, &input.update])
@@ -30,7 +30,7 @@ fn names_files(claim: &Claim, files: [&QuantisedWeights; 2]) -> Result<(), Strin
     Ok(())
 }
 
-/// The samples that the challenge draws, in order.
+/// The drawn samples, in order.
 pub fn drawn(node: &ClaimingNode) -> Vec<FloatSample> {
     let openings = node.honest().input.openings;
     let index = |opening: Opening| opening.index as usize;
@@ -38,7 +38,7 @@ pub fn drawn(node: &ClaimingNode) -> Vec<FloatSample> {
     drawn.map(|index| node.data[index].clone()).collect()
 }
 
-/// Whether the update improves as claimed on the samples at these positions.
+/// Whether the update improves as claimed on these samples.
 pub fn improves(node: &ClaimingNode, samples: &[FloatSample]) -> bool {
     let losses = [&node.base, &node.update].map(|tensors| losses(node, tensors, samples));
     share_of_quantile(node, &losses[0], &losses[1]) > 1.0
@@ -62,12 +62,12 @@ pub fn share_of_quantile(node: &ClaimingNode, before: &[f64], after: &[f64]) -> 
     mean / (variance / n).sqrt() / quantile
 }
 
-/// The sum of squared errors in float64.
+/// The squared errors' sum in float64.
 pub fn loss(node: &ClaimingNode, tensors: &Tensors, samples: &[FloatSample]) -> f64 {
     losses(node, tensors, samples).iter().sum()
 }
 
-/// The squared errors of each sample in float64.
+/// Each sample's squared errors in float64.
 pub fn losses(node: &ClaimingNode, tensors: &Tensors, samples: &[FloatSample]) -> Vec<f64> {
     let samples = samples.iter().enumerate();
     samples
@@ -75,7 +75,7 @@ pub fn losses(node: &ClaimingNode, tensors: &Tensors, samples: &[FloatSample]) -
         .collect()
 }
 
-/// The sum for one sample, with a position's noise and time.
+/// One sample's loss, with a position's noise and time.
 pub fn loss_at(
     node: &ClaimingNode,
     tensors: &Tensors,

@@ -1,4 +1,4 @@
-//! Honest claims from a seed, for tests to change.
+//! Honest claims from a seed, to change.
 
 pub mod reference;
 
@@ -16,7 +16,7 @@ use zk0_circuits::{
     Sample, Terms, WeightsDigest,
 };
 
-/// SplitMix64: uniform random numbers.
+/// SplitMix64.
 pub struct Random(pub u64);
 
 impl Random {
@@ -29,12 +29,12 @@ impl Random {
         z ^ z >> 31
     }
 
-    /// A uniform number in [-1, 1).
+    /// Uniform in [-1, 1).
     pub fn unit(&mut self) -> f32 {
         (self.bits() >> 40) as f32 / (1 << 23) as f32 - 1.0
     }
 
-    /// A roughly normal number with standard deviation 1.
+    /// Roughly normal, with standard deviation 1.
     pub fn normal(&mut self) -> f32 {
         (0..12).map(|_| self.unit()).sum::<f32>() / 2.0
     }
@@ -70,12 +70,12 @@ pub fn tensors(spec: &EvalSpec, random: &mut Random, gain: f32) -> Tensors {
     .collect()
 }
 
-/// The weights with a quarter of the velocity, which lowers the loss where velocity and target are independent.
+/// A quarter of the velocity, which lowers the loss where velocity and target are independent.
 pub fn calmer(tensors: &Tensors) -> Tensors {
     louder(tensors, 0.25)
 }
 
-/// The weights with `factor` times the velocity.
+/// `factor` times the velocity.
 pub fn louder(tensors: &Tensors, factor: f32) -> Tensors {
     let mut louder = tensors.clone();
     for (name, values) in &mut louder {
@@ -86,7 +86,7 @@ pub fn louder(tensors: &Tensors, factor: f32) -> Tensors {
     louder
 }
 
-/// The weights, each changed at random by about `amount` of its tensor's magnitude.
+/// Each weight changed at random by about `amount` of its tensor's magnitude.
 pub fn nudged(tensors: &Tensors, random: &mut Random, amount: f32) -> Tensors {
     let mut nudged = tensors.clone();
     let mut names: Vec<&String> = tensors.keys().collect();
@@ -102,12 +102,12 @@ pub fn nudged(tensors: &Tensors, random: &mut Random, amount: f32) -> Tensors {
     nudged
 }
 
-/// The weights in fixed point.
+/// In fixed point.
 pub fn quantise(spec: &EvalSpec, tensors: &Tensors) -> QuantisedWeights {
     QuantisedWeights::quantise(spec, |name| tensors.get(name).map(Vec::as_slice)).unwrap()
 }
 
-/// Parts of a sample in f32.
+/// A sample in f32.
 #[derive(Clone)]
 pub struct FloatSample {
     pub cache: Vec<(Vec<f32>, Vec<f32>)>,
@@ -135,7 +135,7 @@ impl FloatSample {
         }
     }
 
-    /// The sample in fixed point.
+    /// In fixed point.
     pub fn quantise(&self, spec: &EvalSpec) -> Sample {
         let cache: Vec<_> = self.cache.iter().map(|(k, v)| (&k[..], &v[..])).collect();
         let parts = SampleParts {
@@ -147,7 +147,7 @@ impl FloatSample {
     }
 }
 
-/// A node's data and weights, and what it has to claim.
+/// A node's data, weights and claim.
 pub struct ClaimingNode {
     pub spec: EvalSpec,
     pub data: Vec<FloatSample>,
@@ -165,14 +165,14 @@ const NETWORK: Digest = Digest([1; 32]);
 const NODE: NodeId = NodeId([2; 32]);
 
 impl ClaimingNode {
-    /// A node with `samples` samples that claims `eval_samples` of them. Its update lowers the loss.
+    /// Claims `eval_samples` of `samples` samples. The update lowers the loss.
     pub fn new(spec: &EvalSpec, samples: usize, eval_samples: u32, seed: u64) -> Self {
         let mut random = Random(seed);
         let most = spec.dims.max_prefix as usize;
         let data = (0..samples)
             .map(|index| FloatSample::random(spec, &mut random, most - index % 2, index % 3))
             .collect();
-        // Louder than the noise, so that the calmer update is clearly better on few samples.
+        // Louder than the noise: the calmer update is clearly better on few samples.
         let base = louder(&tensors(spec, &mut random, 1.0), 2.0);
         Self {
             spec: spec.clone(),
@@ -188,7 +188,7 @@ impl ClaimingNode {
         }
     }
 
-    /// An honest claim's private input, and its dataset.
+    /// The honest input and dataset.
     pub fn honest(&self) -> Honest {
         let spec = &self.spec;
         let parts = self.data.iter();
@@ -256,7 +256,7 @@ pub struct Honest {
 }
 
 impl Honest {
-    /// Commits to the samples and weights as mode `succinct` requires. `digest` is that of a sample.
+    /// Commits to samples and weights as mode `succinct` requires. `digest` is a sample's.
     pub fn succinct(mut self, digest: impl Fn(&EvalSpec, &Sample) -> Digest) -> Self {
         let spec = &self.input.header.spec;
         let samples = self.dataset.iter();
@@ -275,7 +275,7 @@ impl Honest {
     }
 }
 
-/// A claim over `count` of `samples` samples; the update lowers the loss.
+/// Claims `count` of `samples` samples; the update lowers the loss.
 pub fn honest(spec: &EvalSpec, samples: usize, count: u32, seed: u64) -> Honest {
     ClaimingNode::new(spec, samples, count, seed).honest()
 }

@@ -1,4 +1,4 @@
-//! The action expert in float64, written from the paper's and LeRobot's definitions, not from the fixed-point code.
+//! The action expert in float64, from the paper's and LeRobot's definitions, not the fixed-point code.
 
 use super::{FloatSample, Tensors};
 use zk0_circuits::model::spec::Dims;

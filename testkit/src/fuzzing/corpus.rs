@@ -1,4 +1,4 @@
-//! Inputs that fuzzing found. Each target has a folder of them, which a test always reads.
+//! Inputs that fuzzing found, a folder for each target.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -17,7 +17,7 @@ fn outcome(targets: &Targets, target: &mut Target, input: &[u8]) -> Result<Strin
     })
 }
 
-/// The message up to a quotation, without words that have a digit, so that one fault is one outcome.
+/// The message up to a quotation, without words with digits, so that one fault is one outcome.
 fn class(message: &str) -> String {
     let end = message.find(['"', '`', '\'']).unwrap_or(message.len());
     let words = message[..end].split(' ');
@@ -39,8 +39,8 @@ fn corpus(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
         .collect()
 }
 
-/// Reads each target's seeds and the inputs in `tests/corpus/<crate>/<target>`. Fails on a panic or an allocation out of proportion. The
-/// whole process is counted, so other tests must be [`allocations::alone`], too. Under `scripts/fuzz`, libFuzzer makes the inputs.
+/// Reads each target's seeds and the inputs in `tests/corpus/<crate>/<target>`. Fails on a panic or an allocation out of proportion. Other
+/// tests of the process must be [`allocations::alone`], too.
 pub fn read_again(of: &str, targets: &Targets) {
     let _alone = allocations::alone();
     #[cfg(fuzzing)]
@@ -49,7 +49,7 @@ pub fn read_again(of: &str, targets: &Targets) {
     }
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../tests/corpus");
     let root = Path::new(root).join(of);
-    // Panics of libraries are caught, and need no output.
+    // Libraries' panics are caught, and need no output.
     std::panic::set_hook(Box::new(|_| ()));
     let mut wrong = Vec::new();
     for name in targets.names {

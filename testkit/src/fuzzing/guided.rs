@@ -1,4 +1,4 @@
-//! Inputs that libFuzzer makes for `scripts/fuzz`.
+//! Inputs of libFuzzer, for `scripts/fuzz`.
 
 use std::env::var;
 use std::fs;
@@ -7,9 +7,9 @@ use std::path::Path;
 
 use super::Targets;
 
-/// Writes the target's seeds into the folder FUZZ_SEEDS, and fuzzes it until a panic.
+/// Writes the target's seeds into the folder FUZZ_SEEDS, and fuzzes until a panic.
 pub fn fuzz(targets: &Targets, name: &str) {
-    // By default, inputs are cut at 4096 bytes.
+    // The default cuts inputs at 4096 bytes.
     let fuzzer = bolero::check!().with_max_len(1 << 20);
     let mut target = AssertUnwindSafe((targets.target)(name));
     let seeds = var("FUZZ_SEEDS").unwrap();

@@ -1,10 +1,10 @@
-//! The readers under test.
+//! Readers under test.
 
 use crate::allocations::peak;
 
 /// A reader under test.
 pub struct Target {
-    /// Valid inputs, from which fuzzing starts.
+    /// Valid inputs to start from.
     pub seeds: Vec<Vec<u8>>,
     /// Reads an input, or explains why not.
     pub run: Box<dyn FnMut(&[u8]) -> Result<(), String>>,
@@ -12,16 +12,16 @@ pub struct Target {
 
 /// The readers of a crate.
 pub struct Targets {
-    /// The targets' names, and the names of their input folders.
+    /// Names of targets and their folders.
     pub names: &'static [&'static str],
-    /// Makes the target of this name.
+    /// The target of this name.
     pub target: fn(&str) -> Target,
     /// Bytes that any input may make a reader allocate at once.
     pub slack: usize,
 }
 
 impl Targets {
-    /// The reading's result. `Err` if the target allocates too much.
+    /// `Err` if the target allocates too much.
     pub(super) fn run(
         &self,
         target: &mut Target,

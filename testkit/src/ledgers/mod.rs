@@ -1,4 +1,4 @@
-//! Test ledgers on disk, of the [`network`](crate::network).
+//! Ledgers on disk, of the [`network`](crate::network).
 
 pub mod rounds;
 pub mod shelf;

@@ -1,11 +1,11 @@
-//! A ledger on disk with a whole round.
+//! A ledger with a whole round.
 
 use crate::network::*;
 use std::path::Path;
 use zk0_ledger::Ledger;
 use zk0_protocol::{Body, State};
 
-/// Founds a ledger in `dir` of three nodes, with a closed round (one contribution accepted, two refused) and an open one.
+/// A ledger of three nodes, with a closed round (one contribution accepted, two refused) and an open one.
 pub fn ledger_with_a_round(dir: &Path) -> Ledger {
     let (mut ledger, _) = Ledger::create(dir, genesis(), log_key(), T0).unwrap();
     let mut clock = T0;

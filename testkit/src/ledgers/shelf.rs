@@ -1,4 +1,4 @@
-//! A published log of any leaves, at any size, from a database. Its files can lie.
+//! A published log of any leaves and size, whose files can lie.
 
 use crate::network::log::ORIGIN;
 use crate::network::log_key;
@@ -11,7 +11,7 @@ use zk0_protocol::tlog::layout::Resource;
 use zk0_protocol::tlog::tree::Frontier;
 use zk0_protocol::Checkpoint;
 
-/// A database with these leaves.
+/// A database of leaves.
 pub struct Shelf {
     _dir: tempfile::TempDir,
     /// The database.
@@ -19,7 +19,7 @@ pub struct Shelf {
 }
 
 impl Shelf {
-    /// A database of these leaves, with a checkpoint of each size.
+    /// Has a checkpoint of each size.
     pub fn of(leaves: &[Vec<u8>]) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let store = Store::open(dir.path()).unwrap();
@@ -37,13 +37,13 @@ impl Shelf {
         Self { _dir: dir, store }
     }
 
-    /// The checkpoint of the first `size` leaves.
+    /// The checkpoint of `size` leaves.
     pub fn checkpoint(&self, size: u64) -> Checkpoint {
         let root = self.store.root(size).unwrap();
         Checkpoint { size, root }
     }
 
-    /// What a log of the first `size` leaves publishes.
+    /// The log of the first `size` leaves.
     pub fn at(&self, size: u64) -> ShownLog<'_> {
         ShownLog {
             store: &self.store,
@@ -57,9 +57,9 @@ impl Shelf {
 pub struct ShownLog<'a> {
     /// The whole log's database.
     pub store: &'a Store,
-    /// The number of shown leaves.
+    /// Number of leaves.
     pub size: u64,
-    /// Replacements of files. `None` hides a file.
+    /// Replaced files; `None` hides one.
     pub instead: BTreeMap<String, Option<Vec<u8>>>,
 }
 

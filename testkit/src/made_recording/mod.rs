@@ -10,14 +10,12 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// The fixture of pictures and features.
 const FIXTURE: &str = concat!(
     env!("CARGO_MANIFEST_DIR"),
     "/../tests/fixtures/datasets/so100_pickplace"
 );
 const CAMERAS: [&str; 2] = ["observation.images.top", "observation.images.wrist"];
 const FPS: f32 = 30.0;
-/// Joints of the arm.
 const DIM: usize = 6;
 
 /// An episode to make.
@@ -25,13 +23,13 @@ const DIM: usize = 6;
 pub struct MadeEpisode {
     /// Equal seeds and numbers of frames give equal episodes.
     pub seed: u64,
-    /// The number of frames.
+    /// Number of frames.
     pub frames: usize,
-    /// Whether camera and robot see no change.
+    /// Whether nothing moves.
     pub still: bool,
 }
 
-/// Makes a recording in the new folder `folder`. All or no episodes must be still.
+/// Makes a recording in the new `folder`, all or no episodes still.
 pub fn make(folder: &Path, episodes: &[MadeEpisode]) {
     let still = episodes[0].still;
     assert!(episodes.iter().all(|episode| episode.still == still));
@@ -66,7 +64,6 @@ pub fn make(folder: &Path, episodes: &[MadeEpisode]) {
     );
 }
 
-/// Where each episode's frames are.
 fn places(episodes: &[MadeEpisode]) -> RecordBatch {
     let mut from = 0;
     let (mut starts, mut ends) = (Vec::new(), Vec::new());
@@ -90,7 +87,7 @@ fn places(episodes: &[MadeEpisode]) -> RecordBatch {
         ("data/file_index".into(), ints(vec![0; count])),
     ];
     for camera in CAMERAS {
-        // All episodes show the same pictures.
+        // All show the same pictures.
         let begin: ArrayRef = Arc::new(Float64Array::from(vec![0.0; count]));
         columns.push((format!("videos/{camera}/chunk_index"), ints(vec![0; count])));
         columns.push((format!("videos/{camera}/file_index"), ints(vec![0; count])));
@@ -130,7 +127,6 @@ fn rows(episodes: &[MadeEpisode]) -> RecordBatch {
     RecordBatch::try_from_iter(columns).unwrap()
 }
 
-/// Each joint's mean and standard deviation in the fixture.
 fn swings() -> Vec<(f32, f32)> {
     let stats = fs::read(Path::new(FIXTURE).join("meta/stats.json")).unwrap();
     let stats: Value = serde_json::from_slice(&stats).unwrap();
@@ -143,7 +139,6 @@ fn swings() -> Vec<(f32, f32)> {
         .collect()
 }
 
-/// Each joint swings at its own pace.
 fn position(swings: &[(f32, f32)], episode: &MadeEpisode, frame: usize) -> [f32; DIM] {
     let time = if episode.still {
         0.0

@@ -1,4 +1,4 @@
-//! A video of any length, whose sample table repeats another video's frames.
+//! A video of any length that repeats another's frames.
 
 use std::fs::{self, File};
 use std::path::Path;
@@ -7,12 +7,12 @@ use zk0_lerobot::dataset::Mp4Track;
 /// Ticks per second, and per frame.
 const SCALE: u32 = 30;
 
-/// An mp4 file of `frames` frames at 30 frames per second. They repeat the first frame of `video` if still, otherwise all its frames.
+/// An mp4 of `frames` frames at 30 a second. They repeat the first frame of `video` if still, otherwise all.
 pub fn made(video: &Path, frames: usize, still: bool) -> Vec<u8> {
     let track = Mp4Track::read(&mut File::open(video).unwrap()).unwrap();
     let bytes = fs::read(video).unwrap();
     let head = atom(b"ftyp", &[&b"isom\0\0\x02\0isomav01"[..]]);
-    // The data come first, so that their places do not depend on the index.
+    // Data come first, so their places do not depend on the index.
     let start = head.len() as u64 + 8;
     let (mut data, mut places) = (Vec::new(), Vec::new());
     for sample in &track.samples {
@@ -78,14 +78,12 @@ pub fn made(video: &Path, frames: usize, still: bool) -> Vec<u8> {
     [head, atom(b"mdat", &[&data]), index].concat()
 }
 
-/// An mp4 box.
 fn atom(kind: &[u8; 4], parts: &[&[u8]]) -> Vec<u8> {
     let body = parts.concat();
     let length = (body.len() as u32 + 8).to_be_bytes();
     [&length[..], kind, &body].concat()
 }
 
-/// A video's sample description, in the file's bytes.
 fn description(file: &[u8]) -> &[u8] {
     let at = file.windows(4).position(|name| name == b"stsd").unwrap() - 4;
     let length = u32::from_be_bytes(file[at..at + 4].try_into().unwrap());

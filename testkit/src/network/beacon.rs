@@ -1,4 +1,4 @@
-//! A drand network of the tests: one key signs every round.
+//! A drand network whose one key signs every round.
 
 use bls12_381::hash_to_curve::{ExpandMsgXmd, HashToCurve};
 use bls12_381::{G1Affine, G1Projective, G2Affine, Scalar};
@@ -6,16 +6,16 @@ use sha2::Sha256;
 use zk0_circuits::vm::digest::sha256;
 use zk0_protocol::challenge::drand::{BeaconSignature, DrandChain};
 
-/// The network's secret key.
+/// A network by its secret key.
 pub struct Beacon(u64);
 
 impl Beacon {
-    /// A network with this secret key.
+    /// With this key.
     pub fn new(secret: u64) -> Self {
         Self(secret)
     }
 
-    /// The network in the rules. Round 1 was signed at `genesis_s`.
+    /// For the rules. Round 1 was signed at `genesis_s`.
     pub fn chain(&self, genesis_s: u64, margin_ms: u64) -> DrandChain {
         let key = G2Affine::generator() * Scalar::from(self.0);
         DrandChain {

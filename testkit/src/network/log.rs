@@ -14,14 +14,14 @@ pub fn log_vkey() -> VerifierKey {
     VerifierKey::new(Role::Log, ORIGIN, log_key().verifying_key().as_bytes()).unwrap()
 }
 
-/// A log's leaves, and its tree's hashes in the order of becoming final.
+/// Leaves, and the tree's hashes in the order of becoming final.
 pub struct MemoryLog {
     leaves: Vec<Vec<u8>>,
     hashes: Vec<Hash>,
 }
 
 impl MemoryLog {
-    /// A log of these leaves.
+    /// Of these leaves.
     pub fn of(leaves: &[Vec<u8>]) -> Self {
         let mut tree = Frontier::default();
         let hashes = leaves.iter().flat_map(|leaf| tree.push(leaf).unwrap());
@@ -31,7 +31,7 @@ impl MemoryLog {
         }
     }
 
-    /// A genesis and this many enrolments, `step_ms` apart.
+    /// A genesis and so many enrolments, `step_ms` apart.
     pub fn of_enrolments(nodes: u8, step_ms: u64) -> Self {
         let bodies = std::iter::once(Body::Genesis(genesis())).chain((0..nodes).map(enrolled));
         let times = (T0..).step_by(step_ms.max(1) as usize);
@@ -45,7 +45,7 @@ impl MemoryLog {
         Self::of(&leaves)
     }
 
-    /// The checkpoint of the first `size` entries.
+    /// The checkpoint of `size` entries.
     pub fn checkpoint(&self, size: u64) -> Checkpoint {
         let root = tlog_tiles::tlog::tree_hash(size, self).unwrap();
         Checkpoint {
@@ -54,7 +54,7 @@ impl MemoryLog {
         }
     }
 
-    /// An entry's receipt, with the whole log's signed checkpoint.
+    /// A receipt with the whole log's checkpoint.
     pub fn receipt(&self, index: u64) -> Receipt {
         let size = self.leaves.len() as u64;
         let proof = prove_record(size, index, self).unwrap();
@@ -66,7 +66,7 @@ impl MemoryLog {
         }
     }
 
-    /// The consistency proof from the first `old` to the first `new` entries.
+    /// The consistency proof of the first `old` and `new` entries.
     pub fn consistency(&self, old: u64, new: u64) -> Vec<Digest> {
         let proof = prove_tree(new, old, self).unwrap();
         proof.into_iter().map(|hash| Digest(hash.0)).collect()

@@ -1,4 +1,4 @@
-//! A small test network: fixed keys, a genesis, and builders for each kind of entry.
+//! A small network: fixed keys, a genesis, and each kind of entry.
 
 pub mod beacon;
 pub mod log;
@@ -24,35 +24,34 @@ use zk0_protocol::rules::closing::shares::WHOLE_SHARE;
 use zk0_protocol::rules::governance::{Governance, Governor};
 use zk0_protocol::{Body, Entry, Genesis, RefusalCode, RuleViolation, Rules, Signed, State};
 
-/// When the network is founded, in milliseconds since 1970.
+/// The founding, in milliseconds since 1970.
 pub const T0: u64 = 1_700_000_000_000;
-/// How long a round takes commitments; all windows are in milliseconds.
+/// Time for commitments; all windows are in milliseconds.
 pub const COMMIT_WINDOW: u64 = 1_000;
-/// How long a round takes submissions.
+/// Time for submissions.
 pub const SUBMIT_WINDOW: u64 = 5_000;
-/// How long a round waits for its randomness.
+/// Time for randomness.
 pub const RANDOMNESS_WINDOW: u64 = 2_000;
-/// How long a dispute is possible.
+/// Time for disputes.
 pub const DISPUTE_WINDOW: u64 = 100_000;
 /// Frames of an evaluation set.
 pub const EVALUATION_FRAMES: u32 = 300;
-/// How long a vote lasts.
+/// Time for votes.
 pub const VOTING: u64 = 20_000;
-/// How long a decision waits until it is in force.
+/// Delay of decisions.
 pub const TIME_LOCK: u64 = 10_000;
 
-/// How the protocol's test vectors evaluate an update.
 const EVALUATION: &str = include_str!(concat!(
     env!("CARGO_MANIFEST_DIR"),
     "/../protocol/tests/vectors/evaluation.hex"
 ));
 
-/// A digest of this byte, repeated.
+/// This byte, repeated.
 pub fn digest(byte: u8) -> Digest {
     Digest([byte; 32])
 }
 
-/// Digests of weights for this byte.
+/// Digests of this byte.
 pub fn weights(byte: u8) -> WeightsDigest {
     WeightsDigest {
         blob: digest(byte),
@@ -75,7 +74,7 @@ pub fn id(node: u8) -> NodeId {
     NodeId(key(node).verifying_key().to_bytes())
 }
 
-/// The keys of three governors, with weights 5, 3 and 2.
+/// Governors, with weights 5, 3 and 2.
 pub fn governor_key(governor: u8) -> SigningKey {
     SigningKey::from_bytes(&[200 + governor; 32])
 }
@@ -138,7 +137,7 @@ pub fn genesis() -> Genesis {
     }
 }
 
-/// An entry of this version.
+/// In this version.
 pub fn entry(time_ms: u64, body: Body) -> Entry {
     Entry {
         version: ENTRY_VERSION,
@@ -155,7 +154,7 @@ pub fn enrolled(node: u8) -> Body {
     })
 }
 
-/// The dataset of `node`, with `10·(node+1)` samples.
+/// `10·(node+1)` samples.
 pub fn dataset(node: u8) -> DatasetCommitment {
     DatasetCommitment {
         root: digest(0x20 + node),
@@ -165,7 +164,7 @@ pub fn dataset(node: u8) -> DatasetCommitment {
     }
 }
 
-/// The registration of `node`.
+/// A node's registration.
 pub fn registration(network: &Digest, node: u8) -> DatasetRegistration {
     DatasetRegistration {
         network: *network,
@@ -183,12 +182,12 @@ pub fn episode(digest: Digest) -> RegisteredEpisode {
     RegisteredEpisode { digest, frames }
 }
 
-/// The signed registration of `node`.
+/// The signed registration.
 pub fn registered(network: &Digest, node: u8) -> Body {
     Body::DatasetCommitted(Signed::new(registration(network, node), &key(node)))
 }
 
-/// The commitment of `node` to an update, in the open round.
+/// A commitment to an update, in the open round.
 pub fn commitment(state: &State, node: u8, update: WeightsDigest) -> UpdateCommitment {
     UpdateCommitment {
         network: *state.network(),
@@ -200,12 +199,12 @@ pub fn commitment(state: &State, node: u8, update: WeightsDigest) -> UpdateCommi
     }
 }
 
-/// The signed commitment of `node`.
+/// The signed commitment.
 pub fn committed(state: &State, node: u8, update: WeightsDigest) -> Body {
     Body::UpdateCommitted(Signed::new(commitment(state, node, update), &key(node)))
 }
 
-/// The expected claim of `node`.
+/// The expected claim.
 pub fn claim(state: &State, node: u8) -> Claim {
     let expected = state.expected_claim(&id(node)).expect("a committed node");
     expected.with(match expected.disclosure {
@@ -218,18 +217,18 @@ pub fn claim(state: &State, node: u8) -> Claim {
     })
 }
 
-/// `claim`, signed by node `by`.
+/// Signed by node `by`.
 pub fn submission(claim: Claim, by: u8) -> Signed<Submission> {
     let proof = digest(0xaa);
     Signed::new(Submission { claim, proof }, &key(by))
 }
 
-/// Accepts `node`'s contribution.
+/// Accepts a contribution.
 pub fn accepted(state: &State, node: u8) -> Body {
     Body::ContributionAccepted(submission(claim(state, node), node))
 }
 
-/// Rejects `node`'s contribution for this reason.
+/// Rejects a contribution.
 pub fn rejected(state: &State, node: u8, reason: RefusalCode) -> Body {
     Body::ContributionRejected {
         submission: submission(claim(state, node), node),
@@ -247,7 +246,7 @@ pub fn opened(state: &State, time_ms: u64) -> RoundOpened {
     state.next_opening(time_ms).expect("deadlines fit")
 }
 
-/// The open round's closing with the result `global`, slightly better than the base if the rules ask for an evaluation.
+/// Closes with the result `global`, slightly better than the base if the rules ask for an evaluation.
 pub fn closed(state: &State, global: WeightsDigest) -> RoundClosed {
     let contributors = state.contributors();
     let samples = state.rules().public_samples;
@@ -267,7 +266,7 @@ pub fn closed(state: &State, global: WeightsDigest) -> RoundClosed {
     }
 }
 
-/// The closing of the open round's commitments, allowed or not.
+/// Closes the commitments, allowed or not.
 pub fn commitments_closed(state: &State) -> CommitmentsClosed {
     let round = state.round().expect("an open round");
     let by_node = round.commits.iter();
@@ -281,7 +280,7 @@ pub fn commitments_closed(state: &State) -> CommitmentsClosed {
     }
 }
 
-/// The open round's randomness, from the log's key.
+/// Randomness from the log's key.
 pub fn drawn(state: &State) -> RandomnessDrawn {
     let round = state.round().expect("an open round");
     let commitments = round.closing.map(|closing| closing.commitments);
@@ -292,7 +291,7 @@ pub fn drawn(state: &State) -> RandomnessDrawn {
     }
 }
 
-/// The open round's closing, whose result is evaluated and not taken.
+/// Closes with an evaluated result that is not taken.
 pub fn kept(state: &State, result: WeightsDigest) -> RoundClosed {
     let mut closed = closed(state, result);
     closed.global = state.round().expect("an open round").opened.base;
@@ -307,29 +306,29 @@ pub fn kept(state: &State, result: WeightsDigest) -> RoundClosed {
     closed
 }
 
-/// Public samples for the rules.
+/// For the rules.
 pub const PUBLIC_SAMPLES: PublicSamples = PublicSamples {
     blob: Digest([0x77; 32]),
     samples: 8,
     max_loss_increase_bps: 500,
 };
 
-/// The closing's record of a whole contribution.
+/// Records a whole contribution.
 pub fn contributor(node: u8) -> Contributor {
     Contributor {
         node: id(node),
         share: WHOLE_SHARE,
-        // A loss that falls from 1000 to 900 improves by 1000 basis points.
+        // From 1000 to 900, a loss improves by 1000 basis points.
         credits: 100,
     }
 }
 
-/// A state that applies entries in order, with made-up roots.
+/// Applies entries in order, with made-up roots.
 #[derive(Clone)]
 pub struct Chain {
-    /// The state after the last entry.
+    /// After the last entry.
     pub state: State,
-    /// The time of the last entry.
+    /// Of the last entry.
     pub time_ms: u64,
 }
 
@@ -340,12 +339,12 @@ impl Default for Chain {
 }
 
 impl Chain {
-    /// A network just founded.
+    /// Just founded.
     pub fn new() -> Self {
         Self::founded(genesis())
     }
 
-    /// A network with this genesis.
+    /// With this genesis.
     pub fn founded(genesis: Genesis) -> Self {
         let state = State::found(&entry(T0, Body::Genesis(genesis))).expect("a valid genesis");
         Self { state, time_ms: T0 }
@@ -358,12 +357,12 @@ impl Chain {
         self.state.apply(&root, &entry(self.time_ms, body))
     }
 
-    /// Applies an entry that the rules allow.
+    /// Applies an allowed entry.
     pub fn apply(&mut self, body: Body) {
         self.try_apply(body).expect("an entry the rules allow");
     }
 
-    /// The violation of `body`, which leaves the state as it was.
+    /// The violation, which leaves the state as it was.
     pub fn refusal(&mut self, body: Body) -> RuleViolation {
         let before = self.state.clone();
         let violation = self
@@ -379,7 +378,7 @@ impl Chain {
         self.apply(Body::RoundOpened(opened));
     }
 
-    /// Closes the commitments, past their deadline if a node may still commit.
+    /// Closes the commitments, if needed past their deadline.
     pub fn close_commitments(&mut self) {
         let now = self.time_ms + 1;
         if self.state.next_commitments_closed(now).is_none() {
@@ -395,7 +394,7 @@ impl Chain {
         self.apply(Body::RandomnessDrawn(drawn(&self.state)));
     }
 
-    /// Closes the round, past its deadlines if it waits for a node.
+    /// Closes the round, if needed past its deadlines.
     pub fn close(&mut self, global: WeightsDigest) {
         let round = self.state.round().expect("an open round");
         match (round.closing, round.commits.is_empty()) {
@@ -410,7 +409,7 @@ impl Chain {
         self.apply(Body::RoundClosed(closed(&self.state, global)));
     }
 
-    /// A network of `nodes` nodes with datasets, with round 0 open.
+    /// Nodes with datasets in round 0.
     pub fn in_round(nodes: u8) -> Self {
         let mut chain = Self::new();
         for node in 0..nodes {
@@ -421,7 +420,7 @@ impl Chain {
         chain
     }
 
-    /// [`Self::in_round`] with all updates committed and the randomness drawn.
+    /// [`Self::in_round`] with all commitments and randomness.
     pub fn all_committed(nodes: u8) -> Self {
         let mut chain = Self::in_round(nodes);
         for node in 0..nodes {

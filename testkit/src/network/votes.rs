@@ -5,7 +5,7 @@ use zk0_protocol::entries::entry::ProposalSettled;
 use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
 use zk0_protocol::entries::signed::{Proposal, Vote};
 
-/// The enrolment of `node`.
+/// A node's enrolment.
 pub fn enrolment(node: u8) -> NodeEnrolled {
     match enrolled(node) {
         Body::NodeEnrolled(enrolled) => enrolled,
@@ -13,7 +13,7 @@ pub fn enrolment(node: u8) -> NodeEnrolled {
     }
 }
 
-/// The proposal of governor `by`.
+/// Of governor `by`.
 pub fn proposal(state: &State, by: u8, action: Action) -> Proposal {
     Proposal {
         network: *state.network(),
@@ -25,18 +25,18 @@ pub fn proposal(state: &State, by: u8, action: Action) -> Proposal {
     }
 }
 
-/// The signed proposal of governor `by`.
+/// Signed by governor `by`.
 pub fn proposed(state: &State, by: u8, action: Action) -> Body {
     Body::Proposed(Signed::new(proposal(state, by, action), &governor_key(by)))
 }
 
-/// The digest of this open proposal, or any digest.
+/// Of this open proposal, or any.
 pub fn digest_of(state: &State, proposal: u64) -> Digest {
     let open = state.proposals().get(&proposal);
     open.map(|open| open.digest).unwrap_or_default()
 }
 
-/// The signed vote of governor `by`.
+/// Signed by governor `by`.
 pub fn voted(state: &State, by: u8, proposal: u64, ballot: Ballot) -> Body {
     let vote = Vote {
         network: *state.network(),
@@ -59,7 +59,7 @@ impl Chain {
         self.time_ms += ms;
     }
 
-    /// Proposes `action`, votes with all governors, and executes it.
+    /// Proposes, votes for and executes `action`.
     pub fn decide(&mut self, action: Action) {
         let number = self.state.next_proposal();
         self.apply(proposed(&self.state, 0, action));

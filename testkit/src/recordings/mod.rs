@@ -1,4 +1,4 @@
-//! The fixtures' recordings, and copies to damage.
+//! The fixtures' recordings, and damaged copies.
 
 pub mod mp4_writer;
 
@@ -11,31 +11,31 @@ use parquet::arrow::ArrowWriter;
 use tempfile::TempDir;
 use zk0_lerobot::dataset::{Dataset, DatasetError, Frame};
 
-/// The description of a recording in v3.0.
+/// A v3.0 recording's description.
 pub const INFO: &str = "meta/info.json";
 /// The statistics.
 pub const STATS: &str = "meta/stats.json";
 /// The rows.
 pub const DATA: &str = "data/chunk-000/file-000.parquet";
-/// The video of one camera.
+/// One camera's video.
 pub const TOP: &str = "videos/observation.images.top/chunk-000/file-000.mp4";
 
-/// The folder of test fixtures.
+/// The folder of fixtures.
 pub fn fixtures() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/fixtures")
 }
 
-/// A committed recording's folder.
+/// A committed recording.
 pub fn recording(name: &str) -> PathBuf {
     fixtures().join("datasets").join(name)
 }
 
-/// Opens a committed recording.
+/// Opens such a recording.
 pub fn open(name: &str) -> Dataset {
     Dataset::open(recording(name)).unwrap()
 }
 
-/// All frames in order, up to the first error.
+/// Frames in order, up to the first error.
 pub fn frames(
     dataset: &Dataset,
     chunk: usize,
@@ -48,30 +48,29 @@ pub fn frames(
     })
 }
 
-/// A recording's copy, to damage.
+/// A copy to damage.
 pub struct Copy(TempDir);
 
 impl Default for Copy {
-    /// Copies a good recording in v3.0.
     fn default() -> Self {
         Self::of("so100_pickplace")
     }
 }
 
 impl Copy {
-    /// A folder without files.
+    /// Without files.
     pub fn empty() -> Self {
         Self(tempfile::tempdir().unwrap())
     }
 
-    /// Copies the recording of this name.
+    /// Copies a recording.
     pub fn of(name: &str) -> Self {
         let copy = Self::empty();
         copy.add(&recording(name));
         copy
     }
 
-    /// Adds or replaces files from a folder.
+    /// Adds or replaces files.
     pub fn add(&self, folder: &Path) {
         fn copy(from: &Path, to: &Path) {
             fs::create_dir_all(to).unwrap();
@@ -93,7 +92,7 @@ impl Copy {
         self.0.path()
     }
 
-    /// The path of a file.
+    /// A file's path.
     pub fn path(&self, file: &str) -> PathBuf {
         self.0.path().join(file)
     }
@@ -104,7 +103,7 @@ impl Copy {
         fs::write(&path, change(fs::read(&path).unwrap())).unwrap();
     }
 
-    /// Replaces a text in a file.
+    /// Replaces a text.
     pub fn edit_text(&self, file: &str, from: &str, to: &str) {
         self.edit(file, |bytes| {
             let text = String::from_utf8(bytes).unwrap();
@@ -113,7 +112,7 @@ impl Copy {
         });
     }
 
-    /// Rewrites a parquet file's table. `change` gets all rows in one batch.
+    /// Rewrites a parquet file. `change` gets all rows in one batch.
     pub fn edit_table(&self, file: &str, change: impl FnOnce(RecordBatch) -> Vec<RecordBatch>) {
         let path = self.path(file);
         let reader = ParquetRecordBatchReaderBuilder::try_new(fs::File::open(&path).unwrap())
@@ -134,7 +133,7 @@ impl Copy {
         writer.close().unwrap();
     }
 
-    /// Rewrites the data file's rows.
+    /// Rewrites the rows.
     pub fn edit_rows(&self, change: impl FnOnce(RecordBatch) -> RecordBatch) {
         self.edit_table(DATA, |rows| vec![change(rows)]);
     }
@@ -144,7 +143,7 @@ impl Copy {
         Dataset::open(self.0.path())
     }
 
-    /// The error of opening and reading everything.
+    /// The error of opening and reading all.
     pub fn error(&self) -> DatasetError {
         let dataset = match self.open() {
             Ok(dataset) => dataset,
@@ -156,7 +155,7 @@ impl Copy {
             .expect("the damage went unnoticed")
     }
 
-    /// Expects an error that names `file` and `cause`.
+    /// Expects an error that names both.
     #[track_caller]
     pub fn fails(&self, file: &str, cause: &str) {
         let message = self.error().to_string();
@@ -168,7 +167,7 @@ impl Copy {
     }
 }
 
-/// The rows with a replaced column.
+/// Replaces a column.
 pub fn with_column(batch: RecordBatch, name: &str, column: ArrayRef) -> RecordBatch {
     let schema = batch.schema();
     let columns = schema.fields().iter().enumerate().map(|(i, field)| {
@@ -179,7 +178,7 @@ pub fn with_column(batch: RecordBatch, name: &str, column: ArrayRef) -> RecordBa
     RecordBatch::try_from_iter(columns.collect::<Vec<_>>()).unwrap()
 }
 
-/// Overwrites bytes of the `nth` box of this kind, from `skip` bytes after its name.
+/// Overwrites the `nth` box of this kind, from `skip` bytes after its name.
 pub fn patch(bytes: &mut [u8], kind: &[u8; 4], nth: usize, skip: usize, value: &[u8]) {
     let mut named = bytes.windows(4).enumerate().filter(|(_, w)| w == kind);
     let at = named.nth(nth).unwrap().0 + 4 + skip;

@@ -1,4 +1,4 @@
-//! Writes H.264 into an mp4 like FFmpeg's, to test the reader.
+//! Writes H.264 into an mp4 like FFmpeg's.
 
 use openh264::encoder::{
     BitRate, Encoder, EncoderConfig, FrameRate, IntraFramePeriod, Profile, RateControlMode,
@@ -6,11 +6,11 @@ use openh264::encoder::{
 use openh264::formats::{RgbSliceU8, YUVBuffer};
 use openh264::OpenH264API;
 
-/// One encoded picture in decoding order.
+/// A picture in decoding order.
 pub struct Encoded {
-    /// NAL units without start codes or parameter sets.
+    /// Without start codes or parameter sets.
     pub units: Vec<Vec<u8>>,
-    /// Whether it needs no other picture.
+    /// Whether it needs no other.
     pub key: bool,
 }
 
@@ -18,9 +18,9 @@ pub struct Encoded {
 pub struct EncodedVideo {
     /// SPS and PPS.
     pub parameter_sets: [Vec<u8>; 2],
-    /// The pictures in decoding order.
+    /// In decoding order.
     pub pictures: Vec<Encoded>,
-    /// The pictures as a byte stream with start codes.
+    /// With start codes.
     pub annex_b: Vec<Vec<u8>>,
 }
 
@@ -77,13 +77,13 @@ pub fn encode(
 }
 
 impl EncodedVideo {
-    /// The mp4 at 30 frames a second, shown in decoding order.
+    /// At 30 frames a second, in decoding order.
     pub fn mp4(&self, height: usize, width: usize) -> Vec<u8> {
         let shown: Vec<u32> = (0..self.pictures.len() as u32).collect();
         self.mp4_shown(height, width, &shown)
     }
 
-    /// The mp4 with picture `i` of the decoding order shown as number `shown[i]`, by offsets (`ctts`) and an edit list.
+    /// Shows decoded picture `i` as number `shown[i]`, by offsets (`ctts`) and an edit list.
     pub fn mp4_shown(&self, height: usize, width: usize, shown: &[u32]) -> Vec<u8> {
         const SCALE: u32 = 15360;
         const TICK: u32 = SCALE / 30;
@@ -92,7 +92,7 @@ impl EncodedVideo {
             .iter()
             .map(|p| p.units.iter().flat_map(|u| length_and(u, 4)).collect())
             .collect();
-        // No picture is shown before it is decoded, so all are shown as late as the latest one needs.
+        // No picture is shown before it is decoded, so all are as late as the latest needs.
         let late = |(i, &n): (usize, &u32)| (i as u32).saturating_sub(n);
         let shift = shown.iter().enumerate().map(late).max().unwrap();
         let offsets = shown

@@ -1,4 +1,4 @@
-//! A network that fails on demand. It forwards and counts one request per connection.
+//! A network that fails on demand. It forwards one request per connection, and counts.
 
 use std::collections::VecDeque;
 use std::io::{self, ErrorKind, Read, Write};
@@ -7,24 +7,24 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
-/// What happens to a request.
+/// A request's fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// The answer is status 503.
+    /// Status 503.
     Unavailable,
-    /// The connection breaks after this many bytes of the request.
+    /// Breaks after this many bytes of the request.
     CutRequest(usize),
-    /// The connection breaks after this many bytes of the answer.
+    /// Breaks after this many bytes of the answer.
     CutAnswer(usize),
-    /// No answer comes.
+    /// No answer.
     Silent,
-    /// The request is delayed.
+    /// Delays the request.
     Late(Duration),
     /// The client hears at once that the request is done. The server gets it later, or never.
     Claimed(Option<Duration>),
 }
 
-/// Translates heads between a client and a server with different protocols.
+/// Translates heads between different protocols.
 #[derive(Clone, Copy)]
 pub struct Translation {
     pub request: fn(&str) -> String,
@@ -39,16 +39,14 @@ pub struct FailingNetwork {
 
 #[derive(Default)]
 struct FaultState {
-    /// The next faults of requests that begin like this: `PUT`, or `PUT /bucket/folder/`.
+    /// Next faults, by how requests begin: `PUT`, or `PUT /bucket/folder/`.
     next: VecDeque<(String, Option<Fault>)>,
-    /// The fault of other requests.
     always: Option<Fault>,
-    /// How past requests begin.
     requests: Vec<String>,
 }
 
 impl FailingNetwork {
-    /// A network before the server at this port.
+    /// Before the server at this port.
     pub fn in_front_of(server: u16, translation: Option<Translation>) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
@@ -68,35 +66,35 @@ impl FailingNetwork {
         format!("http://127.0.0.1:{}", self.port)
     }
 
-    /// Fails the next `times` requests that begin with `method`, perhaps with a path: `PUT /bucket/folder/`.
+    /// Fails the next `times` requests that begin so: `PUT`, or `PUT /bucket/folder/`.
     pub fn fail_next(&self, method: &str, fault: Fault, times: usize) {
         let mut state = self.state.lock().unwrap();
         let faults = (0..times).map(|_| (method.to_owned(), Some(fault)));
         state.next.extend(faults);
     }
 
-    /// Lets the next `times` requests of this method pass first.
+    /// First lets `times` requests pass.
     pub fn pass_next(&self, method: &str, times: usize) {
         let mut state = self.state.lock().unwrap();
         let passes = (0..times).map(|_| (method.to_owned(), None));
         state.next.extend(passes);
     }
 
-    /// Fails all requests, and resets the count.
+    /// Fails all, and resets the count.
     pub fn fail_always(&self, fault: Fault) {
         let mut state = self.state.lock().unwrap();
         state.always = Some(fault);
         state.requests.clear();
     }
 
-    /// Lets all requests pass.
+    /// Lets all pass.
     pub fn mend(&self) {
         let mut state = self.state.lock().unwrap();
         state.next.clear();
         state.always = None;
     }
 
-    /// Requests that began like this since the last call.
+    /// Such requests since the last call.
     pub fn counted(&self, begin: &str) -> usize {
         let mut state = self.state.lock().unwrap();
         let all = std::mem::take(&mut state.requests);
@@ -143,7 +141,7 @@ fn forward(
         Some(Fault::Claimed(None)) => claimed(&mut client),
         fault => {
             if let Some(Fault::Claimed(Some(_))) = fault {
-                // The server's later answer is dropped.
+                // Drops the server's later answer.
                 let _ = claimed(&mut client);
             }
             if let Some(Fault::Late(by) | Fault::Claimed(Some(by))) = fault {
@@ -172,7 +170,6 @@ fn head_and_body(from: &mut TcpStream) -> io::Result<(String, Vec<u8>)> {
     }
 }
 
-/// Tells a client that its request is done.
 fn claimed(client: &mut TcpStream) -> io::Result<()> {
     client.write_all(b"HTTP/1.1 200 OK\r\ncontent-length: 0\r\nconnection: close\r\n\r\n")?;
     client.shutdown(Shutdown::Write)
@@ -198,7 +195,7 @@ fn relay(
 ) -> io::Result<()> {
     let head = translation.map_or(head.to_owned(), |of| (of.request)(head));
     let mut server = TcpStream::connect(("127.0.0.1", server))?;
-    // Each request then has its own connection, and its own fault.
+    // Each request has its own connection, and its own fault.
     server.write_all(format!("{head}\r\nconnection: close\r\n\r\n").as_bytes())?;
     let (mut from, mut to) = (client.try_clone()?, server.try_clone()?);
     let of_request = match fault {

@@ -1,12 +1,12 @@
-//! Lets the S3 server stand for Google Cloud Storage, whose XML protocol has S3's requests with some other header names. No emulator in a
-//! package registry speaks it whole.
+//! Lets the S3 server stand for Google Cloud Storage, whose XML protocol differs in some header names. No emulator in a package registry
+//! speaks it whole.
 
 use super::failing_network::Translation;
 use crate::skipped::skipped;
 use std::process::Command;
 use std::sync::OnceLock;
 
-/// Translates between Google's protocol and the S3 server's.
+/// From Google's protocol to S3's.
 pub const TO_S3: Translation = Translation { request, answer };
 
 fn request(head: &str) -> String {
@@ -16,7 +16,7 @@ fn request(head: &str) -> String {
     let lines = lines.filter(|line| !line.starts_with("authorization:"));
     let renamed = lines.map(|line| match line.split_once(':') {
         Some(("x-goog-copy-source", source)) => format!("x-amz-copy-source:{source}"),
-        // There is no object of the generation 0.
+        // Generation 0 has no object.
         Some(("x-goog-if-generation-match", _)) => "if-none-match: *".to_owned(),
         _ => line.to_owned(),
     });
@@ -24,7 +24,7 @@ fn request(head: &str) -> String {
     lines.join("\r\n")
 }
 
-/// Google's answers have an `ETag`; the server's sometimes lack it.
+/// Google's answers have an `ETag`; the server's may not.
 fn answer(head: &str) -> String {
     if head
         .lines()
@@ -36,7 +36,7 @@ fn answer(head: &str) -> String {
     }
 }
 
-/// A request's first line without the URL's signature, named differently in S3.
+/// Without the URL's signature, which S3 names differently.
 fn without_signature(line: &str) -> String {
     match line.split_once("?X-Goog-Algorithm=") {
         Some((path, _)) => format!("{path} HTTP/1.1"),
@@ -44,7 +44,7 @@ fn without_signature(line: &str) -> String {
     }
 }
 
-/// A service account's key as PEM. `None` if no program can make one.
+/// A service account's key as PEM, if a program can make one.
 pub fn key() -> Option<&'static str> {
     static KEY: OnceLock<Option<String>> = OnceLock::new();
     let key = KEY.get_or_init(|| {
@@ -60,7 +60,7 @@ pub fn key() -> Option<&'static str> {
     key.as_deref()
 }
 
-/// A client's variables for server and identity.
+/// A client's variables.
 pub fn variables(address: &str) -> Vec<(String, String)> {
     let key = key().unwrap().replace('\n', "\\n");
     let account = format!(

@@ -1,5 +1,4 @@
-//! A real S3 server on loopback (`s3s-fs`, which keeps objects as files) behind a network that fails. It also stands for Google Cloud
-//! Storage.
+//! A real S3 server on loopback (`s3s-fs`, which keeps objects as files) behind a network that fails.
 
 pub mod failing_network;
 mod google;
@@ -21,15 +20,15 @@ use tempfile::TempDir;
 const ACCESS_KEY: &str = "zk0-tests";
 const SECRET_KEY: &str = "a secret of the tests";
 
-/// The bucket that exists.
+/// The existing bucket.
 pub const BUCKET: &str = "blobs";
 
-/// Sends an HTTP request with a body, and returns the status.
+/// Sends a request with a body. Returns the status.
 pub fn send(method: &str, address: &str, body: &[u8]) -> u16 {
     send_in_parts(method, address, &[body], Duration::ZERO)
 }
 
-/// [`send`] with a pause after each part of the body.
+/// [`send`] with pauses between parts.
 pub fn send_in_parts(method: &str, address: &str, body: &[&[u8]], apart: Duration) -> u16 {
     let (host, path) = address
         .strip_prefix("http://")
@@ -43,7 +42,7 @@ pub fn send_in_parts(method: &str, address: &str, body: &[&[u8]], apart: Duratio
     );
     server.write_all(head.as_bytes()).unwrap();
     for part in body {
-        // The server may cut off a refused request.
+        // The server may cut a refused request.
         let _ = server.write_all(part);
         sleep(apart);
     }
@@ -54,17 +53,16 @@ pub fn send_in_parts(method: &str, address: &str, body: &[&[u8]], apart: Duratio
     status.parse().unwrap_or(0)
 }
 
-/// A serving S3 server, ended on drop.
+/// Ended on drop.
 pub struct S3 {
     process: Child,
     root: TempDir,
     port: OwnPort,
     speaks: Speaks,
-    /// The network between the server and its clients.
+    /// Between server and clients.
     pub network: FailingNetwork,
 }
 
-/// The clients' protocol.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Speaks {
     Amazons,
@@ -82,7 +80,7 @@ fn program() -> Option<PathBuf> {
         .find(|program| program.is_file())
 }
 
-/// Starts a server of the buckets in `root`, and returns its port. The server cannot report its port, so it gets one.
+/// Starts a server of the buckets in `root`. It cannot report its port, so it gets one.
 fn started(program: &Path, credentials: &[&str], root: &Path) -> (Child, OwnPort) {
     let port = OwnPort::take();
     let process = Command::new(program)
@@ -99,14 +97,14 @@ fn started(program: &Path, credentials: &[&str], root: &Path) -> (Child, OwnPort
     (process, port)
 }
 
-/// A server of the same buckets without authentication.
+/// The same buckets without authentication.
 pub struct OpenToAll {
     process: Child,
     port: OwnPort,
 }
 
 impl OpenToAll {
-    /// The URL of a prefix in the bucket.
+    /// A prefix's URL.
     pub fn url(&self, prefix: &str) -> String {
         format!("http://{}/{BUCKET}/{prefix}", self.port.address())
     }
@@ -120,12 +118,12 @@ impl Drop for OpenToAll {
 }
 
 impl S3 {
-    /// Starts a server. `None` if its program is missing; then this prints how to get it.
+    /// Starts a server. If its program is missing, prints how to get it.
     pub fn start() -> Option<Self> {
         Self::speaking(Speaks::Amazons)
     }
 
-    /// [`Self::start`] for clients of Google Cloud Storage. Verifies no identity and no signature.
+    /// [`Self::start`] as Google Cloud Storage. Verifies no identity and no signature.
     pub fn start_as_google() -> Option<Self> {
         google::key()?;
         Self::speaking(Speaks::Googles)
@@ -153,7 +151,7 @@ impl S3 {
         })
     }
 
-    /// A client's variables for server and identity.
+    /// A client's variables.
     pub fn variables(&self) -> Vec<(String, String)> {
         match self.speaks {
             Speaks::Amazons => self.variables_with(SECRET_KEY),
@@ -184,12 +182,12 @@ impl S3 {
         .into()
     }
 
-    /// The server's process number.
+    /// The process number.
     pub fn process(&self) -> u32 {
         self.process.id()
     }
 
-    /// The address of a prefix in the bucket.
+    /// A prefix's address.
     pub fn address(&self, prefix: &str) -> String {
         let scheme = match self.speaks {
             Speaks::Amazons => "s3",
@@ -198,22 +196,22 @@ impl S3 {
         format!("{scheme}://{BUCKET}/{prefix}")
     }
 
-    /// The server's file of a blob.
+    /// A blob's file.
     pub fn file(&self, prefix: &str, blob: impl ToString) -> PathBuf {
         self.folder(prefix).join(blob.to_string())
     }
 
-    /// The server's folder of blobs.
+    /// A prefix's blobs.
     pub fn folder(&self, prefix: &str) -> PathBuf {
         self.root(prefix).join("blobs").join("sha256")
     }
 
-    /// The server's folder of a prefix.
+    /// A prefix's folder.
     pub fn root(&self, prefix: &str) -> PathBuf {
         self.root.path().join(BUCKET).join(prefix)
     }
 
-    /// The objects under a prefix.
+    /// Objects under a prefix.
     pub fn objects(&self, prefix: &str) -> usize {
         fn files(folder: &Path) -> usize {
             let Ok(found) = fs::read_dir(folder) else {
@@ -227,14 +225,14 @@ impl S3 {
         files(&self.root(prefix))
     }
 
-    /// Makes the bucket readable by all, as a real owner may.
+    /// Makes the bucket readable by all, as an owner may.
     pub fn open_to_all(&self) -> OpenToAll {
         let program = program().unwrap();
         let (process, port) = started(&program, &[], self.root.path());
         OpenToAll { process, port }
     }
 
-    /// The server's files of unfinished uploads.
+    /// Files of unfinished uploads.
     pub fn unfinished(&self) -> usize {
         let files = fs::read_dir(self.root.path()).unwrap();
         files

@@ -32,7 +32,7 @@ pub const REMOVALS: &[Removal] = &[
     protocol("only who has left is enrolled again", MEMBERS, never!("self.is_used(&enrolled.node) && !left"),
         "a_node_that_has_left_takes_part_again_once_it_is_enrolled_again"),
     protocol("nobody escapes a dispute by leaving", "protocol/src/rules/apply/disputes.rs",
-        instead!("matches!(node.standing, Standing::Active | Standing::Left)", "node.standing == Standing::Active"),
+        instead!("node.standing != Standing::Revoked", "node.standing == Standing::Active"),
         "nobody_escapes_a_judgement_by_leaving"),
     protocol("a vote is for the proposal that its voter has seen", "protocol/src/rules/apply/votes.rs", never!("open.digest != vote.of"),
         "a_vote_is_for_the_proposal_that_its_voter_has_seen"),

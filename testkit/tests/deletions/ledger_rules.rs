@@ -7,6 +7,7 @@ const ROUNDS: &str = "protocol/src/rules/apply/rounds.rs";
 const RANDOMNESS: &str = "protocol/src/rules/apply/randomness.rs";
 const RESULTS: &str = "protocol/src/rules/apply/results.rs";
 const MEMBERS: &str = "protocol/src/rules/apply/members.rs";
+const OUTAGES: &str = "protocol/src/rules/apply/outages.rs";
 const LOST: &str = "protocol/src/rules/apply/lost_files.rs";
 const VOTES: &str = "protocol/src/rules/apply/votes.rs";
 const BINDINGS: &str = "protocol/src/rules/bindings.rs";
@@ -148,8 +149,42 @@ pub const REMOVALS: &[Removal] = &[
         "a_governor_has_no_say_in_its_removal_and_the_others_need_more_than_half_of_all_weight"),
     protocol("half of the weight removes nobody", "protocol/src/rules/open_proposal.rs", never!("tally.for_it < self.least_for"),
         "a_governor_has_no_say_in_its_removal_and_the_others_need_more_than_half_of_all_weight"),
+    protocol("a governor's new key is no other governor's", MEMBERS, never!("self.governs(&with)"),
+        "both_keys_of_a_governor_sign_and_the_new_one_is_nobodys"),
+    protocol("a governor's former change of its key does not count again", MEMBERS, never!("governs && self.retired.contains_key(&node)"),
+        "a_former_change_does_not_count_again"),
+    protocol("an open change of the rules follows a governor to its new key", MEMBERS,
+        skipped!("                    rules.governance.rename(old, new);"),
+        "a_governor_keeps_its_votes_and_its_weight_under_another_key"),
+    protocol("nobody but the operator suspends without a vote", MEMBERS, never!("decision.operator.0 != self.genesis.log_key"),
+        "only_the_operator_decides_and_each_decision_counts_once"),
+    protocol("a decision of the operator counts once", MEMBERS, never!("number != self.next_decision"),
+        "only_the_operator_decides_and_each_decision_counts_once"),
+    protocol("where a vote enrols, only a vote suspends", MEMBERS, never!("self.rules.enrolment == EnrolmentRule::Vote"),
+        "where_a_vote_enrols_the_operator_suspends_nobody"),
+    protocol("the operator does not choose among committed updates", MEMBERS, never!("round.commits.contains_key(&node)"),
+        "a_node_that_has_committed_is_suspended_when_the_round_is_over"),
+    protocol("the operator ends only its own suspensions", MEMBERS,
+        &[("Some(standing) => Err(RuleViolation::NotReinstated", "Some(_) if OUT => Ok(()), Some(standing) => Err(RuleViolation::NotReinstated")],
+        "the_operator_ends_its_own_suspensions_and_no_other"),
     protocol("a removal that does more is a vote as any other", VOTES, always!("other_rules == **rules"),
         "only_the_removal_of_one_governor_goes_without_its_vote"),
+    // Outages.
+    protocol("a deadline moves by no more than the silence", OUTAGES, instead!("time_ms.saturating_sub(self.time_ms)", "u64::MAX"),
+        "a_deadline_moves_by_no_more_than_the_silence"),
+    protocol("all outages of a round have a bound", OUTAGES, instead!("MAX_ROUND_WINDOW_MS.saturating_sub(round.moved_ms)", "u64::MAX"),
+        "all_outages_of_a_round_move_it_by_thirty_days_at_most"),
+    protocol("a decided round does not wait", OUTAGES, never!("round.closing.is_some() && !undecided"),
+        "closed_commitments_stay_closed_and_a_decided_round_does_not_wait"),
+    protocol("closed commitments stay closed after an outage", OUTAGES, 
+        &[("(Some(_), None) => return", "(Some(_), None) if OUT => &mut round.opened.commit_deadline_ms, (Some(_), None) => return")],
+        "closed_commitments_stay_closed_and_a_decided_round_does_not_wait"),
+    protocol("the randomness may come later by an outage", RANDOMNESS, instead!("round.moved_ms", "0"),
+        "the_randomness_may_come_later_by_the_outage"),
+    protocol("a round with an outage gives no strike", ROUNDS, never!("round.moved_ms > 0 && commit.decision.is_none()"),
+        "a_round_with_an_outage_costs_no_node_its_standing"),
+    protocol("a node is not idle in a round with an outage", ROUNDS, never!("round.moved_ms > 0 && !committed"),
+        "a_round_with_an_outage_costs_no_node_its_standing"),
     // Lost files.
     protocol("files are lost of accepted contributions", LOST, always!("matches!(commit.decision, Some(Decision::Accepted { .. }))"),
         "only_files_of_accepted_contributions_to_the_open_round_are_lost_and_once"),

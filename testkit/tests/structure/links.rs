@@ -21,7 +21,7 @@ fn prose(page: &str) -> String {
 }
 
 /// The targets of `[text](target)`, `[text]: target`, `href="target"` and `src="target"`.
-fn targets(page: &str) -> Vec<String> {
+pub(super) fn targets(page: &str) -> Vec<String> {
     let prose = prose(page);
     let ends = [("](", ')'), ("href=\"", '"'), ("src=\"", '"')];
     let mut targets = Vec::new();
@@ -36,7 +36,7 @@ fn targets(page: &str) -> Vec<String> {
     targets.into_iter().filter_map(without_title).collect()
 }
 
-/// The anchors that GitHub gives the headings of a page.
+/// The anchors that GitHub and mdBook give the headings of a page.
 fn anchors(page: &str) -> BTreeSet<String> {
     let mut in_block = false;
     let mut anchors = BTreeSet::new();

@@ -1,4 +1,4 @@
-//! What the first step of recording a request finds: the ledger has it already, or the rules allow it so far.
+//! The first step of recording a request: the ledger has it already, or the rules allow it so far.
 
 use crate::round::request_error::RequestError;
 use zk0_ledger::error::LedgerError;
@@ -6,24 +6,24 @@ use zk0_ledger::store::reader::LedgerReader;
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::tlog::receipt::Receipt;
 
-/// What the ledger's state says of a request. Whether an earlier entry has recorded it, that entry says, and nobody reads it with the aggregator.
+/// A request compared with the ledger's state. An earlier entry that may have recorded it is read without the aggregator.
 pub struct Comparison<T> {
-    /// The entry that may have recorded this very request.
+    /// It may have recorded this request.
     pub(super) earlier: Option<u64>,
-    /// What the second step needs, if the rules allow the request so far.
+    /// For the second step, if allowed so far.
     pub(super) allowed: Result<T, RequestError>,
 }
 
 /// What the first step finds.
 pub enum Admission<T, R> {
-    /// It is recorded already: this is the answer.
+    /// Recorded already, with this answer.
     Recorded(R),
-    /// It is new, and the rules allow it so far. This is what the second step needs.
+    /// New, and allowed so far. The second step needs this.
     New(T),
 }
 
 impl<T> Comparison<T> {
-    /// Reads the entry that may have recorded the request. `recorded` says what the answer is, if the entry has recorded it.
+    /// Reads the entry that may have recorded the request. `recorded` makes its answer.
     ///
     /// # Errors
     /// The request is new, and the rules do not allow it.

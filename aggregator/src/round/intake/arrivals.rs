@@ -1,10 +1,9 @@
-//! When requests arrived. A request is in time if its last byte arrived in time, however long the aggregator then takes to verify it.
+//! When requests arrived. A request is in time if its last byte arrived in time, however long its verification takes.
 //!
-//! The ledger judges by the times of entries, and those never go back. So once a deadline has passed, nothing that arrived after it is
-//! recorded, and no round closes, until everything that arrived before it is done. That wait is bounded: nothing more can arrive before a
-//! deadline that has passed, and a request is stamped only when it is here as a whole.
+//! The ledger judges by the times of entries, which never go back. So once a deadline has passed, nothing that arrived after it is
+//! recorded, and no round closes, until everything that arrived before it is done. That wait is bounded: only whole requests are stamped.
 
-use crate::round::clock::Clock;
+use crate::clock::Clock;
 use crate::round::request_error::RequestError;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -12,23 +11,23 @@ use tokio::sync::Notify;
 use zk0_circuits::NodeId;
 use zk0_ledger::clock::{ClockError, ClockWatch};
 
-/// The requests that are in progress, with the times at which they arrived.
+/// The requests in progress, with their times of arrival.
 pub struct Arrivals {
     clock: Arc<dyn Clock>,
     watch: Arc<ClockWatch>,
     pending: Mutex<Pending>,
-    /// Notified when a request is done, and when it is known whose turn one needs.
+    /// Notified when a request is done, and when a needed turn is known.
     done: Notify,
 }
 
-/// Times of arrival in Unix milliseconds, each with a number that makes it unique, and whose turn the request needs, once that is known.
+/// Times of arrival in Unix milliseconds, each with a unique number, and the turn that the request needs, once known.
 #[derive(Default)]
 struct Pending {
     requests: BTreeMap<(u64, u64), Option<NodeId>>,
     next: u64,
 }
 
-/// A request that is in progress until this is dropped.
+/// A request in progress, until this is dropped.
 pub struct Arrival {
     at_ms: u64,
     number: u64,
@@ -36,7 +35,7 @@ pub struct Arrival {
 }
 
 impl Arrivals {
-    /// No requests yet. `watch` says whether the clock is right.
+    /// No requests yet. `watch` checks the clock.
     pub fn new(clock: Arc<dyn Clock>, watch: Arc<ClockWatch>) -> Self {
         Self {
             clock,
@@ -46,13 +45,13 @@ impl Arrivals {
         }
     }
 
-    /// A request has arrived, now.
+    /// Stamps a request that has arrived now.
     ///
     /// # Errors
-    /// The clock is wrong. Then nobody can say whether the request is in time.
+    /// The clock is wrong.
     pub fn stamp(self: &Arc<Self>) -> Result<Arrival, RequestError> {
         let mut pending = self.pending();
-        // The clock is read while the set is locked: whoever has seen a later time finds this request in the set.
+        // The clock is read while the set is locked: a task that has seen a later time finds this request.
         let at_ms = self.now_ms()?;
         let number = pending.next;
         pending.next += 1;
@@ -75,19 +74,19 @@ impl Arrivals {
         Ok(now_ms)
     }
 
-    /// Whether a request is in progress that arrived at `deadline_ms` or before.
+    /// Whether a request in progress arrived at `deadline_ms` or before.
     pub fn any_by(&self, deadline_ms: u64) -> bool {
         let pending = self.pending();
         let first = pending.requests.keys().next();
         first.is_some_and(|(at_ms, _)| *at_ms <= deadline_ms)
     }
 
-    /// Waits until no request is in progress that arrived at `deadline_ms` or before.
+    /// Waits until no request that arrived at `deadline_ms` or before is in progress.
     pub async fn done_by(&self, deadline_ms: u64) {
         self.until(|| !self.any_by(deadline_ms)).await;
     }
 
-    /// Waits until no request is in progress that arrived at `deadline_ms` or before and may need the turn of `node`.
+    /// [`Self::done_by`], for requests that may need the turn of `node`.
     pub async fn done_by_node(&self, deadline_ms: u64, node: NodeId) {
         let any = || {
             let pending = self.pending();
@@ -99,7 +98,7 @@ impl Arrivals {
 
     async fn until(&self, is_so: impl Fn() -> bool) {
         loop {
-            // Enabled before the check, so that no notification is missed between the two.
+            // Enabled before the check, to miss no notification.
             let mut done = std::pin::pin!(self.done.notified());
             done.as_mut().enable();
             if is_so() {
@@ -109,7 +108,7 @@ impl Arrivals {
         }
     }
 
-    /// A panic elsewhere does not spoil the set: it is never half changed.
+    /// A panic elsewhere leaves the set whole.
     fn pending(&self) -> MutexGuard<'_, Pending> {
         self.pending.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -121,7 +120,7 @@ impl Arrival {
         self.at_ms
     }
 
-    /// The request needs the turn of `node`, and of nobody else.
+    /// The request needs no turn but that of `node`.
     pub fn needs_turn_of(&self, node: NodeId) {
         let key = (self.at_ms, self.number);
         self.all.pending().requests.insert(key, Some(node));

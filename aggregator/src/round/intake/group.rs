@@ -1,4 +1,4 @@
-//! Recording requests together: one write to disk and one signed checkpoint for all that wait ([`Ledger::commit`]).
+//! Records requests together: one write to disk and one signed checkpoint for all that wait ([`Ledger::commit`]).
 //!
 //! [`Ledger::commit`]: zk0_ledger::log::Ledger::commit
 
@@ -10,7 +10,7 @@ use zk0_ledger::group::WantedEntry;
 use zk0_protocol::entries::authentic::AuthenticBody;
 use zk0_verifier::decide::DecisionEntry;
 
-/// What is to be recorded for a request.
+/// What to record for a request.
 pub enum ToRecord {
     /// A statement.
     Statement(Box<AuthenticBody>),
@@ -19,7 +19,7 @@ pub enum ToRecord {
 }
 
 impl Aggregator {
-    /// Records all of this, each with the time at which it arrived. Returns the entry of each, or why it is not recorded.
+    /// Records all of this, each with its time of arrival. Returns the entry of each, or why there is none.
     pub fn record(&mut self, all: Vec<(u64, ToRecord)>) -> Vec<Result<u64, RequestError>> {
         let wanted = all.iter().map(|(time_ms, one)| WantedEntry {
             time_ms: *time_ms,
@@ -47,7 +47,6 @@ impl Aggregator {
         outcomes.into_iter().zip(all).map(recorded).collect()
     }
 
-    /// Takes a recorded decision into account.
     fn take(&mut self, judged: DecidedSubmission) {
         let terms = judged.submission().statement.claim.terms;
         let (node, round) = (terms.node, terms.round);

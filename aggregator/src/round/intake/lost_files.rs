@@ -1,6 +1,6 @@
-//! Files of the open round that are lost: an update to which a node has committed, or the proof of what was accepted of it. The round cannot
-//! close without them. The aggregator asks their node for them, which keeps both until the round has closed. A file that does not come back for as
-//! long as the rules ask for is given up: the round closes without the contribution.
+//! Lost files of the open round: a committed update, or an accepted proof. The round cannot close without them. The aggregator asks their
+//! node, which keeps both until the round has closed. After the time in the rules, the file is given up: the round closes without the
+//! contribution.
 
 use crate::round::aggregator::Aggregator;
 use crate::round::request_error::RequestError;
@@ -20,21 +20,21 @@ pub struct ContributedFiles {
 }
 
 impl ContributedFiles {
-    /// Those of them that are lost; `None` if none is.
+    /// The lost ones among them, if any.
     pub fn lost(mut self, blobs: &Blobs) -> Option<Self> {
         self.files.retain(|file| !blobs.contains(file));
         (!self.files.is_empty()).then_some(self)
     }
 }
 
-/// A file that its node sends again. Its place is among the blobs of the ledger.
+/// A file that its node sends again, and the ledger's blobs.
 pub struct LostFile {
     file: Digest,
     blobs: Blobs,
 }
 
 impl LostFile {
-    /// Takes the file from where its node has uploaded it.
+    /// Takes the file from its node's uploads.
     pub fn take(self, uploads: &Blobs) -> Result<(), RequestError> {
         self.blobs.link(uploads, &self.file)?;
         tracing::info!(file = %self.file, "a lost update is back");
@@ -63,7 +63,6 @@ impl Aggregator {
         }
     }
 
-    /// The files of the contributions that the open round has accepted.
     pub(in crate::round) fn all_contributed(&self) -> Vec<ContributedFiles> {
         let Some(open) = self.state().round() else {
             return Vec::new();
@@ -73,7 +72,7 @@ impl Aggregator {
         files.collect()
     }
 
-    /// The update of this upload, if its node has committed to it in the open round, and it is lost.
+    /// This upload's update, if it is committed in the open round, and lost.
     pub fn lost_update(&self, upload: &UploadRequest) -> Option<LostFile> {
         let open = self.state().round();
         let open = open.filter(|open| open.number() == upload.round)?;
@@ -82,7 +81,7 @@ impl Aggregator {
         (update == upload.blob).then(|| self.lost_file(update))?
     }
 
-    /// The proof of this submission, which the open round has accepted, if it is lost.
+    /// This submission's proof, if it is accepted in the open round, and lost.
     pub fn lost_proof(&self, submission: &Submission) -> Option<LostFile> {
         let proof = *self.index.proofs.get(&submission.claim.terms.node)?;
         (proof == submission.proof).then(|| self.lost_file(proof))?
@@ -93,8 +92,8 @@ impl Aggregator {
         (!blobs.contains(&file)).then_some(LostFile { file, blobs })
     }
 
-    /// Records that these files are lost, and leaves out the contributions whose nodes were asked for them as long as the rules ask for. Returns
-    /// why the round cannot close yet, if it cannot.
+    /// Records that these files are lost, and leaves out the contributions whose time in the rules is over. Returns why the round cannot
+    /// close yet, if so.
     pub(in crate::round) fn lose(
         &mut self,
         all: &[ContributedFiles],

@@ -1,20 +1,20 @@
-//! How often a node registers a dataset. An honest one does so when its recording has grown, or when the rules ask for other frames.
+//! How often a node registers a dataset: normally when its recording has grown, or when the rules ask for other frames.
 //!
-//! A registration stays on the ledger for ever, and every replay holds its episodes in memory, which are up to 1,500. Between rounds the rules
-//! let a node register again and again. So the aggregator takes only a few of these registrations.
+//! A registration stays on the ledger for ever, and every replay holds its episodes, up to 1,500, in memory. Between rounds the rules set
+//! no limit, so the aggregator does.
 
 use std::collections::{BTreeMap, VecDeque};
 use zk0_circuits::NodeId;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::entries::signed::KeyRotation;
 
-/// How many datasets a node may register before a round has closed, or [`PERIOD_MS`] has passed.
+/// Datasets that a node may register before a round has closed, or [`PERIOD_MS`] has passed.
 pub const MAX_REGISTRATIONS: usize = 4;
 
 /// A day, in milliseconds. A network may have no rounds for long.
 pub const PERIOD_MS: u64 = 86_400_000;
 
-/// The entries that registered the last datasets of each node since a round has closed: at most [`MAX_REGISTRATIONS`].
+/// Each node's last registrations since a round has closed, by entry: at most [`MAX_REGISTRATIONS`].
 #[derive(Clone, Debug, Default)]
 pub struct Registrations(BTreeMap<NodeId, VecDeque<u64>>);
 
@@ -41,8 +41,7 @@ impl Registrations {
         }
     }
 
-    /// The first of the last [`MAX_REGISTRATIONS`] entries of a node, if there were so many. [`PERIOD_MS`] after it, the node may register
-    /// again.
+    /// The first of the last [`MAX_REGISTRATIONS`] entries of a node, if there are so many. [`PERIOD_MS`] later, it may register again.
     pub fn first(&self, node: &NodeId) -> Option<u64> {
         let last = self.0.get(node)?;
         last.front()

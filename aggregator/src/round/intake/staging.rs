@@ -1,7 +1,7 @@
-//! Updates that nodes have uploaded and not yet committed to. They lie on disk, in a folder for each round and node, within a quota.
+//! Uploaded updates without a commitment. They lie on disk, in a folder for each round and node, within a quota.
 //!
-//! A node can commit only to what it has uploaded itself. What has come of an upload that was cut stays, so that the node goes on after it.
-//! When a round ends, what no node committed to is removed.
+//! A node can commit only to its own upload. A cut upload stays, so that the node goes on after it. What is not committed is removed at
+//! the end of the round.
 
 use std::path::{Path, PathBuf};
 use std::{fs, io};
@@ -10,7 +10,7 @@ use zk0_ledger::blobs::partial::PartialBlob;
 use zk0_ledger::blobs::{BlobError, Blobs};
 use zk0_protocol::entries::signed::UploadRequest;
 
-/// How many uploads of a node may wait in one round: the first one, and some for a node that changes its mind.
+/// Waiting uploads of a node in one round: one, and some for a node that changes its mind.
 pub const MAX_UPLOADS: usize = 4;
 
 /// The uploads of all nodes.
@@ -40,8 +40,7 @@ pub enum StagingError {
     Io { path: PathBuf, error: io::Error },
 }
 
-/// Whether the quota of a node with these uploads has room for this one. An upload that has begun is counted already, even if it was cut before
-/// its first byte.
+/// Whether the quota has room for this upload. One that has begun counts already, even if cut before its first byte.
 fn has_room(blobs: &Blobs, update: &Digest) -> Result<bool, StagingError> {
     Ok(blobs.has_begun(update)? || blobs.count() < MAX_UPLOADS)
 }
@@ -65,13 +64,13 @@ impl Staging {
         Ok(blobs.held(&request.blob)?)
     }
 
-    /// Whether the whole update may be uploaded: nothing of it is here, and the node's quota is not used up.
+    /// Whether the whole update may be uploaded: none of it is here, and the quota has room.
     pub fn begins(&self, request: &UploadRequest) -> Result<bool, StagingError> {
         let blobs = self.of(request.round, &request.node);
         Ok(blobs.held(&request.blob)? == 0 && has_room(&blobs, &request.blob)?)
     }
 
-    /// Goes on with an upload, whose data begins at byte `begins`. This reads what is here of it. `None` if all of it is here.
+    /// Goes on with an upload at byte `begins`. Reads what is here of it. `None` if all of it is here.
     pub fn go_on(
         &self,
         request: &UploadRequest,
@@ -91,8 +90,8 @@ impl Staging {
         Ok(Some(blobs.partial(&request.blob, request.size)?))
     }
 
-    /// Removes the uploads of the rounds up to `last`. That takes seconds where much was uploaded and little of it committed to. An upload of such
-    /// a round that is still in progress may leave something behind, which the next call removes.
+    /// Removes the uploads of the rounds up to `last`, perhaps for seconds. An upload still in progress may leave something for the next
+    /// call.
     pub fn clear(&self, last: u64) -> Result<(), StagingError> {
         let failed = |path: &Path| {
             let path = path.to_owned();

@@ -1,9 +1,8 @@
-//! Recording what nodes, members and the operator sign, in three steps. The first one compares a statement with the ledger's state. The second one
-//! reads and writes files, and needs no aggregator, so that the rounds go on meanwhile. The third one records ([`crate::round::intake::group`]), and
-//! compares once more. Signatures are verified before all of them ([`SentStatement::read`]).
+//! Records what nodes, members and the operator sign, in three steps. The first compares a statement with the ledger's state. The second
+//! uses files, and needs no aggregator, so that the rounds go on. The third compares once more and records
+//! ([`crate::round::intake::group`]). [`SentStatement::read`] has verified signatures before.
 //!
-//! What is recorded already is not recorded again: whoever sends it again gets the same receipt. [`crate::round::intake::submission`] has the
-//! same steps for submissions.
+//! What is recorded already gets the same receipt. [`crate::round::intake::submission`] has the same steps for submissions.
 
 use crate::round::aggregator::Aggregator;
 use crate::round::intake::admission::Comparison;
@@ -35,37 +34,37 @@ use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::RefusalCode;
 use zk0_verifier::dataset::check_leaf_list;
 
-/// A statement as somebody has signed and sent it. Its signatures are valid.
+/// A statement as it was sent. Its signatures are valid.
 pub struct SentStatement {
     /// What the ledger records of it.
     body: AuthenticBody,
     signer: NodeId,
     /// SHA-256 of the statement as it was sent.
     digest: Digest,
-    /// The network that an enrolment is for. Its entry does not name one.
+    /// Of an enrolment, whose entry does not name it.
     enrols_in: Option<Digest>,
-    /// The list of drawn frames that comes with a dataset registration.
+    /// Drawn frames of a dataset registration.
     leaves: Vec<u8>,
 }
 
-/// A statement that the rules allow, and where the files lie that belong to it.
+/// An allowed statement, and where its files lie.
 pub struct AllowedStatement {
     sent: Arc<SentStatement>,
     genesis: Genesis,
     blobs: Blobs,
     staging: Staging,
-    /// The first of the datasets that its signer has registered lately, if these are as many as a node may register.
+    /// The first recent registration of its signer, if the quota is used up.
     registered: Option<u64>,
-    /// The weights to which it proposes to go back.
+    /// Weights that it proposes to restore.
     restored: Option<Digest>,
     time_ms: u64,
 }
 
 impl SentStatement {
-    /// Reads the message of a request, and verifies the signatures in it.
+    /// Reads the message of a request, and verifies its signatures.
     ///
     /// # Errors
-    /// It is not something that somebody may state, or a signature is wrong.
+    /// It is not a statement, or a signature is wrong.
     pub fn read(request: RecordRequest) -> Result<Self, RequestError> {
         let (bytes, (body, signer, enrols_in)) = match request.statement {
             Some(Statement::Body(bytes)) => {
@@ -96,7 +95,7 @@ impl SentStatement {
         })
     }
 
-    /// Who states it.
+    /// Its signer.
     pub fn signer(&self) -> NodeId {
         self.signer
     }
@@ -106,7 +105,7 @@ impl SentStatement {
         self.digest
     }
 
-    /// The round that it is about, if it names one.
+    /// The round that it names, if any.
     pub fn round(&self) -> Option<u64> {
         match &*self.body {
             Body::UpdateCommitted(signed) => Some(signed.statement.round),
@@ -114,12 +113,12 @@ impl SentStatement {
         }
     }
 
-    /// The receipt of an entry with this body, if it is this statement that it records.
+    /// The receipt, if `body` records this statement.
     pub fn answer(&self, receipt: Receipt, body: Body) -> Option<Receipt> {
         (*self.body == body).then_some(receipt)
     }
 
-    /// Tells the log that it is recorded.
+    /// Logs that it is recorded.
     pub fn log(&self) {
         match &*self.body {
             Body::DatasetCommitted(signed) => {
@@ -143,7 +142,6 @@ impl SentStatement {
     }
 }
 
-/// The body of an entry, with its signer.
 fn read_body(bytes: &[u8]) -> Result<(AuthenticBody, NodeId), RequestError> {
     let body: Body = decode("entry to record", bytes)?;
     let signer = match &body {
@@ -154,16 +152,16 @@ fn read_body(bytes: &[u8]) -> Result<(AuthenticBody, NodeId), RequestError> {
         Body::Disputed(signed) => signed.statement.signer(),
         Body::KeyRotated { rotation, .. } => rotation.statement.signer(),
         Body::NodeLeft(signed) => signed.statement.signer(),
+        Body::OperatorDecided(signed) => signed.statement.signer(),
         _ => {
             return Err(RequestError::Malformed(
-                "the entry to record is neither a proposal nor a vote, a dispute, a change of key, the leaving of a node, a dataset registration, or a commitment to an update".into(),
+                "the entry to record is neither a proposal nor a vote, a dispute, a change of key, the leaving of a node, a decision of the operator, a dataset registration, or a commitment to an update".into(),
             ))
         }
     };
     Ok((AuthenticBody::of(body)?, signer))
 }
 
-/// What the ledger records of an enrolment, with its signer and its network.
 fn read_enrolment(bytes: &[u8]) -> Result<(AuthenticBody, NodeId, Option<Digest>), RequestError> {
     let signed = read_signed::<Enrolment>("enrolment", bytes)?;
     let Enrolment {
@@ -177,7 +175,7 @@ fn read_enrolment(bytes: &[u8]) -> Result<(AuthenticBody, NodeId, Option<Digest>
 }
 
 impl AllowedStatement {
-    /// Checks and keeps the files that belong to it. `ledger` has the entries.
+    /// Checks and keeps its files. `ledger` has the entries.
     pub fn keep(self, ledger: &LedgerReader) -> Result<AuthenticBody, RequestError> {
         match &*self.sent.body {
             Body::DatasetCommitted(signed) => {
@@ -191,7 +189,6 @@ impl AllowedStatement {
         Ok(self.sent.body.clone())
     }
 
-    /// Refuses a node that has registered as often as it may.
     fn check_registrations(&self, ledger: &LedgerReader) -> Result<(), RequestError> {
         let Some(first) = self.registered else {
             return Ok(());
@@ -210,7 +207,6 @@ impl AllowedStatement {
         }
     }
 
-    /// Keeps the list of drawn frames as a blob, if it is the one that the registration names.
     fn keep_leaves(&self, registration: &DatasetRegistration) -> Result<(), RequestError> {
         let list = Blob::from(&self.sent.leaves[..]);
         if list.digest() != registration.leaves {
@@ -226,7 +222,6 @@ impl AllowedStatement {
         Ok(())
     }
 
-    /// Puts the uploaded update among the ledger's blobs.
     fn keep_update(&self, commitment: &UpdateCommitment) -> Result<(), RequestError> {
         let staged = self.staging.of(commitment.round, &commitment.node);
         let update = commitment.update.blob;
@@ -236,8 +231,7 @@ impl AllowedStatement {
         }
     }
 
-    /// Refuses public samples that are not at hand or cannot be used, because no round could be closed with them, and weights whose blob is
-    /// lost, because no round could start from them.
+    /// Refuses missing or unusable public samples, with which no round could close, and lost weights, from which no round could start.
     fn check_proposed(&self, action: &Action) -> Result<(), RequestError> {
         match action {
             Action::ChangeRules(rules) => {
@@ -264,7 +258,7 @@ impl AllowedStatement {
 }
 
 impl Aggregator {
-    /// Begins to record a statement that arrived at `arrived_ms`: compares it with the ledger's state.
+    /// First step for a statement that arrived at `arrived_ms`.
     pub fn begin_statement(
         &self,
         sent: Arc<SentStatement>,
@@ -282,7 +276,6 @@ impl Aggregator {
         }
     }
 
-    /// Checks that it is this network's operator who enrols.
     fn check_enrolment(&self, sent: &SentStatement) -> Result<(), RequestError> {
         let (ours, genesis) = (*self.state().network(), self.state().genesis());
         match sent.enrols_in {
@@ -342,9 +335,8 @@ impl Aggregator {
         })
     }
 
-    /// Begins an upload. Whoever may not commit may not upload. This says where it waits: the caller reads and writes there, away from the
-    /// aggregator. `None` if the node has committed to this very update, and all of it is here: a node that was started again asks for that.
-    /// An update that was lost since is uploaded again.
+    /// Begins an upload of a node that may commit. The caller reads and writes at the returned place, away from the aggregator. `None` if
+    /// the node has committed to this update, and all of it is here, as after a restart. A lost update is uploaded again.
     pub fn begin_upload(&self, request: &UploadRequest) -> Result<Option<Staging>, RequestError> {
         let (state, limit) = (
             self.state(),
@@ -381,7 +373,7 @@ pub fn read_signed<T: SignableStatement>(
     Ok(Authentic::of(decode(what, bytes)?)?)
 }
 
-/// Decodes a statement as it was signed: exactly these bytes, and not too many of them.
+/// Decodes a signed statement: exactly these bytes, within an entry's limit.
 pub fn decode<T: BorshDeserialize>(what: &str, bytes: &[u8]) -> Result<T, RequestError> {
     if bytes.len() > MAX_ENTRY_BYTES {
         return Err(RequestError::Malformed(format!(

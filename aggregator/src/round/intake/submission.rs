@@ -1,7 +1,7 @@
-//! Deciding on a submission, cheapest check first. Only the first and the last step need the aggregator:
+//! Decides on a submission, cheapest check first. Only the first and the last step need the aggregator:
 //!
-//! 1. [`Aggregator::begin_submission`] compares the claim with the ledger. Whoever sends again what an earlier round decided is turned away
-//!    here, before anybody hashes a proof or verifies the signature of the claim.
+//! 1. [`Aggregator::begin_submission`] compares the claim with the ledger. It turns away what an earlier round decided, before a proof is
+//!    hashed or a signature is verified.
 //! 2. [`PendingSubmission::authenticate`] checks that the node signed this claim and this proof.
 //! 3. [`PendingSubmission::judge`] reads the weights, and verifies the SP1 proof and the weights.
 //! 4. [`VerifiedSubmission::keep`] keeps the proof.
@@ -26,12 +26,12 @@ use zk0_verifier::{authenticate, AuthenticContribution, CheckedClaim, WeightFile
 pub struct SubmissionAnswer {
     /// Why the contribution does not count; `None` if it counts.
     pub rejected: Option<Refusal>,
-    /// The receipt of the entry that records the decision.
+    /// The receipt of the decision's entry.
     pub receipt: Receipt,
 }
 
 impl SubmissionAnswer {
-    /// What an entry with this receipt and this body answers, if it is `submission` on which it records a decision.
+    /// The answer of this entry, if it decides on `submission`.
     pub fn of(submission: &Signed<Submission>, receipt: Receipt, body: Body) -> Option<Self> {
         let (recorded, rejected) = match body {
             Body::ContributionAccepted(recorded) => (recorded, None),
@@ -44,30 +44,29 @@ impl SubmissionAnswer {
 
 /// What a submission is judged by.
 pub struct PendingSubmission {
-    /// The claim that agrees with the ledger, or what the ledger has against it and records.
+    /// The claim that agrees with the ledger, or the refusal that the ledger records.
     claim: Result<CheckedClaim, Refusal>,
-    /// The ledger, as far as it concerns the node's claims.
+    /// The ledger's part about the node's claims.
     context: ClaimContext,
-    /// The update that the node has committed to, and the weights that the round starts from. The digests on the ledger count, because a
-    /// claim may name other blobs.
+    /// The committed update, and the round's first weights, by the ledger: a claim may name other blobs.
     weights: [Digest; 2],
     blobs: Blobs,
 }
 
-/// A decision whose proof is not among the ledger's blobs yet.
+/// A decision whose proof is not kept yet.
 pub struct VerifiedSubmission {
     judged: DecidedSubmission,
     blobs: Blobs,
 }
 
-/// A decision that is to be recorded. Its proof is kept.
+/// A decision to be recorded. Its proof is kept.
 pub struct DecidedSubmission {
     contribution: AuthenticContribution,
     decision: DecisionEntry,
 }
 
 impl Aggregator {
-    /// Compares a submission that arrived at `arrived_ms` with the ledger's state.
+    /// First step for a submission that arrived at `arrived_ms`.
     pub fn begin_submission(
         &self,
         submission: &Signed<Submission>,
@@ -75,21 +74,21 @@ impl Aggregator {
     ) -> Comparison<PendingSubmission> {
         let claim = &submission.statement.claim;
         Comparison {
-            // A node that has lost the answer asks again, perhaps in a later round.
+            // After a lost answer, perhaps in a later round.
             earlier: self.index.decision(&claim.terms.node),
             allowed: self.pending(claim, arrived_ms),
         }
     }
 
     /// # Errors
-    /// The claim is for another network or round, or the node is not enrolled, has not committed or has submitted something else. The
-    /// ledger does not record that, because anybody may send what a node once signed.
+    /// The claim is for another network or round, or the node is not enrolled, has not committed or has submitted something else. That is
+    /// not recorded, because others may repeat what a node once signed.
     fn pending(&self, claim: &Claim, arrived_ms: u64) -> Result<PendingSubmission, RequestError> {
         let (state, node) = (self.state(), claim.terms.node);
         let context = state.claim_context(&node);
         let claim = match CheckedClaim::of(claim, &context, self.ledger.time_ms(arrived_ms)) {
             Err(reason) if !is_recorded(&reason.code) => return Err(reason.into()),
-            // What the node itself has caused is recorded, once it is clear that it was this node.
+            // The node's own faults are recorded, once its signature is verified.
             compared => compared,
         };
         let not_committed = || Refusal::from(RefusalCode::NotCommitted(node));
@@ -115,7 +114,7 @@ impl PendingSubmission {
         Ok((self, contribution))
     }
 
-    /// Reads the weights from the store of the blobs, if they are not in the ledger's folder.
+    /// Reads weights from the store that are not in the ledger's folder.
     pub fn with_weights_at_hand(self) -> Result<Self, RequestError> {
         for blob in &self.weights {
             if self.blobs.contains(blob) {
@@ -125,7 +124,7 @@ impl PendingSubmission {
         Ok(self)
     }
 
-    /// Decides on the contribution. The weights are read only if nothing is wrong with the claim by the ledger.
+    /// Decides on the contribution. Reads the weights only if the claim agrees with the ledger.
     pub fn judge(
         self,
         contribution: AuthenticContribution,
@@ -172,7 +171,6 @@ impl DecidedSubmission {
         }
     }
 
-    /// The body of the entry that records the decision.
     pub(super) fn body(&self) -> AuthenticBody {
         self.decision.body(&self.contribution)
     }
@@ -182,7 +180,6 @@ impl DecidedSubmission {
         self.contribution.submission()
     }
 
-    /// The decision.
     pub(super) fn decision(self) -> DecisionEntry {
         self.decision
     }

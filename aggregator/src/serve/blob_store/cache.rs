@@ -1,15 +1,15 @@
-//! Keeps the ledger's folder small, if its blobs are in a store.
+//! Keeps the ledger's folder small, with blobs in a store.
 
 use crate::round::request_error::RequestError;
 use crate::serve::service::{blocking, Service};
 use std::time::Duration;
 use tokio::time::sleep;
 
-/// How often the size of the folder is compared with its limit.
+/// How often the folder's size is checked.
 const EVERY: Duration = Duration::from_secs(5);
 
 impl Service {
-    /// Removes from the ledger's folder what is over the limit. Returns only when the aggregator cannot go on.
+    /// Removes from the ledger's folder what is over the limit, until the aggregator cannot go on.
     pub(in crate::serve) async fn shrink_cache(&self) -> RequestError {
         let Some(limit) = self.blob_places.cache_bytes else {
             return std::future::pending().await;
@@ -17,7 +17,7 @@ impl Service {
         let mut said = None;
         loop {
             if let Err(error) = self.shrink(limit).await {
-                // It is tried again and again, so the log says the same reason once.
+                // It is retried, so the log states the same reason once.
                 let why = error.to_string();
                 if said.as_ref() != Some(&why) {
                     tracing::error!("the blobs in the ledger's folder stay: {why}");

@@ -1,7 +1,7 @@
-//! Requests that wait for the store of the blobs. Without limits, a store that does not answer would hold all threads that read and write
-//! the disk, and with them everything else.
+//! Requests that wait for the store of the blobs. Without limits, a store that does not answer would hold all threads for the disk, and
+//! block everything else.
 //!
-//! - [`places`]: how many may wait at once; [`waiting`]: work in such a place; [`cache`]: keeps the ledger's folder small; [`sent`]: updates that
+//! - [`places`]: how many may wait; [`waiting`]: work in such a place; [`cache`]: keeps the ledger's folder small; [`sent`]: updates that
 //!   nodes put into the store by themselves.
 
 mod cache;

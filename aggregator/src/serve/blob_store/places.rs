@@ -1,4 +1,4 @@
-//! How many requests may wait for the store of the blobs at once.
+//! How many requests may wait for the store of the blobs.
 
 use crate::line::WorkQueue;
 use crate::store_reads::StoreReads;
@@ -6,19 +6,18 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Semaphore;
 
-/// How many requests may store blobs at once. Each of them holds some megabytes of its blob in memory.
+/// Requests that store blobs. Each holds some megabytes in memory.
 const STORING: usize = 16;
 
-/// How many downloads may read blobs from the store at once. Strangers may download, so these are places of their own.
+/// Downloads that read from the store, apart from the others because strangers may download.
 const READING: usize = 8;
 
-/// How many more downloads may wait for such a place.
+/// Further downloads that wait.
 const WAITING: usize = 64;
 
-/// How many more downloads of nodes may wait for a place of theirs.
+/// Further downloads of nodes that wait.
 const NODES_WAITING: usize = 1024;
 
-/// Places for work that waits for the store.
 #[derive(Clone)]
 pub(in crate::serve) struct BlobPlaces {
     pub(super) storing: Arc<Semaphore>,
@@ -26,9 +25,9 @@ pub(in crate::serve) struct BlobPlaces {
     /// As many for downloads of nodes: strangers do not hold them up.
     pub(super) reading_for_nodes: WorkQueue,
     pub(super) reads: StoreReads,
-    /// How many bytes of blobs the ledger's folder may hold; `None` for no limit.
+    /// Bytes of blobs in the ledger's folder; `None` for no limit.
     pub(super) cache_bytes: Option<u64>,
-    /// For how long nodes get addresses of the store; `None` for no addresses.
+    /// Validity of the store's addresses for nodes; `None` for no addresses.
     pub(super) addresses: Option<Duration>,
 }
 

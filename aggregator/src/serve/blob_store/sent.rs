@@ -1,7 +1,7 @@
-//! Updates that nodes put into the store by themselves, at an address that the store signs for them (`zk0_ledger::blobs::sent`).
+//! Updates that nodes put into the store by themselves, at an address that the store signs (`zk0_ledger::blobs::sent`).
 //!
-//! Whoever may not begin an upload gets no address. What is in the store counts only once it was read and has the size and the digest that
-//! the node has signed. It then waits where all uploads wait.
+//! A node that may not begin an upload gets no address. An object counts only once it was read and has the size and the digest that the
+//! node has signed. It then waits among the other uploads.
 
 use crate::round::intake::staging::Staging;
 use crate::round::request_error::RequestError;
@@ -16,24 +16,24 @@ use tonic::Status;
 use tracing::info_span;
 use zk0_protocol::entries::signed::UploadRequest;
 
-/// How long it may take to sign an address. Some stores ask others for that.
+/// Some stores ask others for signatures.
 const SIGNING: Duration = Duration::from_secs(10);
 
-/// How often it is looked whether a round has ended.
+/// How often the end of a round is looked for.
 const EVERY: Duration = Duration::from_secs(5);
 
-/// How long to wait after objects of earlier rounds could not be removed.
+/// The pause after a failed removal.
 const RETRY: Duration = Duration::from_secs(30);
 
 impl Service {
-    /// From now on, nodes get addresses at which they can put their updates into the store, for so long. The store has to give addresses
-    /// ([`zk0_ledger::blobs::Blobs::takes_sent`]); otherwise nodes get none.
+    /// Lets nodes put their updates into the store, at addresses valid for so long, if it gives any
+    /// ([`zk0_ledger::blobs::Blobs::takes_sent`]).
     pub fn with_presigned_uploads(mut self, valid: Duration) -> Self {
         self.blob_places.addresses = Some(valid);
         self
     }
 
-    /// Where a node may put this update. `None` if nodes get no addresses, or if the store signs none now: then the node sends the update here.
+    /// Where a node may put this update. `None` if the store signs no address: then the node sends the update here.
     pub(in crate::serve) async fn upload_address(&self, upload: &UploadRequest) -> Option<String> {
         let valid = self.blob_places.addresses?;
         let (round, node) = (upload.round, upload.node);
@@ -70,7 +70,7 @@ impl Service {
         let stopped = Arc::new(AtomicBool::new(false));
         let (request, stop) = (upload.clone(), stopped.clone());
         let take = move || {
-            // Nobody else writes for this node until this has ended.
+            // Until this has ended, no other task writes for this node.
             let _turn = turn;
             let Some(partial) = staging.go_on(&request, 0)? else {
                 return Ok(false);
@@ -94,7 +94,7 @@ impl Service {
             Ok(taken) => taken,
             Err(error) => return Err(self.why(&upload, error).await.into()),
         };
-        // Who has lost the answer asks again for what is here.
+        // A node that has lost the answer asks again for what is here.
         if taken {
             self.metrics().uploaded("store");
             tracing::info!(node = %upload.node, update = %upload.blob, size = upload.size, "update taken from the blob store");
@@ -102,7 +102,7 @@ impl Service {
         Ok(())
     }
 
-    /// Removes what nodes have put into the store in rounds that have ended. Returns only when the aggregator cannot go on.
+    /// Removes objects of rounds that have ended, until the aggregator cannot go on.
     pub(in crate::serve) async fn remove_stored(&self) -> RequestError {
         if self.blob_places.addresses.is_none() {
             return std::future::pending().await;
@@ -132,7 +132,7 @@ impl Service {
                     }
                 }
                 Err(error) => {
-                    // It is tried again and again, so the log says the same reason once.
+                    // It is retried, so the log states the same reason once.
                     let why = error.to_string();
                     if said.as_ref() != Some(&why) {
                         tracing::error!("uploads of ended rounds stay in the blob store: {why}");

@@ -1,4 +1,4 @@
-//! Work that waits for the store of the blobs, in a place that is free.
+//! Work that waits for the store of the blobs, in a free place.
 
 use crate::connections::caller::Awaited;
 use crate::growing_file::GrowingFile;
@@ -9,14 +9,13 @@ use zk0_circuits::Digest;
 use zk0_ledger::blobs::Blobs;
 
 impl Service {
-    /// From now on, the ledger's folder holds at most so many bytes of blobs, and what the open round and the next one need. The others are in
-    /// the store alone.
+    /// Bounds the bytes of blobs in the ledger's folder, beside those of the open round and the next one. The store has the others.
     pub fn with_blob_cache(mut self, bytes: u64) -> Self {
         self.blob_places.cache_bytes = Some(bytes);
         self
     }
 
-    /// Runs `work`, which stores or fetches blobs, in `span`, when a place is free.
+    /// Runs `work`, which uses the store, in `span`, when a place is free.
     pub(in crate::serve) async fn storing<T: Send + 'static>(
         &self,
         span: Span,
@@ -30,8 +29,8 @@ impl Service {
         stored.instrument(span).await
     }
 
-    /// The file of a blob that somebody downloads. Strangers may do so. If the store has to be read, few wait for that, and whoever is gone
-    /// waits no more: otherwise strangers who come and go would hold the turns of all requests.
+    /// A blob's file for a download, also of a stranger. Few wait to read the store, and a caller that has left waits no more: otherwise
+    /// strangers could hold the turns of all requests.
     pub(in crate::serve) async fn file(
         &self,
         (blobs, blob): (Blobs, Digest),
@@ -68,7 +67,7 @@ async fn in_place<T: Send + 'static>(
     place: impl Send + 'static,
     work: impl FnOnce() -> Result<T, RequestError> + Send + 'static,
 ) -> Result<T, RequestError> {
-    // The place is free again when the work has ended, even if nobody waits for it any more.
+    // The place is free when the work has ended, even without a caller.
     let work = move || {
         let done = work();
         drop(place);

@@ -1,13 +1,12 @@
 //! The signed heads of requests: each shows who sends its request, and counts once.
 //!
-//! A statement may be sent once more, by its signer alone: with another head it gets the same receipt. So a client that has lost an answer
-//! signs another head and asks again.
+//! A client that has lost an answer signs another head and repeats its statement, for the same receipt.
 //!
-//! Nothing about heads is on disk. When the aggregator is started, it makes a new run, and takes no heads of other runs. So a restart does
-//! not let an old head count again, whatever the clocks show, and nobody has to wait after a restart.
+//! Heads are not on disk. A started aggregator makes a new run, and takes no heads of other runs. So a restart revives no old head,
+//! whatever the clocks show, and needs no wait.
 //!
-//! A head is forgotten when it is too old to count. A clock that is set forward makes all heads old at once, and when it is set back, the same
-//! heads would count again. So the window remembers the latest time of which it has forgotten a head, and takes none of that time or before.
+//! A head is forgotten when it is too old to count. A clock set forward and back would revive it. So the window remembers the latest time
+//! of which it has forgotten a head, and takes none of that time or before.
 
 use std::collections::{BTreeSet, HashMap};
 use std::sync::{Mutex, PoisonError};
@@ -15,10 +14,10 @@ use std::time::Duration;
 use zk0_circuits::{Digest, NodeId};
 use zk0_protocol::request_head::{Arrived, HeadRefusal, RequestHead};
 
-/// The most heads that are remembered of one sender. A node needs about ten in a round.
+/// The most heads remembered of one sender. A node needs about ten in a round.
 pub const PER_SENDER: usize = 1024;
 
-/// The heads of members. Nobody else's are remembered, so strangers cannot fill the window.
+/// Heads of members alone, so that strangers cannot fill the window.
 pub struct ReplayWindow {
     network: Digest,
     /// The run that heads have to name.
@@ -37,10 +36,10 @@ struct SeenHeads {
 }
 
 impl ReplayWindow {
-    /// An empty window for heads of this network. The clocks of senders may differ from the aggregator's by `skew`.
+    /// An empty window for heads of this network. Clocks of senders may differ from the aggregator's by `skew`.
     ///
     /// # Panics
-    /// The system gives no random bytes. Then it cannot serve.
+    /// The system gives no random bytes.
     pub fn new(network: Digest, skew: Duration) -> Self {
         let mut run = [0; 16];
         getrandom::fill(&mut run).expect("the system gives random bytes");
@@ -53,7 +52,7 @@ impl ReplayWindow {
         }
     }
 
-    /// What a head has to agree with, if it arrives at `now_ms`.
+    /// What a head of `now_ms` has to agree with.
     pub fn arrived(&self, now_ms: u64) -> Arrived {
         Arrived {
             network: self.network,
@@ -63,9 +62,9 @@ impl ReplayWindow {
         }
     }
 
-    /// Takes a head of a member at `now_ms`, if it has not come before. Its signature is valid.
+    /// Takes a head of a member, with a valid signature, at `now_ms`, if it is new.
     pub fn take(&self, head: &RequestHead, now_ms: u64) -> Result<(), HeadRefusal> {
-        // A panic elsewhere does not spoil the sets: nothing in between can panic.
+        // A panic elsewhere leaves the sets whole.
         let mut senders = self.senders.lock().unwrap_or_else(PoisonError::into_inner);
         let seen = senders.entry(head.sender).or_default();
         let oldest_ms = now_ms.saturating_sub(self.skew_ms);
@@ -131,7 +130,7 @@ mod tests {
         window.take(&head(1, 90_000, 2), 90_000).unwrap();
         let again = window.take(&head(1, 5000, 1), 5500);
         assert_eq!(again, Err(HeadRefusal::Forgotten { sender_ms: 5000 }));
-        // What is new counts.
+        // A new one counts.
         window.take(&head(1, 5001, 3), 5500).unwrap();
     }
 

@@ -17,13 +17,12 @@ use zk0_protocol::rpc::head_metadata;
 use zk0_traces::request;
 
 impl Service {
-    /// The run that heads of requests have to name.
+    /// The run that heads have to name.
     pub fn run(&self) -> [u8; 16] {
         self.heads.run
     }
 
-    /// Who sends the request with these headers, by its head. That of somebody who is no member is not remembered: such a request changes nothing,
-    /// because the rules then say what is wrong with its statement.
+    /// The sender of a request, by the head in these headers. Heads of strangers are not remembered: the rules refuse their statements.
     pub(in crate::serve) async fn identify(
         &self,
         headers: HeaderMap,
@@ -56,7 +55,6 @@ pub(in crate::serve) async fn read_hashed<T: SignableStatement + Send + 'static>
     blocking(move || Ok((read_signed(what, &bytes)?, blob_digest(&bytes)))).await
 }
 
-/// The sender of a request, and its message.
 pub(in crate::serve) fn taken<T>(request: Request<T>) -> (Sender, T) {
     let sender = request.extensions().get::<Sender>().cloned();
     (sender.unwrap_or_default(), request.into_inner())

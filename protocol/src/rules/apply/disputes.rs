@@ -128,8 +128,8 @@ impl State {
         };
         if let Some(node) = self.nodes.get_mut(&contribution.node) {
             node.credits = node.credits.saturating_sub(contribution.credits);
-            // A node that has left is suspended too: only a vote brings it back.
-            if matches!(node.standing, Standing::Active | Standing::Left) {
+            // Only a vote brings the node back, even if it has left or the operator has suspended it.
+            if node.standing != Standing::Revoked {
                 node.standing = Standing::Suspended;
             }
             self.weigh_anew(&contribution.node);

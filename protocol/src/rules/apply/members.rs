@@ -6,7 +6,9 @@ use crate::entries::member::NodeEnrolled;
 use crate::entries::member::Standing;
 use crate::entries::refusal::code::RefusalCode;
 use crate::entries::refusal::Refusal;
-use crate::entries::signed::{DatasetRegistration, KeyRotation, KeyTakeover, Leaving};
+use crate::entries::signed::{
+    DatasetRegistration, KeyRotation, KeyTakeover, Leaving, OperatorDecision,
+};
 use crate::rules::bindings::active;
 use crate::rules::network_rules::EnrolmentRule;
 use crate::rules::state::{Node, RegisteredDataset, State};
@@ -70,6 +72,7 @@ impl State {
         active(id, self.nodes.get(id).map(|node| (node.standing, node)))
     }
 
+    /// A node or a governor changes its key with both signatures; one key may be both's.
     pub(super) fn check_rotation(
         &self,
         rotation: &KeyRotation,
@@ -79,15 +82,57 @@ impl State {
         if takeover.rotation != *rotation {
             return Err(RuleViolation::OtherTakeover(rotation.node));
         }
-        self.active(&rotation.node)?;
-        let former = self.retired.values().filter(|key| **key == rotation.node);
+        let KeyRotation { node, with, .. } = *rotation;
+        if self.governs(&with) {
+            return Err(RuleViolation::GovernorsKey(with));
+        }
+        let governs = self.governs(&node);
+        // A vote can name a governor's former key again. Its old rotation must not count again.
+        if governs && self.retired.contains_key(&node) {
+            return Err(RuleViolation::KeyRetired(node));
+        }
+        if !governs || self.nodes.contains_key(&node) {
+            self.active(&node)?;
+        }
+        let former = self.retired.values().filter(|key| **key == node);
         if former.count() >= MAX_ROTATIONS {
             return Err(RuleViolation::TooManyKeys {
-                node: rotation.node,
+                node,
                 limit: MAX_ROTATIONS,
             });
         }
-        self.check_replacement(&rotation.node, &rotation.with)
+        self.check_replacement(&node, &with)
+    }
+
+    fn governs(&self, key: &NodeId) -> bool {
+        let governors = &self.rules.governance.governors;
+        governors.iter().any(|governor| governor.key == *key)
+    }
+
+    /// Gives a node, a governor, or who is both another key.
+    pub(super) fn rotate(&mut self, old: &NodeId, new: &NodeId) {
+        if self.governs(old) {
+            self.rules.governance.rename(old, new);
+            for proposal in self.proposals.values_mut() {
+                if let Action::ChangeRules(rules) = &mut proposal.action {
+                    rules.governance.rename(old, new);
+                }
+            }
+            self.rename_voter(old, new);
+        }
+        self.replace_key(old, new);
+    }
+
+    /// Moves votes, proposals and disputes to another key.
+    fn rename_voter(&mut self, old: &NodeId, new: &NodeId) {
+        for proposal in self.proposals.values_mut() {
+            proposal.rename(old, new);
+        }
+        for dispute in self.disputes.values_mut() {
+            if dispute.disputer == *old {
+                dispute.disputer = *new;
+            }
+        }
     }
 
     /// A node leaves between contributions: the round's closing counts all that committed.
@@ -112,6 +157,52 @@ impl State {
         }
     }
 
+    /// The operator suspends nodes where it enrols them, between their contributions, as with [`State::check_leaving`]. It ends only
+    /// its own suspensions.
+    pub(super) fn check_decision(&self, decision: &OperatorDecision) -> Result<(), RuleViolation> {
+        let OperatorDecision { node, number, .. } = *decision;
+        self.check_network(&decision.network)?;
+        if decision.operator.0 != self.genesis.log_key {
+            return Err(RuleViolation::NotOperator(decision.operator));
+        }
+        if self.rules.enrolment == EnrolmentRule::Vote {
+            return Err(RuleViolation::SuspensionByVote(node));
+        }
+        if number != self.next_decision {
+            return Err(RuleViolation::OtherDecision {
+                number,
+                next: self.next_decision,
+            });
+        }
+        if !decision.suspended {
+            return match self.nodes.get(&node).map(|node| node.standing) {
+                None => Err(RefusalCode::NotEnrolled(node).into()),
+                Some(Standing::SuspendedByOperator) => Ok(()),
+                Some(standing) => Err(RuleViolation::NotReinstated { node, standing }),
+            };
+        }
+        self.active(&node)?;
+        match &self.round {
+            Some(round) if round.commits.contains_key(&node) => {
+                Err(RuleViolation::SuspendedInRound {
+                    node,
+                    round: round.number(),
+                })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    pub(super) fn decide_standing(&mut self, decision: &OperatorDecision) {
+        let standing = if decision.suspended {
+            Standing::SuspendedByOperator
+        } else {
+            Standing::Active
+        };
+        self.stand(&decision.node, standing);
+        self.next_decision = decision.number.saturating_add(1);
+    }
+
     /// Whether the valid key `with` may replace the key of `node`. No node may have or have had it, and the node must not have
     /// committed in the open round, whose claims name the committing key.
     pub(super) fn check_replacement(
@@ -119,7 +210,7 @@ impl State {
         node: &NodeId,
         with: &NodeId,
     ) -> Result<(), RuleViolation> {
-        if !self.nodes.contains_key(node) {
+        if !self.nodes.contains_key(node) && !self.governs(node) {
             return Err(RefusalCode::NotEnrolled(*node).into());
         }
         if self.is_used(with) {
@@ -160,19 +251,8 @@ impl State {
         for proposal in self.proposals.values_mut() {
             proposal.follow(old, new);
         }
-        let governs = |key: &NodeId| {
-            let governors = &self.rules.governance.governors;
-            governors.iter().any(|governor| governor.key == *key)
-        };
-        if !governs(old) && !governs(new) {
-            for proposal in self.proposals.values_mut() {
-                proposal.rename(old, new);
-            }
-            for dispute in self.disputes.values_mut() {
-                if dispute.disputer == *old {
-                    dispute.disputer = *new;
-                }
-            }
+        if !self.governs(old) && !self.governs(new) {
+            self.rename_voter(old, new);
         }
     }
 

@@ -7,6 +7,7 @@
 //! - [`moments`]: the final moments of a round by FedAdam;
 //! - [`randomness`]: the closing of commitments, and the challenges' randomness;
 //! - [`results`]: whether a round's result was rightly taken;
+//! - [`outages`]: deadlines that move by an outage;
 //! - [`votes`]: proposals and what they change;
 //! - [`disputes`]: disputes about accepted contributions.
 
@@ -14,6 +15,7 @@ mod disputes;
 mod lost_files;
 mod members;
 mod moments;
+mod outages;
 mod randomness;
 mod results;
 mod rounds;
@@ -71,6 +73,7 @@ impl State {
             results: RoundResults::default(),
             earlier_base: None,
             moments: None,
+            next_decision: 0,
             genesis: genesis.clone(),
         })
     }
@@ -138,6 +141,8 @@ impl State {
             Body::MomentsComputed(computed) => self.check_moments(computed, now),
             Body::FilesLost(lost) => self.check_files_lost(lost),
             Body::ContributionLeftOut(lost) => self.check_left_out(lost, now),
+            Body::OperatorDecided(signed) => self.check_decision(&signed.statement),
+            Body::DeadlinesMoved(moved) => self.check_moved(moved, now),
         }
     }
 
@@ -156,7 +161,7 @@ impl State {
             }
             Body::RoundClosed(closed) => self.close(closed, now),
             Body::KeyRotated { rotation, .. } => {
-                self.replace_key(&rotation.statement.node, &rotation.statement.with);
+                self.rotate(&rotation.statement.node, &rotation.statement.with);
             }
             Body::Proposed(signed) => self.propose(&signed.statement, now),
             Body::Voted(signed) => self.vote(&signed.statement),
@@ -178,6 +183,8 @@ impl State {
             Body::MomentsComputed(computed) => self.compute_moments(computed),
             Body::FilesLost(lost) => self.lose_files(lost, now),
             Body::ContributionLeftOut(lost) => self.leave_out(lost),
+            Body::OperatorDecided(signed) => self.decide_standing(&signed.statement),
+            Body::DeadlinesMoved(moved) => self.move_deadlines(moved),
         }
         self.entries = index.saturating_add(1);
         self.time_ms = now;

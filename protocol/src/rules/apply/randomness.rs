@@ -28,16 +28,21 @@ impl State {
     pub fn to_draw(&self, time_ms: u64) -> Option<&CommitmentsClosing> {
         let round = self.round.as_ref()?;
         let closing = round.closing.as_ref()?;
-        let in_time = time_ms <= self.randomness_deadline_ms(closing);
+        let in_time = time_ms <= self.randomness_deadline_ms(round, closing);
         let wanted = round.randomness.is_none() && !round.commits.is_empty();
         (in_time && wanted).then_some(closing)
     }
 
     /// The last moment for the randomness, in Unix milliseconds.
-    pub(super) fn randomness_deadline_ms(&self, closing: &CommitmentsClosing) -> u64 {
+    pub(super) fn randomness_deadline_ms(
+        &self,
+        round: &Round,
+        closing: &CommitmentsClosing,
+    ) -> u64 {
         closing
             .time_ms
             .saturating_add(self.rules.randomness_window_ms)
+            .saturating_add(round.moved_ms)
     }
 
     pub(super) fn check_commitments_closed(
@@ -94,7 +99,7 @@ impl State {
                 done: "is drawn",
             });
         }
-        let late_ms = time_ms.saturating_sub(self.randomness_deadline_ms(closing));
+        let late_ms = time_ms.saturating_sub(self.randomness_deadline_ms(round, closing));
         if late_ms > 0 {
             return Err(RuleViolation::RandomnessLate {
                 round: number,

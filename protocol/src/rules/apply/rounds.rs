@@ -249,7 +249,7 @@ impl State {
             (None, _) => Some("its commitments are not closed".into()),
             (Some(_), _) if round.commits.is_empty() => None,
             (Some(closing), None) => {
-                let deadline_ms = self.randomness_deadline_ms(closing);
+                let deadline_ms = self.randomness_deadline_ms(round, closing);
                 (time_ms <= deadline_ms).then(|| {
                     let left_ms = deadline_ms - time_ms;
                     format!("its randomness may still be drawn for {left_ms} ms")
@@ -290,6 +290,7 @@ impl State {
             randomness: None,
             moments: None,
             lost: BTreeMap::new(),
+            moved_ms: 0,
         });
     }
 
@@ -363,7 +364,10 @@ impl State {
         self.keep_moments(&round);
         self.observe_round(&round);
         if round.randomness.is_some() {
-            for (node, commit) in &round.commits {
+            // An outage may have kept a node from answering.
+            let excused =
+                |commit: &Commit| round.moved_ms > 0 && commit.decision.is_none();
+            for (node, commit) in round.commits.iter().filter(|(_, one)| !excused(one)) {
                 let accepted = matches!(
                     commit.decision,
                     Some(Decision::Accepted { .. } | Decision::LeftOut)
@@ -401,8 +405,10 @@ impl State {
             |node: &&NodeId| round.commits.contains_key(node) || self.may_contribute(round, node);
         let observed: Vec<_> = self.nodes.keys().filter(may).copied().collect();
         for id in observed {
-            if let Some(node) = self.nodes.get_mut(&id) {
-                node.record.observe_round(round.commits.contains_key(&id));
+            let committed = round.commits.contains_key(&id);
+            let excused = round.moved_ms > 0 && !committed;
+            if let Some(node) = self.nodes.get_mut(&id).filter(|_| !excused) {
+                node.record.observe_round(committed);
             }
         }
     }

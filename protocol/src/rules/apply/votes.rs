@@ -273,6 +273,7 @@ impl State {
             let violation = RuleViolation::BadNode { node: *key, why };
             Some((Impossible::BadKey(*key), violation.to_string()))
         };
+        use Standing::{Active, Left, Suspended, SuspendedByOperator};
         match action {
             Action::ChangeRules(rules) => {
                 let wrong = rules.check_in(self.genesis.mode).err()?;
@@ -280,15 +281,14 @@ impl State {
             }
             Action::Enrol(enrolled) => no_key(&enrolled.node)
                 .or_else(|| refused(self.check_enrolment(enrolled), &enrolled.node)),
-            Action::Suspend(node) => standing(node, &[Standing::Active]),
-            Action::Reinstate(node) => standing(node, &[Standing::Suspended]),
+            Action::Suspend(node) => standing(node, &[Active, SuspendedByOperator]),
+            Action::Reinstate(node) => standing(node, &[Suspended, SuspendedByOperator]),
             // No node escapes a revocation by leaving.
-            Action::Revoke(node) => standing(
-                node,
-                &[Standing::Active, Standing::Suspended, Standing::Left],
-            ),
+            Action::Revoke(node) => {
+                standing(node, &[Active, Suspended, SuspendedByOperator, Left])
+            }
             Action::ReplaceKey { node, with } => {
-                standing(node, &[Standing::Active, Standing::Suspended])
+                standing(node, &[Active, Suspended, SuspendedByOperator])
                     .or_else(|| no_key(with))
                     .or_else(|| refused(self.check_replacement(node, with), node))
             }

@@ -2,7 +2,7 @@
 
 use crate::frames::image_transforms::picture::Picture;
 
-/// Rotates a picture around its centre, then moves, scales and shears it.
+/// Rotates around the centre, then moves, scales and shears.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AffineTransform {
     /// Clockwise, in degrees.
@@ -16,7 +16,7 @@ pub struct AffineTransform {
 }
 
 impl AffineTransform {
-    /// Where a pixel comes from: a matrix's rows for (x, y, 1), from the centre.
+    /// A pixel's origin: rows for (x, y, 1), from the centre.
     fn inverse(&self) -> [[f64; 3]; 2] {
         let (angle, [shear_x, shear_y]) = (
             self.angle.to_radians(),
@@ -38,7 +38,7 @@ impl AffineTransform {
     pub(super) fn apply(&self, picture: &mut Picture) {
         let (height, width) = (picture.height, picture.width);
         let matrix = self.inverse().map(|row| row.map(|value| value as f32));
-        // In float32 and in PyTorch's order: rounding decides the nearest pixel.
+        // In float32 and PyTorch's order: rounding decides the nearest pixel.
         let halves = [0.5 * width as f32, 0.5 * height as f32];
         let scaled = |axis: usize| matrix[axis].map(|value| value / halves[axis]);
         let rows = [scaled(0), scaled(1)];

@@ -1,4 +1,4 @@
-//! Brightness, contrast, saturation, hue and sharpness, as in torchvision's `v2.functional` on floating-point pictures.
+//! Changes of colour and sharpness, as in torchvision's `v2.functional` on floating-point pictures.
 
 use crate::frames::image_transforms::picture::Picture;
 
@@ -33,7 +33,6 @@ pub(super) fn hue(picture: &mut Picture, turn: f32) {
     });
 }
 
-/// Border pixels stay; some pictures are all border.
 pub(super) fn sharpness(picture: &mut Picture, factor: f32) {
     let (height, width) = (picture.height, picture.width);
     if height <= 2 || width <= 2 {

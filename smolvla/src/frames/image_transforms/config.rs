@@ -1,4 +1,4 @@
-//! The transforms' configuration, with the names and defaults of LeRobot's `dataset.image_transforms`.
+//! The configuration, as LeRobot's `dataset.image_transforms`.
 
 use std::fmt;
 
@@ -18,7 +18,7 @@ pub struct ImageTransformsConfig {
     pub enable: bool,
     /// The most transforms a picture gets.
     pub max_num_transforms: usize,
-    /// Whether they apply in random order, not that of [`Self::tfs`].
+    /// In random order, not that of [`Self::tfs`].
     pub random_order: bool,
     /// The transforms to choose from.
     pub tfs: Tfs,
@@ -87,7 +87,7 @@ impl Default for ImageTransformsConfig {
 }
 
 impl ImageTransformsConfig {
-    /// What draws transforms; `None` if nothing is transformed.
+    /// Draws transforms; `None` for no transforms.
     ///
     /// # Errors
     /// [`PolicyError::Options`] names the transform and the value.
@@ -105,7 +105,7 @@ impl ImageTransformsConfig {
                 return Err(wrong(format!("`weight` is {}", tf.weight)));
             }
             let jitter = jitter(tf).map_err(wrong)?;
-            // As in LeRobot, transforms of weight 0 do not count.
+            // As in LeRobot.
             if tf.weight > 0.0 {
                 choices.push((tf.weight, jitter));
             }
@@ -172,12 +172,12 @@ fn jitter(tf: &ImageTransformConfig) -> std::result::Result<Jitter, String> {
 struct Kwargs(Map<String, Value>);
 
 impl Kwargs {
-    /// A factor; 1 changes nothing.
+    /// 1 changes nothing.
     fn factor(&mut self, name: &str) -> std::result::Result<Option<UniformRange>, String> {
         self.around(name, 1.0, [0.0, f64::INFINITY])
     }
 
-    /// Two bounds, or the distance of both from `centre`.
+    /// Two bounds, or their distance from `centre`.
     fn around(
         &mut self,
         name: &str,
@@ -189,7 +189,7 @@ impl Kwargs {
             Some(Value::Number(number)) => {
                 let distance = number.as_f64().unwrap_or(f64::NAN);
                 let low = centre - distance;
-                // As in torchvision, factors are not negative.
+                // As in torchvision.
                 let low = if least == 0.0 { low.max(0.0) } else { low };
                 [low, centre + distance]
             }
@@ -206,7 +206,6 @@ impl Kwargs {
         Ok(Some(UniformRange { low, high }))
     }
 
-    /// Shares of width and height.
     fn shares(&mut self, name: &str) -> std::result::Result<Option<[f64; 2]>, String> {
         let given = match self.0.remove(name) {
             None | Some(Value::Null) => return Ok(None),
@@ -230,7 +229,7 @@ fn pair(value: &Value) -> Option<[f64; 2]> {
     }
 }
 
-// Order matters, and a map does not keep it.
+// A map does not keep the order.
 impl Serialize for Tfs {
     fn serialize<S: Serializer>(&self, to: S) -> std::result::Result<S::Ok, S::Error> {
         let mut map = to.serialize_map(Some(self.0.len()))?;

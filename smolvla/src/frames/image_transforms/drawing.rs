@@ -1,6 +1,5 @@
-//! Which transforms a picture gets, with which parameters, from a seed.
-//!
-//! The distributions are those of LeRobot's `RandomSubsetApply` and torchvision's classes; the random numbers are not PyTorch's.
+//! Transforms of a picture and their parameters, from a seed. The distributions are those of LeRobot's `RandomSubsetApply` and
+//! torchvision's classes; the random numbers are not PyTorch's.
 
 use rand_chacha::ChaCha20Rng;
 
@@ -61,12 +60,12 @@ pub struct Sampler {
     pub choices: Vec<(f64, Jitter)>,
     /// How many are chosen; all at most.
     pub count: usize,
-    /// Whether they apply in drawn order, not that of [`Self::choices`].
+    /// In drawn order, not that of [`Self::choices`].
     pub random_order: bool,
 }
 
 impl Sampler {
-    /// Draws the transforms of a picture of this size.
+    /// Draws a picture's transforms.
     pub fn draw(&self, (height, width): (usize, usize), rng: &mut ChaCha20Rng) -> Vec<Transform> {
         let mut left: Vec<usize> = (0..self.choices.len()).collect();
         let mut chosen = Vec::with_capacity(self.count);

@@ -1,9 +1,9 @@
 //! Random changes of training pictures, as in LeRobot (`lerobot/datasets/transforms.py`).
 //!
-//! - [`config`]: the configuration, with LeRobot's names and defaults.
-//! - [`transform`]: one transform with its parameters. [`color`] and [`affine`] compute it as torchvision does.
+//! - [`config`]: LeRobot's names and defaults.
+//! - [`transform`]: one transform. [`color`] and [`affine`] compute it as torchvision does.
 //! - [`drawing`]: draws transforms and parameters from a seed.
-//! - [`variants`]: K transformed variants of each training frame, each cached under its own name.
+//! - [`variants`]: K transformed variants of each training frame.
 //!
 //! Only frames from a [`Variants`] are transformed, never evaluated or committed ones.
 

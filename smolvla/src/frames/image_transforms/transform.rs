@@ -4,7 +4,7 @@ use crate::frames::image_transforms::affine::AffineTransform;
 use crate::frames::image_transforms::color;
 use crate::frames::image_transforms::picture::Picture;
 
-/// A transform with the parameters of torchvision's function of that name.
+/// A transform with the parameters of torchvision's function.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Transform {
     /// `adjust_brightness`: 1 changes nothing, 0 gives black.

@@ -16,10 +16,10 @@ use crate::frames::prefix_cache::key::{CacheKey, FrameRef};
 /// The allowed numbers of variants.
 pub const COUNTS: RangeInclusive<usize> = 1..=1000;
 
-/// Makes the same number of transformed variants of each frame.
+/// Makes transformed variants of each frame.
 ///
 /// A variant's name in the prefix cache is a digest of the frame's name, the transforms, the seed and the variant's number. It also seeds
-/// the drawing, so a name always stands for one sample.
+/// the drawing.
 #[derive(Clone, Debug)]
 pub struct Variants {
     sampler: Sampler,
@@ -46,7 +46,7 @@ impl Variants {
         let mut hash = Sha256::new();
         hash.update(b"zk0:image-transforms:v1\0");
         hash.update(seed.to_le_bytes());
-        // The derived `Debug` names every field, so equal texts are equal samplers.
+        // The derived `Debug` names every field.
         hash.update(format!("{sampler:?}"));
         Ok(Some(Self {
             sampler,

@@ -7,7 +7,6 @@ use sha2::{Digest, Sha256};
 use crate::frames::prefix_cache::key::CacheKey;
 use crate::frames::sample::{ObservedSample, PreparedSample};
 
-/// Begins every entry and names the format's version.
 const MAGIC: &[u8; 8] = b"ZK0PFX01";
 const HEADER: usize = 8 + 32 + 8 + 32;
 
@@ -255,7 +254,7 @@ mod tests {
                 bytes[at] ^= 1 << bit;
             }
             prop_assert!(decode::<PreparedSample>(&KEY, &bytes, false).is_err());
-            // With an unchecked checksum, another sample is the worst case.
+            // With an unchecked checksum, the worst case is another sample.
             let _ = decode::<PreparedSample>(&KEY, &bytes, true);
         }
     }

@@ -1,4 +1,4 @@
-//! Remembers digests of files: to hash all videos takes longer than the rest of a start.
+//! Remembers digests of files: hashing all videos takes longer than the rest of a start.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs::{self, File};
@@ -16,7 +16,7 @@ use crate::frames::prefix_cache::error::{at, CacheError};
 #[derive(Default)]
 pub struct FileDigests {
     known: BTreeMap<PathBuf, KnownFile>,
-    /// Seen by this process: its size is not read again.
+    /// By this process, which reads no size again.
     seen: HashMap<PathBuf, [u8; 32]>,
     changed: bool,
 }
@@ -30,7 +30,7 @@ struct KnownFile {
 }
 
 impl FileDigests {
-    /// Loads what [`Self::save`] wrote to `path`; nothing if it is not readable, which only costs time.
+    /// Loads what [`Self::save`] wrote to `path`, if readable.
     pub fn load(path: &Path) -> Self {
         let known = fs::read(path)
             .ok()

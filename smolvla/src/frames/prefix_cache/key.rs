@@ -27,7 +27,7 @@ pub struct FrameRef {
     pub transformed: bool,
 }
 
-/// A digest of keys in order, to name a run's samples.
+/// A digest of keys in order.
 pub fn digest_of(keys: impl IntoIterator<Item = CacheKey>) -> [u8; 32] {
     let mut hash = Sha256::new();
     hash.update(b"zk0:samples:v1\0");

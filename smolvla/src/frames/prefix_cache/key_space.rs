@@ -1,4 +1,4 @@
-//! The names of a policy's entries: digests of everything that the sample depends on.
+//! The names of a policy's entries: digests of all that the sample depends on.
 
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
@@ -24,9 +24,9 @@ const PREPROCESSING: u64 = 1;
 pub struct KeySpace([u8; 32]);
 
 impl KeySpace {
-    /// For samples of kind `E` from the frozen half of `policy`, computed at `place`. Reads all its weights.
+    /// For samples of kind `E` from the frozen half of `policy` at `place`. Reads all its weights.
     pub fn new<E: CacheEntry>(policy: &Policy, place: &FrozenPlace) -> Self {
-        // An observed sample ends before the state.
+        // Without the state.
         let all = E::KIND != ObservedSample::KIND;
         let matters = |name: &str| all || !name.starts_with("model.state_proj");
         let tensors: Vec<_> = policy.frozen.iter().filter(|(n, _)| matters(n)).collect();
@@ -51,10 +51,10 @@ impl KeySpace {
         Self(hash.finish())
     }
 
-    /// Keys of some frames. Reads videos only for their digests, and decodes no picture.
+    /// Keys of some frames. Reads videos only for their digests.
     ///
     /// # Errors
-    /// There is no such frame, a video cannot be read, or the tokenizer fails.
+    /// A frame is missing, a video cannot be read, or the tokenizer fails.
     pub fn keys(
         &self,
         config: &PolicyConfig,
@@ -114,8 +114,7 @@ impl KeySpace {
     }
 }
 
-/// The derived `Debug` names every field, so equal texts are equal configurations. A policy without the newer map of camera names keeps its
-/// entries.
+/// A policy without the newer map of camera names keeps its entries.
 fn described(config: &PolicyConfig) -> String {
     format!("{config:?}").replace("rename_map: {}, ", "")
 }

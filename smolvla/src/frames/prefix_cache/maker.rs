@@ -1,4 +1,4 @@
-//! Makes samples of frames in two parts: decoding, and the policy's frozen half.
+//! Makes samples of frames: decoding, then the policy's frozen half.
 
 use std::sync::mpsc::{sync_channel, Receiver};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -18,7 +18,7 @@ type Load<'a> = dyn Fn() -> Result<Preparer<'a>> + Send + Sync + 'a;
 
 /// Makes samples of frames. The policy's frozen half is loaded for the first.
 ///
-/// Threads may share it. Each part does one frame at a time, with one decoder per camera and one frozen half.
+/// Threads may share it. Each part does one frame at a time.
 pub struct FrameMaker<'a> {
     datasets: &'a [Dataset],
     chunk: usize,
@@ -30,7 +30,7 @@ pub struct FrameMaker<'a> {
 }
 
 impl<'a> FrameMaker<'a> {
-    /// For frames of `datasets`, with action chunks of `chunk`; `load` gives the policy's frozen half.
+    /// For `datasets`, with action chunks of `chunk`; `load` gives the policy's frozen half.
     pub fn new(
         datasets: &'a [Dataset],
         chunk: usize,
@@ -47,12 +47,12 @@ impl<'a> FrameMaker<'a> {
         }
     }
 
-    /// Whether only the thread that asks for a sample runs the frozen half, and others only decode: for a GPU, which is busy with training.
+    /// Whether only the thread that asks for a sample runs the frozen half, because training keeps the GPU busy.
     pub fn with_prefixes_by_asker(self, by_asker: bool) -> Self {
         Self { by_asker, ..self }
     }
 
-    /// Transforms the frames from [`Variants::frames`]. All others stay as recorded.
+    /// Transforms only the frames from [`Variants::frames`].
     pub fn with_variants(self, variants: Option<Variants>) -> Self {
         Self { variants, ..self }
     }
@@ -69,7 +69,7 @@ impl<'a> FrameMaker<'a> {
         self.sample_of(frame, self.decode(frame)?)
     }
 
-    /// The first part: reads a frame and its pictures, and transforms variants.
+    /// The first part: reads a frame, and transforms variants.
     ///
     /// # Errors
     /// The recording is at fault.
@@ -96,7 +96,7 @@ impl<'a> FrameMaker<'a> {
         })
     }
 
-    /// The second part: makes the sample.
+    /// The second part.
     ///
     /// # Errors
     /// The frame does not fit the policy, or the policy cannot be loaded.
@@ -114,7 +114,7 @@ impl<'a> FrameMaker<'a> {
         Ok(preparer.prepare_decoded(dataset, decoded)?)
     }
 
-    /// Decodes `frames` in order on a thread of `scope`, at most two ahead, until the receiver is dropped.
+    /// Decodes `frames` in order, at most two ahead, until the receiver is dropped.
     pub(super) fn decode_ahead<'scope, 'env>(
         &'env self,
         scope: &'scope Scope<'scope, 'env>,
@@ -131,7 +131,7 @@ impl<'a> FrameMaker<'a> {
         receiver
     }
 
-    /// Frees the frozen half and the decoders until they are needed.
+    /// Frees the frozen half and the decoders.
     pub fn rest(&self) {
         *locked(&self.preparer) = None;
         locked(&self.loaders)
@@ -145,7 +145,6 @@ impl<'a> FrameMaker<'a> {
     }
 }
 
-/// A panicked thread leaves the value present or absent.
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

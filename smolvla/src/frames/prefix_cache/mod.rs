@@ -5,13 +5,13 @@
 //! CACHE/files.json                digests of video files, by path, size and time of change
 //! ```
 //!
-//! - [`key_space`]: names entries by digests of all that decides the sample: frozen weights, preprocessing, the frozen half's place and
-//!   precision, and the frame. A frame is a place in a video file and that file's digest, so a second run decodes no video.
-//! - [`entry`]: a sample as bytes, bit for bit. A dataset commitment commits to exactly this sample.
+//! - [`key_space`]: names entries by digests of frozen weights, preprocessing, the frozen half's place and precision, and the frame: a
+//!   place in a video file and that file's digest. So a second run decodes no video.
+//! - [`entry`]: a sample as bytes, bit for bit, as a dataset commitment commits to it.
 //! - [`store`]: the folder and its budget. It removes the least recently used entries.
-//! - [`FrameMaker`]: makes samples in two parts, possibly on two threads.
+//! - [`FrameMaker`]: makes samples in two parts.
 //! - [`source`]: samples of frames, from the cache or computed.
-//! - [`FrameNames`] and [`PreparedFrames`]: the one way to samples of chosen frames, with or without a cache.
+//! - [`FrameNames`] and [`PreparedFrames`]: the one way to samples, with or without a cache.
 //!
 //! An entry is renamed when complete and carries a checksum: a killed process leaves no partial entry, and a damaged one is reported and
 //! computed again.

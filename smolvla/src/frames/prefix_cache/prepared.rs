@@ -1,4 +1,4 @@
-//! The one way to samples of chosen frames, with or without a cache.
+//! The one way to samples of chosen frames.
 
 use std::borrow::Cow;
 use std::thread;
@@ -20,7 +20,7 @@ use crate::frames::prefix_cache::source::FrameSource;
 use crate::frames::prefix_cache::store::DiskCache;
 use crate::frames::sample::FromFrame;
 
-/// Names frames of several recordings, and remembers their videos' digests in the cache, if any.
+/// Names frames of several recordings. The cache remembers their videos' digests.
 pub struct FrameNames<'a> {
     space: KeySpace,
     config: &'a PolicyConfig,
@@ -30,7 +30,7 @@ pub struct FrameNames<'a> {
 }
 
 impl<'a> FrameNames<'a> {
-    /// For samples of the policy of `space`, with the dimensions `config`.
+    /// For samples of `space`, with the dimensions `config`.
     pub fn new(
         space: KeySpace,
         config: &'a PolicyConfig,
@@ -84,7 +84,7 @@ pub enum PreparedFrames<'c, 'a, S> {
 }
 
 impl<'c, 'a, S: FromFrame + CacheEntry> PreparedFrames<'c, 'a, S> {
-    /// Makes the samples that the cache lacks; without a cache, all. `progress` gets the frames done and their total.
+    /// Makes samples that the cache lacks. `progress` gets the frames done and their total.
     ///
     /// # Errors
     /// A frame cannot be made, or the cache cannot be written.
@@ -109,8 +109,8 @@ impl<'c, 'a, S: FromFrame + CacheEntry> PreparedFrames<'c, 'a, S> {
         Ok(Self::Cached(source))
     }
 
-    /// As [`Self::prepare`], for samples in the order of training. With a cache, each is made when asked for, or earlier by
-    /// [`ahead`](crate::frames::ahead::ahead); only without one is `progress` called.
+    /// As [`Self::prepare`], but with a cache, each sample is made when asked for, or by [`ahead`](crate::frames::ahead::ahead), without
+    /// `progress`.
     ///
     /// # Errors
     /// A frame cannot be made.
@@ -133,7 +133,7 @@ impl<'c, 'a, S: FromFrame + CacheEntry> PreparedFrames<'c, 'a, S> {
         Ok(Self::Cached(source))
     }
 
-    /// Another thread decodes the next frame meanwhile.
+    /// Another thread decodes the next frame.
     fn in_memory(
         maker: &FrameMaker,
         frames: Vec<FrameRef>,

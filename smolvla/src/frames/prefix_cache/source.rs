@@ -32,7 +32,7 @@ pub struct FrameSource<'c, 'a, S> {
     cache: Option<&'c DiskCache>,
     maker: &'c FrameMaker<'a>,
     frames: Vec<FrameRef>,
-    /// All frames before it are in the cache.
+    /// All earlier frames are in the cache.
     kept: AtomicUsize,
     kind: PhantomData<fn() -> S>,
 }
@@ -57,8 +57,7 @@ impl<'c, 'a, S: FromFrame + CacheEntry> FrameSource<'c, 'a, S> {
         }
     }
 
-    /// Computes and stores what is missing, within budget and disk. Another thread decodes the next frame. `progress` gets the frames done
-    /// and their total.
+    /// Computes and stores what is missing, within budget and disk. `progress` gets the frames done and their total.
     ///
     /// # Errors
     /// A frame cannot be made, or the cache cannot be written.
@@ -139,7 +138,7 @@ impl<'c, 'a, S: FromFrame + CacheEntry> FrameSource<'c, 'a, S> {
         Ok(sample)
     }
 
-    /// The frozen half takes gigabytes, and cached samples do not need it.
+    /// The frozen half takes gigabytes.
     fn rest_when_all_are_kept(&self, cache: &DiskCache) {
         let before = self.kept.load(Ordering::Relaxed);
         let more = self.frames[before..]

@@ -16,7 +16,7 @@ use crate::frames::prefix_cache::error::{at, CacheError};
 use crate::frames::prefix_cache::files::FileDigests;
 use crate::frames::prefix_cache::key::CacheKey;
 
-/// Older unfinished files have no writer any more.
+/// Older unfinished files have no writer.
 const ABANDONED: Duration = Duration::from_secs(3600);
 
 /// A folder of entries, which processes may share.
@@ -24,7 +24,7 @@ pub struct DiskCache {
     root: PathBuf,
     budget: u64,
     state: Mutex<CacheState>,
-    /// Whether a full cache has been logged (once).
+    /// Whether a full cache has been logged.
     said: AtomicBool,
 }
 
@@ -32,15 +32,15 @@ pub struct DiskCache {
 struct CacheState {
     entries: HashMap<CacheKey, KnownEntry>,
     bytes: u64,
-    /// This process's entries, which are not removed.
+    /// This process's entries: not removed.
     pinned: HashSet<CacheKey>,
 }
 
 struct KnownEntry {
     bytes: u64,
-    /// The last use: the file's time of change.
+    /// The file's time of change.
     used: SystemTime,
-    /// Whether this process has verified the checksum.
+    /// Whether this process verified the checksum.
     checked: bool,
 }
 
@@ -97,7 +97,7 @@ impl DiskCache {
         FileDigests::load(&self.root.join("files.json"))
     }
 
-    /// Writes them to the folder. If the disk is full, the next process computes them again.
+    /// Writes them to the folder, unless the disk is full.
     ///
     /// # Errors
     /// They cannot be written.
@@ -109,7 +109,7 @@ impl DiskCache {
         Ok(())
     }
 
-    /// Keeps these present or future entries while this is open.
+    /// Keeps these present or future entries.
     pub fn pin(&self, keys: impl IntoIterator<Item = CacheKey>) {
         self.state().pinned.extend(keys);
     }
@@ -149,7 +149,7 @@ impl DiskCache {
             Ok(sample) => {
                 if first {
                     let now = SystemTime::now();
-                    // The time only decides what is removed first, and a read-only folder loses nothing.
+                    // The time only decides what is removed first.
                     let _ = file.set_modified(now);
                     self.state().add(*key, metadata.len(), now, true);
                 }
@@ -167,7 +167,7 @@ impl DiskCache {
         }
     }
 
-    /// Stores a sample; `false` (logged once) if the disk is full, or the budget is too small even without all unpinned entries.
+    /// Stores a sample; `false` (logged once) if the disk is full, or the budget too small without all unpinned entries.
     ///
     /// # Errors
     /// The entry cannot be written.
@@ -193,7 +193,7 @@ impl DiskCache {
         let path = self.path(key);
         let folder = path.parent().unwrap_or(&self.root);
         fs::create_dir_all(folder).map_err(at(folder))?;
-        // Readers check the checksum, and a lost entry is computed again.
+        // Readers check the checksum; a lost entry is computed again.
         atomic_file::write(&path, Durability::Cache, |out| out.write_all(bytes)).map_err(at(&path))
     }
 
@@ -207,7 +207,6 @@ impl DiskCache {
         }
     }
 
-    /// Removes least recently used entries until `size` bytes fit.
     fn make_room(&self, size: u64) -> Result<bool, CacheError> {
         let mut state = self.state();
         if state.bytes.saturating_add(size) <= self.budget {

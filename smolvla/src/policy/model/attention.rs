@@ -6,9 +6,8 @@ use crate::error::Result;
 use crate::policy::model::kernels::heads::{queries_by_keys, weights_by_values};
 use crate::policy::model::kernels::softmax::masked_softmax;
 
-/// What each query may see, as addends to scores: 0, or the lowest `f32` for hidden keys.
-///
-/// A row that may see nothing (a padded token) attends evenly to everything, as in the reference.
+/// What each query may see, as addends to scores: 0, or the lowest `f32` for hidden keys. A row that may see nothing (a padded token)
+/// attends evenly to everything, as in the reference.
 pub struct Mask(Tensor);
 
 impl Mask {

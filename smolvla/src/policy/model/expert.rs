@@ -1,4 +1,4 @@
-//! Phase two: the action expert, from a prefix cache, noisy actions and a time to a velocity.
+//! The action expert: from a prefix cache, noisy actions and a time to a velocity.
 
 use candle_core::{DType, Device, Tensor};
 use zk0_lerobot::config::{LayerKind, PolicyConfig};
@@ -65,7 +65,7 @@ impl ExpertModel {
         let output = self.norm.forward(&self.layers(cache, suffix, observe)?)?;
         observe(Site::FinalNorm, &output)?;
         let velocity = self.action_out.forward(&output)?;
-        // The loss does not use the other dimensions.
+        // The loss does not use the others.
         observe(
             Site::Velocity,
             &velocity.narrow(2, 0, self.config.action_dim)?,
@@ -148,7 +148,7 @@ impl ExpertModel {
                     )
                 }
                 LayerKind::Cross => {
-                    // The prefix's keys are rotated before the expert projects them.
+                    // The prefix's keys are rotated before the projection.
                     let keys = layer.keys(&keys.flatten_from(2)?, head_dim)?;
                     observe(Site::Key(i), &keys)?;
                     let values = layer.values(&values.flatten_from(2)?, head_dim)?;

@@ -1,4 +1,4 @@
-//! Flow matching: noisy actions, target velocity, and both of LeRobot's losses.
+//! Flow matching, with both of LeRobot's losses.
 
 use candle_core::Tensor;
 
@@ -25,8 +25,7 @@ pub fn mean_loss(losses: &Tensor) -> Result<Tensor> {
     Ok(losses.mean_all()?)
 }
 
-/// LeRobot 0.6's and a claim's mean: real action dimensions of frames that are not padding; 0 without such frames. `is_pad`: a row of
-/// `chunk` per sample.
+/// LeRobot 0.6's and a claim's mean: real action dimensions of frames that are not padding, or 0. `is_pad`: a row of `chunk` per sample.
 pub fn mean_loss_valid_only(
     losses: &Tensor,
     action_dim: usize,

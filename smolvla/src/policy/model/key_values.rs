@@ -9,6 +9,6 @@ pub struct PrefixCache {
     pub keys: Vec<Tensor>,
     /// Per layer (B, P, kv_heads, head_dim).
     pub values: Vec<Tensor>,
-    /// Which tokens are real: B rows of P. The others are meaningless and never attended to.
+    /// Which tokens are real: B rows of P. The others are never attended to.
     pub valid: Vec<Vec<bool>>,
 }

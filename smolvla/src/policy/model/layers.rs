@@ -46,7 +46,7 @@ impl RmsNorm {
     }
 }
 
-/// A Llama layer's projections, norms and MLP, without the attention.
+/// A Llama layer without its attention.
 #[derive(Clone)]
 pub struct DecoderLayer {
     input_norm: RmsNorm,
@@ -78,7 +78,7 @@ impl DecoderLayer {
         })
     }
 
-    /// The first norm, before queries (and in joint layers keys and values).
+    /// The first norm.
     pub fn normalised(&self, hidden: &Tensor) -> Result<Tensor> {
         Ok(self.input_norm.forward(hidden)?)
     }

@@ -2,7 +2,7 @@
 //!
 //! - [`prefix`]: images, language and state through the [`vision`] tower and language layers to the per-layer key/value cache. Frozen in
 //!   training: one run per frame.
-//! - [`expert`]: noisy actions and a time through the expert's layers to the velocity.
+//! - [`expert`]: noisy actions and a time to the velocity.
 //! - [`flow`]: the flow-matching loss; [`sampling`] follows the velocity from noise to actions.
 //! - [`state_token`]: the one prefix token that training may change.
 //! - [`visibility`]: which token sees which, and positions.

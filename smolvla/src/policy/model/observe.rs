@@ -6,10 +6,10 @@ use crate::error::Result;
 
 pub use zk0_circuits::model::site::Site;
 
-/// Gets each place and its values in order, for the whole batch with padding.
+/// Gets each place and its values, for the whole batch with padding.
 pub type Observer<'a> = dyn FnMut(Site, &Tensor) -> Result<()> + 'a;
 
-/// An observer that does nothing.
+/// Does nothing.
 pub fn ignore(_: Site, _: &Tensor) -> Result<()> {
     Ok(())
 }

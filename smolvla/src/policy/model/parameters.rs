@@ -12,7 +12,7 @@ use crate::policy::frozen::FrozenPrecision;
 #[derive(Clone)]
 pub struct PolicyParameters {
     tensors: BTreeMap<String, Tensor>,
-    /// The type of linear maps' weights and biases.
+    /// Of linear maps' weights and biases.
     pub(super) operands: DType,
 }
 
@@ -40,7 +40,7 @@ impl PolicyParameters {
         Ok(Self::from_tensors(tensors))
     }
 
-    /// Moves plain weights to a device, those in `trainable` as variables, which are also returned.
+    /// Moves plain weights to a device, and returns those in `trainable` as variables, too.
     pub fn with_variables(
         weights: TensorSet,
         trainable: &TensorShapes,
@@ -59,7 +59,7 @@ impl PolicyParameters {
         Ok((Self::from_tensors(tensors), variables))
     }
 
-    /// From existing tensors, for example variables.
+    /// From existing tensors.
     pub fn from_tensors(tensors: BTreeMap<String, Tensor>) -> Self {
         Self {
             tensors,
@@ -67,7 +67,7 @@ impl PolicyParameters {
         }
     }
 
-    /// The same weights, with the frozen half's linear maps in `precision`.
+    /// The same weights, with linear maps in `precision`.
     pub fn in_precision(&self, precision: FrozenPrecision) -> Self {
         Self {
             operands: precision.operands(),

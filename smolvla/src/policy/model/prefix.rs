@@ -1,4 +1,4 @@
-//! Phase one: images, language and state to the expert's key/value cache.
+//! Images, language and state to the expert's key/value cache.
 
 use candle_core::{Device, Tensor};
 use zk0_lerobot::config::PolicyConfig;
@@ -34,7 +34,7 @@ pub struct PrefixInput {
     pub state: Tensor,
 }
 
-/// The language layers' input: cameras, language, one state token, padding to the configuration's `prefix_length`.
+/// The language layers' input: cameras, language, one state token, padding to `prefix_length`.
 pub struct PrefixEmbedding {
     /// (B, P, text width).
     pub tokens: Tensor,
@@ -132,7 +132,7 @@ impl PrefixModel {
         })
     }
 
-    /// Runs the language layers. The expert reads only the last layer's keys and values, so only observers need its result.
+    /// Runs the language layers. The expert reads only the last layer's keys and values: only observers need its result.
     pub fn layers(
         &self,
         embedding: &PrefixEmbedding,
@@ -172,10 +172,8 @@ impl PrefixModel {
         })
     }
 
-    /// [`Self::cache`] with a gradient for `state_proj` only: no other token depends on it. Costs one token more than [`Self::cache`], and
-    /// stores nothing for the others.
-    ///
-    /// The state's token is the last; its old place is not valid.
+    /// [`Self::cache`] with a gradient for `state_proj` only, for one token more: no other token depends on it. The state's token is the
+    /// last; its old place is not valid.
     pub fn cache_training_state(&self, input: &PrefixInput) -> Result<PrefixCache> {
         let mut embedding = self.embed(input)?;
         embedding.tokens = embedding.tokens.detach();

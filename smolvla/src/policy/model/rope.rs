@@ -6,7 +6,7 @@ use zk0_lerobot::config::ROPE_BASE;
 use crate::error::Result;
 use crate::policy::model::kernels::rotate::rotate;
 
-/// Sines and cosines for a batch's positions, shared by all layers.
+/// Sines and cosines for a batch's positions.
 pub struct Rope {
     sin: Tensor,
     cos: Tensor,

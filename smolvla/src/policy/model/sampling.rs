@@ -1,4 +1,4 @@
-//! From noise to actions: Euler steps along the velocity field, as LeRobot 0.4.4's `sample_actions`.
+//! Euler steps from noise to actions, as LeRobot 0.4.4's `sample_actions`.
 
 use candle_core::Tensor;
 

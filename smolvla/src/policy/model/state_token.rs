@@ -1,7 +1,5 @@
-//! The state's token and the language layers, for training the state projection.
-//!
-//! Only the state's token sees the state, so the other tokens' keys and values stay: each step takes one token through the language layers,
-//! not the whole prefix.
+//! The state's token and the language layers, for training the state projection. Only the state's token sees the state: each step takes one
+//! token through the language layers.
 
 use candle_core::{DType, Tensor};
 use zk0_lerobot::config::PolicyConfig;
@@ -23,7 +21,7 @@ pub struct StateToken {
     head_dim: usize,
 }
 
-/// Stored weight and bias, rounded at every pass: a rounded copy would not follow variables.
+/// Rounded at every pass: a rounded copy would not follow variables.
 #[derive(Clone)]
 struct Projection {
     weight: Tensor,
@@ -50,8 +48,8 @@ impl Projection {
 }
 
 impl StateToken {
-    /// From the weights that [`Self::needs`] names and the state projection's, in their [precision](PolicyParameters::in_precision), which
-    /// must be that of [joined](Self::join) prefixes.
+    /// From the weights that [`Self::needs`] names and the state projection's, in the [precision](PolicyParameters::in_precision) of
+    /// [joined](Self::join) prefixes.
     pub fn new(config: &PolicyConfig, parameters: &PolicyParameters) -> Result<Self> {
         let (text, eps) = (format!("{VLM}.text_model"), config.rms_norm_eps);
         let layer = |i| DecoderLayer::new(parameters, &format!("{text}.layers.{i}"), eps);
@@ -105,10 +103,9 @@ impl StateToken {
             let k = rope.apply(&layer.keys(&normed, self.head_dim)?)?;
             let v = layer.values(&normed, self.head_dim)?;
             let k = Tensor::cat(&[seen_keys, &k], 1)?;
-            // From such a product, so rounding loses nothing.
+            // From such a product: rounding loses nothing.
             let seen_values = seen_values.to_dtype(v.dtype())?;
             let v = Tensor::cat(&[&seen_values, &v], 1)?;
-            // The last layer's result is not needed.
             if i + 1 < self.layers.len() {
                 let q = rope.apply(&layer.queries(&normed, self.head_dim)?)?;
                 x = layer.finish(&x, &attend(&q, &k, &v, &mask)?, &mut |_, _| Ok(()))?;

@@ -3,7 +3,7 @@
 //! Images and language see each other. The state token sees them and itself. An action token sees the prefix and the action tokens up to
 //! itself. Invalid tokens (padding, absent cameras) are not seen, and take no position.
 
-/// A prefix token's position: the number of valid tokens up to it, minus one.
+/// The number of valid tokens up to a prefix token, minus one.
 pub fn prefix_positions(valid: &[bool]) -> Vec<i64> {
     let mut position = -1;
     valid

@@ -1,5 +1,4 @@
-//! The vision tower (SigLIP) and the connector from patches to language-model tokens. Both are frozen, so kernels here have no backward
-//! pass.
+//! The vision tower (SigLIP) and the connector from patches to language-model tokens. Both are frozen: no backward pass.
 
 use candle_core::Tensor;
 use zk0_lerobot::config::{PolicyConfig, CHANNELS, LAYER_NORM_EPS};
@@ -79,7 +78,7 @@ impl Vision {
         })
     }
 
-    /// Unscaled tokens (B, tokens_per_camera, text width) of images (B, 3, size, size) in [-1, 1]. `observe` gets the values in order.
+    /// Unscaled tokens (B, tokens_per_camera, text width) of images (B, 3, size, size) in [-1, 1]. `observe` gets the values.
     pub fn tokens(
         &self,
         images: &Tensor,
@@ -100,8 +99,7 @@ impl Vision {
         Ok(tokens.to_dtype(normed.dtype())?)
     }
 
-    /// (B, 3, size, size) to (B, patches, 3 * patch * patch): the patch convolution as a matrix product. Incomplete patches are omitted, as
-    /// without padding.
+    /// (B, 3, size, size) to (B, patches, 3 * patch * patch): the patch convolution as a matrix product, without incomplete patches.
     fn patches(&self, images: &Tensor) -> Result<Tensor> {
         let (batch, channels, height, width) = images.dims4()?;
         let p = self.patch_size;

@@ -1,4 +1,4 @@
-//! The optimiser: named variables with their moments.
+//! AdamW: named variables with their moments.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -63,7 +63,7 @@ impl AdamW {
         })
     }
 
-    /// Later steps follow the last global step in part (FedCM).
+    /// Follows the last global step in part (FedCM).
     pub fn follow(&mut self, last_step: LastStep) {
         self.last_step = Some(last_step);
     }
@@ -73,7 +73,7 @@ impl AdamW {
         self.steps
     }
 
-    /// The moments as named tensors (`exp_avg.NAME` and `exp_avg_sq.NAME`, torch's words), for [`Self::restore`].
+    /// The moments as `exp_avg.NAME` and `exp_avg_sq.NAME` (torch's words).
     pub fn moments(&self) -> Result<Vec<AdamMoment<'_>>> {
         let mut all = Vec::with_capacity(2 * self.slots.len());
         for (name, (variable, slot)) in &self.slots {

@@ -1,4 +1,4 @@
-//! A step as tensor operations, for devices whose memory the CPU cannot reach.
+//! A step as tensor operations, for memory that the CPU cannot reach.
 
 use candle_core::{Tensor, Var};
 
@@ -12,7 +12,7 @@ pub(super) struct DeviceSlot {
 }
 
 impl DeviceSlot {
-    /// Zero moments; `anchored` stores the value that the proximal term pulls towards.
+    /// `anchored` stores the value that the proximal term pulls towards.
     pub fn new(variable: &Var, anchored: bool) -> Result<Self> {
         let zeros = variable.zeros_like()?;
         Ok(Self {
@@ -26,7 +26,7 @@ impl DeviceSlot {
         })
     }
 
-    /// Squares of the gradient with its proximal part and of the anchor's distance: (2), still on the device.
+    /// Of the gradient with its proximal part, and of the anchor's distance: (2), on the device.
     pub fn squares(&self, variable: &Var, gradient: &Tensor, mu: f64) -> Result<Tensor> {
         let sum = |x: &Tensor| x.sqr()?.sum_all();
         let squares = match self.distance(variable)? {
@@ -75,7 +75,6 @@ impl DeviceSlot {
     }
 }
 
-/// The sum of squares, fetched once.
 pub(super) fn total(squares: &[Tensor]) -> Result<Squares> {
     if squares.is_empty() {
         return Ok(Squares::default());

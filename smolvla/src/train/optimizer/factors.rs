@@ -13,7 +13,7 @@ pub struct AdamWOptions {
     pub eps: f64,
     /// Decoupled weight decay.
     pub weight_decay: f64,
-    /// Gradients are scaled down to this L2 norm over all tensors.
+    /// Limit of the gradients' L2 norm.
     pub clip_norm: f64,
 }
 
@@ -30,7 +30,6 @@ impl Default for AdamWOptions {
     }
 }
 
-/// A tensor's sums of squares.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Squares {
     /// Of the gradient with its proximal part.
@@ -49,7 +48,6 @@ impl Squares {
 #[derive(Clone, Copy)]
 pub(super) struct Factors {
     pub options: AdamWOptions,
-    /// The proximal term's weight.
     pub mu: f64,
     /// The gradients' factor.
     pub clip: f64,

@@ -1,5 +1,4 @@
-//! A step as one pass over a tensor in the CPU's memory, by all threads. It reads the gradient, and reads and writes value and moments
-//! once.
+//! A step as one pass over a tensor in the CPU's memory.
 
 use std::cell::RefCell;
 
@@ -9,7 +8,7 @@ use rayon::prelude::*;
 use crate::error::Result;
 use crate::train::optimizer::factors::{Factors, Squares};
 
-/// Values per thread at a time. Part of the result: blocks are summed in order.
+/// Values per thread at a time. Blocks are summed in order.
 const BLOCK: usize = 1 << 14;
 
 pub(super) struct HostSlot {
@@ -19,7 +18,7 @@ pub(super) struct HostSlot {
 }
 
 impl HostSlot {
-    /// Zero moments; `anchored` stores the value that the proximal term pulls towards.
+    /// `anchored` stores the value that the proximal term pulls towards.
     pub fn new(variable: &Var, anchored: bool) -> Result<Self> {
         let count = variable.elem_count();
         Ok(Self {
@@ -33,7 +32,7 @@ impl HostSlot {
         })
     }
 
-    /// Squares of a contiguous `gradient` and of the distance from the anchor.
+    /// `gradient` is contiguous.
     pub fn squares(&self, variable: &Var, gradient: &Tensor, mu: f64) -> Result<Squares> {
         let (stored, layout) = gradient.storage_and_layout();
         let gradient = plain(&stored, layout)?;
@@ -60,7 +59,7 @@ impl HostSlot {
         Ok(all)
     }
 
-    /// Updates moments and variable by a contiguous `gradient`.
+    /// `gradient` is contiguous.
     pub fn update(&mut self, variable: &Var, gradient: &Tensor, by: &Factors) -> Result<()> {
         let step = FusedStep {
             slot: RefCell::new(self),
@@ -69,12 +68,10 @@ impl HostSlot {
         Ok(variable.inplace_op2(gradient, &step)?)
     }
 
-    /// Mean gradient and mean squared gradient.
     pub fn moments(&self) -> [&[f32]; 2] {
         [&self.mean, &self.mean_square]
     }
 
-    /// Sets the moments.
     pub fn restore(&mut self, mean: Vec<f32>, mean_square: Vec<f32>) {
         (self.mean, self.mean_square) = (mean, mean_square);
     }
@@ -165,7 +162,6 @@ impl Constants {
     }
 }
 
-/// As candle's in-place operation.
 struct FusedStep<'a> {
     slot: RefCell<&'a mut HostSlot>,
     by: &'a Factors,
@@ -213,7 +209,7 @@ fn plain<'a>(storage: &'a Storage, layout: &Layout) -> candle_core::Result<&'a [
     }
 }
 
-/// Does `work` on every block of `0..count`, in parallel if several; results are in order.
+/// Does `work` on every block of `0..count`; results are in order.
 fn in_blocks<R: Send>(count: usize, work: impl Fn(std::ops::Range<usize>) -> R + Sync) -> Vec<R> {
     let block = |i: usize| i * BLOCK..((i + 1) * BLOCK).min(count);
     if count <= BLOCK {
@@ -292,7 +288,7 @@ mod tests {
     fn the_proximal_term_pulls_back_and_is_reported() {
         let (free, free_norms) = three_steps(0.0);
         let (held, held_norms) = three_steps(1e3);
-        // The first step is the same: the distance is 0 before it.
+        // The distance is 0 before the first step.
         assert_eq!(free_norms[..2], held_norms[..2]);
         assert!(free_norms[1..].iter().step_by(2).all(|term| *term == 0.0));
         assert_eq!(held_norms[1], 0.0);

@@ -2,11 +2,10 @@
 //! apart less.
 //!
 //! In the paper a node steps by `x ← x − η·v` with `v = α·g + (1 − α)·Δ`. Here g is the gradient, and Δ is the last global step in local
-//! units: `Δ = (x′ − x₀) / (η·K)`, where x₀ are this round's first weights, x′ the last round's, and K is the number of local steps. If η
-//! changes within a round, η·K is the sum of the rates. A round's K steps then contribute `(1 − α)·(x₀ − x′)`: the part 1 − α of the last
-//! global step.
+//! units: `Δ = (x′ − x₀) / (η·K)`, with this round's first weights x₀, the last round's x′, and K local steps. If η changes within a round,
+//! η·K is the sum of the rates. A round's K steps then contribute `(1 − α)·(x₀ − x′)`: the part 1 − α of the last global step.
 //!
-//! For AdamW, g is what η multiplies: the quotient of the moments. A global step of AdamW nodes consists of such quotients, of size about
+//! For AdamW, g is the quotient of the moments, which η multiplies. A global step of AdamW nodes consists of such quotients, of size about
 //! 1; a plain gradient is smaller by orders of magnitude, and would be lost beside Δ. So the moments are those of the node's own gradients,
 //! and Δ joins after them. Weight decay is as without FedCM.
 
@@ -54,7 +53,7 @@ impl LastStep {
         self.alpha
     }
 
-    /// Moves a variable by the other part of a step.
+    /// The other part of a step.
     pub(super) fn add(&self, name: &str, variable: &Var, learning_rate: f64) -> Result<()> {
         if let Some(direction) = self.direction.get(name) {
             let step = (direction * (learning_rate * (1.0 - self.alpha)))?;

@@ -8,7 +8,7 @@ use crate::error::{PolicyError, Result};
 /// What a step measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stepped {
-    /// The gradient's L2 norm over all tensors with the proximal term, before clipping.
+    /// The gradient's L2 norm with the proximal term, before clipping.
     pub gradient_norm: f64,
     /// The proximal term before the step, `mu / 2 * |w - w0|^2`; 0 without one.
     pub proximal: f64,
@@ -23,11 +23,10 @@ pub trait Optimizer {
     fn step(&mut self, gradients: &GradStore, learning_rate: f64) -> Result<Stepped>;
 }
 
-/// A variable's gradient, detached from its graph.
 pub(super) fn gradient(gradients: &GradStore, name: &str, variable: &Var) -> Result<Tensor> {
     let gradient = gradients
         .get(variable.as_tensor())
         .ok_or_else(|| PolicyError::NoGradient(name.into()))?;
-    // Otherwise moments would keep every step's graph in memory.
+    // Otherwise moments would keep every step's graph.
     Ok(gradient.detach().contiguous()?)
 }

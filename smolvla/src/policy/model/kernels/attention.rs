@@ -1,7 +1,5 @@
-//! Attention of every token to every token, without mask or gradient: the frozen vision tower's.
-//!
-//! Blocks of queries keep the scores in the processor's cache (the idea of Dao et al., FlashAttention, 2022; here keys are few, so rows are
-//! not split).
+//! Attention of every token to every token, without mask or gradient: the frozen vision tower's. Blocks of queries keep the scores in the
+//! processor's cache (the idea of Dao et al., FlashAttention, 2022; keys are few, so rows are not split).
 
 use candle_core::{Result, Shape, Tensor, D};
 use pulp::{Arch, Simd};
@@ -57,7 +55,7 @@ impl Kernel<1> for AttendToAll {
         let dim = width / heads;
         let scale = (dim as f32).powf(-0.5);
         let mut out = vec![0.0f32; batch * tokens * width];
-        // Samples are divided first, so no block spans two.
+        // No block spans two samples.
         let samples = out.par_chunks_mut((tokens * width).max(1)).enumerate();
         let blocks = samples.flat_map(|(sample, out)| {
             let blocks = out.par_chunks_mut((BLOCK * width).max(1)).enumerate();

@@ -1,4 +1,4 @@
-//! Which tensors the kernels serve, and how work is divided among threads.
+//! Which tensors the kernels serve, and on which threads.
 
 use std::cell::Cell;
 
@@ -10,14 +10,14 @@ thread_local! {
     static SET_ASIDE: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Whether the kernels serve a tensor: `f32`, CPU, outside [`without`].
+/// `f32`, CPU, outside [`without`].
 pub(crate) fn serve(x: &Tensor) -> bool {
     x.device().is_cpu() && x.dtype() == DType::F32 && !SET_ASIDE.get()
 }
 
 /// Runs `work` in this thread by the operations of other devices.
 pub fn without<R>(work: impl FnOnce() -> R) -> R {
-    /// Restores the value, also when `work` panics.
+    /// Restores the value, also after a panic.
     struct Before(bool);
     impl Drop for Before {
         fn drop(&mut self) {
@@ -28,7 +28,7 @@ pub fn without<R>(work: impl FnOnce() -> R) -> R {
     work()
 }
 
-/// In `f32` if shorter, for sums, norms and functions.
+/// For sums, norms and functions.
 pub(super) fn widened(x: &Tensor) -> Result<Tensor> {
     match x.dtype() {
         DType::BF16 | DType::F16 => x.to_dtype(DType::F32),

@@ -6,9 +6,8 @@ use pulp::{Arch, Simd};
 use crate::policy::model::kernels::dispatch::{in_blocks, serve, widened};
 use crate::policy::model::kernels::vector::sigmoid;
 
-/// `x/2 · (1 + tanh(sqrt(2/π) (x + 0.044715 x³)))` (Hendrycks and Gimpel, 2016), without a backward pass.
-///
-/// On the CPU it reuses the memory of `x`, which must not be shared. Shorter numbers become `f32`.
+/// `x/2 · (1 + tanh(sqrt(2/π) (x + 0.044715 x³)))` (Hendrycks and Gimpel, 2016), without a backward pass. On the CPU it reuses the memory
+/// of `x`, which must not be shared. Shorter numbers become `f32`.
 pub fn gelu_tanh(x: Tensor) -> Result<Tensor> {
     if serve(&x) {
         let x = x.contiguous()?;

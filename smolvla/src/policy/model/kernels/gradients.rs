@@ -1,6 +1,5 @@
-//! Gradients of a loss; those of linear maps' weights are stored directly.
-//!
-//! candle first adds each gradient to zeros, for variables with several uses: two more passes over memory for large weights.
+//! Gradients of a loss; those of linear maps' weights are stored directly. candle first adds each gradient to zeros: two more passes over
+//! memory for large weights.
 
 use std::cell::RefCell;
 
@@ -8,7 +7,7 @@ use candle_core::backprop::GradStore;
 use candle_core::{Result, Tensor};
 
 thread_local! {
-    /// Weights and gradients while [`backward`] runs in this thread.
+    /// While [`backward`] runs in this thread.
     static COLLECTED: RefCell<Option<Vec<(Tensor, Tensor)>>> = const { RefCell::new(None) };
 }
 
@@ -58,10 +57,10 @@ mod tests {
             variable((3, 3), 1.1),
         );
         let apply = |w: &Tensor, x: &Tensor| LinearLayer::new(w.clone(), None).forward(x).unwrap();
-        // Computed from a variable, so its gradient must go on.
+        // Its gradient must go on.
         let made = twice.sin().unwrap();
         let out = apply(&twice, &apply(&made, &apply(&twice, &apply(&once, &x))));
-        // Another operation uses this weight too.
+        // This weight has another use.
         let loss = (out.sqr().unwrap().sum_all().unwrap() + once.sqr().unwrap().sum_all()).unwrap();
         let (ours, theirs) = (backward(&loss).unwrap(), loss.backward().unwrap());
         for variable in [&x, &once, &twice] {

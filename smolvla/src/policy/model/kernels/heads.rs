@@ -1,6 +1,5 @@
-//! Attention's two products for query heads that share key and value heads, without copying these.
-//!
-//! A head's matrix has strided rows with tokens first, (B, tokens, heads, dim); with heads first, it is contiguous.
+//! Attention's two products for query heads that share key and value heads, without copying these. A head's matrix has strided rows with
+//! tokens first, (B, tokens, heads, dim); with heads first, it is contiguous.
 
 use candle_core::{Result, Shape, Tensor};
 
@@ -21,7 +20,7 @@ pub fn queries_by_keys(q: &Tensor, k: &Tensor) -> Result<Tensor> {
     }
     let (batch, queries, heads, dim) = q.dims4()?;
     let (_, keys, kv_heads, _) = k.dims4()?;
-    // Queries of one key head are stacked, so no key is copied.
+    // Stacks queries of one key head.
     let q = q.transpose(1, 2)?.contiguous()?;
     let q = q.reshape((batch * kv_heads, heads / kv_heads * queries, dim))?;
     let scores = matmul(&q, &heads_first(k)?.t()?)?;
@@ -193,7 +192,6 @@ impl<'a> HeadMatrices<'a> {
     }
 }
 
-/// How many heads share one of `kv_heads`.
 fn group(heads: usize, kv_heads: usize, fits: bool) -> Result<usize> {
     if !fits || kv_heads == 0 || !heads.is_multiple_of(kv_heads) {
         candle_core::bail!("{heads} heads of queries and {kv_heads} of keys do not fit together");
@@ -201,7 +199,7 @@ fn group(heads: usize, kv_heads: usize, fits: bool) -> Result<usize> {
     Ok(heads / kv_heads)
 }
 
-/// Heads run in parallel, each in one thread.
+/// In one thread: heads run in parallel.
 fn multiply(a: StridedMatrix, b: StridedMatrix, out: &mut [f32], columns: usize, into: Into) {
     product(a, b, 1.0, out, columns, into, Threads::One);
 }

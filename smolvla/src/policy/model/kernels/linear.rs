@@ -10,11 +10,8 @@ use crate::policy::model::kernels::operation::{
     CpuOperation, CpuValues, Gradients, Kernel, KernelOutput,
 };
 
-/// `x·wᵀ + b` over the last dimension, with a weight (out, in) and optionally a bias (out).
-///
-/// A weight with shorter numbers ([bf16](crate::policy::frozen::FrozenPrecision)) has input and output rounded to them.
-///
-/// Kernels compute gradients only for variables.
+/// `x·wᵀ + b` over the last dimension, with a weight (out, in) and optionally a bias (out). A weight with shorter numbers
+/// ([bf16](crate::policy::frozen::FrozenPrecision)) rounds input and output to them. Only variables get gradients.
 #[derive(Clone, Debug)]
 pub struct LinearLayer {
     weight: Tensor,
@@ -59,7 +56,6 @@ impl LinearLayer {
     }
 }
 
-/// `residual + x·wᵀ + b`.
 struct Onto<'a> {
     bias: Option<&'a Tensor>,
 }

@@ -1,9 +1,9 @@
-//! Products by candle's operations, on any device, of any numbers.
+//! Products by candle's operations, on any device.
 
 use candle_core::{DType, Result, Tensor};
 
-/// `a·b` for a (…, M, K) and b (…, K, N) of one type. Each is contiguous or the transpose of a contiguous tensor, as cuBLAS needs. Shorter
-/// numbers are summed in `f32` and then rounded.
+/// `a·b` for a (…, M, K) and b (…, K, N) of one type, each contiguous or transposed from that, as cuBLAS needs. Shorter numbers are summed
+/// in `f32` and then rounded.
 pub(super) fn matmul(a: &Tensor, b: &Tensor) -> Result<Tensor> {
     for operand in [a, b] {
         if !operand.is_contiguous() && !operand.t()?.is_contiguous() {
@@ -30,7 +30,6 @@ mod tests {
         Tensor::from_vec(values, shape, &Device::Cpu).unwrap()
     }
 
-    /// Operands and products are rounded, sums are not.
     #[test]
     fn bf16_is_rounded_where_a_gpu_rounds() {
         let (m, n, k) = (3, 5, 40);

@@ -1,7 +1,7 @@
 //! Matrix products over strided views of plain memory.
 //!
-//! Two libraries are each up to three times as fast as the other where chosen (see `step_floors`): `gemm`, as in candle, packs its operands
-//! and suits many rows; `faer` suits few rows and long sums.
+//! Each of two libraries is up to three times as fast as the other where chosen (see `step_floors`): `gemm`, as in candle, packs its
+//! operands and suits many rows; `faer` suits few rows and long sums.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
@@ -43,7 +43,7 @@ impl<'a> StridedMatrix<'a> {
 
     fn view(&self) -> MatRef<'a, f32> {
         let (rows, columns) = (self.row_stride as isize, self.column_stride as isize);
-        // SAFETY: `StridedMatrix` is made with a check that every element lies in `values`, and transposing keeps that.
+        // SAFETY: `StridedMatrix` is made with a check that every element lies in `values`; transposing keeps that.
         unsafe {
             MatRef::from_raw_parts(self.values.as_ptr(), self.rows, self.columns, rows, columns)
         }
@@ -61,7 +61,6 @@ impl<'a> StridedMatrix<'a> {
     }
 }
 
-/// The values spanned by `rows` rows of `columns` values, `stride` apart.
 fn extent(rows: usize, columns: usize, stride: usize) -> usize {
     match (rows, columns) {
         (0, _) | (_, 0) => 0,
@@ -90,10 +89,10 @@ pub enum Threads {
 /// Multiplications up to which one thread is faster.
 const SMALL: usize = 1 << 22;
 
-/// From this many rows on, packing the operands pays.
+/// From here on, packing the operands pays.
 const MANY_ROWS: usize = 256;
 
-/// If sums are this many times longer than rows, `gemm` stalls in packing the right operand.
+/// For sums this many times longer than rows, `gemm` stalls in packing the right operand.
 const LONG_SUMS: usize = 2;
 
 /// `a·b`, row after row, with all of rayon's threads.
@@ -157,8 +156,8 @@ unsafe fn multiply(
 ) {
     let (rows, columns, inner) = (a.rows, b.columns, a.columns);
     let parallel = threads == Threads::All && rows * columns * inner > SMALL;
-    // SAFETY: `StridedMatrix` checks when made that all elements named by shape and strides lie in its slice, and transposing keeps that.
-    // The caller vouches for the output.
+    // SAFETY: `StridedMatrix` checks when made that all elements named by shape and strides lie in its slice; transposing keeps that. The
+    // caller vouches for the output.
     unsafe {
         if rows < MANY_ROWS || inner > LONG_SUMS * columns {
             let stride = out_stride as isize;

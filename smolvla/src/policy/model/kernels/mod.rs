@@ -3,11 +3,10 @@
 //! candle runs elementwise work in one thread, with a pass over memory each, and computes gradients even for frozen operands. These do not:
 //!
 //! - [`linear`]: `x·wᵀ + b`, without gradients for frozen weights.
-//! - [`softmax`]: scale, mask and softmax of attention scores in one pass.
-//! - [`heads`]: queries by keys and weights by values, for heads that share keys.
-//! - [`attention`]: the frozen vision tower's attention, in blocks.
+//! - [`softmax`]: scale, mask and softmax in one pass.
+//! - [`heads`]: attention's products, for heads that share keys.
+//! - [`attention`], [`gelu`]: the frozen vision tower's.
 //! - [`gradients`]: a loss's gradients, stored directly.
-//! - [`gelu`]: the frozen vision tower's activation.
 //! - [`swiglu`], [`norm`], [`rotate`]: the decoder layers' elementwise work, one pass each way.
 //!
 //! Small work stays in one thread: waking another takes longer.
@@ -15,7 +14,7 @@
 //! [`matrix`] is the product behind them, and [`vector`] has a vectorisable exponential.
 //!
 //! On other devices, and for numbers other than `f32`, functions use candle's operations and gradients, and [`matmul`]. [`without`] does so
-//! on the CPU, to compare kernels and to show what a GPU computes.
+//! on the CPU, for comparison.
 //!
 //! No sum depends on the number of threads: results repeat bit for bit on a machine.
 

@@ -1,4 +1,4 @@
-//! RMSNorm (Zhang and Sennrich, 2019), both ways row by row, and the frozen vision tower's layer norm.
+//! RMSNorm (Zhang and Sennrich, 2019), and the frozen vision tower's layer norm.
 
 use candle_core::{Result, Tensor, D};
 use pulp::{Arch, Simd};
@@ -80,7 +80,6 @@ struct RmsNormKernel {
     eps: f32,
 }
 
-/// `1 / sqrt(mean(x²) + eps)`.
 #[inline(always)]
 fn inverse_root(x: &[f32], eps: f32) -> f32 {
     let mean_square = sum(x.len(), |i| x[i] * x[i]) / x.len() as f32;

@@ -1,4 +1,4 @@
-//! A kernel's operation: arguments to result, and gradients back.
+//! A kernel's operation and gradients.
 
 use std::ops::Deref;
 
@@ -6,7 +6,7 @@ use candle_core::{
     bail, CpuStorage, CustomOp1, CustomOp2, CustomOp3, Error, Layout, Result, Shape, Tensor,
 };
 
-/// A contiguous `f32` CPU tensor's values, in order.
+/// Of a contiguous `f32` CPU tensor, in order.
 #[derive(Clone, Copy)]
 pub(super) struct CpuValues<'a> {
     pub all: &'a [f32],
@@ -36,7 +36,6 @@ impl Deref for CpuValues<'_> {
 
 pub(super) type KernelOutput = Result<(Vec<f32>, Shape)>;
 
-/// Gradients of `N` arguments, if wanted.
 pub(super) type Gradients<const N: usize> = Result<[Option<Tensor>; N]>;
 
 pub(super) trait Kernel<const N: usize> {
@@ -50,7 +49,6 @@ pub(super) trait Kernel<const N: usize> {
     }
 }
 
-/// A kernel as candle's operation.
 pub(super) struct CpuOperation<K>(pub K);
 
 type Stored = Result<(CpuStorage, Shape)>;

@@ -89,14 +89,14 @@ mod tests {
         let rotated = rotate(&variable, &sin, &cos).unwrap();
         let list = |t: &Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
         let (before, after) = (list(&x), list(&rotated));
-        // The second token's first head by hand, with angles 0.9, 1.2 and 1.5.
+        // The second token's first head, by hand.
         for (i, angle) in [0.9f32, 1.2, 1.5].into_iter().enumerate() {
             let at = heads * dim + i;
             let (a, b) = (before[at], before[at + 3]);
             assert!((after[at] - (a * angle.cos() - b * angle.sin())).abs() < 1e-6);
             assert!((after[at + 3] - (b * angle.cos() + a * angle.sin())).abs() < 1e-6);
         }
-        // Half the squared length has the vector as gradient; rotated back, x.
+        // Half the squared length has the vector as gradient.
         let loss = (rotated.sqr().unwrap().sum_all().unwrap() * 0.5).unwrap();
         let gradient = list(loss.backward().unwrap().get(&variable).unwrap());
         for (found, x) in gradient.iter().zip(&before) {

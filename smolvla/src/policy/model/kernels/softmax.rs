@@ -78,7 +78,7 @@ impl Kernel<2> for SoftmaxBackward {
     }
 }
 
-/// The softmax of `scale * scores + mask` in place, in rows of `keys`.
+/// The softmax of `scale * scores + mask` in place.
 #[pulp::with_simd(softmax_rows = Arch::new())]
 #[inline(always)]
 fn softmax_rows_with<S: Simd>(_: S, scores: &mut [f32], mask: &[f32], keys: usize, scale: f32) {

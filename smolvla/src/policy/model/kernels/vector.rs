@@ -1,13 +1,12 @@
-//! Elementwise functions that compilers vectorise. Their kernels are compiled for every vector width; the widest available runs
-//! (`pulp::with_simd`).
+//! Elementwise functions that compilers vectorise, compiled for every vector width; the widest available runs (`pulp::with_simd`).
 
-/// e^x to 2 units in the last place for x within ±87; above, e^87; below, zero. Masked values then weigh exactly zero: tiny numbers or
-/// their products would be denormal, at a hundred cycles each.
+/// e^x to 2 units in the last place for x within ±87; above, e^87; below, zero. Masked values then weigh exactly zero: denormal numbers
+/// cost a hundred cycles each.
 ///
 /// Cody and Waite's reduction to |r| ≤ ln 2 / 2 and Cephes' polynomial, without a branch.
 #[inline(always)]
 pub fn exp(x: f32) -> f32 {
-    /// 1.5 · 2^23: its sum with a number has the rounded number in the lowest bits.
+    /// 1.5 · 2^23: a sum with it has the rounded number in the lowest bits.
     const ROUND: f32 = 12_582_912.0;
     let hidden = x < -87.0;
     let x = x.clamp(-87.0, 87.0);

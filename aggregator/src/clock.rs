@@ -1,4 +1,4 @@
-//! The aggregator's clock. Only this clock decides whether a deadline has passed.
+//! The aggregator's clock, which alone decides on deadlines.
 
 use std::fs;
 use std::sync::OnceLock;
@@ -9,7 +9,7 @@ pub trait Clock: Send + Sync {
     /// Now.
     fn now_ms(&self) -> u64;
 
-    /// Time since some moment in the past, by a clock that nobody can set and that goes on while the machine sleeps.
+    /// Time by a clock that cannot be set and goes on while the machine sleeps.
     fn steady(&self) -> Duration;
 }
 

@@ -1,0 +1,61 @@
+//! Outages of this aggregator and of its witnesses. They move the open round's deadlines ([`zk0_protocol::rules::apply`]).
+
+use crate::round::aggregator::Aggregator;
+use crate::round::phase::RoundStep;
+use crate::round::request_error::RequestError;
+use zk0_ledger::folder;
+use zk0_protocol::entries::entry::Body;
+
+/// A shorter outage moves no deadline, unless one passed meanwhile.
+const LEAST_OUTAGE_MS: u64 = 60_000;
+
+impl Aggregator {
+    /// Moves the open round's deadlines by the time that no aggregator ran. The file `alive` tells until when one did. On a new machine,
+    /// that is the time since the last entry.
+    pub fn after_start(&mut self) -> Result<(), RequestError> {
+        let ran_until_ms = folder::read_alive(self.ledger.dir()).unwrap_or(0);
+        self.after_outage(ran_until_ms)
+    }
+
+    /// Notes that the first `size` entries are published. If the open round's last step waited for long, its deadlines move.
+    pub fn note_published(&mut self, size: u64) -> Result<(), RequestError> {
+        let before = self.published.replace(size).unwrap_or(size);
+        match self.last_step().filter(|step| (before..size).contains(step)) {
+            Some(step) => {
+                let since_ms = self.ledger.entry(step)?.time_ms;
+                self.after_outage(since_ms)
+            }
+            None => Ok(()),
+        }
+    }
+
+    fn after_outage(&mut self, since_ms: u64) -> Result<(), RequestError> {
+        let now = self.now_ms();
+        let away_ms = now.saturating_sub(since_ms);
+        let missed = self.passed_deadline(now).is_some_and(|deadline_ms| deadline_ms >= since_ms);
+        if away_ms < LEAST_OUTAGE_MS && !missed {
+            return Ok(());
+        }
+        if let Some(moved) = self.state().next_move(now, away_ms) {
+            let (round, seconds) = (moved.round, moved.by_ms / 1000);
+            self.append_at(now, Body::DeadlinesMoved(moved))?;
+            tracing::warn!(round, "after an outage, the deadlines of the round move by {seconds} s");
+        }
+        Ok(())
+    }
+
+    /// Whether a step waits until the one before it is published. Otherwise a window would begin, or end, before anybody could know. Votes do
+    /// not wait: one may name other witnesses.
+    pub(super) fn waits_for_witnesses(&self, step: RoundStep) -> bool {
+        let unseen = |published| self.last_step().is_some_and(|last| last >= published);
+        let of_round = !matches!(step, RoundStep::Settle(_) | RoundStep::Resolve(_));
+        of_round && self.published.is_some_and(unseen)
+    }
+
+    /// The entry of the last step of the last round.
+    fn last_step(&self) -> Option<u64> {
+        let last = self.index.round(None, self.ledger.size())?;
+        let steps = [Some(last.opened), last.commitments_closed, last.randomness, last.closed];
+        steps.into_iter().flatten().max()
+    }
+}

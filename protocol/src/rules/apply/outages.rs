@@ -1,0 +1,64 @@
+//! An outage of the aggregator or of its witnesses moves the open round's deadlines. It costs time, and no node its standing.
+//!
+//! The ledger shows an outage as a silence: the deadlines move by no more than the time since the last entry. So an aggregator that
+//! claims an outage takes nobody's statements meanwhile.
+
+use crate::entries::entry::DeadlinesMoved;
+use crate::rules::state::{Round, State};
+use crate::rules::upper_bounds::MAX_ROUND_WINDOW_MS;
+use crate::rules::violation::RuleViolation;
+
+impl State {
+    /// The entry that moves the open round's deadlines at `time_ms` after an outage of `away_ms`; `None` if it may not, or need not.
+    pub fn next_move(&self, time_ms: u64, away_ms: u64) -> Option<DeadlinesMoved> {
+        let round = self.round.as_ref()?;
+        let by_ms = self.longest_move_ms(round, time_ms).min(away_ms);
+        let moved = DeadlinesMoved {
+            round: round.number(),
+            by_ms,
+        };
+        self.check_moved(&moved, time_ms).ok()?;
+        Some(moved)
+    }
+
+    fn longest_move_ms(&self, round: &Round, time_ms: u64) -> u64 {
+        let silent_ms = time_ms.saturating_sub(self.time_ms);
+        silent_ms.min(MAX_ROUND_WINDOW_MS.saturating_sub(round.moved_ms))
+    }
+
+    pub(super) fn check_moved(
+        &self,
+        moved: &DeadlinesMoved,
+        time_ms: u64,
+    ) -> Result<(), RuleViolation> {
+        let round = self.open_round(moved.round)?;
+        let undecided = round.commits.values().any(|commit| commit.decision.is_none());
+        if round.closing.is_some() && !undecided {
+            return Err(RuleViolation::NoDeadline(moved.round));
+        }
+        let most_ms = self.longest_move_ms(round, time_ms);
+        if moved.by_ms == 0 || moved.by_ms > most_ms {
+            return Err(RuleViolation::MovedTooFar {
+                round: moved.round,
+                by_ms: moved.by_ms,
+                most_ms,
+            });
+        }
+        Ok(())
+    }
+
+    /// Moves the deadline of the present phase. Closed commitments stay closed.
+    pub(super) fn move_deadlines(&mut self, moved: &DeadlinesMoved) {
+        let Some(round) = &mut self.round else {
+            return;
+        };
+        round.moved_ms = round.moved_ms.saturating_add(moved.by_ms);
+        let deadline = match (&round.closing, &mut round.randomness) {
+            (None, _) => &mut round.opened.commit_deadline_ms,
+            (Some(_), Some(randomness)) => &mut randomness.submit_deadline_ms,
+            // That of the randomness follows from `moved_ms`.
+            (Some(_), None) => return,
+        };
+        *deadline = deadline.saturating_add(moved.by_ms);
+    }
+}

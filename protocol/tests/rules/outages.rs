@@ -1,0 +1,149 @@
+//! An outage moves the open round's deadlines by at most the silence that the ledger shows, and costs no node its standing.
+
+use zk0_protocol::entries::entry::DeadlinesMoved;
+use zk0_protocol::rules::state::Node;
+use zk0_protocol::rules::upper_bounds::MAX_ROUND_WINDOW_MS;
+use zk0_protocol::{Body, RefusalCode, RuleViolation, State};
+use zk0_testkit::network::*;
+
+const HOUR: u64 = 3_600_000;
+
+fn moved(state: &State, by_ms: u64) -> Body {
+    let round = state.round().map_or(0, |round| round.number());
+    Body::DeadlinesMoved(DeadlinesMoved { round, by_ms })
+}
+
+fn commit_deadline_ms(chain: &Chain) -> u64 {
+    chain.state.round().unwrap().opened.commit_deadline_ms
+}
+
+fn submit_deadline_ms(chain: &Chain) -> u64 {
+    let round = chain.state.round().unwrap();
+    round.randomness.unwrap().submit_deadline_ms
+}
+
+#[test]
+fn the_deadline_of_the_present_phase_moves_by_the_outage() {
+    let mut chain = Chain::in_round(2);
+    let before = commit_deadline_ms(&chain);
+    chain.time_ms += HOUR;
+    chain.apply(moved(&chain.state, HOUR));
+    assert_eq!(commit_deadline_ms(&chain), before + HOUR);
+    chain.apply(committed(&chain.state, 0, weights(0x10)));
+    chain.apply(committed(&chain.state, 1, weights(0x11)));
+    chain.draw();
+    let before = submit_deadline_ms(&chain);
+    chain.time_ms += 2 * HOUR;
+    assert!(chain.state.may_close(chain.time_ms));
+    chain.apply(moved(&chain.state, 2 * HOUR));
+    assert_eq!(submit_deadline_ms(&chain), before + 2 * HOUR);
+    assert!(!chain.state.may_close(chain.time_ms));
+    chain.apply(accepted(&chain.state, 0));
+    chain.apply(accepted(&chain.state, 1));
+    assert!(chain.state.may_close(chain.time_ms));
+}
+
+/// Nothing on the ledger lies in an outage, so an aggregator cannot stretch a round in which it works.
+#[test]
+fn a_deadline_moves_by_no_more_than_the_silence() {
+    let mut chain = Chain::in_round(2);
+    chain.time_ms += HOUR;
+    for by_ms in [0, 2 * HOUR] {
+        assert!(matches!(
+            chain.refusal(moved(&chain.state, by_ms)),
+            RuleViolation::MovedTooFar { .. }
+        ));
+    }
+    chain.apply(moved(&chain.state, HOUR));
+    // The same silence does not count twice.
+    assert!(matches!(
+        chain.refusal(moved(&chain.state, HOUR)),
+        RuleViolation::MovedTooFar { .. }
+    ));
+}
+
+#[test]
+fn all_outages_of_a_round_move_it_by_thirty_days_at_most() {
+    let mut chain = Chain::in_round(2);
+    chain.time_ms += MAX_ROUND_WINDOW_MS - HOUR;
+    chain.apply(moved(&chain.state, MAX_ROUND_WINDOW_MS - HOUR));
+    chain.time_ms += 2 * HOUR;
+    let refused = chain.refusal(moved(&chain.state, 2 * HOUR));
+    assert!(matches!(refused, RuleViolation::MovedTooFar { .. }));
+    let next = chain.state.next_move(chain.time_ms, 2 * HOUR).unwrap();
+    assert_eq!(next.by_ms, HOUR);
+    chain.apply(Body::DeadlinesMoved(next));
+}
+
+#[test]
+fn closed_commitments_stay_closed_and_a_decided_round_does_not_wait() {
+    let mut chain = Chain::new();
+    let number = chain.state.next_round();
+    chain.time_ms += HOUR;
+    let no_round = chain.refusal(moved(&chain.state, HOUR));
+    assert_eq!(no_round, RuleViolation::RoundNotOpen(number));
+    let mut chain = Chain::in_round(2);
+    chain.apply(committed(&chain.state, 0, weights(0x10)));
+    chain.close_commitments();
+    let before = commit_deadline_ms(&chain);
+    chain.time_ms += HOUR;
+    chain.apply(moved(&chain.state, HOUR));
+    assert_eq!(commit_deadline_ms(&chain), before);
+    let late = chain.refusal(committed(&chain.state, 1, weights(0x11)));
+    let round = chain.state.round().unwrap().number();
+    assert_eq!(late, RefusalCode::CommitmentsClosed { round }.into());
+    // The randomness may still come.
+    chain.apply(Body::RandomnessDrawn(drawn(&chain.state)));
+    chain.apply(accepted(&chain.state, 0));
+    chain.time_ms += HOUR;
+    let refused = chain.refusal(moved(&chain.state, HOUR));
+    assert_eq!(refused, RuleViolation::NoDeadline(round));
+}
+
+#[test]
+fn the_randomness_may_come_later_by_the_outage() {
+    for outage in [false, true] {
+        let mut chain = Chain::in_round(2);
+        chain.apply(committed(&chain.state, 0, weights(0x10)));
+        chain.close_commitments();
+        chain.time_ms += RANDOMNESS_WINDOW + 1;
+        if outage {
+            chain.apply(moved(&chain.state, RANDOMNESS_WINDOW + 1));
+            chain.apply(Body::RandomnessDrawn(drawn(&chain.state)));
+        } else {
+            let late = chain.refusal(Body::RandomnessDrawn(drawn(&chain.state)));
+            assert!(matches!(late, RuleViolation::RandomnessLate { .. }));
+        }
+    }
+}
+
+/// Closes the round after its deadline; node 0 has contributed.
+fn unanswered_by(outage: bool) -> (Node, Node) {
+    let mut chain = Chain::in_round(3);
+    chain.apply(committed(&chain.state, 0, weights(0x10)));
+    chain.apply(committed(&chain.state, 1, weights(0x11)));
+    chain.close_commitments();
+    chain.apply(Body::RandomnessDrawn(drawn(&chain.state)));
+    chain.apply(accepted(&chain.state, 0));
+    if outage {
+        chain.time_ms += HOUR;
+        chain.apply(moved(&chain.state, HOUR));
+    }
+    chain.time_ms = submit_deadline_ms(&chain);
+    let closed = closed(&chain.state, weights(0x50));
+    assert_eq!(closed.unanswered, [id(1)]);
+    chain.apply(Body::RoundClosed(closed));
+    let node = |node| chain.state.node(&id(node)).unwrap().clone();
+    (node(1), node(2))
+}
+
+#[test]
+fn a_round_with_an_outage_costs_no_node_its_standing() {
+    let rule = genesis().rules.unanswered;
+    let failures = |node: &Node| node.record.failures(&rule);
+    let (silent, idle) = unanswered_by(false);
+    assert_eq!(failures(&silent), 1);
+    let (excused, absent) = unanswered_by(true);
+    assert_eq!(failures(&excused), 0);
+    assert_ne!(idle.record, absent.record, "an absent node is not idle");
+}
