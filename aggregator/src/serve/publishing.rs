@@ -83,7 +83,7 @@ impl Service {
         }
         let mut refuse = |error: CosigningError, sentence: &str| {
             if refused.replace((size, draws)) != Some((size, draws)) {
-                tracing::warn!(size, "{sentence}: {error}");
+                tracing::warn!(size, "{error}");
             }
             self.troubles().raise(Kind::Witnesses, sentence);
             Ok(PublishingStep::Refused)
