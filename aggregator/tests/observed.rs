@@ -6,19 +6,16 @@ use std::future::pending;
 use std::sync::Arc;
 use std::time::Duration;
 use tempfile::TempDir;
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::{TcpListener, TcpStream};
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
 use tonic::transport::{Channel, Endpoint};
 use tonic::Streaming;
 use zk0_aggregator::connections::listening::listen;
-use zk0_aggregator::observe::endpoint;
-use zk0_aggregator::publish::http::{self, HttpLimits};
 use zk0_aggregator::round::request_error::RequestError;
 use zk0_aggregator::serve::service::ServeError;
 use zk0_aggregator::{Aggregator, Config, Limits, Service};
 use zk0_ledger::blobs::Blobs;
+use zk0_metrics::endpoint::Observed;
 use zk0_protocol::entries::entry::{Body, Entry};
 use zk0_protocol::rpc::federation::trouble::Kind;
 use zk0_protocol::rpc::federation::{GetStatusRequest, Trouble};
@@ -149,22 +146,6 @@ async fn too_few_witnesses_are_trouble_that_takes_no_service_away() {
     has(&network, &[Kind::WitnessAway]).await;
 }
 
-/// What the operator's monitor reads.
-async fn metrics(service: &Service) -> String {
-    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-    let address = listener.local_addr().unwrap();
-    let router = endpoint::router(service.clone());
-    let limits = HttpLimits::default();
-    let serving = tokio::spawn(http::serve(listener, router, limits, pending()));
-    let mut stream = TcpStream::connect(address).await.unwrap();
-    let request = b"GET /metrics HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n";
-    stream.write_all(request).await.unwrap();
-    let mut answer = String::new();
-    stream.read_to_string(&mut answer).await.unwrap();
-    serving.abort();
-    answer
-}
-
 #[tokio::test(flavor = "multi_thread")]
 async fn a_witness_that_is_away_is_named_while_the_others_are_enough() {
     let (mut witnesses, policy) = three().await;
@@ -187,18 +168,19 @@ async fn a_witness_that_is_away_is_named_while_the_others_are_enough() {
     };
     until_async("all is published", published).await;
 
-    let shown = metrics(network.service()).await;
+    let shown = network.service().metrics_text().await.unwrap();
     let of = |metric: &str, witness: &str| {
-        let begin = format!("zk0_witness_{metric}{{witness=\"{witness}\"}} ");
+        let begin = format!("zk0_{metric}{{witness=\"{witness}\"}} ");
         let value = shown.lines().find_map(|line| line.strip_prefix(&begin));
         value
             .unwrap_or_else(|| panic!("no {begin} in {shown}"))
             .parse::<u64>()
             .unwrap()
     };
-    assert_eq!(of("failures_total", "W0"), 0);
-    assert!(of("failures_total", "W1") > 0);
-    assert!(of("signature_age_seconds", "W0") <= of("signature_age_seconds", "W1"));
+    assert_eq!(of("cosigning_failures_total", "W0"), 0);
+    assert!(of("cosigning_failures_total", "W1") > 0);
+    let age = |witness| of("cosignature_age_seconds", witness);
+    assert!(age("W0") <= age("W1"));
 
     // It is asked again although nothing new is recorded.
     witnesses[1].on().await;

@@ -1,6 +1,6 @@
 //! The phases of the rounds, and what is due in each: by the ledger's state and the time alone, without an aggregator.
 
-use zk0_aggregator::round::phase::{due, phase, Due};
+use zk0_aggregator::round::phase::{due, is_overdue, phase, Due};
 use zk0_aggregator::{Config, RoundStep};
 use zk0_protocol::challenge::source::RandomnessSource;
 use zk0_protocol::entries::proposal::Action;
@@ -86,6 +86,21 @@ fn a_round_in_which_nobody_has_committed_takes_its_time() {
     assert_eq!(at(&chain, deadline), (Phase::Committing, wait));
     let close = Due::Now(RoundStep::CloseCommitments(0));
     assert_eq!(at(&chain, deadline + 1), (Phase::Committing, close));
+}
+
+#[test]
+fn a_round_is_overdue_when_its_windows_are_long_over() {
+    assert!(!is_overdue(&Chain::new().state, u64::MAX));
+    for chain in [Chain::in_round(0), Chain::all_committed(2)] {
+        let rules = chain.state.rules();
+        let still_to_come = match &chain.state.round().unwrap().randomness {
+            Some(_) => 0,
+            None => rules.randomness_window_ms + rules.submit_window_ms,
+        };
+        let latest = last_moment(&chain) + still_to_come + rules.submit_window_ms.max(60_000);
+        assert!(!is_overdue(&chain.state, latest));
+        assert!(is_overdue(&chain.state, latest + 1));
+    }
 }
 
 #[test]

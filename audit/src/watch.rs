@@ -129,6 +129,11 @@ impl LogWatch {
         })
     }
 
+    /// How many entries of the log this watch has verified; `None` before it has verified any.
+    pub fn entries(&self) -> Option<u64> {
+        self.seen.map(|seen| seen.checkpoint.size)
+    }
+
     /// Fetches and verifies what is new, and reports it to `seen`. `progress` gets the numbers of verified and of all entries.
     ///
     /// # Errors

@@ -11,7 +11,7 @@
 //! - `demo`: a network on this machine.
 //! - [`settings`]: flags, variables and files of services.
 //! - [`output`]: what commands print.
-//! - [`logging`], `blob_store`, `certificate`, `chart`, `keys`, `network`, `otlp`, `serve`: shared parts.
+//! - [`logging`], `blob_store`, `certificate`, `chart`, `keys`, `metrics`, `network`, `otlp`, `serve`: shared parts.
 
 // The macros of `output` do not panic.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
@@ -46,6 +46,8 @@ pub mod fidelity;
 pub mod governance;
 #[cfg(feature = "full")]
 pub mod keys;
+#[cfg(feature = "full")]
+mod metrics;
 #[cfg(feature = "full")]
 mod network;
 #[cfg(feature = "full")]

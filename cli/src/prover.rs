@@ -1,6 +1,7 @@
 //! `zk0 prover`: a machine's proving service, and the cost of proofs.
 
 use crate::certificate::{keep_current, CertificateOptions};
+use crate::metrics::MetricsOptions;
 use crate::otlp::OtlpOptions;
 use crate::output::println;
 use crate::serve::{interrupted, listening, online, online_until};
@@ -48,6 +49,8 @@ pub enum ProverCommand {
         #[command(flatten)]
         network: NetworkArguments,
         #[command(flatten)]
+        metrics: MetricsOptions,
+        #[command(flatten)]
         otlp: OtlpOptions,
     },
     /// Print what claims cost, one JSON line for each profile and mode. The programs are executed, and no proof is made.
@@ -85,9 +88,11 @@ pub fn run(command: &ProverCommand) -> Result<()> {
             queue,
             device,
             network,
+            metrics,
             otlp: _,
         } => {
-            let serving = serve(*listen, certificate, *queue as usize, *device, network);
+            let queue = *queue as usize;
+            let serving = serve(*listen, certificate, queue, *device, network, metrics);
             online_until(ENDING, serving)
         }
         ProverCommand::Cycles => online(cycles()),
@@ -109,6 +114,7 @@ async fn serve(
     queue: usize,
     device: DeviceKind,
     network: &NetworkArguments,
+    metrics: &MetricsOptions,
 ) -> Result<()> {
     let certificate = certificate.load()?;
     let (listener, address) = listening(listen)?;
@@ -125,6 +131,7 @@ async fn serve(
     };
     open_files::fit(&mut limits, 0);
     let service = ProvingService::start(backend, queue, pace).with_connections(limits.most);
+    metrics.serve(service.metrics().observed().clone())?;
     tracing::info!(listening = %address, "the proving service listens on {address}, and SP1 is starting on the device {device}");
     let stop = interrupted();
     let served = match &certificate {

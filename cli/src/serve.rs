@@ -48,19 +48,21 @@ pub fn listening_if(listen: Option<SocketAddr>) -> Result<Option<(TcpListener, S
     })
 }
 
-/// Serves until the process is told to end.
+/// Serves until the process is told to end, and what `beside` starts.
 pub fn serve_http(
     what: &str,
     listen: SocketAddr,
     certificate: &CertificateOptions,
     router: Router,
     limits: HttpLimits,
+    beside: impl FnOnce() -> Result<()>,
 ) -> Result<()> {
     let certificate = certificate.load()?;
     let certificate = certificate.as_ref();
     online_until(ENDING, async {
         let stop = interrupted();
         let (listener, address) = listening(listen)?;
+        beside()?;
         keep_current(certificate, what, address);
         let scheme = scheme(certificate);
         tracing::info!(listening = %address, "the {what} is served on {scheme}://{address}");

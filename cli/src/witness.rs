@@ -2,6 +2,7 @@
 
 use crate::certificate::CertificateOptions;
 use crate::keys;
+use crate::metrics::MetricsOptions;
 use crate::otlp::OtlpOptions;
 use crate::output::println;
 use crate::serve::serve_http;
@@ -47,6 +48,8 @@ pub enum WitnessCommand {
         #[command(flatten)]
         certificate: CertificateOptions,
         #[command(flatten)]
+        metrics: Box<MetricsOptions>,
+        #[command(flatten)]
         otlp: OtlpOptions,
     },
 }
@@ -76,6 +79,7 @@ pub fn run(command: &WitnessCommand) -> Result<()> {
             logs,
             listen,
             certificate,
+            metrics,
             otlp: _,
         } => {
             let cosigner = Cosigner::new(name, keys::read(key)?)?;
@@ -83,7 +87,10 @@ pub fn run(command: &WitnessCommand) -> Result<()> {
             tracing::info!("the verifier key of this witness is {}", witness.key());
             let server = WitnessServer::new(witness, Arc::new(SystemClock));
             let limits = WitnessServer::limits();
-            serve_http("witness", *listen, certificate, server.router(), limits)
+            let observed = server.metrics().observed().clone();
+            let beside = || metrics.serve(observed);
+            let router = server.router();
+            serve_http("witness", *listen, certificate, router, limits, beside)
         }
     }
 }

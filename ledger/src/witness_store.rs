@@ -150,6 +150,12 @@ impl WitnessStore {
         }
     }
 
+    /// The logs that it has cosigned, with the size of each one's last checkpoint.
+    pub fn sizes(&self) -> impl Iterator<Item = (&str, u64)> {
+        let logs = self.cosigned.iter();
+        logs.map(|(log, kept)| (log.as_str(), kept.checkpoint.size))
+    }
+
     /// The key that verifies its cosignatures.
     pub fn key(&self) -> &VerifierKey {
         debug_assert_eq!(self.witness.key().role(), Role::Witness);

@@ -9,8 +9,9 @@ pub mod watching;
 
 use crate::client::heads::{run, system_clock, About, For};
 use crate::client::stored_update::StoreClient;
-use crate::client::waits::{may_pass, Waits};
+use crate::client::waits::{may_pass, why, Waits};
 use crate::client_error::NodeError;
+use crate::observe::{AskedService, NodeMetrics};
 use ed25519_dalek::SigningKey;
 use sha2::{Digest as _, Sha256};
 use std::time::Duration;
@@ -57,6 +58,7 @@ macro_rules! patiently {
             }
         };
         waits.end();
+        $self.metrics.answered(AskedService::Aggregator);
         answer
     }};
 }
@@ -70,6 +72,7 @@ pub struct NodeClient {
     store: StoreClient,
     /// How long the node waits for an answer; `None` for no limit.
     patience: Option<Duration>,
+    metrics: NodeMetrics,
 }
 
 /// The aggregator's decision on a submission.
@@ -151,6 +154,7 @@ impl NodeClient {
             genesis,
             store: StoreClient::beside(&address),
             patience: None,
+            metrics: NodeMetrics::default(),
             heads: For {
                 network,
                 run: run(&info.run)?,
@@ -169,6 +173,11 @@ impl NodeClient {
     pub fn giving_up_after(mut self, limit: Duration) -> Self {
         self.patience = Some(limit);
         self
+    }
+
+    /// What the node counts.
+    pub fn metrics(&self) -> &NodeMetrics {
+        &self.metrics
     }
 
     /// The network's genesis.
@@ -401,6 +410,10 @@ impl NodeClient {
         mut failure: Status,
     ) -> Result<(), NodeError> {
         loop {
+            if may_pass(&failure) {
+                self.metrics
+                    .asks_again(AskedService::Aggregator, why(&failure));
+            }
             waits.again(failure, self.patience).await?;
             match self.learn_run().await {
                 Err(away) if may_pass(&away) => failure = away,

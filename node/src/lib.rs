@@ -7,6 +7,7 @@
 //! - [`exchanged_weights`]: between float32 weights in training and int16 weights that travel.
 //! - [`client`]: the connection to the aggregator; `client::watching`: follows a round; [`challenge`]: verifies the randomness;
 //!   [`client_error`]: why it fails; [`governance`]: proposals, votes, disputes and new keys.
+//! - [`observe`]: metrics and troubles.
 //! - [`state_files`]: files that a node keeps, and their lock; among them [`turn::unfinished`] (what an interrupted node goes on with),
 //!   [`base_losses`] (what its learning rate follows), [`training_history`] and [`receipts`].
 
@@ -17,6 +18,7 @@ pub mod client_error;
 pub mod error;
 pub mod exchanged_weights;
 pub mod governance;
+pub mod observe;
 pub mod participant;
 pub mod progress;
 pub mod receipts;

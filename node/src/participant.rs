@@ -4,6 +4,7 @@ use crate::client::watching::{OpenRound, Waited};
 use crate::client::NodeClient;
 use crate::client_error::NodeError;
 use crate::error::ParticipantError;
+use crate::observe::NodePhase;
 use crate::recording::registering::Registering;
 use crate::recording::OpenRecording;
 use crate::state_files::{self, lock::StateLock};
@@ -115,13 +116,16 @@ impl Participant {
             registering: &registering,
         };
         let most = most_samples(node.genesis().mode, &spec);
+        let metrics = node.metrics().clone();
         let mut next = 0;
         for _ in 0..rounds {
+            metrics.enters(NodePhase::Waiting);
             let OpenRound { opened, program } = node.wait_for_round(next).await?;
             // A vote may have changed program and rules since the last round.
             check_program(node.genesis().mode, program)?;
             recording.check(&opened.rules.recordings)?;
             let round = opened.round;
+            metrics.begins(round);
             next = round + 1;
             let present = &entered.evaluation;
             if let Some(other) = registering.of_round(node, round, present).await? {
@@ -136,6 +140,10 @@ impl Participant {
             };
             let played = play(&turn, node).await;
             let accepted = matches!(played, Ok(None));
+            match &played {
+                Ok(refusal) => metrics.decided(refusal.as_ref()),
+                Err(_) => metrics.missed(),
+            }
             match played {
                 Ok(None) => tracing::info!("round {round}: accepted"),
                 Ok(Some(reason)) => tracing::warn!("round {round}: refused: {reason}"),
@@ -177,6 +185,7 @@ impl Participant {
                 }
                 Err(error) => return Err(error),
             }
+            metrics.enters(NodePhase::Closing);
             let mut watch = node.until_closed(round);
             let closed = loop {
                 match node.wait_for_close(&mut watch).await? {

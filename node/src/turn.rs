@@ -13,6 +13,7 @@ use crate::base_losses::BaseLosses;
 use crate::client::NodeClient;
 use crate::error::ParticipantError;
 use crate::exchanged_weights::Base;
+use crate::observe::NodePhase;
 use crate::progress::Progress;
 use crate::recording::evaluation_set::EvaluationSet;
 use crate::recording::registering::Registering;
@@ -139,6 +140,7 @@ impl Turn<'_> {
                 (format.read(&kept.file)?, kept.eval_samples)
             }
             None => {
+                node.metrics().enters(NodePhase::Training);
                 let update = self.update(training, node, &base).await?;
                 let kept = UnfinishedUpdate {
                     of: part,
@@ -160,6 +162,7 @@ impl Turn<'_> {
             eval_samples,
             ..*self
         };
+        node.metrics().enters(NodePhase::Committing);
         let expected = turn.commit(node, &update).await?;
         let (registering, evaluation) = (self.entered.registering, &self.entered.evaluation);
         if let Err(error) = registering.again(node, evaluation).await {
@@ -171,6 +174,7 @@ impl Turn<'_> {
                 kept
             }
             None => {
+                node.metrics().enters(NodePhase::Proving);
                 let proven = self.prove(prover, node, &expected, base.quantised, update);
                 let proven = proven.await?;
                 // The aggregator answers the same proof again, but no other proof of the same claim.
@@ -184,6 +188,7 @@ impl Turn<'_> {
             tracing::info!("round {round}: the node submits the claim that the loss fell from {before:.4} to {after:.4}");
             Curves::after(training.curves.as_deref(), self.state, round).proven(before, after);
         }
+        node.metrics().enters(NodePhase::Submitting);
         let refusal = self.submit(node, claim, proof).await?;
         let outcome = refusal.as_ref().map(ToString::to_string);
         Span::current().record("zk0.outcome", outcome.as_deref().unwrap_or("accepted"));

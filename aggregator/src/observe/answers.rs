@@ -9,7 +9,6 @@ use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::{exponential_buckets, Histogram};
-use prometheus_client::registry::Registry;
 use prost::Message;
 use prost_types::FileDescriptorSet;
 use std::collections::BTreeSet;
@@ -17,6 +16,7 @@ use std::sync::Arc;
 use std::time::Instant;
 use tonic::Code;
 use tracing::{Instrument, Span};
+use zk0_metrics::registry::MetricRegistry;
 use zk0_protocol::rpc::SERVICES;
 use zk0_traces::request;
 
@@ -39,7 +39,7 @@ fn times() -> Histogram {
 }
 
 impl RequestMetrics {
-    pub fn registered(registry: &mut Registry) -> Self {
+    pub fn registered(registry: &mut MetricRegistry) -> Self {
         let metrics = Self {
             methods: Arc::new(methods()),
             ended: Family::default(),

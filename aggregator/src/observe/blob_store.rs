@@ -3,11 +3,11 @@
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
-use prometheus_client::registry::Registry;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 use zk0_ledger::blobs::usage::{Amount, StoreOperation};
 use zk0_ledger::blobs::Blobs;
+use zk0_metrics::registry::{gauged, MetricRegistry};
 
 type Labels<const COUNT: usize> = [(&'static str, &'static str); COUNT];
 
@@ -23,7 +23,7 @@ pub(super) struct BlobMetrics {
 }
 
 impl BlobMetrics {
-    pub fn registered(registry: &mut Registry) -> Self {
+    pub fn registered(registry: &mut MetricRegistry) -> Self {
         let new = Self::default();
         registry.register(
             "blobs",
@@ -70,11 +70,10 @@ impl BlobMetrics {
 
     /// Takes the present values. Reads the folder.
     pub fn take(&self, blobs: &Blobs) {
-        let whole = |value: u64| i64::try_from(value).unwrap_or(i64::MAX);
         let held = |place: &'static str, amount: Amount| {
             let label = [("are", place)];
-            self.blobs.get_or_create(&label).set(whole(amount.blobs));
-            self.bytes.get_or_create(&label).set(whole(amount.bytes));
+            self.blobs.get_or_create(&label).set(gauged(amount.blobs));
+            self.bytes.get_or_create(&label).set(gauged(amount.bytes));
         };
         // If the folder cannot be read, the last numbers stay.
         if let Ok(here) = blobs.here() {
@@ -85,7 +84,7 @@ impl BlobMetrics {
         };
         held("stored", stored);
         let failing = usage.failing().map_or(0, |since| since.as_secs());
-        self.failing.set(whole(failing));
+        self.failing.set(gauged(failing));
         for operation in StoreOperation::ALL {
             let (name, count) = (operation.name(), usage.of(operation));
             let ended = |how: &'static str, number: u64| {

@@ -1,30 +1,31 @@
-//! `GET /metrics`, for Prometheus and the operator alone, so on a listener of its own.
+//! `/metrics` and `/health`, for the operator.
 
-use crate::publish::http::{answer, text, Router, NO_CACHE};
+use crate::observe::troubles::stops_network;
 use crate::serve::service::Service;
-use axum::extract::State;
-use axum::response::Response;
-use axum::routing::get;
+use futures_core::future::BoxFuture;
 use tokio::task::spawn_blocking;
+use zk0_metrics::endpoint::Observed;
 
-const OPENMETRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+impl Observed for Service {
+    fn metrics_text(&self) -> BoxFuture<'_, Result<String, String>> {
+        Box::pin(sampled(self))
+    }
 
-/// The route to the metrics of this service.
-pub fn router(service: Service) -> Router {
-    Router::new()
-        .route("/metrics", get(metrics))
-        .with_state(service)
+    fn what_is_wrong(&self) -> Vec<String> {
+        let all = self.troubles().all().into_iter();
+        let stops = all.filter(|trouble| stops_network(trouble.kind()));
+        stops.map(|trouble| trouble.sentence).collect()
+    }
 }
 
-async fn metrics(State(service): State<Service>) -> Response {
+/// The metrics, with what is looked up now.
+async fn sampled(service: &Service) -> Result<String, String> {
     let ledger = service.with(|aggregator| {
         let ledger = aggregator.ledger();
         Ok((ledger.dir().to_owned(), ledger.blobs().clone()))
     });
-    let (status, (dir, blobs)) = match (service.status().await, ledger.await) {
-        (Ok(status), Ok(ledger)) => (status, ledger),
-        (Err(error), _) | (_, Err(error)) => return text(503, format!("{error}\n")),
-    };
+    let (dir, blobs) = ledger.await.map_err(|error| error.to_string())?;
+    let status = service.status().await.map_err(|error| error.to_string())?;
     let metrics = service.metrics();
     metrics.sampled.take(&status, &dir);
     let ends_s = service
@@ -33,14 +34,10 @@ async fn metrics(State(service): State<Service>) -> Response {
         .map_or(0, |shown| shown.ends_s());
     metrics.certificate_ends.set(ends_s);
     if let Some(witnesses) = service.witnesses() {
-        metrics.witnesses.take(&witnesses.states());
+        metrics.cosignatures.take(&witnesses.states());
     }
     let sampled = metrics.blobs.clone();
-    if let Err(error) = spawn_blocking(move || sampled.take(&blobs)).await {
-        return text(500, format!("{error}\n"));
-    }
-    match metrics.text() {
-        Ok(text) => answer(200, OPENMETRICS, NO_CACHE, text),
-        Err(error) => text(500, format!("{error}\n")),
-    }
+    let taken = spawn_blocking(move || sampled.take(&blobs)).await;
+    taken.map_err(|error| error.to_string())?;
+    metrics.text().map_err(|error| error.to_string())
 }

@@ -3,22 +3,20 @@
 use crate::observe::answers::RequestMetrics;
 use crate::observe::blob_store::BlobMetrics;
 use crate::observe::connections::ConnectionMetrics;
+use crate::observe::cosignatures::CosignatureMetrics;
 use crate::observe::outcomes::OutcomeMetrics;
 use crate::observe::sample::Sampled;
-use crate::observe::witnesses::WitnessMetrics;
-use prometheus_client::encoding::text::encode;
-use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::{exponential_buckets, Histogram};
-use prometheus_client::registry::Registry;
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
+use zk0_metrics::registry::MetricRegistry;
 
 /// Metrics of one service. Clones count together.
 #[derive(Clone)]
 pub struct Metrics {
-    registry: Arc<Registry>,
+    registry: Arc<MetricRegistry>,
     pub(crate) requests: RequestMetrics,
     pub(crate) connections: ConnectionMetrics,
     /// Bytes of large messages in progress.
@@ -32,17 +30,12 @@ pub struct Metrics {
     pub(super) certificate_ends: Gauge,
     pub(super) sampled: Sampled,
     pub(super) blobs: BlobMetrics,
-    pub(super) witnesses: WitnessMetrics,
+    pub(super) cosignatures: CosignatureMetrics,
 }
 
 impl Default for Metrics {
     fn default() -> Self {
-        let mut registry = Registry::with_prefix("zk0");
-        let build = Family::<[(&str, &str); 1], Gauge>::default();
-        registry.register("build_info", "1, with the release of zk0", build.clone());
-        build
-            .get_or_create(&[("version", env!("CARGO_PKG_VERSION"))])
-            .set(1);
+        let mut registry = MetricRegistry::default();
         let requests = RequestMetrics::registered(&mut registry);
         let connections = ConnectionMetrics::registered(&mut registry);
         let message_bytes = Gauge::default();
@@ -59,7 +52,7 @@ impl Default for Metrics {
             "Time to append what waits to the ledger, to the end of its write to disk",
             appending.clone(),
         );
-        let turn = |registry: &mut Registry, name: &str, help: &str| {
+        let turn = |registry: &mut MetricRegistry, name: &str, help: &str| {
             let seconds = Histogram::new(exponential_buckets(0.00001, 4.0, 11));
             registry.register(name, help, seconds.clone());
             seconds
@@ -82,7 +75,7 @@ impl Default for Metrics {
         );
         let sampled = Sampled::registered(&mut registry);
         let blobs = BlobMetrics::registered(&mut registry);
-        let witnesses = WitnessMetrics::registered(&mut registry);
+        let cosignatures = CosignatureMetrics::registered(&mut registry);
         Self {
             registry: Arc::new(registry),
             requests,
@@ -96,7 +89,7 @@ impl Default for Metrics {
             certificate_ends,
             sampled,
             blobs,
-            witnesses,
+            cosignatures,
         }
     }
 }
@@ -104,9 +97,12 @@ impl Default for Metrics {
 impl Metrics {
     /// All metrics as text.
     pub fn text(&self) -> Result<String, fmt::Error> {
-        let mut text = String::new();
-        encode(&mut text, &self.registry)?;
-        Ok(text)
+        self.registry.text()
+    }
+
+    /// The names of all metrics.
+    pub fn names(&self) -> &[String] {
+        self.registry.names()
     }
 
     pub(crate) fn uploaded(&self, from: &'static str) {
@@ -147,7 +143,7 @@ pub(crate) struct WaitingVerification(Verification);
 pub(crate) struct RunningVerification(Verification, Instant);
 
 impl Verification {
-    fn registered(registry: &mut Registry) -> Self {
+    fn registered(registry: &mut MetricRegistry) -> Self {
         let metrics = Self {
             waiting: Gauge::default(),
             running: Gauge::default(),

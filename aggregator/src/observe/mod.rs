@@ -1,9 +1,10 @@
-//! What operators see: metrics for Prometheus ([`metrics`], [`endpoint`]), the status, and [`troubles`].
+//! What operators see: metrics for Prometheus ([`metrics`]), the status, and [`troubles`].
 
 pub(crate) mod answers;
 mod blob_store;
 pub(crate) mod connections;
-pub mod endpoint;
+mod cosignatures;
+mod endpoint;
 pub mod machine;
 pub mod metrics;
 pub(crate) mod outcomes;
@@ -11,4 +12,4 @@ mod rounds;
 mod sample;
 pub(crate) mod status;
 pub mod troubles;
-mod witnesses;
+pub mod witness;

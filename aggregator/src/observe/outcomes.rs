@@ -2,7 +2,7 @@
 
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
-use prometheus_client::registry::Registry;
+use zk0_metrics::registry::MetricRegistry;
 use zk0_protocol::entries::entry::RoundClosed;
 use zk0_protocol::RefusalCode;
 
@@ -16,7 +16,7 @@ pub(crate) struct OutcomeMetrics {
 }
 
 impl OutcomeMetrics {
-    pub fn registered(registry: &mut Registry) -> Self {
+    pub fn registered(registry: &mut MetricRegistry) -> Self {
         let new = Self::default();
         registry.register(
             "rounds",

@@ -1,14 +1,40 @@
-//! What the driver of the rounds reports: what they wait for, and how one ended.
+//! What the rounds wait for, whether the open one is overdue, and how one ended.
 
 use crate::round::job::Polled;
+use crate::round::phase::is_overdue;
 use crate::round::request_error::RequestError;
 use crate::serve::service::Service;
+use std::time::Duration;
+use tokio::time::sleep;
 use zk0_protocol::entries::entry::Body;
 use zk0_protocol::rpc::federation::trouble::Kind;
 
 const OF_ROUNDS: [Kind; 3] = [Kind::Blocked, Kind::Clock, Kind::Beacon];
 
+/// How often this looks whether a round is overdue.
+const LOOKS_APART: Duration = Duration::from_secs(1);
+
 impl Service {
+    /// Raises trouble while the open round is overdue, whatever its driver does. Returns only when the aggregator cannot go on.
+    pub(crate) async fn watch_rounds(&self) -> RequestError {
+        loop {
+            let overdue = self.with(|aggregator| {
+                // By a wrong clock, any round might be overdue.
+                let now_ms = aggregator.arrivals().now_ms();
+                Ok(now_ms.is_ok_and(|now_ms| is_overdue(aggregator.state(), now_ms)))
+            });
+            match overdue.await {
+                Ok(true) => self.troubles().raise(
+                    Kind::Overdue,
+                    "the open round has not closed for longer than a round may last; the log of the aggregator says what it waits for",
+                ),
+                Ok(false) => self.troubles().clear(Kind::Overdue),
+                Err(error) => return error,
+            }
+            sleep(LOOKS_APART).await;
+        }
+    }
+
     pub(crate) fn note_polled(&self, polled: &Result<Polled, RequestError>) {
         let trouble = match polled {
             Ok(Polled::Did(_) | Polled::Run(_) | Polled::Idle(_)) => None,

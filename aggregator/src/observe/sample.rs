@@ -1,12 +1,12 @@
 //! Metrics that are looked up on request.
 
-use crate::observe::machine::{self, Disk};
+use crate::observe::machine::Disk;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
-use prometheus_client::registry::Registry;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
+use zk0_metrics::registry::{gauged, MetricRegistry};
 use zk0_protocol::rpc::federation::status_info::Phase;
 use zk0_protocol::rpc::federation::trouble::Kind;
 use zk0_protocol::rpc::federation::StatusInfo;
@@ -26,12 +26,10 @@ pub(super) struct Sampled {
     log_store: Arc<AtomicU64>,
     log_store_lag: Gauge,
     disk: By,
-    memory: Gauge,
-    open_files: Gauge,
 }
 
 impl Sampled {
-    pub fn registered(registry: &mut Registry) -> Self {
+    pub fn registered(registry: &mut MetricRegistry) -> Self {
         let new = Self::default();
         new.log_store_holds(u64::MAX);
         let mut by = |name, help, metric: &By| registry.register(name, help, metric.clone());
@@ -77,12 +75,6 @@ impl Sampled {
             "Published entries that the store of the published log does not hold yet; 0 without such a store",
             &new.log_store_lag,
         );
-        one("memory_bytes", "Memory that the process holds", &new.memory);
-        one(
-            "open_files",
-            "Files and connections that the process has open",
-            &new.open_files,
-        );
         new
     }
 
@@ -93,8 +85,7 @@ impl Sampled {
     /// Takes the present values.
     pub fn take(&self, status: &StatusInfo, ledger: &Path) {
         let set = |family: &By, label, value: u64| {
-            let value = i64::try_from(value).unwrap_or(i64::MAX);
-            family.get_or_create(&[label]).set(value);
+            family.get_or_create(&[label]).set(gauged(value));
         };
         set(&self.nodes, ("are", "enrolled"), status.enrolled);
         set(&self.nodes, ("are", "ready"), status.ready);
@@ -115,15 +106,11 @@ impl Sampled {
             set(&self.disk, ("are", "free"), disk.free);
             set(&self.disk, ("are", "all"), disk.size);
         }
-        let whole = |gauge: &Gauge, value: u64| {
-            gauge.set(i64::try_from(value).unwrap_or(i64::MAX));
-        };
-        whole(&self.round, status.round);
+        self.round.set(gauged(status.round));
         let left = status.deadline_ms.saturating_sub(status.now_ms) / 1000;
-        whole(&self.phase_seconds_left, left);
+        self.phase_seconds_left.set(gauged(left));
         let held = self.log_store.load(Ordering::Relaxed);
-        whole(&self.log_store_lag, status.published.saturating_sub(held));
-        whole(&self.memory, machine::memory());
-        whole(&self.open_files, machine::open_files());
+        let lag = status.published.saturating_sub(held);
+        self.log_store_lag.set(gauged(lag));
     }
 }

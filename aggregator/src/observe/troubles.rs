@@ -96,7 +96,7 @@ impl Troubles {
 /// Whether the rounds or the log need the operator. Monitors ask that.
 pub fn stops_network(kind: Kind) -> bool {
     match kind {
-        Kind::Blocked | Kind::Clock | Kind::Fork | Kind::Task => true,
+        Kind::Blocked | Kind::Clock | Kind::Fork | Kind::Task | Kind::Overdue => true,
         // It ends when others answer again.
         Kind::LogStore
         | Kind::Witnesses
@@ -118,6 +118,7 @@ pub fn stops_requests(kind: Kind) -> bool {
         | Kind::Witnesses
         | Kind::Beacon
         | Kind::WitnessAway
+        | Kind::Overdue
         | Kind::Unspecified => false,
     }
 }
@@ -208,7 +209,13 @@ mod tests {
     fn what_others_may_mend_takes_no_service_away() {
         let chosen =
             |stops: fn(Kind) -> bool| Kind::ALL.into_iter().filter(move |kind| stops(*kind));
-        let network = [Kind::Blocked, Kind::Clock, Kind::Fork, Kind::Task];
+        let network = [
+            Kind::Blocked,
+            Kind::Clock,
+            Kind::Fork,
+            Kind::Task,
+            Kind::Overdue,
+        ];
         assert!(chosen(stops_network).eq(network));
         assert!(chosen(stops_requests).eq([Kind::Clock, Kind::Fork]));
     }

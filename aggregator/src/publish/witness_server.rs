@@ -1,5 +1,6 @@
 //! A witness on the network: C2SP tlog-witness' `add-checkpoint`, and the last cosigned checkpoint of each log.
 
+use crate::observe::witness::WitnessMetrics;
 use crate::publish::http::{answer, text, HttpLimits, Router, NO_CACHE, TEXT};
 use crate::clock::Clock;
 use axum::body::Bytes;
@@ -32,17 +33,26 @@ pub struct WitnessServer {
     clock: Arc<dyn Clock>,
     /// When the log last stated an invalid consistency proof.
     said: Mutex<Option<Duration>>,
+    metrics: WitnessMetrics,
 }
 
 impl WitnessServer {
     /// Serves `witness` by this clock.
     pub fn new(witness: WitnessStore, clock: Arc<dyn Clock>) -> Self {
+        let metrics = WitnessMetrics::default();
+        metrics.keeps(witness.sizes());
         Self {
             witness: Mutex::new(witness),
             queue: Semaphore::new(QUEUE),
             clock,
             said: Mutex::new(None),
+            metrics,
         }
+    }
+
+    /// What the server counts.
+    pub fn metrics(&self) -> &WitnessMetrics {
+        &self.metrics
     }
 
     /// The limits of such a server.
@@ -69,7 +79,10 @@ impl WitnessServer {
             return text(500, "an earlier request failed\n");
         };
         match witness.add(body, self.clock.now_ms() / 1000) {
-            Ok(line) => answer(200, TEXT, NO_CACHE, line),
+            Ok(line) => {
+                self.metrics.keeps(witness.sizes());
+                answer(200, TEXT, NO_CACHE, line)
+            }
             Err(AddError::Refused(refusal @ WitnessRefusal::Conflict { last, .. })) => answer(
                 refusal.status(),
                 "text/x.tlog.size",
@@ -81,6 +94,7 @@ impl WitnessServer {
                 text(refusal.status(), format!("{refusal}\n"))
             }
             Err(AddError::Failed(error)) => {
+                self.metrics.keeps_none(error.to_string());
                 tracing::error!("{error}");
                 text(500, "the witness failed; its log says why\n")
             }
@@ -150,6 +164,7 @@ async fn add(
         );
         busy.headers_mut()
             .insert(RETRY_AFTER, HeaderValue::from_static("1"));
+        server.metrics.answered(429);
         return busy;
     };
     let server = server.clone();
@@ -158,6 +173,7 @@ async fn add(
             let response = server.add(&body);
             let status = response.status().as_u16();
             Span::current().record("http.response.status_code", status);
+            server.metrics.answered(status);
             response
         })
     })

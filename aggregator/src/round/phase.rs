@@ -55,6 +55,32 @@ pub fn deadline_ms(state: &State) -> Option<u64> {
     }
 }
 
+/// A round closes later than its windows end: its result is computed, and lost files are requested. That may take this long or a submission
+/// window.
+const CLOSING_MS: u64 = 60_000;
+
+/// Whether the open round should have closed long ago.
+pub fn is_overdue(state: &State, now_ms: u64) -> bool {
+    let (Some(round), rules) = (state.round(), state.rules()) else {
+        return false;
+    };
+    let after_closing = rules
+        .randomness_window_ms
+        .saturating_add(rules.submit_window_ms);
+    let ends_ms = match (&round.closing, &round.randomness) {
+        (None, _) => round
+            .opened
+            .commit_deadline_ms
+            .saturating_add(after_closing),
+        (Some(closing), None) => closing
+            .time_ms
+            .saturating_add(round.moved_ms)
+            .saturating_add(after_closing),
+        (Some(_), Some(randomness)) => randomness.submit_deadline_ms,
+    };
+    now_ms > ends_ms.saturating_add(rules.submit_window_ms.max(CLOSING_MS))
+}
+
 /// How many active nodes have a dataset.
 pub fn ready(state: &State) -> usize {
     let nodes = state.nodes().values();

@@ -291,6 +291,7 @@ impl Service {
         let mut loops = JoinSet::new();
         let (rounds, publish) = (self.clone(), self.clone());
         let (shrink, remove, alive) = (self.clone(), self.clone(), self.clone());
+        let watch = self.clone();
         let mut spawn = |task: &'static str, work: BoxFuture<'static, RequestError>| {
             loops.spawn(self.troubles.clone().supervised(task, work));
         };
@@ -301,6 +302,10 @@ impl Service {
         spawn(
             "the note of the time until which it ran",
             Box::pin(async move { alive.note_alive().await }),
+        );
+        spawn(
+            "the watch over the rounds",
+            Box::pin(async move { watch.watch_rounds().await }),
         );
         spawn(
             "the cosigning of checkpoints",

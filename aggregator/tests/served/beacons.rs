@@ -212,6 +212,11 @@ async fn each_thing_that_is_wrong_with_a_server_is_named() {
 
 /// A network with a beacon, in round 0, in which both nodes have committed.
 async fn waiting(does: Does) -> (Network, SigningNode, Doing) {
+    waiting_for(does, PATIENCE).await
+}
+
+/// Such a network, whose server of beacons may take this long to answer.
+async fn waiting_for(does: Does, patience: Duration) -> (Network, SigningNode, Doing) {
     let (url, doing) = server(does).await;
     let mut founded = genesis();
     founded.rules.randomness = RandomnessSource::Drand(Box::new(chain()));
@@ -221,7 +226,7 @@ async fn waiting(does: Does) -> (Network, SigningNode, Doing) {
         rounds: Some(1),
         min_nodes: 2,
     };
-    let beacons = Some(BeaconServers::new(vec![url], PATIENCE).retrying_after(RETRY));
+    let beacons = Some(BeaconServers::new(vec![url], patience).retrying_after(RETRY));
     let nodes = [&first, &second];
     let limits = Limits::default();
     let network = Network::start_as(&nodes, config, limits, founded, None, beacons).await;
@@ -272,6 +277,22 @@ async fn a_round_waits_for_its_beacon_and_goes_on_with_it() -> Test {
     let report = replay(network.dir.path(), None, &mut Auditor::default());
     assert_ne!(report.verdict, Verdict::Failed, "{:?}", report.findings);
     Ok(())
+}
+
+/// Its driver waits for a server that does not answer, and notices nothing.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_round_that_does_not_close_in_time_is_trouble() {
+    let (network, _, doing) = waiting_for(Does::Silent, Duration::from_secs(600)).await;
+    let kinds = || {
+        let all = network.service().troubles().all();
+        all.iter().map(|one| one.kind()).collect::<Vec<_>>()
+    };
+    network.clock.advance(MARGIN_MS + 3_000);
+    let asked = async || doing.0.lock().unwrap().1 >= 1;
+    until_async("the server is asked", asked).await;
+    assert!(kinds().is_empty());
+    network.clock.advance(3_600_000);
+    until_async("the round is overdue", async || kinds() == [Kind::Overdue]).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -5,7 +5,6 @@ mod enrolment;
 mod hub_uploads;
 mod init;
 pub mod log_store;
-mod metrics;
 mod network_edge;
 mod policy_folders;
 mod public_samples;

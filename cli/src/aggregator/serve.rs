@@ -2,12 +2,12 @@
 
 use super::hub_uploads::HubUploadOptions;
 use super::log_store::{LogStoreOptions, OtherHistory};
-use super::metrics::{serve_metrics, MetricsOptions};
 use super::network_edge::NetworkEdge;
 use super::policy_folders::PolicyFolderOptions;
 use crate::blob_store::BlobStoreOptions;
 use crate::certificate::{keep_current, scheme};
 use crate::keys;
+use crate::metrics::{serve_metrics, MetricsOptions};
 use crate::otlp::OtlpOptions;
 use crate::serve::{interrupted, listening, listening_if, online_until, ENDING};
 use anyhow::{bail, Context, Result};
@@ -109,6 +109,7 @@ const LAST_FILES: Duration = Duration::from_secs(10);
 const WITNESSES_APART: Duration = Duration::from_millis(250);
 
 /// Names of background tasks.
+const METRICS: &str = "the server of the metrics";
 const LOG_STORE: &str = "the writing of the log to its store";
 const FOLDERS: &str = "the writing of policy folders";
 const UPLOADS: &str = "the publication of policy folders on the Hub";
@@ -189,7 +190,10 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
             let server = LogServer::new(&options.dir).with_blobs(blobs);
             serve_log(listener, server, certificate, log_limits, &troubles)
         });
-        let metrics = metrics_listener.map(|listener| serve_metrics(listener, &service));
+        let metrics = metrics_listener.map(|listener| {
+            let serving = serve_metrics(listener, service.clone());
+            tokio::spawn(troubles.clone().supervised(METRICS, serving))
+        });
         let (log_ended, log_stopped) = oneshot::channel();
         let log_store = log_store.map(|store| {
             let writing = store.follow(service.clone(), log_stopped);

@@ -9,6 +9,8 @@ mod recording;
 mod replay;
 mod show;
 mod watch;
+#[cfg(feature = "full")]
+pub mod watch_metrics;
 
 use crate::output;
 use anyhow::Result;

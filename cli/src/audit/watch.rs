@@ -3,7 +3,11 @@
 use super::named_options::NamedOptions;
 use super::progress_bar::Bar;
 use super::show;
+#[cfg(feature = "full")]
+use super::watch_metrics::WatchMetrics;
 use crate::ledger::TrustOptions;
+#[cfg(feature = "full")]
+use crate::metrics::MetricsOptions;
 use anyhow::{Context, Result};
 use serde_json::json;
 use std::io::{self, Write};
@@ -48,6 +52,9 @@ pub struct AuditWatchOptions {
     trust: TrustOptions,
     #[command(flatten)]
     named: NamedOptions,
+    #[cfg(feature = "full")]
+    #[command(flatten)]
+    metrics: MetricsOptions,
 }
 
 /// Checks in a row without a verdict: no answer, or a file is missing or cannot be written.
@@ -66,6 +73,10 @@ pub fn run(options: &AuditWatchOptions) -> Result<bool> {
         mirror: options.mirror.clone(),
         behind_for: Duration::from_secs(options.behind_for),
     })?;
+    #[cfg(feature = "full")]
+    let metrics = WatchMetrics::default();
+    #[cfg(feature = "full")]
+    let _serving = options.metrics.serve_beside(metrics.observed().clone())?;
     let (mut failed, mut behind) = (0, None);
     let mut look = 0;
     let log = &options.ledger;
@@ -80,6 +91,8 @@ pub fn run(options: &AuditWatchOptions) -> Result<bool> {
             }
         });
         told.context(UNHEARD)?;
+        #[cfg(feature = "full")]
+        metrics.looked(&looked, watch.entries());
         match looked {
             Ok(Look::Continues) => (failed, behind) = (0, None),
             Ok(Look::Behind(found)) => {

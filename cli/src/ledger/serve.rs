@@ -42,5 +42,6 @@ pub fn serve(options: &LedgerServeOptions) -> Result<()> {
     }
     let limits = HttpLimits::default();
     let router = server.router(limits);
-    serve_http("log", options.listen, &options.certificate, router, limits)
+    let (listen, certificate) = (options.listen, &options.certificate);
+    serve_http("log", listen, certificate, router, limits, || Ok(()))
 }

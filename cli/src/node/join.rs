@@ -1,5 +1,6 @@
 //! `zk0 node join`: takes part in a network's rounds.
 
+use crate::metrics::MetricsOptions;
 use crate::network::Membership;
 use crate::otlp::OtlpOptions;
 use crate::policy::TransformOptions;
@@ -62,6 +63,8 @@ pub struct Join {
     #[command(flatten)]
     transforms: TransformOptions,
     #[command(flatten)]
+    metrics: MetricsOptions,
+    #[command(flatten)]
     pub otlp: OtlpOptions,
 }
 
@@ -85,6 +88,7 @@ pub async fn run(options: &Join) -> Result<()> {
     // The seed is fixed, so the cache holds all variants from the start.
     let variants = options.transforms.variants(0)?;
     let (participant, mut node) = options.member.begin().await?;
+    options.metrics.serve(node.metrics().observed().clone())?;
     let participant = Participant {
         variants,
         ..participant

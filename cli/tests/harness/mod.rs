@@ -6,6 +6,7 @@ pub mod network;
 pub mod process;
 pub mod recorded;
 pub mod serving;
+pub mod shown;
 
 use std::fs;
 use std::path::{Path, PathBuf};

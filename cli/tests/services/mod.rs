@@ -4,6 +4,8 @@
 mod accused;
 mod examples;
 mod observed;
+mod observed_by_name;
+mod observed_others;
 mod packaging;
 mod runbook;
 mod settings;

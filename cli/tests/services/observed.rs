@@ -1,10 +1,11 @@
 //! What an operator sees of a running aggregator: its metrics and its status.
 
 use crate::harness::network::LocalNetwork;
-use crate::harness::{ends, json, logged, printed, prints, root, zk0};
+use crate::harness::shown::Shown;
+use crate::harness::{ends, json, logged, printed, prints, zk0};
 use serde_json::Value;
 use std::fs;
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Stdio};
@@ -26,7 +27,7 @@ struct Observed {
     network: LocalNetwork,
     process: Child,
     address: String,
-    metrics: String,
+    shown: Shown,
 }
 
 impl Drop for Observed {
@@ -73,35 +74,8 @@ impl Observed {
             network,
             process,
             address: format!("http://{}", address.unwrap()),
-            metrics: metrics.unwrap(),
+            shown: Shown(metrics.unwrap()),
         }
-    }
-
-    fn get(&self, path: &str) -> String {
-        let mut stream = TcpStream::connect(&self.metrics).unwrap();
-        let head = format!("GET {path} HTTP/1.1\r\nhost: zk0\r\nconnection: close\r\n\r\n");
-        stream.write_all(head.as_bytes()).unwrap();
-        let mut answer = String::new();
-        stream.read_to_string(&mut answer).unwrap();
-        answer
-    }
-
-    /// The value of a metric with these labels; 0 if there is none yet.
-    fn metric(&self, name: &str) -> f64 {
-        let text = self.get("/metrics");
-        let mut values = text.lines().filter_map(|line| {
-            let (key, value) = line.rsplit_once(' ')?;
-            (key == name).then(|| value.parse().unwrap())
-        });
-        values.next().unwrap_or(0.0)
-    }
-
-    /// Waits until the metric has this value.
-    #[track_caller]
-    fn becomes(&self, name: &str, wanted: f64) {
-        until(format!("{name} is {wanted}"), || {
-            self.metric(name) == wanted
-        });
     }
 
     fn of_network(&self) -> [String; 4] {
@@ -124,26 +98,26 @@ impl Observed {
 fn metrics_move_with_what_the_aggregator_does() {
     let observed = Observed::serve(&[]);
     let of = observed.of_network();
-    let head = observed.get("/metrics");
+    let head = observed.shown.get("/metrics");
     assert!(head.starts_with("HTTP/1.1 200"), "{head}");
     assert!(head.contains("application/openmetrics-text"), "{head}");
     assert!(head.ends_with("# EOF\n"), "{head}");
-    assert!(observed.get("/other").starts_with("HTTP/1.1 404"));
+    assert!(observed.shown.get("/other").starts_with("HTTP/1.1 404"));
 
     let asked = r#"zk0_requests_total{method="GetGovernance",status="Ok"}"#;
     let seconds = r#"zk0_request_seconds_count{method="GetGovernance"}"#;
     assert_eq!(
-        [observed.metric(asked), observed.metric(seconds)],
+        [observed.shown.metric(asked), observed.shown.metric(seconds)],
         [0.0, 0.0]
     );
     prints(&observed.asking(&["governance", "status"], &of));
-    observed.becomes(asked, 1.0);
-    observed.becomes(seconds, 1.0);
+    observed.shown.becomes(asked, 1.0);
+    observed.shown.becomes(seconds, 1.0);
 
     // An enrolment is an entry of the ledger, which is appended in measured time.
     let entries = r#"zk0_ledger_entries{are="recorded"}"#;
-    let before = observed.metric(entries);
-    assert_eq!(observed.metric(r#"zk0_nodes{are="enrolled"}"#), 1.0);
+    let before = observed.shown.metric(entries);
+    assert_eq!(observed.shown.metric(r#"zk0_nodes{are="enrolled"}"#), 1.0);
     let (key, new) = (
         observed.network.path("log.key"),
         observed.network.path("new.key"),
@@ -152,63 +126,54 @@ fn metrics_move_with_what_the_aggregator_does() {
     let node = format!("new={}", identity.trim());
     let enrol = ["aggregator", "enrol", "--key", &key, "--node", &node];
     prints(&observed.asking(&enrol, &of));
-    assert_eq!(observed.metric(entries), before + 1.0);
-    assert_eq!(observed.metric(r#"zk0_nodes{are="enrolled"}"#), 2.0);
-    assert_eq!(observed.metric("zk0_append_seconds_count"), 1.0);
+    assert_eq!(observed.shown.metric(entries), before + 1.0);
+    assert_eq!(observed.shown.metric(r#"zk0_nodes{are="enrolled"}"#), 2.0);
+    assert_eq!(observed.shown.metric("zk0_append_seconds_count"), 1.0);
     assert_eq!(
-        observed.metric("zk0_certificate_ends_timestamp_seconds"),
+        observed
+            .shown
+            .metric("zk0_certificate_ends_timestamp_seconds"),
         0.0
     );
-    let held = observed.metric("zk0_turn_held_seconds_count");
-    assert!(held > 0.0 && observed.metric("zk0_turn_waiting_seconds_count") >= held);
+    let held = observed.shown.metric("zk0_turn_held_seconds_count");
+    assert!(held > 0.0 && observed.shown.metric("zk0_turn_waiting_seconds_count") >= held);
 
     // Whoever is connected counts. Whoever follows a round is a request in progress.
     let connections = "zk0_connections";
-    observed.becomes(connections, 0.0);
+    observed.shown.becomes(connections, 0.0);
     let silent = TcpStream::connect(observed.address.trim_start_matches("http://")).unwrap();
-    observed.becomes(connections, 1.0);
+    observed.shown.becomes(connections, 1.0);
     drop(silent);
-    observed.becomes(connections, 0.0);
+    observed.shown.becomes(connections, 0.0);
     let watch = observed.asking(&["status", "--watch", "--json"], &of);
     let mut watching = zk0(&watch).stdout(Stdio::piped()).spawn().unwrap();
     let following = r#"zk0_requests_in_progress{method="WatchRound"}"#;
-    observed.becomes(following, 1.0);
+    observed.shown.becomes(following, 1.0);
     watching.kill().unwrap();
     watching.wait().unwrap();
-    observed.becomes(following, 0.0);
-    observed.becomes(
+    observed.shown.becomes(following, 0.0);
+    observed.shown.becomes(
         r#"zk0_requests_total{method="WatchRound",status="Cancelled"}"#,
         1.0,
     );
 
-    let page = fs::read_to_string(root().join("docs/services.md")).unwrap();
-    let shown = observed.get("/metrics");
-    let named = |line: &'_ str| Some(line.strip_prefix("# TYPE ")?.split(' ').next()?.to_owned());
-    let names: Vec<String> = shown.lines().filter_map(named).collect();
-    assert!(names.len() > 12, "{names:?}");
-    for name in names {
-        let written = [
-            format!("`{name}`"),
-            format!("`{name}{{"),
-            format!("`{name}_total{{"),
-        ];
-        let found = written.iter().any(|name| page.contains(name));
-        assert!(found, "docs/services.md does not have {name}");
-    }
-
+    let shown = observed.shown.get("/metrics");
     for some in [
         "zk0_memory_bytes",
         "zk0_open_files",
         r#"zk0_disk_bytes{are="free"}"#,
     ] {
-        assert!(observed.metric(some) > 1.0, "{some}");
+        assert!(observed.shown.metric(some) > 1.0, "{some}");
     }
-    assert_eq!(observed.metric(r#"zk0_round_phase{phase="waiting"}"#), 1.0);
+    assert_eq!(
+        observed.shown.metric(r#"zk0_round_phase{phase="waiting"}"#),
+        1.0
+    );
     let build = format!(
         "zk0_build_info{{version=\"{}\"}}",
         env!("CARGO_PKG_VERSION")
     );
-    assert_eq!(observed.metric(&build), 1.0);
+    assert_eq!(observed.shown.metric(&build), 1.0);
     for kind in Kind::ALL {
         let none = format!("zk0_trouble{{kind=\"{}\"}} 0\n", kind.name());
         assert!(shown.contains(&none), "{none:?} is not in {shown}");
@@ -225,7 +190,8 @@ fn a_lost_file_is_trouble_with_an_exit_code_of_its_own() {
     let observed = Observed::serve_network(network, &["--min-nodes", "0"]);
     let of = observed.of_network();
     let blocked = r#"zk0_trouble{kind="blocked"}"#;
-    observed.becomes(blocked, 1.0);
+    observed.shown.becomes(blocked, 1.0);
+    observed.shown.is_healthy(Some("cannot open or close"));
     let status = observed.asking(&["status"], &of);
     let said = printed(&ends(TROUBLE, zk0(&status)));
     let line = said.lines().find(|line| line.starts_with("trouble "));
@@ -241,7 +207,8 @@ fn a_lost_file_is_trouble_with_an_exit_code_of_its_own() {
     assert!(status_json["trouble"][0]["for_ms"].is_u64());
 
     fs::rename(&kept, &lost).unwrap();
-    observed.becomes(blocked, 0.0);
+    observed.shown.becomes(blocked, 0.0);
+    observed.shown.is_healthy(None);
     assert!(!prints(&status).contains("trouble"));
 }
 
@@ -252,7 +219,7 @@ fn publishing(folder: &Path) -> Observed {
     until("the log is published", || {
         folder.join("checkpoint").exists()
     });
-    observed.becomes("zk0_log_store_lag_entries", 0.0);
+    observed.shown.becomes("zk0_log_store_lag_entries", 0.0);
     observed
 }
 
@@ -262,7 +229,7 @@ fn a_log_store_with_another_log_is_a_fork() {
     let fork = r#"zk0_trouble{kind="fork"}"#;
     drop(publishing(folders[0].path()));
     let observed = publishing(folders[1].path());
-    assert_eq!(observed.metric(fork), 0.0);
+    assert_eq!(observed.shown.metric(fork), 0.0);
     let [other, own] = folders.each_ref().map(|one| one.path().join("checkpoint"));
     fs::copy(other, own).unwrap();
     // With the next entry, the log is published again.
@@ -275,8 +242,8 @@ fn a_log_store_with_another_log_is_a_fork() {
         observed.of_network(),
     );
     prints(&observed.asking(&enrol, &of));
-    observed.becomes(fork, 1.0);
-    assert_eq!(observed.metric("zk0_log_store_lag_entries"), 1.0);
+    observed.shown.becomes(fork, 1.0);
+    assert_eq!(observed.shown.metric("zk0_log_store_lag_entries"), 1.0);
     ends(TROUBLE, zk0(&observed.asking(&["status"], &of)));
 }
 
@@ -285,8 +252,10 @@ fn connections_that_a_limit_refuses_are_counted() {
     let observed = Observed::serve(&["--max-connections", "2"]);
     let connect = || TcpStream::connect(observed.address.trim_start_matches("http://")).unwrap();
     let _all = [connect(), connect(), connect()];
-    observed.becomes(r#"zk0_connections_lost_total{limit="made-room"}"#, 1.0);
-    observed.becomes("zk0_connections", 2.0);
+    observed
+        .shown
+        .becomes(r#"zk0_connections_lost_total{limit="made-room"}"#, 1.0);
+    observed.shown.becomes("zk0_connections", 2.0);
 }
 
 #[test]

@@ -4,6 +4,7 @@ use crate::client::heads::About;
 use crate::client::waits::Waits;
 use crate::client::{encode, NodeClient};
 use crate::client_error::NodeError;
+use crate::observe::AskedService;
 use sha2::{Digest as _, Sha256};
 use std::io::Write;
 use std::sync::Arc;
@@ -78,6 +79,7 @@ impl NodeClient {
             }
         }
         attempts.waits.end();
+        self.metrics.answered(AskedService::Aggregator);
         out.flush().map_err(NodeError::Write)?;
         match Digest(hash.finalize().into()) {
             actual if actual == *blob => Ok(()),
@@ -149,6 +151,7 @@ impl NodeClient {
             }
         }
         attempts.waits.end();
+        self.metrics.answered(AskedService::Aggregator);
         Ok(())
     }
 

@@ -110,7 +110,7 @@ fn told(failure: &Status) -> Duration {
     Duration::from_millis(TurnedDown::of(failure).after_ms).min(MOST_TOLD)
 }
 
-fn why(failure: &Status) -> String {
+pub(crate) fn why(failure: &Status) -> String {
     let message = failure.message();
     match failure.source() {
         None if !message.is_empty() => format!("the aggregator cannot do it now: {message}"),

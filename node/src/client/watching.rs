@@ -4,6 +4,7 @@ use crate::client::heads::About;
 use crate::client::waits::Waits;
 use crate::client::{program, unexpected, NodeClient};
 use crate::client_error::NodeError;
+use crate::observe::AskedService;
 use std::time::Duration;
 use tonic::Streaming;
 use zk0_protocol::entries::entry::{Body, RoundClosed, RoundOpened};
@@ -188,6 +189,7 @@ impl NodeClient {
             let failure = match told {
                 Ok(Some(info)) => {
                     watch.waits.end();
+                    self.metrics.answered(AskedService::Aggregator);
                     return Ok(info);
                 }
                 // The aggregator ends the stream after some minutes.

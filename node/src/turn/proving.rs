@@ -3,6 +3,7 @@
 
 use crate::client::NodeClient;
 use crate::error::{NoProof, ParticipantError};
+use crate::observe::AskedService;
 use crate::progress;
 use std::sync::Arc;
 use std::time::Duration;
@@ -27,7 +28,7 @@ pub async fn have_proven(
     opened: &RoundOpened,
     input: GuestInput,
 ) -> Result<rpc::Proof, ParticipantError> {
-    let round = opened.round;
+    let (round, metrics) = (opened.round, node.metrics().clone());
     let input = Arc::new(input);
     let mut pause = FIRST_PAUSE;
     let mut said: Option<String> = None;
@@ -35,6 +36,7 @@ pub async fn have_proven(
         let mut taken = false;
         let progress = |event: rpc::Progress| {
             taken = true;
+            metrics.answered(AskedService::Prover);
             report(event);
         };
         let proven = tokio::select! {
@@ -45,7 +47,10 @@ pub async fn have_proven(
             }
         };
         let error = match proven {
-            Ok(proof) => return Ok(proof),
+            Ok(proof) => {
+                metrics.answered(AskedService::Prover);
+                return Ok(proof);
+            }
             Err(error) if error.may_pass() => error,
             Err(error) => return Err(error.into()),
         };
@@ -59,6 +64,7 @@ pub async fn have_proven(
             return Err(ParticipantError::NoProofInTime { round, why });
         }
         let why = error.to_string();
+        metrics.asks_again(AskedService::Prover, why.clone());
         match &said {
             None => tracing::warn!(
                 "round {round}: {why}. The node asks again while the round takes submissions, and goes on as soon as the service takes the claim"

@@ -68,7 +68,7 @@ impl wire::status_info::Phase {
 
 impl wire::trouble::Kind {
     /// All kinds of trouble.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Blocked,
         Self::Clock,
         Self::LogStore,
@@ -76,6 +76,7 @@ impl wire::trouble::Kind {
         Self::Task,
         Self::Witnesses,
         Self::Beacon,
+        Self::Overdue,
         Self::WitnessAway,
     ];
 
@@ -90,6 +91,7 @@ impl wire::trouble::Kind {
             Self::Task => "task",
             Self::Witnesses => "witnesses",
             Self::Beacon => "beacon",
+            Self::Overdue => "overdue",
             Self::WitnessAway => "witness_away",
         }
     }

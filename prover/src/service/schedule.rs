@@ -3,8 +3,10 @@
 //! Proving time is about `fixed + cycles / rate`: recursion to one proof costs the same for any small program. The constants are measured
 //! on two cores (docs/prove.md, "How long does it take?"). Each proof's real time then scales them.
 
+use prometheus_client::metrics::gauge::Gauge;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
+use zk0_metrics::registry::gauged;
 
 /// Seconds to prove an empty program on two cores: start and recursion of a compressed proof.
 const FIXED_SECONDS: f64 = 300.0;
@@ -71,8 +73,18 @@ impl Pace {
     }
 }
 
+/// The proofs of a queue, counted.
+#[derive(Clone, Default)]
+pub struct QueueGauges {
+    /// Those that wait.
+    pub waiting: Gauge,
+    /// Those that are being made.
+    pub proving: Gauge,
+}
+
 /// The queue, and its times. The caller supplies the clock.
 pub struct ProofQueue {
+    gauges: QueueGauges,
     pace: Pace,
     next: u64,
     jobs: VecDeque<Job>,
@@ -82,10 +94,24 @@ impl ProofQueue {
     /// An empty queue.
     pub fn new(pace: Pace) -> Self {
         Self {
+            gauges: QueueGauges::default(),
             pace,
             next: 0,
             jobs: VecDeque::new(),
         }
+    }
+
+    /// From now on, the proofs are counted here.
+    pub fn counted(mut self, gauges: QueueGauges) -> Self {
+        self.gauges = gauges;
+        self
+    }
+
+    fn count(&self) {
+        let proofs = self.jobs.iter().filter(|job| job.work != Work::Start);
+        let (proving, waiting): (Vec<_>, Vec<_>) = proofs.partition(|job| job.began.is_some());
+        self.gauges.proving.set(gauged(proving.len() as u64));
+        self.gauges.waiting.set(gauged(waiting.len() as u64));
     }
 
     /// Joins the queue.
@@ -97,6 +123,7 @@ impl ProofQueue {
             work,
             began: None,
         });
+        self.count();
         place
     }
 
@@ -105,11 +132,13 @@ impl ProofQueue {
         if let Some(job) = self.jobs.iter_mut().find(|job| job.place == place) {
             job.began = Some(now);
         }
+        self.count();
     }
 
     /// Leaves the queue after success, failure, or giving up.
     pub fn leave(&mut self, place: QueuePosition) {
         self.jobs.retain(|job| job.place != place);
+        self.count();
     }
 
     /// Leaves the queue after the work. Returns its time, which scales later estimates.

@@ -1,8 +1,10 @@
 //! The server: receives, checks and queues requests, and has one proven at a time.
 
 use super::backend::{Backend, JobError};
-use super::made::{Made, RequestDigest};
-use super::schedule::{Pace, ProofQueue, QueuePosition, Work};
+use super::made::RequestDigest;
+use super::metrics::ProverMetrics;
+use super::schedule::{Pace, QueuePosition, Work};
+use super::server_state::{ServerState, MEMORY_MIB};
 use super::upload::{self, Announced, UploadTimeout};
 use super::waiting::{GivenUp, WaitingClient};
 use crate::program::GuestInput;
@@ -12,10 +14,10 @@ use futures_core::future::BoxFuture;
 use std::future::Future;
 use std::io;
 use std::pin::pin;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::net::TcpListener;
-use tokio::sync::{mpsc, watch, OwnedSemaphorePermit, Semaphore};
+use tokio::sync::{mpsc, OwnedSemaphorePermit};
 use tokio::task::spawn_blocking;
 use tokio::time::{sleep, timeout};
 use tokio_stream::wrappers::ReceiverStream;
@@ -27,8 +29,6 @@ use zk0_tls::incoming::{connections, Bounds, Connection};
 use zk0_tls::server_certificate::ServerCertificate;
 use zk0_traces::request;
 
-/// MiB for all requests' private inputs.
-const MEMORY_MIB: u32 = 4 << 10;
 /// Simultaneous requests per connection.
 const REQUESTS_PER_CONNECTION: usize = 16;
 /// Events that a client may lag.
@@ -45,36 +45,10 @@ pub struct ProvingService<B> {
     bounds: Bounds,
 }
 
-struct ServerState<B> {
-    backend: B,
-    /// Requests served or waiting: one, and the queue's length. A present proof, or one in progress, needs no slot.
-    slots: Arc<Semaphore>,
-    /// The rest of [`MEMORY_MIB`].
-    memory: Arc<Semaphore>,
-    /// One check at a time.
-    checking: Semaphore,
-    /// One proof at a time, in order.
-    proving: Arc<Semaphore>,
-    schedule: Mutex<ProofQueue>,
-    /// Proofs that a client may request again.
-    made: Made,
-    /// Whether the process has to end.
-    stopping: watch::Sender<bool>,
-}
-
 impl<B: Backend> ProvingService<B> {
     /// Starts `backend` in the background. While it proves one request, at most `queue` others wait. `pace` gives the first estimates.
     pub fn start(backend: B, queue: usize, pace: Pace) -> Self {
-        let shared = Arc::new(ServerState {
-            backend,
-            slots: Arc::new(Semaphore::new(queue + 1)),
-            memory: Arc::new(Semaphore::new(MEMORY_MIB as usize)),
-            checking: Semaphore::new(1),
-            proving: Arc::new(Semaphore::new(1)),
-            schedule: Mutex::new(ProofQueue::new(pace)),
-            made: Made::default(),
-            stopping: watch::Sender::new(false),
-        });
+        let shared = Arc::new(ServerState::new(backend, queue, pace));
         // The start takes the queue's first place. Requests wait, and are told how long.
         let turn = shared.proving.clone().try_acquire_owned();
         let place = shared.schedule().join(Work::Start);
@@ -87,6 +61,7 @@ impl<B: Backend> ProvingService<B> {
                 started = starting.backend.start() => started,
                 _ = stopping.wait_for(|stopping| *stopping) => return,
             };
+            starting.metrics.started(&started);
             match started {
                 Ok(()) => {
                     let took = starting.schedule().finish(place, Instant::now());
@@ -103,6 +78,11 @@ impl<B: Backend> ProvingService<B> {
             patience: UploadTimeout::default(),
             bounds: Bounds::default(),
         }
+    }
+
+    /// What the service counts.
+    pub fn metrics(&self) -> &ProverMetrics {
+        &self.shared.metrics
     }
 
     /// Limits the time to begin a connection, and to send a private input.
@@ -216,6 +196,7 @@ impl<B: Backend> prover_server::Prover for ProvingService<B> {
                 Ok(Response::new(ReceiverStream::new(stream)))
             }
             Err(status) => {
+                self.shared.metrics.not_taken();
                 request::end(&span, status.code());
                 Err(status)
             }
@@ -275,19 +256,6 @@ impl<B> ProvingService<B> {
     }
 }
 
-impl<B> ServerState<B> {
-    fn schedule(&self) -> MutexGuard<'_, ProofQueue> {
-        // The lock's holders do not panic, and a panic would leave the figures right.
-        self.schedule.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// A slot of the queue.
-    fn slot(&self) -> Result<OwnedSemaphorePermit, JobError> {
-        let slot = self.slots.clone().try_acquire_owned();
-        slot.map_err(|_| JobError::QueueFull)
-    }
-}
-
 /// One request, from check to proof.
 struct ProofJob<B> {
     shared: Arc<ServerState<B>>,
@@ -329,7 +297,13 @@ impl<B> Drop for Making<B> {
 
 impl<B: Backend> ProofJob<B> {
     async fn run(self) {
-        let last = match self.steps().await {
+        let done = self.steps().await;
+        let metrics = &self.shared.metrics;
+        match &done {
+            Ok(answer) => metrics.answered(answer),
+            Err(_) => metrics.gone(),
+        }
+        let last = match done {
             Ok(Ok(proof)) => {
                 let proof = Arc::unwrap_or_clone(proof);
                 let event = Some(rpc::prove_event::Event::Proof(proof));
@@ -439,6 +413,7 @@ impl<B: Backend> ProofJob<B> {
                 return Err(JobError::failed(why));
             }
             tracing::info!(seconds = took.as_secs(), "proven");
+            prover.metrics.proven(took);
             let proof = Arc::new(rpc::Proof {
                 proof: proof.bytes,
                 public_values: proof.public_values,

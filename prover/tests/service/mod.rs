@@ -2,6 +2,7 @@
 
 mod asked_again;
 mod connections;
+mod observed;
 mod one_prover;
 mod private_inputs;
 

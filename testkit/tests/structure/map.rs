@@ -6,10 +6,11 @@ use std::collections::{BTreeMap, BTreeSet};
 type Dependencies<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
 
 /// Each crate, and what its row of the map names.
-const MAP: [(&str, &[&str]); 21] = [
+const MAP: [(&str, &[&str]); 22] = [
     ("zk0-files", &[]),
     ("zk0-tls", &["zk0-files"]),
     ("zk0-traces", &["zk0-tls"]),
+    ("zk0-metrics", &[]),
     ("zk0-tensorboard", &[]),
     ("zk0-tensors", &[]),
     ("zk0-circuits", &[]),
@@ -22,7 +23,7 @@ const MAP: [(&str, &[&str]); 21] = [
     ("zk0-ledger", &["zk0-protocol", "zk0-tls"]),
     ("zk0-bucket", &["zk0-ledger"]),
     ("zk0-verifier", &["zk0-argument", "zk0-weights"]),
-    ("zk0-prover", &["zk0-argument", "zk0-traces"]),
+    ("zk0-prover", &["zk0-argument", "zk0-traces", "zk0-metrics"]),
     (
         "zk0-node",
         &[
@@ -34,7 +35,7 @@ const MAP: [(&str, &[&str]); 21] = [
     ),
     (
         "zk0-aggregator",
-        &["zk0-ledger", "zk0-verifier", "zk0-traces"],
+        &["zk0-ledger", "zk0-verifier", "zk0-traces", "zk0-metrics"],
     ),
     ("zk0-audit", &["zk0-ledger", "zk0-verifier"]),
     ("zk0-simulate", &["zk0-node", "zk0-verifier"]),
@@ -64,6 +65,7 @@ const LIGHT: [(&str, &[&str]); 8] = [
             "tokio-rustls",
             "rcgen",
             "opentelemetry_sdk",
+            "prometheus-client",
             "zk0-smolvla",
             "zk0-prover",
             "zk0-node",

@@ -1,0 +1,17 @@
+//! What this process takes of its machine.
+
+use std::fs;
+
+/// Memory that this process holds, in bytes; 0 if the system does not say.
+pub fn memory() -> u64 {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+    let kilobytes = resident.and_then(|size| size.trim().strip_suffix(" kB"));
+    let kilobytes = kilobytes.and_then(|size| size.parse::<u64>().ok());
+    kilobytes.unwrap_or(0) << 10
+}
+
+/// How many files this process has open; 0 if the system does not say.
+pub fn open_files() -> u64 {
+    fs::read_dir("/proc/self/fd").map_or(0, |files| files.count() as u64)
+}
