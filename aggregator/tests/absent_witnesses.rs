@@ -13,11 +13,22 @@ use zk0_aggregator::publish::cosigning::{ConsistencyProver, Cosigned, CosigningE
 use zk0_aggregator::publish::http::{self, Router};
 use zk0_aggregator::publish::witness_client::WitnessOutage;
 use zk0_aggregator::publish::witness_server::WitnessServer;
+use zk0_aggregator::{Aggregator, Config, Limits};
 use zk0_ledger::Ledger;
+use zk0_protocol::entries::entry::Body;
+use zk0_protocol::entries::proposal::{Action, Ballot, Outcome};
+use zk0_protocol::rpc::federation::GetGovernanceRequest;
 use zk0_protocol::tlog::cosigner::Cosigner;
-use zk0_protocol::WitnessPolicy;
+use zk0_protocol::{Rules, WitnessPolicy};
+use zk0_testkit::aggregator::operator::{proposed, voted};
 use zk0_testkit::aggregator::witnesses::{ledger, log_verifier, three, DEADLINE};
+use zk0_testkit::aggregator::{genesis, Network, VOTING_MS};
 use zk0_testkit::until_async;
+
+const CONFIG: Config = Config {
+    rounds: Some(1),
+    min_nodes: 1,
+};
 
 /// A server in a witness' place that refuses all requests.
 struct Refusing {
@@ -138,4 +149,50 @@ async fn a_witness_that_has_cosigned_a_checkpoint_is_not_asked_for_it_again() {
     let opened = policy.open(&note, &log_verifier()).unwrap();
     let names = opened.cosigners.iter().map(|(name, _)| &**name);
     assert!(names.eq(["W0", "W1"]));
+}
+
+/// Otherwise a vote for witnesses that never answer would end the network.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_policy_that_is_not_met_is_voted_away() {
+    let (mut witnesses, policy) = three().await;
+    let (limits, config) = (Limits::default(), CONFIG);
+    let network = Network::start_as(&[], config, limits, genesis(), Some(policy), None).await;
+    witnesses[0].off().await;
+    witnesses[1].off().await;
+    let refusing = Refusing::start(StatusCode::NOT_FOUND, "0").await;
+    let rules = Rules {
+        witness_policy: refusing.policy().text().into(),
+        ..network.genesis.rules.clone()
+    };
+    let propose = |aggregator: &mut Aggregator| {
+        let action = Action::ChangeRules(Box::new(rules));
+        Ok(proposed(aggregator.state(), action))
+    };
+    let body = network.service().with(propose).await.unwrap();
+    // Only the log has signed what is recorded.
+    let record = async |body: &Body| {
+        let request = network.recording(body);
+        let recorded = network.client().await.record(request).await;
+        recorded.unwrap().into_inner().not_cosigned
+    };
+    assert!(record(&body).await);
+    let mut client = network.client().await;
+    let governance = client.get_governance(GetGovernanceRequest {}).await;
+    let governance = governance.unwrap().into_inner();
+    assert!(governance.not_cosigned);
+    assert_eq!(governance.proposals.len(), 1);
+    let vote = |aggregator: &mut Aggregator| Ok(voted(aggregator.state(), Ballot::For));
+    let body = network.service().with(vote).await.unwrap();
+    assert!(record(&body).await);
+    assert_eq!(refusing.requests.load(Ordering::SeqCst), 0);
+
+    // The new witnesses are asked once, and the vote decides.
+    network.clock.advance(VOTING_MS + 1);
+    let settled = async || match network.last().await {
+        Body::ProposalSettled(settled) => Some(settled.outcome),
+        _ => None,
+    };
+    let outcome = until_async("the proposal is settled", settled).await;
+    assert_eq!(outcome, Outcome::Executed);
+    assert_eq!(refusing.requests.load(Ordering::SeqCst), 1);
 }

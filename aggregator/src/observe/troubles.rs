@@ -98,11 +98,9 @@ pub fn stops_network(kind: Kind) -> bool {
     match kind {
         Kind::Blocked | Kind::Clock | Kind::Fork | Kind::Task | Kind::Overdue => true,
         // It ends when others answer again.
-        Kind::LogStore
-        | Kind::Witnesses
-        | Kind::Beacon
-        | Kind::WitnessAway
-        | Kind::Unspecified => false,
+        Kind::LogStore | Kind::Witnesses | Kind::Beacon | Kind::WitnessAway | Kind::Unspecified => {
+            false
+        }
     }
 }
 

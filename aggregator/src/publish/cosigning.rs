@@ -202,6 +202,37 @@ impl Witnesses {
         Ok(known)
     }
 
+    /// Asks all witnesses once whether they cosign this log, whatever they have cosigned of it. `checkpoint` is any that the log has signed.
+    ///
+    /// # Errors
+    /// Those that do are not enough for the policy.
+    pub fn know(&self, checkpoint: &[u8]) -> Result<(), CosigningError> {
+        let answers: Vec<_> = thread::scope(|scope| {
+            let ask = |client: &Arc<CosigningClient>| {
+                let client = client.clone();
+                scope.spawn(move || client.knows(checkpoint))
+            };
+            let asked: Vec<_> = self.clients.iter().map(ask).collect();
+            let joined = asked.into_iter().map(ScopedJoinHandle::join);
+            joined
+                .map(|answer| answer.unwrap_or_else(|panic| resume_unwind(panic)))
+                .collect()
+        });
+        let known: Vec<_> = answers.iter().map(Result::is_ok).collect();
+        if self.policy.met_by(&known) {
+            return Ok(());
+        }
+        let refused = self.clients.iter().zip(answers);
+        let refused = refused.filter_map(|(client, answer)| {
+            let why = answer.err()?;
+            Some(format!("{} {why}", client.witness.name))
+        });
+        Err(CosigningError::NoQuorum {
+            wanted: self.policy.to_string(),
+            refused: refused.collect(),
+        })
+    }
+
     #[instrument(name = "publish a checkpoint", skip_all)]
     fn collect(
         &self,

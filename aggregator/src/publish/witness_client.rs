@@ -245,6 +245,33 @@ impl CosigningClient {
         }
     }
 
+    /// Whether the witness cosigns this log, whatever it has cosigned of it.
+    pub fn knows(&self, checkpoint: &[u8]) -> Result<(), NotCosigned> {
+        let failed = |why: String| NotCosigned::Failed(why);
+        let note = Parsed::read(checkpoint);
+        let note = note.map_err(|error| failed(error.to_string()))?.note;
+        let request = AddCheckpoint {
+            old: 0,
+            proof: Vec::new(),
+            checkpoint: checkpoint.into(),
+        };
+        let answered = self.post(&request.encode());
+        let (status, _, answer) =
+            answered.map_err(|error| failed(format!("cannot be asked: {error}")))?;
+        let text = String::from_utf8_lossy(&answer);
+        let text = text.trim();
+        let cosigned = || cosigner::find(&answer, &self.witness.key, &note).is_some();
+        match status {
+            200 if cosigned() => Ok(()),
+            200 => Err(failed(
+                "answered without a valid cosignature of this checkpoint".into(),
+            )),
+            // It names the size that it knows.
+            409 if text.parse::<u64>().is_ok() => Ok(()),
+            status => Err(NotCosigned::Status(status, short(text))),
+        }
+    }
+
     /// The cosignature of a checkpoint, or what went wrong.
     fn answer(
         &self,

@@ -37,7 +37,8 @@ impl Federation for Service {
         _: Request<GetNetworkRequest>,
     ) -> Result<Response<NetworkInfo>, Status> {
         let (service, ledger) = (self.clone(), self.ledger.clone());
-        let published = self.with(move |aggregator| service.visible(aggregator));
+        // Before anything is published, the answer has the genesis, whose digest its reader knows.
+        let published = self.with(move |aggregator| Ok(service.visible(aggregator).unwrap_or(1)));
         let (published, run) = (published.await?, self.heads.run.to_vec());
         let info = blocking(move || {
             let checkpoint = ledger.checkpoint_at(published)?;
@@ -99,9 +100,17 @@ impl Federation for Service {
             body: sent.digest(),
         };
         sender.sends(&message)?;
+        let governs = sent.governs();
         let receipt = self.stated(&arrival, sent).await?;
-        self.published_after(arrival, receipt.index).await?;
-        Ok(Response::new(receipt.into()))
+        let not_cosigned = match self.published_after(arrival, receipt.index).await {
+            // Otherwise nobody could vote away a policy whose witnesses do not cosign.
+            Err(RequestError::NotPublished(_)) if governs => true,
+            published => published.map(|()| false)?,
+        };
+        Ok(Response::new(Receipt {
+            not_cosigned,
+            ..receipt.into()
+        }))
     }
 
     async fn get_governance(
@@ -110,7 +119,14 @@ impl Federation for Service {
     ) -> Result<Response<GovernanceInfo>, Status> {
         let (service, ledger) = (self.clone(), self.ledger.clone());
         let seen = self.with(move |aggregator| {
-            let published = service.visible(aggregator)?;
+            let size = aggregator.ledger().size();
+            let lacks = service.lacks_witnesses();
+            let not_cosigned = lacks && service.visible(aggregator).unwrap_or(0) < size;
+            let published = if lacks {
+                size
+            } else {
+                service.visible(aggregator)?
+            };
             let state = aggregator.state();
             let mut open = Vec::new();
             for (number, proposal) in state.proposals() {
@@ -125,6 +141,7 @@ impl Federation for Service {
                 next_decision: state.next_decision(),
                 proposals: Vec::new(),
                 now_ms: aggregator.now_ms(),
+                not_cosigned,
             };
             Ok((info, open, published))
         });

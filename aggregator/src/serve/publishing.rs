@@ -161,6 +161,11 @@ impl Service {
         }
     }
 
+    /// Whether too few witnesses cosign.
+    pub(super) fn lacks_witnesses(&self) -> bool {
+        self.troubles().lasting(Kind::Witnesses).is_some()
+    }
+
     /// Published entries of the ledger.
     pub(crate) fn visible(&self, aggregator: &Aggregator) -> Result<u64, RequestError> {
         let size = match &self.publishing {

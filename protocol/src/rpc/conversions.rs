@@ -13,6 +13,7 @@ impl From<Receipt> for wire::Receipt {
             // Checkpoints are text by their specification.
             checkpoint: String::from_utf8_lossy(&receipt.checkpoint).into_owned(),
             inclusion: receipt.proof.iter().map(|hash| hash.0.to_vec()).collect(),
+            not_cosigned: false,
         }
     }
 }

@@ -17,4 +17,8 @@ pub const REMOVALS: &[Removal] = &[
     aggregator("a quorum is enough to publish the closing of commitments", "aggregator/src/serve/publishing.rs",
         &[("if size > published {", "if size > published && !(OUT && draws.is_some()) {")],
         "all_witnesses_draw_the_randomness_and_one_of_them_may_be_late"),
+    aggregator("a vote counts without the witnesses", "aggregator/src/serve/federation_service.rs",
+        &[("if governs => true,", "if governs && !OUT => true,")], "a_policy_that_is_not_met_is_voted_away"),
+    aggregator("new witnesses are asked before their vote is settled", "aggregator/src/round/outage.rs",
+        never!("is_new && !asked && *outcome == Outcome::Executed"), "a_policy_that_is_not_met_is_voted_away"),
 ];
