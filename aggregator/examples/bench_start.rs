@@ -5,8 +5,8 @@ use std::error::Error;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
-use zk0_aggregator::round::aggregator::{Aggregator, Config};
 use zk0_aggregator::clock::SystemClock;
+use zk0_aggregator::round::aggregator::{Aggregator, Config};
 use zk0_testkit::network::log_key;
 
 fn main() -> Result<(), Box<dyn Error>> {

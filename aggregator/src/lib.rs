@@ -25,9 +25,9 @@ pub mod serve;
 mod store_reads;
 mod turns;
 
+pub use crate::clock::{Clock, SystemClock};
 pub use crate::connections::limits::ConnectionLimits;
 pub use crate::round::aggregator::{Aggregator, Config};
-pub use crate::clock::{Clock, SystemClock};
 pub use crate::round::job::{JobResult, Polled, RoundJob};
 pub use crate::round::phase::RoundStep;
 pub use crate::serve::limits::Limits;

@@ -1,5 +1,5 @@
 //! A store of blobs. A blob of digest D is the object `PREFIX/blobs/sha256/D`, the same name as in a ledger's folder. `PREFIX/network` has the id
-//! of the network that the store belongs to.
+//! of the network that the store belongs to. `PREFIX/entries/FIRST` has the entries of the log.
 
 use crate::address::AddressError;
 use crate::objects::Objects;
@@ -10,6 +10,7 @@ use object_store::Attributes;
 use std::fs::File;
 use std::path::Path;
 use zk0_circuits::Digest;
+use zk0_ledger::blobs::entry_objects::EntryStore;
 use zk0_ledger::blobs::error::{BlobError, StoreError};
 use zk0_ledger::blobs::store::BlobStore;
 use zk0_ledger::blobs::take::Take;
@@ -131,6 +132,10 @@ impl BlobStore for Bucket {
         let found = self.objects.list("listing the blobs", &self.place)?;
         let named = |(name, size): (ObjectPath, u64)| Some((name.filename()?.parse().ok()?, size));
         Ok(found.into_iter().filter_map(named).collect())
+    }
+
+    fn entries(&self) -> &dyn EntryStore {
+        self
     }
 
     fn sent(&self) -> Option<&dyn SentStore> {

@@ -3,13 +3,14 @@
 //!
 //! - [`address`]: which store an address names, and with which credentials it is opened; `objects`: what is stored there; [`waiting`]: how
 //!   long and where to wait for it.
-//! - [`bucket`]: implements [`zk0_ledger::blobs::store`], with `reading`, and `sent` for what others put there; [`public_log`]: a published
-//!   log in a public bucket.
+//! - [`bucket`]: implements [`zk0_ledger::blobs::store`], with `reading`, `entries` for the log's entries, and `sent` for what others put
+//!   there; [`public_log`]: a published log in a public bucket.
 //!
 //! The crate `object_store` implements the protocols and their signatures.
 
 pub mod address;
 pub mod bucket;
+mod entries;
 mod objects;
 pub mod public_log;
 mod reading;

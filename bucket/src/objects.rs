@@ -9,7 +9,7 @@ use object_store::{
     PutOptions,
 };
 use std::error::Error as _;
-use std::fs::File;
+use std::fs::{self, File};
 use std::future::Future;
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
@@ -18,6 +18,7 @@ use std::time::Duration;
 use tokio::time::timeout;
 use tokio_stream::StreamExt;
 use zk0_files::atomic_file::{self, create_folder, folder_of, sync_folder, Durability};
+use zk0_files::random_number::random_number;
 use zk0_ledger::blobs::error::StoreError;
 
 /// Larger objects are stored and read in parts of this size. A cut connection costs one part, and one part is in memory.
@@ -251,8 +252,21 @@ impl Objects {
         what: &str,
         place: &ObjectPath,
     ) -> Result<Vec<(ObjectPath, u64)>, StoreError> {
+        self.list_after(what, place, None)
+    }
+
+    /// [`Self::list`] of the objects after this one.
+    pub(crate) fn list_after(
+        &self,
+        what: &str,
+        place: &ObjectPath,
+        after: Option<&ObjectPath>,
+    ) -> Result<Vec<(ObjectPath, u64)>, StoreError> {
         self.wait_for(async {
-            let mut objects = self.client.list(Some(place));
+            let mut objects = match after {
+                Some(after) => self.client.list_with_offset(Some(place), after),
+                None => self.client.list(Some(place)),
+            };
             let mut found = Vec::new();
             while let Some(object) = objects.next().await {
                 let object = object.map_err(|error| self.failed(what, &error))?;
@@ -263,17 +277,23 @@ impl Objects {
     }
 }
 
-/// Makes a file, unless there is one. It is on disk when this returns. Returns whether it was made.
+/// Makes a file, unless there is one. It appears whole, and is on disk when this returns. Returns whether it was made.
 fn create_file(path: &Path, bytes: &[u8]) -> io::Result<bool> {
     create_folder(folder_of(path))?;
-    let mut file = match File::create_new(path) {
-        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => return Ok(false),
-        created => created?,
-    };
-    file.write_all(bytes)?;
-    file.sync_all()?;
-    sync_folder(folder_of(path))?;
-    Ok(true)
+    let mut other = path.as_os_str().to_owned();
+    other.push(format!(".{:016x}", random_number()?));
+    let other = PathBuf::from(other);
+    atomic_file::replace(&other, bytes)?;
+    let linked = fs::hard_link(&other, path);
+    fs::remove_file(&other)?;
+    match linked {
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
+        linked => {
+            linked?;
+            sync_folder(folder_of(path))?;
+            Ok(true)
+        }
+    }
 }
 
 /// The next part of a file; nothing at its end.

@@ -1,4 +1,5 @@
 mod cache;
+mod entries;
 mod failing_store;
 mod kept_blobs;
 mod public_log;

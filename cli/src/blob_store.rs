@@ -12,7 +12,7 @@ use zk0_ledger::blobs::Blobs;
 /// Where the blobs are kept.
 #[derive(Debug, clap::Args)]
 pub struct BlobStoreOptions {
-    /// The ledger's weights and proofs are kept in the store at this address, too: s3://BUCKET/PREFIX, gs://BUCKET/PREFIX, az://CONTAINER/PREFIX
+    /// The ledger's entries, weights and proofs are kept in the store at this address, too: s3://BUCKET/PREFIX, gs://BUCKET/PREFIX, az://CONTAINER/PREFIX
     /// or file:///FOLDER. The ledger's folder then is a cache of it. Credentials are in the variables AWS_…, GOOGLE_… or AZURE_… of the
     /// environment. The store belongs to one network, and must not be public. Give each command about this ledger the same address
     /// [default: the ledger's folder alone]

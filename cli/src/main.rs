@@ -2,7 +2,8 @@
 //!
 //! - 0: success
 //! - 1: a failure (a failed audit, a refusal, an error)
-//! - 2: a wrong command line, or a ledger not to be served, because the log has signed another history (`zk0 aggregator serve`)
+//! - 2: a wrong command line, or a ledger not to be served, because the log has signed another history, or its blob store does
+//!   not continue it (`zk0 aggregator serve`)
 //! - 3: an incomplete audit (`zk0 audit replay`), or trouble (`zk0 status`)
 //! - 4: an error, so no verdict (`zk0 audit replay`, `watch`, `recording`, `verify-proof`)
 //! - 5: a missing file of a contribution that the open round has accepted (`zk0 ledger fsck`, `import`, `restore`)

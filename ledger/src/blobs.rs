@@ -3,12 +3,14 @@
 //! - [`partial`]: blobs of which a part is here; [`error`]: why a blob cannot be stored or read; [`damaged`]: copies blobs, and names
 //!   damaged ones.
 //! - [`store`]: a store outside the folder, in which blobs are kept; [`kept`]: blobs of such a store; [`cache`]: the folder as a bounded cache
-//!   of it; [`store_network`]: whose store it is; [`usage`]: what the store was asked for; [`take`]: how it hands over bytes.
+//!   of it; [`store_network`]: whose store it is; [`entry_objects`]: the log's entries in it; [`usage`]: what the store was asked for; [`take`]: how it hands
+//!   over bytes.
 //! - [`sent`]: files that others put into the store by themselves, which are [`unverified`] objects there.
 //! - `unfinished`: files of which blobs are made.
 
 pub mod cache;
 pub mod damaged;
+pub mod entry_objects;
 pub mod error;
 pub mod kept;
 pub mod partial;

@@ -73,6 +73,25 @@ pub enum LedgerError {
     /// The operator's statement covers blobs that only later entries named.
     #[error("ROLLED BACK: the log's operator has signed a statement about pruned blobs and {signed} entries, but there are {held}")]
     PrunedMore { signed: u64, held: u64 },
+    /// The store of the blobs has another group of entries where this ledger goes on.
+    #[error("the blob store {address} holds another entry {index} than this ledger, so another aggregator writes the same log. Stop one of the two. To go on here, start again with the same command, which takes the entries from the store; if it ends like this once more, move the ledger's folder away first")]
+    OtherEntries { address: String, index: u64 },
+    /// There is no ledger, neither in the folder nor in the store.
+    #[error("there is no ledger in {dir}, and the blob store {address} holds no entries of one: name the right folder or store, or found a network with `zk0 aggregator init`")]
+    NoEntries { dir: PathBuf, address: String },
+    /// The log in the store has another key.
+    #[error("the blob store {address} holds the log of network {network}, and the signing key is not its log key: name the right key or store")]
+    EntriesOfOther { address: String, network: Digest },
+    /// The store lacks entries before others.
+    #[error("the blob store {address} lacks the object `{object}`, and has entries that come later: put the object back. Nothing was changed there")]
+    MissingEntries { address: String, object: String },
+    /// An object in the store does not hold entries that continue the log.
+    #[error("the object `{object}` in the blob store {address} does not continue the log: {why}. If it is damaged, put the right one back. Otherwise another aggregator writes the same log: stop one of the two. Nothing was changed there")]
+    BadEntries {
+        address: String,
+        object: String,
+        why: String,
+    },
     /// A log of the database's size does not have this key.
     #[error("the database holds {found}, which does not belong in a log of {size} entries")]
     StrayKey { found: String, size: u64 },
@@ -151,6 +170,14 @@ impl fmt::Display for DatabaseError {
 impl std::error::Error for DatabaseError {}
 
 impl LedgerError {
+    /// Whether the entries in the store of the blobs are not those of this ledger. A start again cannot help.
+    pub fn is_of_stored_entries(&self) -> bool {
+        matches!(
+            self,
+            Self::OtherEntries { .. } | Self::MissingEntries { .. } | Self::BadEntries { .. }
+        )
+    }
+
     /// Whether the ledger is just unreadable here and now: a disk failed, another process writes to it, or this build lacks its database.
     pub(crate) fn is_of_reading(&self) -> bool {
         match self {

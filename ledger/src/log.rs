@@ -12,6 +12,7 @@
 //! | `policy` | the witness policy ([`zk0_protocol::tlog::witness_policy`]) |
 //! | `cosigned` | with a policy, the newest checkpoint with its quorum of cosignatures: the published one |
 
+use crate::blobs::error::{BlobError, StoreError};
 use crate::blobs::Blobs;
 use crate::clock::ClockWatch;
 use crate::error::{io_error, LedgerError};
@@ -20,10 +21,12 @@ use crate::group::{group, TrialState, WantedEntry};
 use crate::replay::{continuing, HistoryFold};
 use crate::store::reader::LedgerReader;
 use crate::store::{Store, StoreBatch};
+use crate::stored_entries;
 use ed25519_dalek::SigningKey;
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::thread::sleep;
 use std::time::Duration;
 use zk0_circuits::Digest;
 use zk0_files::atomic_file::{create_folder, folder_of};
@@ -38,6 +41,12 @@ use zk0_protocol::tlog::checkpoint::Checkpoint;
 use zk0_protocol::tlog::receipt::Receipt;
 use zk0_protocol::tlog::tree::Frontier;
 
+/// The first wait for a store that does not take a group of entries, and the longest. Each wait is twice the one before.
+const STORE_WAITS: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(30)];
+
+/// Is told why the store does not take a group of entries, and `None` when it has taken it.
+type StoreWatch = Box<dyn Fn(Option<&StoreError>) + Send + Sync>;
+
 /// A ledger open for writing, by one process at a time.
 pub struct Ledger {
     dir: PathBuf,
@@ -50,7 +59,10 @@ pub struct Ledger {
     trial: Option<Box<State>>,
     checkpoint: Vec<u8>,
     clock: Option<Arc<ClockWatch>>,
+    store_watch: Option<StoreWatch>,
     poisoned: bool,
+    /// The entry in whose place the store has another one, if that was found.
+    fenced: Option<u64>,
 }
 
 impl Ledger {
@@ -91,7 +103,9 @@ impl Ledger {
             trial: None,
             checkpoint: Vec::new(),
             clock: None,
+            store_watch: None,
             poisoned: false,
+            fenced: None,
         };
         folder::sync(dir)?;
         folder::sync(folder_of(dir))?;
@@ -118,8 +132,9 @@ impl Ledger {
         Self::open_with(dir, network, key, Blobs::at(dir), &mut ())
     }
 
-    /// [`Ledger::open`], with blobs perhaps kept in a store. Blobs that are only in the folder are put there. `fold` takes each verified
-    /// entry, so that the history is read once.
+    /// [`Ledger::open`], with blobs perhaps kept in a store. Blobs that are only in the folder are put there, and entries, too. Entries that are
+    /// only in the store are taken from there, all of them if the folder has no ledger. `fold` takes each verified entry, so that the history
+    /// is read once.
     pub fn open_with(
         dir: &Path,
         network: Option<&Digest>,
@@ -128,6 +143,12 @@ impl Ledger {
         fold: &mut dyn HistoryFold,
     ) -> Result<Self, LedgerError> {
         let path = folder::database(dir);
+        let log_key = key.verifying_key().to_bytes();
+        if let Some(entries) = blobs.entry_store() {
+            if is_empty(dir)? {
+                stored_entries::found(dir, &log_key, entries)?;
+            }
+        }
         if !path.exists() {
             return Err(LedgerError::NoLedger(dir.into()));
         }
@@ -147,13 +168,8 @@ impl Ledger {
             published = folder::read_checkpoint(dir)?;
             continuing::verify_rest(&store, dir, published.as_deref(), &mut history, fold)?;
         }
-        let (state, tree, checkpoint) = history.into_parts();
-        if state.genesis().log_key != key.verifying_key().to_bytes() {
-            return Err(LedgerError::OtherKey(*state.network()));
-        }
-        // The writer was killed between committing an entry and publishing the checkpoint.
-        if published.as_deref() != Some(&checkpoint) {
-            folder::write_checkpoint(dir, &checkpoint)?;
+        if history.genesis().log_key != log_key {
+            return Err(LedgerError::OtherKey(*history.state().network()));
         }
         blobs.remove_unfinished()?;
         let stored = blobs.store_all()?;
@@ -162,6 +178,18 @@ impl Ledger {
                 "{stored} blobs of {} were put into the blob store {address}",
                 dir.display()
             );
+        }
+        // After the blobs that they name.
+        if let Some(entries) = blobs.entry_store() {
+            if stored_entries::reconcile(dir, &store, history.genesis(), entries)? {
+                published = folder::read_checkpoint(dir)?;
+                continuing::verify_rest(&store, dir, published.as_deref(), &mut history, fold)?;
+            }
+        }
+        let (state, tree, checkpoint) = history.into_parts();
+        // The writer was killed between committing an entry and publishing the checkpoint.
+        if published.as_deref() != Some(&checkpoint) {
+            folder::write_checkpoint(dir, &checkpoint)?;
         }
         Ok(Self {
             dir: dir.into(),
@@ -175,7 +203,9 @@ impl Ledger {
             trial: None,
             checkpoint,
             clock: None,
+            store_watch: None,
             poisoned: false,
+            fenced: None,
         })
     }
 
@@ -201,9 +231,7 @@ impl Ledger {
         &mut self,
         wanted: Vec<WantedEntry>,
     ) -> Result<Vec<Result<u64, RuleViolation>>, LedgerError> {
-        if self.poisoned {
-            return Err(LedgerError::Poisoned);
-        }
+        self.check_writable()?;
         let latest_ms = wanted.iter().map(|one| one.time_ms).max();
         if let (Some(clock), Some(latest_ms)) = (&self.clock, latest_ms) {
             clock.check(latest_ms)?;
@@ -232,6 +260,7 @@ impl Ledger {
         };
         let mut index = self.tree.size();
         if group.tree.size() > index {
+            self.store_group(index, &group.batch)?;
             self.write(group.batch, group.checkpoint)?;
             self.tree = group.tree;
         }
@@ -279,9 +308,55 @@ impl Ledger {
         Ok(())
     }
 
-    /// Whether a write has failed. Writing then stops until the ledger is reopened.
-    pub fn has_failed(&self) -> bool {
-        self.poisoned
+    /// Puts a group into the store of the entries, if there is one. Waits while the store does not answer, because it may have the group.
+    fn store_group(&mut self, first: u64, batch: &StoreBatch) -> Result<(), LedgerError> {
+        let Some(entries) = self.blobs.entry_store() else {
+            return Ok(());
+        };
+        let group = stored_entries::encode_batch(batch);
+        let tell = |failed: Option<&StoreError>| {
+            if let Some(watch) = &self.store_watch {
+                watch(failed);
+            }
+        };
+        let [mut wait, longest] = STORE_WAITS;
+        loop {
+            match stored_entries::put(entries, first, &group) {
+                Err(LedgerError::Blob(BlobError::Store(failed))) => {
+                    tell(Some(&failed));
+                    sleep(wait);
+                    wait = longest.min(wait * 2);
+                }
+                Ok(()) => {
+                    tell(None);
+                    return Ok(());
+                }
+                Err(error) => {
+                    self.fenced = Some(first);
+                    return Err(error);
+                }
+            }
+        }
+    }
+
+    /// Tells `watch` why the store does not take a group of entries, and `None` when it has taken it.
+    pub fn watch_store(&mut self, watch: impl Fn(Option<&StoreError>) + Send + Sync + 'static) {
+        self.store_watch = Some(Box::new(watch));
+    }
+
+    /// Whether entries can be recorded.
+    ///
+    /// # Errors
+    /// A write has failed, or another aggregator writes this log. Nothing is written until the ledger is opened again.
+    pub fn check_writable(&self) -> Result<(), LedgerError> {
+        match self.fenced {
+            Some(index) => Err(LedgerError::OtherEntries {
+                address: self.blobs.store_address().unwrap_or_default().into(),
+                index,
+            }),
+            None if self.poisoned => Err(LedgerError::Poisoned),
+            None => Ok(()),
+        }
     }
 
     /// Signs an operator's statement with the log's key.
@@ -336,4 +411,11 @@ impl Deref for Ledger {
     fn deref(&self) -> &LedgerReader {
         &self.reader
     }
+}
+
+/// Whether the folder has no ledger, not even a part of one.
+fn is_empty(dir: &Path) -> Result<bool, LedgerError> {
+    let path = folder::database(dir);
+    let has_entries = Store::is_in(&path) && Store::open_read_only(&path)?.size()? > 0;
+    Ok(!has_entries && folder::read_checkpoint(dir)?.is_none())
 }

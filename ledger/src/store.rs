@@ -41,6 +41,11 @@ impl StoreBatch {
         self.put(DatabaseKey::Checkpoint(size), text);
     }
 
+    /// The keys and values, in the order in which they were added.
+    pub(crate) fn items(&self) -> &[(DatabaseKey, Vec<u8>)] {
+        &self.0
+    }
+
     fn put(&mut self, key: DatabaseKey, value: &[u8]) {
         self.0.push((key, value.into()));
     }

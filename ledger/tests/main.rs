@@ -10,6 +10,7 @@ mod power_loss;
 mod published;
 mod refused_input;
 mod replaying;
+mod stored_entries;
 mod tamper;
 mod without_rocksdb;
 mod witnesses;

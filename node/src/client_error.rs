@@ -4,9 +4,11 @@ use tonic::Status;
 use zk0_circuits::Digest;
 use zk0_protocol::challenge::drawing::RandomnessError;
 use zk0_protocol::entries::codec::EntryError;
+use zk0_protocol::rpc::federation::TurnedDown;
 use zk0_protocol::rpc::PROTOCOL;
 use zk0_protocol::tlog::checkpoint::CheckpointError;
 use zk0_protocol::tlog::receipt::ReceiptError;
+use zk0_protocol::RefusalCode;
 use zk0_tls::service_address::ConnectError;
 
 /// Why a request to the aggregator fails.
@@ -101,5 +103,16 @@ pub enum NodeError {
 impl From<Status> for NodeError {
     fn from(status: Status) -> Self {
         Self::Refused(Box::new(status))
+    }
+}
+
+impl NodeError {
+    /// Whether the aggregator lacks the update that the node commits to.
+    pub fn lacks_update(&self) -> bool {
+        let missing = RefusalCode::MissingUpdate(Digest([0; 32])).number();
+        match self {
+            Self::Refused(status) => TurnedDown::of(status).code == u32::from(missing),
+            _ => false,
+        }
     }
 }

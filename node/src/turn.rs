@@ -11,6 +11,7 @@ pub mod unfinished;
 
 use crate::base_losses::BaseLosses;
 use crate::client::NodeClient;
+use crate::client_error::NodeError;
 use crate::error::ParticipantError;
 use crate::exchanged_weights::Base;
 use crate::observe::NodePhase;
@@ -339,9 +340,18 @@ impl Turn<'_> {
             quantised: update.digest(node.genesis().mode),
         };
         node.upload(round, file).await?;
-        let (commitment, receipt) = node
-            .commit(round, &dataset.root, &update_digest, self.eval_samples)
-            .await?;
+        let (root, samples) = (&dataset.root, self.eval_samples);
+        let mut committed = node.commit(round, root, &update_digest, samples).await;
+        // A machine that was lost had what was uploaded and not committed to.
+        if committed.as_ref().is_err_and(NodeError::lacks_update) {
+            tracing::warn!(
+                "round {round}: the aggregator has lost the upload, and the node sends it again"
+            );
+            let file = self.entered.format.write(update);
+            node.upload(round, file).await?;
+            committed = node.commit(round, root, &update_digest, samples).await;
+        }
+        let (commitment, receipt) = committed?;
         receipts::keep(self.state, node.genesis(), receipt)?;
         let blob = update_digest.blob;
         tracing::info!("round {round}: committed to update {blob}; waiting for the randomness");

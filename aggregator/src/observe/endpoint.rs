@@ -20,12 +20,8 @@ impl Observed for Service {
 
 /// The metrics, with what is looked up now.
 async fn sampled(service: &Service) -> Result<String, String> {
-    let ledger = service.with(|aggregator| {
-        let ledger = aggregator.ledger();
-        Ok((ledger.dir().to_owned(), ledger.blobs().clone()))
-    });
-    let (dir, blobs) = ledger.await.map_err(|error| error.to_string())?;
     let status = service.status().await.map_err(|error| error.to_string())?;
+    let (dir, blobs) = service.folder().clone();
     let metrics = service.metrics();
     metrics.sampled.take(&status, &dir);
     let ends_s = service

@@ -98,9 +98,12 @@ pub fn stops_network(kind: Kind) -> bool {
     match kind {
         Kind::Blocked | Kind::Clock | Kind::Fork | Kind::Task | Kind::Overdue => true,
         // It ends when others answer again.
-        Kind::LogStore | Kind::Witnesses | Kind::Beacon | Kind::WitnessAway | Kind::Unspecified => {
-            false
-        }
+        Kind::LogStore
+        | Kind::Witnesses
+        | Kind::Beacon
+        | Kind::BlobStore
+        | Kind::WitnessAway
+        | Kind::Unspecified => false,
     }
 }
 
@@ -109,7 +112,7 @@ pub fn stops_network(kind: Kind) -> bool {
 pub fn stops_requests(kind: Kind) -> bool {
     match kind {
         // It records nothing, or it may be a copy that signs a second history.
-        Kind::Clock | Kind::Fork => true,
+        Kind::Clock | Kind::Fork | Kind::BlobStore => true,
         Kind::Blocked
         | Kind::Task
         | Kind::LogStore
@@ -215,6 +218,7 @@ mod tests {
             Kind::Overdue,
         ];
         assert!(chosen(stops_network).eq(network));
-        assert!(chosen(stops_requests).eq([Kind::Clock, Kind::Fork]));
+        let requests = [Kind::Clock, Kind::Fork, Kind::BlobStore];
+        assert!(chosen(stops_requests).eq(requests));
     }
 }

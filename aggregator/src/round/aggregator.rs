@@ -4,8 +4,8 @@
 //! Everything here is synchronous, and on disk before a function returns; [`crate::serve::service`] puts a network in front. The disk
 //! holds only the ledger, its blobs and the waiting uploads, from which memory is computed. So a killed aggregator goes on where it was.
 
-use crate::round::accepted::Accepted;
 use crate::clock::Clock;
+use crate::round::accepted::Accepted;
 use crate::round::intake::arrivals::Arrivals;
 use crate::round::intake::staging::Staging;
 use crate::round::ledger_index::{FromLedger, IndexFold, LedgerIndex, RoundEntries};
@@ -16,6 +16,7 @@ use std::collections::HashSet;
 use std::path::Path;
 use std::sync::Arc;
 use zk0_circuits::{Digest, NodeId};
+use zk0_ledger::blobs::error::StoreError;
 use zk0_ledger::blobs::Blobs;
 use zk0_ledger::log::Ledger;
 use zk0_ledger::pruned;
@@ -131,6 +132,11 @@ impl Aggregator {
     /// The ledger.
     pub fn ledger(&self) -> &Ledger {
         &self.ledger
+    }
+
+    /// Tells `watch` why the store of the blobs does not take the newest entries, and `None` when it has taken them.
+    pub fn watch_store(&mut self, watch: impl Fn(Option<&StoreError>) + Send + Sync + 'static) {
+        self.ledger.watch_store(watch);
     }
 
     /// The requests in progress.

@@ -22,7 +22,10 @@ impl Aggregator {
     /// Notes that the first `size` entries are published. If the open round's last step waited for long, its deadlines move.
     pub fn note_published(&mut self, size: u64) -> Result<(), RequestError> {
         let before = self.published.replace(size).unwrap_or(size);
-        match self.last_step().filter(|step| (before..size).contains(step)) {
+        match self
+            .last_step()
+            .filter(|step| (before..size).contains(step))
+        {
             Some(step) => {
                 let since_ms = self.ledger.entry(step)?.time_ms;
                 self.after_outage(since_ms)
@@ -34,14 +37,19 @@ impl Aggregator {
     fn after_outage(&mut self, since_ms: u64) -> Result<(), RequestError> {
         let now = self.now_ms();
         let away_ms = now.saturating_sub(since_ms);
-        let missed = self.passed_deadline(now).is_some_and(|deadline_ms| deadline_ms >= since_ms);
+        let missed = self
+            .passed_deadline(now)
+            .is_some_and(|deadline_ms| deadline_ms >= since_ms);
         if away_ms < LEAST_OUTAGE_MS && !missed {
             return Ok(());
         }
         if let Some(moved) = self.state().next_move(now, away_ms) {
             let (round, seconds) = (moved.round, moved.by_ms / 1000);
             self.append_at(now, Body::DeadlinesMoved(moved))?;
-            tracing::warn!(round, "after an outage, the deadlines of the round move by {seconds} s");
+            tracing::warn!(
+                round,
+                "after an outage, the deadlines of the round move by {seconds} s"
+            );
         }
         Ok(())
     }
@@ -73,7 +81,12 @@ impl Aggregator {
     /// The entry of the last step of the last round.
     fn last_step(&self) -> Option<u64> {
         let last = self.index.round(None, self.ledger.size())?;
-        let steps = [Some(last.opened), last.commitments_closed, last.randomness, last.closed];
+        let steps = [
+            Some(last.opened),
+            last.commitments_closed,
+            last.randomness,
+            last.closed,
+        ];
         steps.into_iter().flatten().max()
     }
 }

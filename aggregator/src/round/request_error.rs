@@ -81,6 +81,9 @@ pub enum RequestError {
     /// The store of the blobs failed, so nothing is recorded. Only the log tells more.
     #[error("{0}")]
     BlobStore(String),
+    /// The store of the blobs does not continue this ledger, so nothing more is recorded. Only the log tells why.
+    #[error("{0}")]
+    StoredEntries(Box<LedgerError>),
     /// The aggregator's clock is wrong.
     #[error(transparent)]
     Clock(#[from] ClockError),
@@ -115,6 +118,7 @@ impl From<LedgerError> for RequestError {
         match error {
             LedgerError::Rule(violation) => violation.into(),
             LedgerError::Clock(error) => error.into(),
+            other if other.is_of_stored_entries() => Self::StoredEntries(Box::new(other)),
             other => Self::Internal(other.to_string()),
         }
     }
@@ -215,7 +219,7 @@ impl RequestError {
             | Self::NoRoom(_)
             | Self::BlobStore(_)
             | Self::Clock(_) => Code::Unavailable,
-            Self::Internal(_) => Code::Internal,
+            Self::StoredEntries(_) | Self::Internal(_) => Code::Internal,
             Self::Refused(refusal) => match refusal.code {
                 RefusalCode::TooLarge { .. } => Code::ResourceExhausted,
                 RefusalCode::Signature => Code::Unauthenticated,
@@ -256,6 +260,7 @@ impl RequestError {
             | Self::NotPublished(_)
             | Self::NoRoom(_)
             | Self::BlobStore(_)
+            | Self::StoredEntries(_)
             | Self::Clock(_)
             | Self::Internal(_) => Remedy::AskAgain,
             Self::Busy { remedy, .. } => *remedy,
@@ -285,7 +290,7 @@ impl RequestError {
             },
             remedy: remedy.into(),
             after_ms: match self {
-                Self::Internal(_) => AFTER_FAILURE_MS,
+                Self::StoredEntries(_) | Self::Internal(_) => AFTER_FAILURE_MS,
                 _ if remedy == Remedy::AskAgain => AFTER_MS,
                 _ => 0,
             },
@@ -308,8 +313,8 @@ impl From<RequestError> for Status {
             RequestError::Clock(_) => {
                 "the aggregator's clock is wrong, so it records nothing until its operator has set it: ask again".into()
             }
-            RequestError::Internal(cause) => {
-                tracing::error!(%cause, "request failed");
+            RequestError::StoredEntries(_) | RequestError::Internal(_) => {
+                tracing::error!(cause = %error, "request failed");
                 "the aggregator failed; its log says why".into()
             }
             other => other.to_string(),

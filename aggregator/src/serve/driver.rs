@@ -10,7 +10,6 @@ use std::time::Duration;
 use tokio::time::{sleep, timeout};
 use tracing::Instrument;
 use zk0_ledger::clock::ClockError;
-use zk0_ledger::error::LedgerError;
 use zk0_protocol::rpc::federation::trouble::Kind;
 
 /// Each try reads large files, or the whole ledger.
@@ -84,9 +83,7 @@ impl Service {
         self.note_stage().await?;
         let witnesses = witnesses.to_owned();
         let check = move |aggregator: &mut Aggregator| {
-            if aggregator.ledger().has_failed() {
-                return Err(LedgerError::Poisoned.into());
-            }
+            aggregator.ledger().check_writable()?;
             if aggregator.state().rules().witness_policy == witnesses {
                 return Ok(());
             }

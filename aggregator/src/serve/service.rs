@@ -21,7 +21,9 @@
 
 use crate::connections::caller::Sender;
 use crate::connections::transfers::Transfers;
+use crate::observe::entry_store;
 use crate::observe::metrics::Metrics;
+use crate::observe::snapshot::snapshot;
 use crate::observe::troubles::Troubles;
 use crate::publish::beacon::BeaconServers;
 use crate::publish::cosigning::Witnesses;
@@ -41,6 +43,7 @@ use futures_core::future::BoxFuture;
 use std::collections::HashSet;
 use std::future::Future;
 use std::num::NonZero;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, PoisonError, RwLock};
 use std::thread::available_parallelism;
@@ -53,10 +56,12 @@ use tonic::service::Routes;
 use tonic::Status;
 use tracing::Span;
 use zk0_circuits::NodeId;
+use zk0_ledger::blobs::Blobs;
 use zk0_ledger::error::LedgerError;
 use zk0_ledger::folder;
 use zk0_ledger::store::reader::LedgerReader;
 use zk0_protocol::rpc::federation::federation_server::FederationServer;
+use zk0_protocol::rpc::federation::StatusInfo;
 use zk0_tls::server_certificate::ServerCertificate;
 
 /// Least limit of one message. The largest list of drawn frames takes 164 kB.
@@ -107,6 +112,10 @@ pub struct Service {
     pub(super) limits: Limits,
     metrics: Metrics,
     troubles: Troubles,
+    /// The status when somebody last asked.
+    last_status: Arc<RwLock<StatusInfo>>,
+    /// The ledger's folder, and its blobs.
+    folder: (PathBuf, Blobs),
     started: Instant,
 }
 
@@ -117,9 +126,19 @@ impl Service {
     }
 
     /// Puts `aggregator` behind a service.
-    pub fn with_limits(aggregator: Aggregator, limits: Limits) -> Self {
+    pub fn with_limits(mut aggregator: Aggregator, limits: Limits) -> Self {
         let (network, cores) = (*aggregator.state().network(), available_parallelism());
+        let troubles = Troubles::default();
+        let shown = troubles.clone();
+        aggregator.watch_store(move |failed| entry_store::show(&shown, failed));
+        let ledger = aggregator.ledger();
+        let status = StatusInfo {
+            published: ledger.size(),
+            ..snapshot(&aggregator)
+        };
         Self {
+            folder: (ledger.dir().to_owned(), ledger.blobs().clone()),
+            last_status: Arc::new(RwLock::new(status)),
             limits,
             heads: Arc::new(ReplayWindow::new(network, limits.skew)),
             members: Arc::new(RwLock::new(aggregator.members())),
@@ -143,7 +162,7 @@ impl Service {
             transfers: Transfers::new(limits.connections.most),
             certificate: None,
             metrics: Metrics::default(),
-            troubles: Troubles::default(),
+            troubles,
             started: Instant::now(),
         }
     }
@@ -162,6 +181,25 @@ impl Service {
     pub(crate) fn witnesses(&self) -> Option<&Witnesses> {
         let publishing = self.publishing.as_ref();
         publishing.map(|publishing| &*publishing.witnesses)
+    }
+
+    /// The status when somebody last asked.
+    pub(crate) fn last_status(&self) -> StatusInfo {
+        let last = self.last_status.read();
+        last.unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Remembers this status, and returns it.
+    pub(crate) fn note_status(&self, status: StatusInfo) -> StatusInfo {
+        let last = self.last_status.write();
+        last.unwrap_or_else(PoisonError::into_inner)
+            .clone_from(&status);
+        status
+    }
+
+    /// The ledger's folder, and its blobs.
+    pub(crate) fn folder(&self) -> &(PathBuf, Blobs) {
+        &self.folder
     }
 
     /// When the service started.
@@ -203,6 +241,11 @@ impl Service {
                 Ok(signed)
             })
             .await?;
+        let status = StatusInfo {
+            published,
+            ..self.last_status()
+        };
+        self.note_status(status);
         self.publishing = Some(Publishing {
             witnesses,
             wanted: Arc::new(Notify::new()),
@@ -232,7 +275,7 @@ impl Service {
     async fn served(
         self,
         listener: TcpListener,
-        stop: BoxFuture<'_, ()>,
+        mut stop: BoxFuture<'_, ()>,
     ) -> Result<(), ServeError> {
         let (max_proof_bytes, asked_for) = self
             .with(|aggregator| {
@@ -242,8 +285,11 @@ impl Service {
             .await
             .map_err(ServeError::Round)?;
         self.check_witnesses(&asked_for)?;
-        let moved = self.with(Aggregator::after_start);
-        moved.await.map_err(ServeError::Round)?;
+        tokio::select! {
+            moved = self.with(Aggregator::after_start) => moved.map_err(ServeError::Round)?,
+            // An entry may wait for the store.
+            () = &mut stop => return Ok(()),
+        }
         let limit = max_proof_bytes
             .max(MIN_MESSAGE_BYTES)
             .saturating_add(MESSAGE_ROOM_BYTES);

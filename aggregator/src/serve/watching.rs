@@ -42,10 +42,7 @@ impl Service {
                 .zip(node)
                 .and_then(|(round, node)| aggregator.contribution(round, &node, published));
             let asked = |open: &&Round| round.is_none_or(|round| round == open.number());
-            let open = state
-                .round()
-                .filter(asked)
-                .zip(node);
+            let open = state.round().filter(asked).zip(node);
             let contributed = open.map(|(open, node)| aggregator.contributed(open, node));
             let info = RoundInfo {
                 moved_ms: state.round().filter(asked).map_or(0, |open| open.moved_ms),

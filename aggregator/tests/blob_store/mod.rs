@@ -1,6 +1,7 @@
 //! An aggregator whose blobs are kept in a bucket of a real S3 server, behind a network that fails.
 
 mod crowds;
+mod entries;
 mod presigned;
 mod streaming;
 

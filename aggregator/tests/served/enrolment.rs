@@ -120,7 +120,11 @@ async fn the_operator_suspends_a_node_and_ends_that() -> Test {
     let suspended = decided(true, 0, &log_key());
     let receipt = record(&network, &suspended).await?;
     let refused_node = second.register(&network).await;
-    refused(refused_node, Code::PermissionDenied, "suspended by the operator");
+    refused(
+        refused_node,
+        Code::PermissionDenied,
+        "suspended by the operator",
+    );
     // Whoever has lost the answer asks again, and nothing is recorded twice.
     assert_eq!(record(&network, &suspended).await?, receipt);
     record(&network, &decided(false, 1, &log_key())).await?;

@@ -60,6 +60,11 @@ impl OtherHistory {
             "{what}. Either its folder came back from an earlier state, or another aggregator runs on a copy of it. Stop the other one; restore the newest backup with `zk0 ledger restore`, or copy what is published with `zk0 ledger import`"
         ))
     }
+
+    /// The log in the blob store is not that of the ledger. The cause has what helps.
+    pub fn in_store() -> Self {
+        Self("the ledger is not served, because it and its blob store do not hold one log".into())
+    }
 }
 
 impl fmt::Display for OtherHistory {

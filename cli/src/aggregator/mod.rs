@@ -13,8 +13,8 @@ mod rules;
 mod serve;
 
 use crate::output::println;
-use enrolment::{Enrol, OperatorDecides};
 pub use enrolment::NodeToEnrol;
+use enrolment::{Enrol, OperatorDecides};
 pub use rules::read_rules;
 
 use crate::keys;

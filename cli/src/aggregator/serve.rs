@@ -26,6 +26,8 @@ use zk0_aggregator::publish::chosen_witnesses::chosen_witnesses;
 use zk0_aggregator::publish::cosigning::{ConsistencyProver, Witnesses};
 use zk0_aggregator::publish::http;
 use zk0_aggregator::publish::log_server::LogServer;
+use zk0_aggregator::round::request_error::RequestError;
+use zk0_aggregator::serve::service::ServeError;
 use zk0_aggregator::{Aggregator, Config, Service, SystemClock};
 use zk0_tls::authorities::Authorities;
 use zk0_tls::server_certificate::ServerCertificate;
@@ -33,7 +35,7 @@ use zk0_tls::server_certificate::ServerCertificate;
 /// `zk0 aggregator serve`.
 #[derive(Debug, clap::Args)]
 pub struct AggregatorServeOptions {
-    /// The ledger's folder.
+    /// The ledger's folder. With --blob-store, an empty one is filled from the store, and one that is behind is brought up to date.
     dir: PathBuf,
     /// The file of the log's signing key.
     #[arg(long)]
@@ -129,7 +131,8 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
         );
     }
     let clock = Arc::new(SystemClock);
-    let aggregator = Aggregator::open_with(&options.dir, None, key, clock, config, blobs.clone())?;
+    let aggregator = Aggregator::open_with(&options.dir, None, key, clock, config, blobs.clone());
+    let aggregator = aggregator.map_err(with_exit_code)?;
     let rules = aggregator.state().rules();
     let policy = chosen_witnesses(&options.dir, rules, options.witness_policy.as_deref())?;
     let folders = options.folders.open(&aggregator, options.rounds)?;
@@ -228,8 +231,22 @@ pub fn serve(options: &AggregatorServeOptions) -> Result<()> {
         for server in [log, metrics, uploads].into_iter().flatten() {
             server.abort();
         }
+        let served = served.map_err(|error| match error {
+            ServeError::Round(error @ RequestError::StoredEntries(_)) => with_exit_code(error),
+            other => other.into(),
+        });
         served.context("the aggregator")
     })
+}
+
+/// The error, with what decides on the exit code.
+fn with_exit_code(error: RequestError) -> anyhow::Error {
+    match error {
+        RequestError::StoredEntries(why) => {
+            anyhow::Error::new(*why).context(OtherHistory::in_store())
+        }
+        other => other.into(),
+    }
 }
 
 /// Waits until a witness confirms that the log continues what it has cosigned, before anything is signed.

@@ -53,3 +53,26 @@ fn a_server_of_a_log_ends_while_the_store_of_its_blobs_is_silent() {
     let ended = server.ended_within(Duration::from_secs(18));
     assert!(ended.expect("it ends").success());
 }
+
+#[test]
+fn an_aggregator_ends_while_its_bucket_takes_no_entries() {
+    let Some(s3) = S3::start() else { return };
+    let (network, variables) = (founded(), s3.variables());
+    let address = s3.address("net");
+    let store = ["--blob-store", &address, "--blob-store-seconds", "1"];
+    let arguments = serving(&network, &store);
+    let start = || Serving::start_with(&words(&arguments), &variables);
+    let mut aggregator = start();
+    network.closes(1);
+    s3.network.fail_always(Fault::Silent);
+    // Its rounds go on, so that there is something to record.
+    aggregator.logs("nothing is recorded: ");
+    aggregator.told_to_end();
+    let ended = aggregator.ended_within(Duration::from_secs(18));
+    assert!(ended.expect("it ends").success());
+    s3.network.mend();
+    let before = network.entries().len();
+    let mut aggregator = start();
+    until("it goes on", || network.entries().len() > before);
+    assert!(aggregator.terminate().success());
+}

@@ -2,7 +2,9 @@
 
 mod any_store;
 mod ended;
+mod fenced;
 mod large_updates;
+mod lost_upload;
 mod observed;
 mod presigned;
 mod published;

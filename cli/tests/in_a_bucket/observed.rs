@@ -59,6 +59,8 @@ fn metrics_and_status_say_whether_the_store_answers() {
     let aggregator = Serving::start_with(&words(&arguments), &s3.variables());
     aggregator.logs("the metrics are at");
     aggregator.logs("blobs removed from the ledger's folder");
+    // Otherwise its next entry waits for the store.
+    network.closes(1);
     let metrics = address_after(&aggregator.log(), "the metrics are at http://");
     let log = address_after(&aggregator.log(), "the log is served on http://");
     let status = [

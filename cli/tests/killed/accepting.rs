@@ -4,6 +4,7 @@
 use super::relay::Relay;
 use crate::harness::process::Process;
 use crate::harness::recorded::{Member, Recorded};
+use crate::harness::zk0;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -14,8 +15,11 @@ use tokio::task::JoinHandle;
 use zk0_circuits::{Digest, NodeId};
 use zk0_node::client::watching::Waited;
 use zk0_node::client::{NodeClient, SubmissionDecision};
+use zk0_node::client_error::NodeError;
 use zk0_protocol::entries::entry::{Body, Entry, RoundClosed};
+use zk0_protocol::Receipt;
 use zk0_testkit::own_port::OwnPort;
+use zk0_testkit::s3::S3;
 
 /// The recorded network, served by a real process behind a relay.
 pub(super) struct Served {
@@ -26,19 +30,33 @@ pub(super) struct Served {
     /// Where the aggregator listens, and goes on listening when it is started again.
     port: OwnPort,
     relay: Relay,
+    /// Where its entries and blobs are, besides the folder. Then each kill loses the folder, too.
+    bucket: Option<S3>,
     pub(super) runtime: Runtime,
 }
 
 impl Served {
     pub(super) fn start() -> Self {
+        Self::start_in(None)
+    }
+
+    pub(super) fn start_in(bucket: Option<S3>) -> Self {
         let recorded = Recorded::read();
         let dir = tempfile::tempdir().unwrap();
         recorded.found(dir.path());
         let members = Arc::new(recorded.members());
         let port = OwnPort::take();
-        let aggregator = serving(&recorded, dir.path(), &port.address(), members.len());
+        let count = members.len();
+        let aggregator = serving(
+            &recorded,
+            dir.path(),
+            &port.address(),
+            count,
+            bucket.as_ref(),
+        );
         aggregator.says("the aggregator of network");
         Self {
+            bucket,
             relay: Relay::to(&port.address()),
             recorded,
             members,
@@ -49,12 +67,16 @@ impl Served {
         }
     }
 
-    /// Kills the aggregator, if it runs, and starts it again.
+    /// Kills the aggregator, if it runs, and starts it again. With a bucket, that is on another machine, with an empty folder.
     pub(super) fn restart(&mut self) {
         self.aggregator.kill();
         self.relay.let_through();
-        let (dir, count) = (self.dir.path(), self.members.len());
-        self.aggregator = serving(&self.recorded, dir, &self.port.address(), count);
+        if self.bucket.is_some() {
+            self.dir = tempfile::tempdir().unwrap();
+        }
+        let (dir, listen) = (self.dir.path(), self.port.address());
+        let count = self.members.len();
+        self.aggregator = serving(&self.recorded, dir, &listen, count, self.bucket.as_ref());
         self.aggregator.says("the aggregator of network");
     }
 
@@ -110,13 +132,25 @@ impl Served {
     }
 }
 
-fn serving(recorded: &Recorded, dir: &Path, listen: &str, nodes: usize) -> Process {
+fn serving(
+    recorded: &Recorded,
+    dir: &Path,
+    listen: &str,
+    nodes: usize,
+    bucket: Option<&S3>,
+) -> Process {
     let (dir, key) = (dir.to_str().unwrap(), recorded.log_key());
     let (key, nodes) = (key.to_str().unwrap(), nodes.to_string());
     let words = ["aggregator", "serve", dir, "--key", key, "--listen", listen];
-    let more = ["--rounds", "1", "--min-nodes", &nodes];
-    let words: Vec<_> = words.iter().chain(&more).map(ToString::to_string).collect();
-    Process::start(&words)
+    let mut command = zk0(&["--log", "json"]);
+    command
+        .args(words)
+        .args(["--rounds", "1", "--min-nodes", &nodes]);
+    if let Some(bucket) = bucket {
+        command.args(["--blob-store", &bucket.address("net")]);
+        command.envs(bucket.variables());
+    }
+    Process::of(command)
 }
 
 /// A member's part in round 0, with the proof that it once made.
@@ -132,12 +166,22 @@ pub(super) async fn until_submission(member: &Member, node: &mut NodeClient) {
     node.register(registration, leaves).await.unwrap();
     let opened = node.wait_for_round(0).await.unwrap().opened;
     node.upload(0, member.update.clone()).await.unwrap();
-    let said = &member.commitment;
-    let committed = node.commit(0, &said.dataset_root, &said.update, said.eval_samples);
-    let (commitment, _) = committed.await.unwrap();
+    let mut committed = commit(member, node).await;
+    // With its machine, an aggregator loses what was uploaded and not committed to.
+    if committed.as_ref().is_err_and(NodeError::lacks_update) {
+        node.upload(0, member.update.clone()).await.unwrap();
+        committed = commit(member, node).await;
+    }
+    let (commitment, _) = committed.unwrap();
     let (challenge, _) = node.wait_for_challenge(&opened, &commitment).await.unwrap();
     // Otherwise the proof would be of another claim.
     assert_eq!(challenge, member.submission.claim.terms.challenge);
+}
+
+async fn commit(member: &Member, node: &mut NodeClient) -> Result<(Digest, Receipt), NodeError> {
+    let said = &member.commitment;
+    let committed = node.commit(0, &said.dataset_root, &said.update, said.eval_samples);
+    committed.await
 }
 
 /// Whose submissions are decided by these entries.
@@ -193,15 +237,20 @@ impl Served {
     }
 }
 
-/// Kills the aggregator as soon as its log has said `step` so often, and checks that the round ends as it was recorded.
-fn goes_on(step: &str, times: usize) {
-    let mut served = Served::start();
-    let played = served.play();
-    for _ in 0..times {
-        served.aggregator.says(step);
+impl Served {
+    /// Kills the aggregator as soon as its log has said `step` so often, and checks that the round ends as it was recorded.
+    pub(super) fn goes_on(mut self, step: &str, times: usize) {
+        let played = self.play();
+        for _ in 0..times {
+            self.aggregator.says(step);
+        }
+        self.restart();
+        self.ends(played);
     }
-    served.restart();
-    served.ends(played);
+}
+
+fn goes_on(step: &str, times: usize) {
+    Served::start().goes_on(step, times);
 }
 
 /// Tries it until the aggregator is killed at the right moment, which is a short one: `right` says so of the entries on disk and of what nodes wait

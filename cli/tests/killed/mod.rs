@@ -4,6 +4,7 @@
 mod accepting;
 mod locked;
 mod lost_files;
+mod lost_machine;
 mod proving;
 mod refused;
 mod registering;

@@ -5,6 +5,7 @@
 //! question whether a blob exists needs no network. Only the ledger's writer adds to the store. A reader beside it
 //! ([`Blobs::beside_writer`]) asks the store about each blob that is not in the folder.
 
+use super::entry_objects::EntryStore;
 use super::error::{io_error, BlobError};
 use super::store::{BlobStore, IndexedStore};
 use super::take::{ArrivingBlob, Follow};
@@ -53,6 +54,11 @@ impl Blobs {
     /// The address of the store; `None` if the folder is the only place.
     pub fn store_address(&self) -> Option<&str> {
         self.kept.as_ref().map(|kept| kept.address())
+    }
+
+    /// The store of the log's entries; `None` if the folder is the only place.
+    pub(crate) fn entry_store(&self) -> Option<&dyn EntryStore> {
+        self.kept.as_ref().map(|kept| kept.store.entries())
     }
 
     /// Puts undamaged blobs that are only in the folder into the store, and returns their number. Only for the ledger's writer.

@@ -1,5 +1,6 @@
 //! A store outside the ledger's folder, such as a bucket of S3, in which blobs are kept, and what is known of its content.
 
+use super::entry_objects::EntryStore;
 use super::error::{io_error, BlobError, StoreError};
 use super::take::Take;
 use super::unverified::{SentStore, VerifiedCopies};
@@ -39,6 +40,9 @@ pub trait BlobStore: Debug + Send + Sync {
 
     /// All blobs, each with its size in bytes.
     fn all(&self) -> Result<Vec<(Digest, u64)>, StoreError>;
+
+    /// What it does with the log's entries.
+    fn entries(&self) -> &dyn EntryStore;
 
     /// What it can do for those who put files into it by themselves; `None` if nobody else can.
     fn sent(&self) -> Option<&dyn SentStore>;

@@ -328,7 +328,11 @@ fn extend(
 }
 
 /// Checks that the log signed this tree.
-fn check_checkpoint(text: &[u8], genesis: &Genesis, found: &Checkpoint) -> Result<(), String> {
+pub(crate) fn check_checkpoint(
+    text: &[u8],
+    genesis: &Genesis,
+    found: &Checkpoint,
+) -> Result<(), String> {
     let signed = Checkpoint::open(text, genesis.origin(), &genesis.log_key)
         .map_err(|error| error.to_string())?;
     if signed == *found {

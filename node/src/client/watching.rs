@@ -125,7 +125,9 @@ impl NodeClient {
             (Some(_), _) => 0,
             (None, Some(drawn)) => {
                 let drawn_ms = self.entry(drawn)?.1.time_ms;
-                let ends_ms = drawn_ms.saturating_add(window_ms).saturating_add(info.moved_ms);
+                let ends_ms = drawn_ms
+                    .saturating_add(window_ms)
+                    .saturating_add(info.moved_ms);
                 ends_ms.saturating_sub(info.now_ms)
             }
             (None, None) => window_ms,

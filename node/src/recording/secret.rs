@@ -80,7 +80,10 @@ struct Used {
 
 enum Uncounted {
     /// No more arguments may open this leaf.
-    WornOut { leaf: u64, opened: u32 },
+    WornOut {
+        leaf: u64,
+        opened: u32,
+    },
     Unknown,
 }
 

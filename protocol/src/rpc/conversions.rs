@@ -69,7 +69,7 @@ impl wire::status_info::Phase {
 
 impl wire::trouble::Kind {
     /// All kinds of trouble.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Blocked,
         Self::Clock,
         Self::LogStore,
@@ -78,6 +78,7 @@ impl wire::trouble::Kind {
         Self::Witnesses,
         Self::Beacon,
         Self::Overdue,
+        Self::BlobStore,
         Self::WitnessAway,
     ];
 
@@ -93,6 +94,7 @@ impl wire::trouble::Kind {
             Self::Witnesses => "witnesses",
             Self::Beacon => "beacon",
             Self::Overdue => "overdue",
+            Self::BlobStore => "blob_store",
             Self::WitnessAway => "witness_away",
         }
     }

@@ -166,10 +166,7 @@ fn a_former_change_does_not_count_again() {
     chain.wait(VOTING + TIME_LOCK);
     chain.apply(settled(0, Outcome::Executed));
     assert_eq!(chain.state.rules(), &genesis().rules);
-    assert_eq!(
-        chain.refusal(first),
-        RuleViolation::KeyRetired(governor(1))
-    );
+    assert_eq!(chain.refusal(first), RuleViolation::KeyRetired(governor(1)));
 }
 
 #[test]

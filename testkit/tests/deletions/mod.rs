@@ -1,4 +1,4 @@
-//! Shows for the checks of protocol, weights, argument, verifier and a node's secrets that a test fails without them.
+//! Shows for the checks of protocol, weights, argument, verifier, a node's secrets and stored entries that a test fails without them.
 //!
 //! The test makes a copy of the sources, and gives each check in it a switch that takes it out at run time ([`switch`]). So one build of each
 //! program of tests is enough. The tests that try the attacks run with all checks first: all of them have to pass. Then each check is out
@@ -19,6 +19,7 @@ mod ledger_rules;
 mod moments;
 mod outages;
 mod secrets;
+mod stored_entries;
 
 use copy::{Copy, Program};
 use std::collections::{BTreeMap, BTreeSet};
@@ -57,6 +58,7 @@ macro_rules! rows {
 rows! {
     protocol: "zk0-protocol",
     weights: "zk0-weights",
+    ledger: "zk0-ledger",
     circuits: "zk0-circuits",
     argument: "zk0-argument",
     verifier: "zk0-verifier",
@@ -71,6 +73,7 @@ const ATTESTATION: &[&[Removal]] = &[
     attestation::REMOVALS,
     outages::REMOVALS,
     secrets::REMOVALS,
+    stored_entries::REMOVALS,
 ];
 
 /// All rows.

@@ -32,7 +32,10 @@ impl State {
         time_ms: u64,
     ) -> Result<(), RuleViolation> {
         let round = self.open_round(moved.round)?;
-        let undecided = round.commits.values().any(|commit| commit.decision.is_none());
+        let undecided = round
+            .commits
+            .values()
+            .any(|commit| commit.decision.is_none());
         if round.closing.is_some() && !undecided {
             return Err(RuleViolation::NoDeadline(moved.round));
         }

@@ -365,8 +365,7 @@ impl State {
         self.observe_round(&round);
         if round.randomness.is_some() {
             // An outage may have kept a node from answering.
-            let excused =
-                |commit: &Commit| round.moved_ms > 0 && commit.decision.is_none();
+            let excused = |commit: &Commit| round.moved_ms > 0 && commit.decision.is_none();
             for (node, commit) in round.commits.iter().filter(|(_, one)| !excused(one)) {
                 let accepted = matches!(
                     commit.decision,

@@ -284,9 +284,7 @@ impl State {
             Action::Suspend(node) => standing(node, &[Active, SuspendedByOperator]),
             Action::Reinstate(node) => standing(node, &[Suspended, SuspendedByOperator]),
             // No node escapes a revocation by leaving.
-            Action::Revoke(node) => {
-                standing(node, &[Active, Suspended, SuspendedByOperator, Left])
-            }
+            Action::Revoke(node) => standing(node, &[Active, Suspended, SuspendedByOperator, Left]),
             Action::ReplaceKey { node, with } => {
                 standing(node, &[Active, Suspended, SuspendedByOperator])
                     .or_else(|| no_key(with))
