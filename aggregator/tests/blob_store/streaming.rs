@@ -20,6 +20,9 @@ use zk0_testkit::until_async;
 /// How often the store is asked for a large file.
 const PARTS: usize = 5;
 
+/// How a request for a part of a blob begins.
+const PART: &str = "GET /blobs/net/blobs/";
+
 /// How late the store is with each part.
 const LATE: Duration = Duration::from_secs(1);
 
@@ -45,7 +48,7 @@ async fn parts(network: &Network, s3: &S3) -> usize {
     let unfinished = network.dir.path().join("blobs/unfinished");
     let ended = async || files(&unfinished) == 0;
     until_async("the reading ends", ended).await;
-    s3.network.counted("GET")
+    s3.network.counted(PART)
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -55,7 +58,7 @@ async fn a_download_begins_before_the_whole_file_is_here() {
     let blob = large(&mut network, &s3).await;
     // One part comes.
     s3.network.fail_always(Fault::Silent);
-    s3.network.pass_next("GET", 1);
+    s3.network.pass_next(PART, 1);
     let begun = timeout(AT_ONCE, download(&network, blob)).await;
     let mut begun = begun.expect("nothing came").unwrap();
     let chunk = timeout(AT_ONCE, begun.message()).await;
@@ -71,7 +74,7 @@ async fn a_file_of_the_log_begins_before_the_whole_file_is_here() {
     let blob = large(&mut network, &s3).await;
     let log = log_of(&network).await;
     s3.network.fail_always(Fault::Silent);
-    s3.network.pass_next("GET", 1);
+    s3.network.pass_next(PART, 1);
     let mut stream = asking(log, &format!("blobs/sha256/{blob}")).await;
     let mut begin = vec![0; 1 << 20];
     let read = timeout(AT_ONCE, stream.read_exact(&mut begin)).await;
