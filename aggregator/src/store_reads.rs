@@ -98,6 +98,7 @@ impl StoreReads {
                 whole(blobs, blob).map(Some)
             }
         });
+        self.shrink(blobs);
         progress.send_modify(|now| match whole {
             Ok(whole) => {
                 now.file = now.file.take().or(whole);
@@ -105,7 +106,6 @@ impl StoreReads {
             }
             Err(error) => now.failed = Some(Arc::new(error)),
         });
-        self.shrink(blobs);
     }
 
     /// Whether nobody follows a reading. Then nobody can from now on.

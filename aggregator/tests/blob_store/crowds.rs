@@ -196,7 +196,7 @@ fn readers_of_the_log_who_have_left_hold_no_threads() {
         answers_at_once(&network).await;
         // Those who stay wait, up to a number.
         let mut readers = JoinSet::new();
-        for _ in 0..64 + 1 {
+        for _ in 0..8 + 64 + 1 {
             readers.spawn(answer(asking(log, &path).await));
         }
         let sent_away = timeout(AT_ONCE, readers.join_next()).await;
