@@ -4,6 +4,7 @@
 use crate::harness::network::LocalNetwork;
 use crate::harness::{self, logged, printed, prints, zk0};
 use ed25519_dalek::SigningKey;
+use serde_json::Value;
 use std::fs;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -203,4 +204,34 @@ fn a_program_is_proposed_and_shown() {
     let shown = prints(&["audit", "show", &network.path("ledger")]);
     let words = format!("{own} (this release's), SP1 {OUR_SP1}, from round 0 on (entry 0)");
     assert!(shown.contains(&words), "{shown}");
+}
+
+/// No vote brings back what is not published meanwhile.
+#[test]
+fn who_proposes_witnesses_that_do_not_answer_is_warned() {
+    let network = LocalNetwork::new();
+    governed(&network, 600_000);
+    let (key, secret) = (network.path("governor.key"), network.path("w.key"));
+    let witness = prints(&["witness", "keygen", &secret, "--name", "witness.example/w"]);
+    let witness = witness.trim();
+    let policy = format!("witness W {witness} http://127.0.0.1:1\nquorum W\n");
+    network.served(|aggregator, _, id| {
+        let of = ["--aggregator", aggregator, "--network", id];
+        let rules = prints(&[&["governance", "status", "--rules"][..], &of].concat());
+        let mut rules: Value = serde_json::from_str(&rules).unwrap();
+        rules["witness_policy"] = policy.as_str().into();
+        let file = network.path("rules.json");
+        fs::write(&file, rules.to_string()).unwrap();
+        let propose = ["governance", "propose", "--title", "next", "--key", &key];
+        let propose = [&propose[..], &of, &["rules", &file]].concat();
+        let output = zk0(&propose).output().unwrap();
+        let said = logged(&output);
+        assert!(printed(&output).contains("proposal 0 is entry 2"), "{said}");
+        for words in [
+            "nothing is published until its witness policy is met",
+            "W cannot be asked",
+        ] {
+            assert!(said.contains(words), "{said}");
+        }
+    });
 }

@@ -3,6 +3,7 @@
 pub(crate) mod answers;
 mod blob_store;
 pub(crate) mod connections;
+mod cosignatures;
 mod endpoint;
 pub(crate) mod entry_store;
 pub mod machine;

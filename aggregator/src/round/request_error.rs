@@ -77,10 +77,10 @@ pub enum RequestError {
     NotPublished(String),
     /// The disk has no room. Only the log tells more.
     #[error("what was sent cannot be kept: {0}")]
-    NoRoom(BlobError),
+    NoRoom(String),
     /// The store of the blobs failed, so nothing is recorded. Only the log tells more.
     #[error("{0}")]
-    BlobStore(BlobError),
+    BlobStore(String),
     /// The store of the blobs does not continue this ledger, so nothing more is recorded. Only the log tells why.
     #[error("{0}")]
     StoredEntries(Box<LedgerError>),
@@ -126,10 +126,17 @@ impl From<LedgerError> for RequestError {
 
 impl From<BlobError> for RequestError {
     fn from(error: BlobError) -> Self {
+        (&error).into()
+    }
+}
+
+impl From<&BlobError> for RequestError {
+    fn from(error: &BlobError) -> Self {
+        let told = error.to_string();
         match error {
-            failed @ BlobError::Store(_) => Self::BlobStore(failed),
-            full if full.is_full() => Self::NoRoom(full),
-            other => Self::Internal(other.to_string()),
+            BlobError::Store(_) => Self::BlobStore(told),
+            full if full.is_full() => Self::NoRoom(told),
+            _ => Self::Internal(told),
         }
     }
 }

@@ -153,12 +153,14 @@ async fn nothing_is_published_before_the_first_quorum() {
     network.restart().await;
     let opened = Publication::open(network.dir.path(), None).map(drop);
     assert!(matches!(opened, Err(PublicationError::NotCosigned(_))));
-    let info = network
-        .client()
-        .await
-        .get_network(zk0_protocol::rpc::federation::GetNetworkRequest {})
-        .await;
-    refused(info, Code::Unavailable, "nothing is published");
+    // Who connects learns no more than which network it is.
+    let request = zk0_protocol::rpc::federation::GetNetworkRequest {};
+    let info = network.client().await.get_network(request).await;
+    let checkpoint = info.unwrap().into_inner().checkpoint;
+    assert_eq!(checkpoint.lines().nth(1), Some("1"));
+    let round = zk0_protocol::rpc::federation::GetRoundRequest::default();
+    let round = network.client().await.get_round(round).await;
+    refused(round, Code::Unavailable, "nothing is published");
 }
 
 fn why(error: CosigningError) -> String {

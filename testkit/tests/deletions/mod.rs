@@ -17,6 +17,7 @@ mod bounds;
 mod copy;
 mod ledger_rules;
 mod moments;
+mod outages;
 mod secrets;
 mod stored_entries;
 
@@ -70,6 +71,7 @@ const RULES: &[&[Removal]] = &[ledger_rules::REMOVALS, bounds::REMOVALS, moments
 const ARGUMENT: &[&[Removal]] = &[argument::REMOVALS];
 const ATTESTATION: &[&[Removal]] = &[
     attestation::REMOVALS,
+    outages::REMOVALS,
     secrets::REMOVALS,
     stored_entries::REMOVALS,
 ];

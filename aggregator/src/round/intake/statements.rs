@@ -105,6 +105,11 @@ impl SentStatement {
         self.digest
     }
 
+    /// Whether it is a proposal or a vote, which may name other witnesses.
+    pub fn governs(&self) -> bool {
+        matches!(&*self.body, Body::Proposed(_) | Body::Voted(_))
+    }
+
     /// The round that it names, if any.
     pub fn round(&self) -> Option<u64> {
         match &*self.body {
