@@ -13,7 +13,7 @@ RUST := scripts/with-rust
 ZK0 := $(CARGO_TARGET_DIR)/release/zk0
 SUDO := $(if $(filter-out 0,$(shell id -u)),sudo)
 
-.PHONY: look demo test hiding deletions attacks mutants quick lint coverage setup build image guest fixtures book cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-decode bench-fedavg bench-load bench-simulate cuda network flower rollout units buckets
+.PHONY: look demo test hiding deletions attacks mutants quick lint coverage setup build image wheel deb guest fixtures book cycles prove-full round-full bench-succinct fidelity power bench-ledger bench-recording bench-train bench-decode bench-fedavg bench-load bench-simulate cuda network flower rollout units buckets
 
 # Audits the committed ledger, which holds real proofs, and shows the report. It builds an auditor's program, without a prover, in the place of the
 # whole one: `make build` builds that again.
@@ -50,6 +50,19 @@ network: setup
 image:
 	podman build --file packaging/Containerfile --tag zk0 .
 	scripts/try-image
+
+# Packs `zk0` as a wheel, tries it in a fresh environment from an empty home, and prints its sizes as a JSON line. The first run installs the tools of
+# packaging/wheel/requirements.txt from PyPI into ~/.cache/zk0. The wheel is in ~/.cache/zk0/target/wheel.
+wheel: build
+	scripts/wheel $(ZK0) $(CARGO_TARGET_DIR)/wheel
+
+# Packs `zk0` as a Debian package with the units of its services, and prints its sizes as a JSON line. Then it installs the package in a container, as
+# `make units` does, upgrades it over a running aggregator, and removes it. This needs root, and Debian's packages: 300 MB are fetched. SUITE chooses
+# another release of Debian. The package is in ~/.cache/zk0/target/deb. Two minutes.
+deb: build
+	@scripts/setup.sh deb units
+	scripts/deb $(CARGO_TARGET_DIR)/deb
+	$(SUDO) env SUITE=$(SUITE) scripts/try-units/run.sh $(CARGO_TARGET_DIR)/deb/zk0_*.deb
 
 # Builds the pages of docs/ as a book for browsers, and prints where it is. Links to other files lead into this clone, or to SOURCE, such as
 # https://HOST/OWNER/zk0/blob/main. The first time, mdBook is built, which takes minutes.

@@ -12,6 +12,7 @@
 #   cuda       what scripts/with-cuda needs
 #   python     what scripts/python-env needs
 #   units      what scripts/try-units needs: debootstrap and systemd-nspawn
+#   deb        what scripts/deb needs: cargo-deb, and tools of Debian's packagers
 #   rollout    what draws pictures for scripts/rollout without a display, and reads videos
 set -euo pipefail
 
@@ -153,6 +154,13 @@ fi
 
 if wanted units; then
     install debootstrap systemd-container util-linux procps
+fi
+
+if wanted deb; then
+    install dpkg-dev help2man
+    # Lintian compares the package with Debian's policy. Without it, scripts/deb names that check.
+    install lintian || echo "setup: lintian cannot be installed here, so Debian's policy is not checked" >&2
+    install_cargo cargo-deb --version 3.8.0
 fi
 
 if wanted rollout; then

@@ -16,6 +16,8 @@ from typing import Any
 
 from local_network import FIXTURES, RECORDINGS, Network, Node, free_address, wait_for
 
+from zk0_flower import Program
+
 HERE = Path(__file__).resolve().parent
 STOLEN_PROOF = FIXTURES / "proof.bin"
 
@@ -80,9 +82,8 @@ class Federation(Network):
 def main() -> None:
     """Runs the example, and checks what came of it."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    target = os.environ.get("CARGO_TARGET_DIR", str(Path.home() / ".cache/zk0/target"))
     parser.add_argument("--out", type=Path, required=True, help="a new folder for the network, the logs and the results")
-    parser.add_argument("--zk0", default=f"{target}/release/zk0", help="the program [default: that of `make build`]")
+    parser.add_argument("--zk0", default=Program.path, help="the program [default: the installed one]")
     parser.add_argument("--rounds", type=int, default=1, help="run this many rounds [default: 1]")
     options = parser.parse_args()
     nodes = [Node(f"node-{number}", recording) for number, recording in enumerate(RECORDINGS, 1)]

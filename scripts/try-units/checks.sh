@@ -2,6 +2,7 @@
 set -uo pipefail
 failed=0
 url=https://localhost:7071
+trust=(--ca /etc/zk0/ca.pem)
 
 # Runs a step, and prints whether each of its commands succeeded; if one did not, what they and the services said.
 step() {
@@ -48,7 +49,7 @@ logged() { journalctl --quiet --output cat "_SYSTEMD_INVOCATION_ID=$(property "$
 
 # How many entries the ledger has, as the running aggregator says.
 entries() {
-    zk0 status --aggregator $url --ca /etc/zk0/ca.pem --network "$(cat /root/network)" --json | sed -n 's/.*"entries":\([0-9]*\).*/\1/p'
+    zk0 status --aggregator $url "${trust[@]}" --network "$(cat /root/network)" --json | sed -n 's/.*"entries":\([0-9]*\).*/\1/p'
 }
 
 answers() { [ -n "$(entries)" ]; }

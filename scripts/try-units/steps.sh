@@ -8,7 +8,7 @@ alice=$(zk0=/root/.cache/zk0/target/release/zk0 && $zk0 node keygen /root/alice.
 # The commands of block NUMBER below a heading of the page, with what a reader fills in. `sudoedit` runs sed with the script /root/edits.
 documented() {
     awk -v wanted="$1" '/^## /{here = /How does systemd run them/} here && /^```sh/{count++; shown = count == wanted; next} /^```/{shown = 0} shown' \
-        docs/services.md | sed -e '/^make build/d' -e "s/IDENTITY/$alice/" -e "s|my_recording|$recording|" >/root/commands
+        docs/services.md | sed -e '/^make build/d' -e "s/IDENTITY/$alice/g" -e "s|my_recording|$recording|" >/root/commands
     [ -s /root/commands ]
     SUDO_EDITOR='sed -i -f /root/edits' bash -ex /root/commands
 }
@@ -16,6 +16,7 @@ documented() {
 found_the_aggregator() {
     echo 's/^#log-listen/log-listen/' >/root/edits
     documented 1
+    documented 2
     within 10 logged aggregator 'listens on'
     sed -n 's/.*the aggregator of network \([0-9a-f]*\).*/\1/p' <(journalctl -u zk0-aggregator -o cat) >/root/network
     zk0 status --aggregator http://127.0.0.1:7071 --network "$(cat /root/network)"
@@ -117,7 +118,7 @@ SED
     # Other machines could reach this address, if it were not for the unit.
     ip address add 192.0.2.1/32 dev lo
     echo 'ZK0_PROVER_LISTEN=0.0.0.0:7072' >/etc/zk0/prover.env
-    documented 2
+    documented 3
     within 20 logged prover 'the proving service listens on'
 }
 
@@ -164,7 +165,7 @@ start_a_witness() {
     cat >/root/edits <<SED
 s|^log-key = .*|log-key = ["$(zk0 ledger vkey /var/lib/zk0-aggregator/ledger)"]|
 SED
-    documented 3
+    documented 4
     within 20 logged witness 'the verifier key of this witness is witness.example/w1'
     within 20 reaches 127.0.0.1 7074
     belongs 'zk0-witness 600' /etc/zk0/witness.key

@@ -6,6 +6,7 @@ mod examples;
 mod observed;
 mod observed_by_name;
 mod observed_others;
+mod packages;
 mod packaging;
 mod runbook;
 mod settings;

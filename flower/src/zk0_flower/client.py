@@ -14,7 +14,7 @@ SETTINGS = "zk0-node"
 """The key of the SuperNode's configuration that names the settings file of the node."""
 
 PROGRAM = "zk0-program"
-"""The key of the SuperNode's configuration that names the program ``zk0``, if it is not on the ``PATH``."""
+"""The key of the SuperNode's configuration that names the program ``zk0``, if another one than the installed is meant."""
 
 
 def member_of(context: Context) -> Member:

@@ -1,9 +1,11 @@
 """Runs the program ``zk0``."""
 
 import json
+import os
 import subprocess
 from collections.abc import Collection
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, files
 from typing import Any
 
 
@@ -11,12 +13,21 @@ class ProgramError(RuntimeError):
     """The program cannot be started, or it failed. The message ends with what the program said."""
 
 
+def installed() -> str | None:
+    """The file of the program that the wheel ``zk0`` installed, or ``None`` without that wheel."""
+    try:
+        found = files("zk0") or []
+    except PackageNotFoundError:
+        return None
+    return next((os.path.realpath(str(file.locate())) for file in found if file.name == "zk0"), None)
+
+
 @dataclass(frozen=True)
 class Program:
     """The program ``zk0``."""
 
-    path: str = "zk0"
-    """Its file, or its name if it is on the ``PATH``."""
+    path: str = installed() or "zk0"
+    """Its file, or its name if it is on the ``PATH``. The default is the installed one."""
 
     def run(self, *arguments: str, codes: Collection[int] = (0,)) -> str:
         """Returns what the program prints.
@@ -50,7 +61,7 @@ class Program:
 
 def not_started(path: str, error: OSError) -> ProgramError:
     """The error of a program that cannot be started."""
-    return ProgramError(f"the program {path} cannot be started ({error.strerror}): build it with `make build`, and name its file")
+    return ProgramError(f"the program {path} cannot be started ({error.strerror}): install it with `pip install zk0`, or name its file")
 
 
 def last_words(log: str) -> str:

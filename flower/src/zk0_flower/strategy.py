@@ -57,7 +57,7 @@ class Zk0Strategy(Strategy):
             log_address: Where it serves its log, which the nodes read, too.
             network: The network's id, from somebody you trust. No other network is accepted.
             folder: Where the mirror of the ledger is kept, so that each audit reads only what is new.
-            program: The file of the program ``zk0``.
+            program: The file of the program ``zk0``, if another one than the installed is meant.
             ca: A PEM file of the authority that has signed the certificate of aggregator and log, if the system does not trust it.
             min_nodes: Begin when so many SuperNodes are connected.
             commit_seconds: How long nodes may take at most to prepare their recordings, to train and to commit.
