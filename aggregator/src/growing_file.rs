@@ -3,7 +3,6 @@
 use crate::line::WorkPermit;
 use futures_core::future::BoxFuture;
 use std::fs::File;
-use std::future::Future;
 use std::io::{self, ErrorKind, SeekFrom};
 use std::os::unix::fs::FileExt;
 use std::pin::Pin;
