@@ -33,7 +33,7 @@ pub enum CosigningError {
     #[error("the witness policy has no address for witness {0}: add the address to the line of the witness")]
     NoAddress(String),
     /// A witness's address is not encrypted, but a file names trusted certificates.
-    #[error("{file} says whose certificates count for witnesses, but witness {name} at {url} has none: use https:// in the witness policy")]
+    #[error("{file} states whose certificates count for witnesses, but witness {name} at {url} has none: use https:// in the witness policy")]
     NotEncrypted {
         name: String,
         url: String,

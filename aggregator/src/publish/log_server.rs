@@ -218,7 +218,10 @@ async fn read(
 /// The log cannot be read. The error names paths, which are for the operator.
 fn failed(error: &dyn Display) -> Response {
     tracing::error!("{error}");
-    text(500, "the log cannot be read; its operator's log says why\n")
+    text(
+        500,
+        "the log cannot be read; its operator's log states why\n",
+    )
 }
 
 /// There is no published log, or it cannot be read.

@@ -143,11 +143,11 @@ impl From<&BlobError> for RequestError {
 
 impl From<Unreadable<BlobError>> for RequestError {
     fn from(unreadable: Unreadable<BlobError>) -> Self {
-        let said = unreadable.to_string();
+        let reported = unreadable.to_string();
         match unreadable.error {
             // What is read from the store is written to the ledger's folder, which may be full.
             error if matches!(error, BlobError::Store(_)) || error.is_full() => error.into(),
-            _ => Self::Internal(said),
+            _ => Self::Internal(reported),
         }
     }
 }
@@ -315,7 +315,7 @@ impl From<RequestError> for Status {
             }
             RequestError::StoredEntries(_) | RequestError::Internal(_) => {
                 tracing::error!(cause = %error, "request failed");
-                "the aggregator failed; its log says why".into()
+                "the aggregator failed; its log states why".into()
             }
             other => other.to_string(),
         };

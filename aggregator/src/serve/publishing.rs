@@ -135,7 +135,7 @@ impl Service {
         }
         let names = absent.join(", ");
         let sentence =
-            format!("these witnesses do not cosign: {names}; the log of the aggregator says why");
+            format!("these witnesses do not cosign: {names}; the log of the aggregator states why");
         self.troubles().raise(Kind::WitnessAway, sentence);
     }
 

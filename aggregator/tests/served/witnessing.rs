@@ -212,7 +212,7 @@ async fn a_witness_that_answers_nonsense_or_not_at_all_costs_no_more_than_the_de
     let (mut witnesses, _) = three().await;
     let dir = tempfile::tempdir().unwrap();
     let ledger = Arc::new(ledger(dir.path(), &[1]));
-    // W0 accepts connections and says nothing. W1 signs with another key than the policy names.
+    // W0 accepts connections and states nothing. W1 signs with another key than the policy names.
     witnesses[0].off().await;
     let mute = TcpListener::bind(&witnesses[0].address).await.unwrap();
     let stranger = SigningKey::from_bytes(&[77; 32]);

@@ -271,9 +271,11 @@ async fn not_behind(
                 told = true;
             }
             Ok(_) => return Ok(()),
-            Err(error) => return Err(error).context(OtherHistory::of(
-                "the ledger does not go on from what a witness has cosigned",
-            )),
+            Err(error) => {
+                return Err(error).context(OtherHistory::of(
+                    "the ledger does not go on from what a witness has cosigned",
+                ))
+            }
         }
         sleep(WITNESSES_APART).await;
     }

@@ -26,7 +26,7 @@ pub enum GovernanceCommand {
         file: PathBuf,
     },
     /// Print the rules and the guest program in force, and the open proposals. The aggregator proves that the proposals are on its ledger,
-    /// but it only says how the votes stand; `zk0 audit replay` counts the votes again.
+    /// but it only states how the votes stand; `zk0 audit replay` counts the votes again.
     Status {
         #[command(flatten)]
         network: NetworkChoice,
@@ -34,7 +34,7 @@ pub enum GovernanceCommand {
         #[arg(long)]
         rules: bool,
     },
-    /// Propose a change. Votes on it are taken for as long as the rules say.
+    /// Propose a change. Votes on it are taken for as long as the rules state.
     Propose {
         #[command(flatten)]
         signer: Signer,

@@ -174,8 +174,8 @@ fn removed(tables: &[&[Removal]]) {
     let threads = thread::available_parallelism().map_or(1, usize::from);
     let wrong_of = |removal: &&Removal| {
         let outcome = programs[removal.package].fails_without(removal);
-        let said = outcome.as_ref().map_or_else(String::as_str, |()| "red");
-        println!("{}: {said}", removal.check);
+        let reported = outcome.as_ref().map_or_else(String::as_str, |()| "red");
+        println!("{}: {reported}", removal.check);
         Some(format!("{}: {}", removal.check, outcome.err()?))
     };
     let part = |first| {

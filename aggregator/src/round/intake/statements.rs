@@ -307,7 +307,7 @@ impl Aggregator {
             // A node may leave, be enrolled again, and leave once more.
             Body::NodeLeft(_) if !self.has_left(&sent.signer) => None,
             Body::NodeEnrolled(enrolled) if self.has_left(&enrolled.node) => None,
-            body => self.index.said(body),
+            body => self.index.reported(body),
         }
     }
 
