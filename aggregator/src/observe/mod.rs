@@ -14,4 +14,3 @@ mod sample;
 pub(crate) mod snapshot;
 pub(crate) mod status;
 pub mod troubles;
-pub mod witness;

@@ -8,4 +8,5 @@ pub mod http;
 pub mod log_server;
 pub mod new_witnesses;
 pub mod witness_client;
+pub mod witness_metrics;
 pub mod witness_server;

@@ -1,8 +1,8 @@
 //! A witness on the network: C2SP tlog-witness' `add-checkpoint`, and the last cosigned checkpoint of each log.
 
 use crate::clock::Clock;
-use crate::observe::witness::WitnessMetrics;
 use crate::publish::http::{answer, text, HttpLimits, Router, NO_CACHE, TEXT};
+use crate::publish::witness_metrics::WitnessMetrics;
 use axum::body::Bytes;
 use axum::extract::{Path, State};
 use axum::http::header::RETRY_AFTER;
